@@ -77,7 +77,9 @@ def written(
 
 Newest = Annotated[NewestFirst, Depends(newest_first)]
 
-Limit = Annotated[int, Query(ge=1, le=1000, description="Most items of a page.")]
+Limit = Annotated[
+    int, Query(ge=1, le=1000, description="Maximum number of items on a page.")
+]
 Cursor = Annotated[
     str | None,
     Query(max_length=2000, description="`next_cursor` of the page before this one."),

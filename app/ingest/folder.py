@@ -192,11 +192,13 @@ def write_answer(task: FolderTask) -> int:
     found = read_source(source, layout)
     with _Answer(task, source) as answer:
         answer.write(
-            FolderHead(
-                layout=found.layout,
-                layouts=layouts or (found.layout,),
-                classes=found.classes,
-                count=found.count,
+            FolderHead.model_validate(
+                {
+                    "layout": found.layout,
+                    "layouts": layouts or (found.layout,),
+                    "classes": found.classes,
+                    "count": found.count,
+                }
             )
         )
         answer.write_frames(found)

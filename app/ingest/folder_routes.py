@@ -54,15 +54,17 @@ router = ApiRouter(prefix="/api/v1", tag="frames")
         FolderFrame,
         UnmatchedFile,
         FolderEnd,
-        description="How the folder is laid out, a line per frame, one per file that "
-        "belongs to none, and a last one.",
+        description="A line about the folder, one per frame, one per file that belongs "
+        "to no frame, and a last line.",
     ),
     openapi_extra={**streamed_up_to("max_folder_bytes"), **ARCHIVE_BODY},
 )
 async def read_folder(
     request: Request,
     services: AppServices,
-    layout: Annotated[Layout, Query(description="How it is laid out.")] = "auto",
+    layout: Annotated[
+        Layout, Query(description="How the files of the folder are arranged.")
+    ] = "auto",
 ) -> Response:
     """Say which frames a folder holds; nothing is stored.
 

@@ -47,7 +47,8 @@ class LoginOptions(ServerOptions):
     open: Annotated[
         bool,
         typer.Option(
-            "--open", help="Open it in the browser, and wait until it was used."
+            "--open",
+            help="Open the link in the browser, and wait until it has been used.",
         ),
     ] = False
 
@@ -55,7 +56,7 @@ class LoginOptions(ServerOptions):
 def login(options: LoginOptions) -> None:
     """Print a link that signs a browser in as you: once, within ten minutes.
 
-    Whoever opens it first is let in, so give it to nobody.
+    Whoever opens it first is signed in as you: do not give it to anybody.
     """
     from unghost.wire.note import state_folder
 
@@ -90,7 +91,7 @@ def show_login_page(
     ----------
     link : str
     folder : Path
-        For the file, which is removed at the end; made if it is not there.
+        For the file, which is removed at the end; created if it does not exist.
     is_over : callable
         Whether the link was used, or its time is up.
     stop : threading.Event
@@ -128,32 +129,38 @@ class CreateTokenOptions(ServerOptions):
     """Options of `unghost token create`."""
 
     name: Annotated[
-        str, typer.Argument(help="Who will use it; answers are stored under this name.")
+        str,
+        typer.Argument(
+            help="Name of the person who will use the token; their answers are stored "
+            "under it."
+        ),
     ]
     role: Annotated[
         Role,
         typer.Option(
-            help="What the token allows: viewer to look; reviewer also to answer, to "
-            "upload and to start runs; admin also to delete and to make tokens."
+            help="What the token allows. viewer: look at everything; reviewer: also "
+            "answer, upload and start runs; admin: also delete and create tokens."
         ),
     ] = "reviewer"
     days: Annotated[
         int,
-        typer.Option(min=0, max=36500, help="Days until it expires; 0: never."),
+        typer.Option(
+            min=0, max=36500, help="Days until the token expires; 0 for never."
+        ),
     ] = 90
     offline: Annotated[
         bool,
         typer.Option(
             "--offline",
-            help="Write it into the database (UNGHOST_DATABASE_URL, or that of the "
-            "data folder); no server is asked.",
+            help="Write the token into the database itself, without a server: the one "
+            "of UNGHOST_DATABASE_URL, else that of the data folder.",
         ),
     ] = False
     data: DataFolder = None
 
 
 def create_token(options: CreateTokenOptions) -> None:
-    """Make a token and print it, this once."""
+    """Create a token and print it; it is not shown again."""
     until = None
     if options.days > 0:
         until = datetime.now(timezone.utc) + timedelta(days=options.days)
@@ -180,7 +187,7 @@ def _make_token(
 
 
 def list_tokens(options: ServerOptions) -> None:
-    """List the tokens: until when they last, and when they were last used."""
+    """List the tokens: when they expire, and when they were last used."""
     with options.connect() as client:
         options.screen.listing(_TOKEN_COLUMNS, client.tokens(), _token_row)
 
@@ -190,12 +197,12 @@ class RevokeTokenOptions(ServerOptions):
     """Options of `unghost token revoke`."""
 
     which: Annotated[
-        str, typer.Argument(metavar="NAME", help="The token's name or its number.")
+        str, typer.Argument(metavar="NAME", help="Name or number of the token.")
     ]
 
 
 def revoke_token(options: RevokeTokenOptions) -> None:
-    """Take a token back; it and the sessions that it opened end at once."""
+    """Revoke a token; it and the sessions that it opened end at once."""
     with options.connect() as client:
         token = _find_token(client, options.which)
         client.revoke_token(token.id)
@@ -287,12 +294,13 @@ class AuditOptions(ServerOptions):
     """Options of `unghost audit`."""
 
     limit: Annotated[
-        int, typer.Option(min=0, help="Most entries, newest first; 0: all of them.")
+        int,
+        typer.Option(min=0, help="Maximum number of entries, newest first; 0 for all."),
     ] = 100
 
 
 def audit(options: AuditOptions) -> None:
-    """Say who did what to tokens, data, configurations, jobs and many answers."""
+    """List who did what to tokens, data, configurations, jobs and answers in bulk."""
     with options.connect() as client:
         entries = islice(client.audit(), options.limit or None)
         options.screen.listing(_AUDIT_COLUMNS, entries, _audit_row)

@@ -19,12 +19,16 @@ class BackupOptions(DataOptions):
     target: Annotated[
         Path,
         typer.Argument(
-            metavar="TARGET", help="A new folder, or a new file that ends in .tar."
+            metavar="TARGET",
+            help="The folder to create, or the file to create, if it ends in .tar.",
         ),
     ]
     incomplete: Annotated[
         bool,
-        typer.Option("--incomplete", help="Leave out files that are damaged."),
+        typer.Option(
+            "--incomplete",
+            help="Leave out damaged files, instead of refusing to back up.",
+        ),
     ] = False
 
 
@@ -33,14 +37,17 @@ class RestoreOptions(DataOptions):
     """Options of `unghost restore`."""
 
     backup: Annotated[
-        Path, typer.Argument(metavar="BACKUP", help="The folder or file of a backup.")
+        Path,
+        typer.Argument(
+            metavar="BACKUP", help="The folder or the .tar file that `backup` wrote."
+        ),
     ]
 
 
 def backup(options: BackupOptions) -> None:
-    """Copy a data folder, also while it is served; the copy is read again at the end.
+    """Copy a data folder, also while it is served, and check the copy.
 
-    It holds every answer that was given before, and gets its name when it is whole.
+    The copy has every answer that was given before. It appears when it is complete.
     """
     from app.maintenance.backup import make_backup
     from app.maintenance.datafolder import CannotMaintain
@@ -61,7 +68,7 @@ def backup(options: BackupOptions) -> None:
 
 
 def restore(options: RestoreOptions) -> None:
-    """Make a data folder of a backup; the folder must be empty, or not be there.
+    """Create a data folder from a backup; the folder must be empty or not exist.
 
     Every file is compared with its hash while it is copied.
     """
@@ -97,7 +104,10 @@ class GarbageOptions(DataOptions):
     grace: Annotated[
         float,
         typer.Option(
-            "--grace", metavar="HOURS", min=0, help="Keep files that are younger."
+            "--grace",
+            metavar="HOURS",
+            min=0,
+            help="Keep files that are newer than this.",
         ),
     ] = 24
     dry_run: Annotated[

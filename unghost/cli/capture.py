@@ -37,8 +37,8 @@ class CaptureOptions(ServerOptions):
             "--output",
             "-o",
             metavar="DIR",
-            help="The folder to record into; else one named after the scenario. "
-            "A capture that is there goes on.",
+            help="The folder to record into; default: one named after the scenario. "
+            "A capture that it holds already is continued.",
             file_okay=False,
         ),
     ] = None
@@ -47,7 +47,8 @@ class CaptureOptions(ServerOptions):
         typer.Option(
             "--push",
             metavar="DATASET",
-            help="Upload what was recorded to this dataset; made if it is not there.",
+            help="Upload what was recorded to this dataset; created if it does not "
+            "exist.",
         ),
     ] = None
     dry_run: Annotated[
@@ -66,10 +67,10 @@ class CaptureOptions(ServerOptions):
 
 
 def capture(options: CaptureOptions) -> None:
-    """Record what a scenario says from a running CARLA simulator.
+    """Record what a scenario describes from a running CARLA simulator.
 
     Safe to interrupt and to repeat: the simulator is put back as it was, and the same
-    command goes on. Exit code 69 if no simulator answers, or none does any more.
+    command continues. Exit code 69 if no simulator answers, or it stops answering.
     """
     from unghost.capture.plan import plan_of
     from unghost.capture.scenario import read_scenario

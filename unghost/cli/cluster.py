@@ -21,7 +21,7 @@ class NodeOptions(OutputOptions):
         typer.Option(
             "--ca",
             metavar="FILE",
-            help="Certificate of the authority; else UNGHOST_TLS_CA.",
+            help="Certificate of the authority; default: UNGHOST_TLS_CA.",
             dir_okay=False,
         ),
     ] = None
@@ -30,7 +30,7 @@ class NodeOptions(OutputOptions):
         typer.Option(
             "--cert",
             metavar="FILE",
-            help="Certificate of this node; else UNGHOST_TLS_CERT.",
+            help="Certificate of this node; default: UNGHOST_TLS_CERT.",
             dir_okay=False,
         ),
     ] = None
@@ -39,7 +39,7 @@ class NodeOptions(OutputOptions):
         typer.Option(
             "--key",
             metavar="FILE",
-            help="Its private key; else UNGHOST_TLS_KEY.",
+            help="Private key of this node; default: UNGHOST_TLS_KEY.",
             dir_okay=False,
         ),
     ] = None
@@ -52,7 +52,8 @@ class WorkerOptions(NodeOptions):
     scheduler: Annotated[
         str | None,
         typer.Argument(
-            help="Address of the scheduler, tls://HOST:8786; else UNGHOST_ENGINE.",
+            help="Address of the scheduler, such as tls://HOST:8786; default: "
+            "UNGHOST_ENGINE.",
             show_default=False,
         ),
     ] = None
@@ -60,7 +61,8 @@ class WorkerOptions(NodeOptions):
     threads: Annotated[
         int | None,
         typer.Option(
-            help="Threads that measure pixels; else UNGHOST_WORKERS, else all cores.",
+            help="Threads that measure pixels; default: UNGHOST_WORKERS, else one per "
+            "core.",
             min=1,
             max=256,
         ),
@@ -68,19 +70,20 @@ class WorkerOptions(NodeOptions):
     host: Annotated[
         str | None,
         typer.Option(
-            help="Address to listen on, for the scheduler; else that of this machine "
-            "on the way to it."
+            help="Address at which the scheduler reaches this worker; default: the "
+            "address from which this machine reaches the scheduler."
         ),
     ] = None
     port: Annotated[
-        int, typer.Option(help="Port to listen on; 0: any free one.", min=0, max=65535)
+        int,
+        typer.Option(help="Port to listen on; 0 for any free one.", min=0, max=65535),
     ] = 0
     patience: Annotated[
         float,
         typer.Option(
             metavar="SECONDS",
             min=1,
-            help="How long to look for scheduler and database before giving up.",
+            help="How long to wait for the scheduler and the database.",
         ),
     ] = 60.0
 
@@ -91,7 +94,8 @@ class SchedulerOptions(NodeOptions):
 
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1"
     port: Annotated[
-        int, typer.Option(help="Port to listen on; 0: any free one.", min=0, max=65535)
+        int,
+        typer.Option(help="Port to listen on; 0 for any free one.", min=0, max=65535),
     ] = 8786
 
 
@@ -100,22 +104,26 @@ class CertificatesOptions(OutputOptions):
     """Options of `unghost certificates`."""
 
     folder: Annotated[
-        Path, typer.Argument(help="Where to write them.", file_okay=False)
+        Path,
+        typer.Argument(help="Folder to write the certificates to.", file_okay=False),
     ]
     host: Annotated[
         list[str],
         typer.Option("--host", help="Name or address of a node; may be repeated."),
     ]
     days: Annotated[
-        int, typer.Option(help="For how many days they are valid.", min=1, max=36500)
+        int,
+        typer.Option(
+            help="Days for which the certificates are valid.", min=1, max=36500
+        ),
     ] = 825
 
 
 def worker(options: WorkerOptions) -> None:
-    """Work on runs and exports of a service, for as long as its scheduler is there.
+    """Work on the runs and exports of a service, until its scheduler is gone.
 
-    Database and storage are those of the service: give both the same settings. Exits
-    with 69 if no scheduler takes it, or no database answers.
+    Give it the same settings of database and storage as the service. Exit code 69 if
+    no scheduler accepts it, or no database answers.
     """
     from app.engine import UnusableEngine
     from app.logs import configure_logging
@@ -137,9 +145,9 @@ def worker(options: WorkerOptions) -> None:
 
 
 def scheduler(options: SchedulerOptions) -> None:
-    """Bring workers and services together, until interrupted.
+    """Pass the work of services on to workers, until interrupted.
 
-    With certificates it listens where it is told; without, only on this machine.
+    With certificates it listens on --host; without, only on this machine.
     """
     from app.engine import UnusableEngine
     from app.engine.dask import Certificates, run_scheduler
@@ -159,9 +167,9 @@ def scheduler(options: SchedulerOptions) -> None:
 
 
 def certificates(options: CertificatesOptions) -> None:
-    """Make an authority, and certificates for scheduler, workers and services.
+    """Create an authority, and certificates for scheduler, workers and services.
 
-    Whoever has ca.key can let more nodes in: keep it where no node is.
+    Whoever has ca.key can admit more nodes: keep it on a machine that is not a node.
     """
     from app.engine import UnusableEngine
     from app.engine.certificates import make_certificates

@@ -60,21 +60,21 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Lines of JSON with key, id and visible; else the frames' instance "
-            "images tell: what has one pixel is visible.",
+            help="The truth: a line of JSON with key, id and visible for each box. "
+            "Default: the frames' instance images; an object with a pixel is visible.",
             exists=True,
             dir_okay=False,
         ),
     ] = None
     channel: Annotated[
         list[EvidenceName] | None,
-        typer.Option(help="A channel to compare; may be repeated. Else all."),
+        typer.Option(help="A channel to compare; may be repeated; default: all."),
     ] = None
     plot: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE.svg",
-            help="Draw the F1 of each channel with its interval.",
+            help="Draw the F1 of each channel with its interval (SVG).",
             dir_okay=False,
         ),
     ] = None
@@ -82,8 +82,8 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
         bool,
         typer.Option(
             "--suggest",
-            help="Suggest a threshold for each class from the same truth: the best F1, "
-            "or with --recall the highest that keeps so much.",
+            help="Suggest a threshold for each class from the same truth: the one with "
+            "the best F1, or with --recall the highest that reaches this recall.",
         ),
     ] = False
     recall: Annotated[
@@ -91,14 +91,14 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
         typer.Option(
             min=0.0001,
             max=1,
-            help="With --suggest: the part of the visible objects to keep, 0 to 1.",
+            help="With --suggest: the share of visible objects to keep, 0 to 1.",
         ),
     ] = None
     config_out: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE.yaml",
-            help="Write the configuration with the suggested thresholds.",
+            help="With --suggest: write the configuration with the new thresholds.",
             dir_okay=False,
         ),
     ] = None

@@ -89,9 +89,9 @@ class ExportOptions(ServerOptions, FormatOptions):
 
 
 def export(options: ExportOptions) -> None:
-    """Have the server write a dataset's labels, and download them.
+    """Have the server write the labels of a dataset, and download them.
 
-    An interrupted download goes on where it stopped: the same labels are the same file.
+    An interrupted download continues where it stopped: equal labels give equal files.
     """
     screen = options.screen
     with options.connect() as client:
@@ -163,7 +163,8 @@ class ConvertOptions(OutputOptions, SourceOptions, SegmentationReading, FormatOp
         Path,
         typer.Argument(
             metavar="SOURCE",
-            help="A folder in a recognised layout, a manifest.jsonl, or COCO's .json.",
+            help="A folder in one of the known layouts, a manifest.jsonl, or a COCO "
+            ".json.",
             exists=True,
         ),
     ]
@@ -173,7 +174,7 @@ class ConvertOptions(OutputOptions, SourceOptions, SegmentationReading, FormatOp
     ]
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", help="The folder to make.", file_okay=False),
+        typer.Option("--output", "-o", help="The folder to create.", file_okay=False),
     ]
     filter: Annotated[
         bool,
@@ -186,7 +187,8 @@ class ConvertOptions(OutputOptions, SourceOptions, SegmentationReading, FormatOp
     config: Annotated[
         Path | None,
         typer.Option(
-            help="A filter configuration (YAML) for --filter; else the defaults.",
+            help="A filter configuration (YAML) for --filter; default: the built-in "
+            "one.",
             exists=True,
             dir_okay=False,
         ),
@@ -197,7 +199,7 @@ def convert(options: ConvertOptions) -> None:
     """Write the labels of a folder in another format, without a server.
 
     With --filter, only the boxes that the filter keeps. The new folder appears when
-    all of it is written; its manifest.json names every box that was left out or cut.
+    it is complete; its manifest.json names every box that was left out or cut.
     Exit code 3 if some frames could not be read or matched; they are listed.
     """
     if options.config is not None and not options.filter:

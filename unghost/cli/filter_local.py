@@ -60,7 +60,7 @@ class FilterOptions(OutputOptions, LocalFilterOptions):
         typer.Option(
             "--output",
             "-o",
-            help="The file to write, one line per frame; - is standard output.",
+            help="The file to write, one line per frame; - for standard output.",
             dir_okay=False,
             allow_dash=True,
         ),
@@ -68,7 +68,7 @@ class FilterOptions(OutputOptions, LocalFilterOptions):
 
 
 def filter_local(options: FilterOptions) -> None:
-    """Decide every box of a folder here, without a server, on all cores.
+    """Decide every box of a folder on this machine, without a server.
 
     Writes one line per frame, in the order of the frames. Exit code 3 if some frames
     could not be decided or matched; they are listed, and their lines say why.

@@ -4,7 +4,7 @@ A command is a function of one frozen dataclass, whose fields are its options:
 
 @dataclass(frozen=True, kw_only=True)
 class StatsOptions(ServerOptions):
-    dataset: Annotated[str, typer.Argument(help="The dataset.")]
+    dataset: Annotated[str, typer.Argument(help="Name of the dataset.")]
 
 def stats(options: StatsOptions) -> None: ...
 
@@ -61,7 +61,7 @@ DataFolder: TypeAlias = Annotated[
     typer.Option(
         "--data",
         metavar="DIR",
-        help="The data folder; else UNGHOST_DATA, else ./unghost-data.",
+        help="The data folder; default: UNGHOST_DATA, else ./unghost-data.",
         file_okay=False,
     ),
 ]
@@ -72,7 +72,8 @@ class OutputOptions:
     """How to print."""
 
     json: Annotated[
-        bool, typer.Option("--json", help="Print JSON lines instead of text.")
+        bool,
+        typer.Option("--json", help="Print one JSON object per line instead of text."),
     ] = False
 
     @property
@@ -89,13 +90,15 @@ class ServerOptions(OutputOptions):
         str | None,
         typer.Option(
             metavar="URL",
-            help="The server; else UNGHOST_SERVER, else http://127.0.0.1:8000.",
+            help="Address of the server; default: UNGHOST_SERVER, else "
+            "http://127.0.0.1:8000.",
         ),
     ] = None
     token: Annotated[
         str | None,
         typer.Option(
-            help="The token; else UNGHOST_TOKEN, else that of a server on this machine."
+            help="The token; default: UNGHOST_TOKEN, else that of a server on this "
+            "machine."
         ),
     ] = None
 

@@ -163,7 +163,7 @@ class Program(LazyGroup):
         )
         token = LazyGroup(
             name="token",
-            help="Give people tokens and take them back; needs a token of an admin.",
+            help="Create, list and revoke people's tokens; needs an admin's token.",
             commands=_lazily(TOKEN_COMMANDS),
             no_args_is_help=True,
             rich_markup_mode=None,

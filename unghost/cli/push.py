@@ -42,16 +42,21 @@ class PushOptions(ServerOptions, SourceOptions, SegmentationReading):
 
     source: SourceFolder
     dataset: Annotated[
-        str, typer.Option("--dataset", help="Where to; made if it is not there.")
+        str,
+        typer.Option(
+            "--dataset",
+            help="Name of the dataset to upload to; created if it does not exist.",
+        ),
     ]
     workers: Annotated[
-        int, typer.Option(min=1, max=16, help="Connections that send at the same time.")
+        int,
+        typer.Option(min=1, max=16, help="Number of frames to send at the same time."),
     ] = 2
     replace: Annotated[
         bool,
         typer.Option(
             "--replace",
-            help="Replace frames whose content changed, instead of refusing them.",
+            help="Replace stored frames whose content differs, instead of refusing.",
         ),
     ] = False
 
@@ -59,8 +64,8 @@ class PushOptions(ServerOptions, SourceOptions, SegmentationReading):
 def push(options: PushOptions) -> None:
     """Upload a folder of frames, and have every box decided.
 
-    Safe to interrupt and to repeat: what the server has is not sent again. Exit code 3
-    if some frames were refused or could not be matched; they are listed.
+    Safe to interrupt and to repeat: frames that the server has are not sent again.
+    Exit code 3 if some frames were refused or could not be matched; they are listed.
     """
     report = PushReport(options.screen)
     found = open_source(options.source, options)
@@ -77,7 +82,7 @@ def push(options: PushOptions) -> None:
 def ensure_dataset(
     client: Client, name: str, options: Mapping[str, str], classes: Sequence[str]
 ) -> Dataset:
-    """The dataset, made if it is not there.
+    """The dataset, created if it does not exist.
 
     Raises
     ------

@@ -39,13 +39,13 @@ CancelOnInterrupt: TypeAlias = Annotated[
     bool,
     typer.Option(
         "--cancel-on-interrupt",
-        help="Ctrl-C also ends the run at the server; else it goes on.",
+        help="Ctrl-C also cancels the run on the server; otherwise the run continues.",
     ),
 ]
 
 
 RunNumber: TypeAlias = Annotated[
-    int, typer.Argument(metavar="RUN", help="The run's number.")
+    int, typer.Argument(metavar="RUN", help="Number of the run.")
 ]
 
 
@@ -56,10 +56,14 @@ class RunOptions(ServerOptions):
     dataset: DatasetName
     config: ConfigFile
     activate: Annotated[
-        bool, typer.Option("--activate", help="Make it what counts when it is done.")
+        bool,
+        typer.Option("--activate", help="Make the run the active one when it is done."),
     ] = False
     wait: Annotated[
-        bool, typer.Option("--wait", help="Return when it is done, with a bar.")
+        bool,
+        typer.Option(
+            "--wait", help="Wait until the run is done and show its progress."
+        ),
     ] = False
     cancel_on_interrupt: CancelOnInterrupt = False
 
@@ -82,7 +86,7 @@ class CancelOptions(ServerOptions):
 def run(options: RunOptions) -> None:
     """Apply a configuration to a whole dataset.
 
-    The verdicts that count stay as they are, unless --activate.
+    The verdicts in force stay as they are, except with --activate.
     """
     with options.connect() as client:
         version = _add_config(client, options.dataset, options.config)
@@ -97,7 +101,10 @@ def run(options: RunOptions) -> None:
 
 
 def wait(options: WaitOptions) -> None:
-    """Follow a run until it is done, with a bar; exit code 1 if it is not."""
+    """Wait until a run is done and show its progress.
+
+    Exit code 1 if the run fails or is cancelled.
+    """
     with options.connect() as client:
         found = client.run(options.run)
         done = wait_for_run(
@@ -107,7 +114,7 @@ def wait(options: WaitOptions) -> None:
 
 
 def cancel(options: CancelOptions) -> None:
-    """End a run that is not over; nothing in its dataset changes."""
+    """Cancel a run that has not ended; nothing in its dataset changes."""
     with options.connect() as client:
         cancelled = client.cancel(options.run)
     options.screen.record(cancelled.raw, run_line(cancelled))
@@ -174,16 +181,16 @@ def run_line(run: Run) -> str:
 class DiffOptions(ServerOptions):
     """Options of `unghost diff`."""
 
-    before: Annotated[int, typer.Argument(metavar="RUN", help="A run's number.")]
+    before: Annotated[int, typer.Argument(metavar="RUN", help="Number of a run.")]
     after: Annotated[
-        int, typer.Argument(metavar="RUN", help="The number of the run to compare.")
+        int, typer.Argument(metavar="RUN", help="Number of the run to compare it with.")
     ]
 
 
 def diff(options: DiffOptions) -> None:
-    """Compare what two runs decide: boxes that change sides, per class.
+    """Compare two runs: how many boxes of each class they decide differently.
 
-    With --json every such box is a line, and the last line has the sums.
+    With --json there is a line for each of these boxes; the last line has the sums.
     """
     screen = options.screen
     with options.connect() as client:
@@ -248,14 +255,14 @@ class ConfigSetOptions(ServerOptions):
     ]
     wait: Annotated[
         bool,
-        typer.Option("--wait/--no-wait", help="Return when every frame is decided."),
+        typer.Option("--wait/--no-wait", help="Wait until every frame is decided."),
     ] = True
 
 
 def set_config(options: ConfigSetOptions) -> None:
     """Store a configuration and make it the active one.
 
-    Every frame is decided again; until that is done the old verdicts count.
+    Every frame is decided again; until then the old verdicts stay in force.
     """
     screen = options.screen
     with options.connect() as client:
@@ -283,9 +290,9 @@ class ConfigDiffOptions(ServerOptions):
 
 
 def diff_config(options: ConfigDiffOptions) -> None:
-    """Compare a file with the active configuration, and count what would flip.
+    """Compare a file with the active configuration, and count changed verdicts.
 
-    Nothing is changed.
+    Nothing is changed on the server.
     """
     from filter_core.config.file import load_config
     from filter_core.config.filter import FilterConfig, diff_configs

@@ -33,7 +33,7 @@ _DEMO_DATASET: Final = "demo"
 Port: TypeAlias = Annotated[
     int | None,
     typer.Option(
-        help="Port to listen on (0: any free one); else UNGHOST_PORT, else 8000.",
+        help="Port to listen on, 0 for any free one; default: UNGHOST_PORT, else 8000.",
         min=0,
         max=65535,
     ),
@@ -50,13 +50,15 @@ class ServeOptions(OutputOptions):
         typer.Option(
             "--config",
             metavar="FILE",
-            help="A filter.yaml: the first configuration of every new dataset.",
+            help="A filter configuration (YAML): the first one of every new dataset.",
             dir_okay=False,
         ),
     ] = None
     host: Annotated[
         str | None,
-        typer.Option(help="Address to listen on; else UNGHOST_HOST, else 127.0.0.1."),
+        typer.Option(
+            help="Address to listen on; default: UNGHOST_HOST, else 127.0.0.1."
+        ),
     ] = None
     port: Port = None
     open: Annotated[
@@ -65,7 +67,10 @@ class ServeOptions(OutputOptions):
 
 
 def serve(options: ServeOptions) -> None:
-    """Serve until interrupted; prints the login link once it is ready."""
+    """Serve the review page and the API until interrupted.
+
+    Prints a login link when it is ready.
+    """
     from app import serve as startup
 
     screen = options.screen
@@ -99,23 +104,27 @@ class DemoOptions(OutputOptions):
     """Options of `unghost demo`."""
 
     frames: Annotated[
-        int, typer.Option(min=1, max=10_000, help="Frames to render.")
+        int, typer.Option(min=1, max=10_000, help="Number of frames to render.")
     ] = 48
     seed: Annotated[
-        int, typer.Option(min=0, help="Another seed gives another street.")
+        int,
+        typer.Option(
+            min=0,
+            help="Number that the street is drawn from; each gives another street.",
+        ),
     ] = 0
     data: Annotated[
         Path | None,
         typer.Option(
             "--data",
             metavar="DIR",
-            help="Folder of everything; else UNGHOST_DATA, else ./demo-data.",
+            help="Data folder; default: UNGHOST_DATA, else ./demo-data.",
             file_okay=False,
         ),
     ] = None
     port: Port = None
     exit_when_ready: Annotated[
-        bool, typer.Option("--exit-when-ready", help="Stop as soon as all is there.")
+        bool, typer.Option("--exit-when-ready", help="Exit when the demo is ready.")
     ] = False
 
 

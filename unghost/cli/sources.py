@@ -22,7 +22,7 @@ SourceFolder: TypeAlias = Annotated[
     Path,
     typer.Argument(
         metavar="SOURCE",
-        help="A folder in a recognised layout, or a manifest.jsonl.",
+        help="A folder in one of the known layouts, or a manifest.jsonl.",
         exists=True,
     ),
 ]
@@ -35,14 +35,15 @@ class SourceOptions:
     layout: Annotated[
         str,
         typer.Option(
-            metavar="LAYOUT", help=f"How the folder is laid out: {listed(Layout)}."
+            metavar="LAYOUT",
+            help=f"How the files of the folder are arranged: {listed(Layout)}.",
         ),
     ] = "auto"
     segmentation: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Folder of the segmentations, if it is not the layout's own.",
+            help="Folder of the segmentations; default: the layout's own.",
             exists=True,
             file_okay=False,
         ),
@@ -51,7 +52,7 @@ class SourceOptions:
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Folder of the labels, if it is not the layout's own.",
+            help="Folder of the labels; default: the layout's own.",
             exists=True,
             file_okay=False,
         ),
@@ -60,12 +61,12 @@ class SourceOptions:
         str | None,
         typer.Option(
             metavar="NAMES",
-            help="Names of the classes by number, separated by commas, if the folder "
-            "has no list of its own.",
+            help="Names of the classes in the order of their numbers, separated by "
+            "commas, if the folder has no list of its own.",
         ),
     ] = None
     default_class: Annotated[
-        str, typer.Option(metavar="NAME", help="Class of labels that carry none.")
+        str, typer.Option(metavar="NAME", help="Class to use for labels without one.")
     ] = "unknown"
 
     @property
@@ -82,19 +83,24 @@ class SegmentationReading:
 
     palette: Annotated[
         Palette | None,
-        typer.Option(help="Tag family of the segmentations."),
+        typer.Option(
+            help="Table of tags of the segmentations, by the version of CARLA."
+        ),
     ] = None
     encoding: Annotated[
         Encoding | None,
-        typer.Option(help="How they write tags."),
+        typer.Option(help="How the segmentations encode tags."),
     ] = None
     channel_order: Annotated[
         ChannelOrder | None,
-        typer.Option(help="Order of their colour channels."),
+        typer.Option(help="Order of the colour channels in the segmentations."),
     ] = None
     lossy_segmentation: Annotated[
         LossyPolicy | None,
-        typer.Option(help="What to do with JPEG segmentations."),
+        typer.Option(
+            help="What to do with segmentations whose colours are not exact, such as "
+            "JPEG files."
+        ),
     ] = None
 
     @property
@@ -117,14 +123,16 @@ class LocalFilterOptions(SourceOptions, SegmentationReading):
     config: Annotated[
         Path | None,
         typer.Option(
-            help="A filter configuration (YAML); else the defaults.",
+            help="A filter configuration (YAML); default: the built-in one.",
             exists=True,
             dir_okay=False,
         ),
     ] = None
     workers: Annotated[
         int | None,
-        typer.Option(min=1, max=256, help="Frames at the same time; else all cores."),
+        typer.Option(
+            min=1, max=256, help="Frames processed in parallel; default: one per core."
+        ),
     ] = None
 
 

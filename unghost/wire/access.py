@@ -32,18 +32,20 @@ class TokenIn(RequestModel):
             min_length=1,
             max_length=100,
             pattern=PRINTABLE,
-            description="Who will show it; reviews carry this name.",
+            description="Name of the person who will use the token; answers are stored "
+            "under it.",
         ),
     ]
     role: Role = "reviewer"
     expires_at: AwareDatetime | None = Field(
-        default=None, description="When it ends; else `expires_in_days` says so."
+        default=None,
+        description="When the token expires; instead of `expires_in_days`.",
     )
     expires_in_days: int | None = Field(
         default=DEFAULT_DAYS,
         ge=1,
         le=36_500,
-        description="Days until it ends; null: never.",
+        description="Days until the token expires; null for never.",
     )
 
     @model_validator(mode="after")
@@ -60,7 +62,7 @@ class TokenIn(RequestModel):
 
 
 class Token(ResponseModel):
-    """A token of someone, without what it opens with."""
+    """Someone's token, without its secret."""
 
     id: int
     name: str
@@ -72,13 +74,13 @@ class Token(ResponseModel):
 
 
 class NewToken(Token):
-    """A token that was just made; `token` is shown this once."""
+    """A token that was just created, with its secret (`token`), shown only here."""
 
     token: str = Field(repr=False)
 
 
 class LogIn(RequestModel):
-    """What lets somebody in: a token, or the code of a login link."""
+    """What signs somebody in: a token, or the code of a login link."""
 
     model_config = ConfigDict(hide_input_in_errors=True)
 
@@ -93,7 +95,7 @@ class LogIn(RequestModel):
 
 
 class Session(ResponseModel):
-    """Who asks; answers on boxes carry this name."""
+    """Who is signed in; answers on boxes are stored under this name."""
 
     name: str
     role: Role
@@ -101,13 +103,13 @@ class Session(ResponseModel):
 
 
 class NewSession(Session):
-    """The one answer that carries the session's secret."""
+    """A session that was just opened, with its secret (`session`), shown only here."""
 
     session: str = Field(repr=False)
 
 
 class LoginCode(ResponseModel):
-    """What a login link carries, without the code; it opens one session."""
+    """A login link that opens one session, without its code."""
 
     id: int
     expires_at: AwareDatetime
@@ -115,20 +117,22 @@ class LoginCode(ResponseModel):
 
 
 class NewLoginCode(LoginCode):
-    """A code that was just made; `code` is shown this once."""
+    """A login link that was just created, with its code, shown only here."""
 
     code: str = Field(repr=False)
 
 
 class AuditEntry(ResponseModel):
-    """Who did what, when, and to what; without a token it was the service itself."""
+    """Who did what, when, and to what; `token_id` is null for the service itself."""
 
     id: int
     created_at: AwareDatetime
-    actor: str = Field(description="The token's name; `unghost` is the service itself.")
+    actor: str = Field(
+        description="Name of the token; `unghost` for the service itself."
+    )
     token_id: int | None
     action: str = Field(description="What was done, such as `dataset.deleted`.")
-    subject: str = Field(description="The name or number of what it was done to.")
+    subject: str = Field(description="Name or number of what it was done to.")
     details: Annotated[Json, IfAbsent({})]
 
 
@@ -139,7 +143,7 @@ class Alive(ResponseModel):
 
 
 class Ready(ResponseModel):
-    """The service can work, and what each check found."""
+    """Whether the service can work, and what each check found."""
 
     ready: bool
     checks: Annotated[Mapping[str, str], IfAbsent({})]

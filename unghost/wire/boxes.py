@@ -56,7 +56,7 @@ class AcceptedTag(ResponseModel):
 
 
 class ReviewMark(ResponseModel):
-    """A person's answer on a box that is in force."""
+    """The answer of a person that is in force on a box."""
 
     verdict: Answer
     reviewer: str
@@ -67,12 +67,13 @@ class ReviewMark(ResponseModel):
 class Decision(ResponseModel):
     """One box: the filter's verdict, why, the numbers, and what a person said.
 
-    `verdict` is always the filter's, `effective_verdict` is what counts.
+    `verdict` is the filter's. `effective_verdict` is what counts: a person's keep or
+    reject, else the filter's verdict.
     """
 
-    id: str = Field(description="The sender's own id.")
+    id: str = Field(description="The id that the sender gave the box.")
     box_id: int
-    frame: str = Field(description="The frame's key.")
+    frame: str = Field(description="Key of the frame.")
     frame_id: int
     class_name: str = Field(alias="class")
     verdict: Verdict
@@ -104,31 +105,31 @@ class Decision(ResponseModel):
     config: str
     run: int
     revision: Annotated[int, IfAbsent(0)] = Field(
-        description="How many answers the box has got, those that were taken back "
-        "included: the `seen_revision` of the next one."
+        description="How many answers the box has been given, including those taken "
+        "back. Send it as `seen_revision` with the next answer."
     )
     review: ReviewMark | None = Field(
-        description="The answer in force; null if there is none, or none any more."
+        description="The answer in force; null if there is none or it was taken back."
     )
     effective_verdict: Verdict
 
 
 class Box(Decision):
-    """A box with the boxes around it."""
+    """A box, and which boxes overlap it."""
 
     neighbours: Annotated[tuple[int, ...], IfAbsent(())] = Field(
-        description="Boxes of the frame that overlap it."
+        description="Ids of the boxes of the frame that overlap this one."
     )
 
 
 class Claim(ResponseModel):
-    """Until when nobody else is given a box of the queue."""
+    """Until when a box of the queue is given to nobody else."""
 
     expires_at: AwareDatetime
 
 
 class QueuedBox(Decision):
-    """A box to look at."""
+    """A box of the queue, claimed for whoever asked."""
 
     claim: Claim
 
@@ -164,19 +165,27 @@ class BoxListQuery(BoxSelection):
 
     dataset: str = Field(description="Name of the dataset.")
     sort: BoxSort = "id"
-    limit: int = Field(default=100, ge=1, le=1000, description="Most items of a page.")
+    limit: int = Field(
+        default=100, ge=1, le=1000, description="Maximum number of items on a page."
+    )
     cursor: str | None = Field(default=None, max_length=2000)
     count: bool = Field(
-        default=False, description="Whether to answer the `total` of the filter too."
+        default=False, description="Whether to answer `total` and `snapshot` too."
     )
 
 
 class FrameListQuery(BoxSelection):
     """The query of a list of frames: those that have such a box."""
 
-    key: str = Field(default="", max_length=512, description="Prefix of keys.")
+    key: str = Field(
+        default="",
+        max_length=512,
+        description="Only frames whose key begins with this.",
+    )
     sort: FrameSort = "key"
-    limit: int = Field(default=100, ge=1, le=1000, description="Most items of a page.")
+    limit: int = Field(
+        default=100, ge=1, le=1000, description="Maximum number of items on a page."
+    )
     cursor: str | None = Field(default=None, max_length=2000)
 
 
@@ -186,19 +195,19 @@ class BoxPage(Page[Decision], SparseModel):
     total: int | None = Field(
         default=None,
         json_schema_extra=never_null,
-        description="All boxes of the filter, exactly.",
+        description="Number of all boxes that match the filter.",
     )
     snapshot: str | None = Field(
         default=None,
         json_schema_extra=never_null,
-        description="Stands for these boxes as they are now: one answer on all of them "
-        "names it.",
+        description="Stands for the matching boxes as they are now. Send it with one "
+        "answer on all of them.",
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Selection:
-    """All boxes of a filter as they were when the server counted them."""
+    """All boxes that match a filter, as they were when the server counted them."""
 
     dataset: str
     filter: Json
@@ -212,18 +221,20 @@ class QueueIn(RequestModel):
     order: QueueOrder = "doubt"
     filters: BoxSelection = Field(
         default_factory=BoxSelection,
-        description="Undecided boxes unless `review` or `conflict` is given; decided "
-        "ones in an audit.",
+        description="Which boxes. Unless `review` or `conflict` is given: undecided "
+        "boxes, or decided ones with the order `audit`.",
     )
     limit: Annotated[int, Field(ge=1, le=50)] = 10
     exclude: list[Id] = Field(
         default_factory=list,
         max_length=1000,
-        description="Boxes that are at hand already: not answered again; own claims "
-        "on them are renewed.",
+        description="Ids of boxes that the caller has already: they are left out, and "
+        "the caller's claims on them are renewed.",
     )
     seed: Annotated[int, Field(ge=-(2**63), le=2**63 - 1)] | None = Field(
-        default=None, description="Of the random order; one per dataset unless given."
+        default=None,
+        description="Number that the random order is drawn from; default: one per "
+        "dataset.",
     )
 
 
@@ -232,8 +243,8 @@ class Queue(ResponseModel):
 
     items: tuple[QueuedBox, ...]
     remaining: int = Field(
-        description="Boxes of the filter that nobody has answered, claimed or not; of "
-        "a filter on answers, all its boxes."
+        description="Boxes that match the filter and that nobody has answered, claimed "
+        "or not; with a filter on answers, all boxes that match."
     )
     unsure: Annotated[int, IfAbsent(0)] = Field(
         description="Boxes that a person was unsure about; they come last."
@@ -242,12 +253,13 @@ class Queue(ResponseModel):
 
 
 class ReviewIn(RequestModel):
-    """An answer on one box as it was seen."""
+    """An answer on one box."""
 
     verdict: Answer
     comment: Comment = ""
     seen_revision: Revision = Field(
-        description="The box's `revision` that was seen: 0 if it was never answered."
+        description="`revision` of the box when it was looked at; 0 if it had no "
+        "answer. Refused with 412 if somebody has answered since."
     )
 
 
@@ -264,46 +276,47 @@ class Review(ResponseModel):
 
 
 class BulkIn(RequestModel):
-    """One answer on many boxes: listed, or all of a filter, as they were seen."""
+    """One answer on many boxes: those of `box_ids`, or all that match `filter`."""
 
     dataset: Annotated[str, Field(max_length=100)]
     box_ids: Annotated[list[Id], Field(fail_fast=True)] | None = None
     seen_revisions: Annotated[list[Revision], Field(fail_fast=True)] | None = Field(
         default=None,
-        description="The `revision` that was seen of each of `box_ids`, in their "
-        "order; boxes that were answered since are left alone. Without it, boxes "
+        description="`revision` of each of `box_ids` when it was looked at, in the "
+        "same order. Boxes that were answered since are left alone. Without it, boxes "
         "that have an answer are left alone.",
     )
     filter: BoxSelection | None = None
     snapshot: Annotated[str, Field(max_length=1000)] | None = Field(
         default=None,
-        description="Of the list with this filter that was seen: `snapshot` of "
-        "`GET /api/v1/boxes?count=true`. 412 if its boxes are not as they were then.",
+        description="`snapshot` that `GET /api/v1/boxes?count=true` answered for this "
+        "filter. Refused with 412 if its boxes have changed since.",
     )
     expected_count: Annotated[int, Field(ge=0)] | None = Field(
-        default=None, description="409 unless so many boxes are listed or selected."
+        default=None,
+        description="Refused with 409 unless exactly so many boxes are meant.",
     )
     verdict: Answer
     comment: Comment = ""
 
 
 class ReviewBatch(ResponseModel):
-    """One answer on many boxes: one act, one undo."""
+    """One answer on many boxes, which is undone as one."""
 
     id: int
     dataset: str
     verdict: Answer
-    count: int = Field(description="Boxes that were answered.")
+    count: int = Field(description="Number of boxes that were answered.")
     skipped: Annotated[tuple[int, ...], IfAbsent(())] = Field(
-        description="Boxes that are gone, or of another dataset."
+        description="Ids of boxes that do not exist any more or are of another dataset."
     )
     stale: Annotated[tuple[int, ...], IfAbsent(())] = Field(
-        description="Boxes that were left alone because somebody answered them since."
+        description="Ids of boxes left alone because somebody has answered them since."
     )
 
 
 class UndoneBatch(ResponseModel):
-    """What an undo put back; `skipped` are boxes that someone changed since."""
+    """How many boxes an undo put back; `skipped` are those answered again since."""
 
     id: int
     undone: int
@@ -311,7 +324,7 @@ class UndoneBatch(ResponseModel):
 
 
 class HistoryEntry(SparseModel):
-    """A decision or a review of a box's past; `kind` says which, and which keys it has.
+    """A decision or a review in the past of a box; `kind` says which of the two.
 
     A decision has `run` and what follows from it, and `activated` if the run changed
     the verdict. A review has `revision`, `reviewer`, `comment`, the `batch` that it was
@@ -326,7 +339,8 @@ class HistoryEntry(SparseModel):
     revision: int | None = None
     reviewer: str | None = None
     verdict: Verdict | Answer | None = Field(
-        description="The filter's or the person's; null where a run's numbers are gone."
+        description="The filter's or the person's; null if the numbers of the run are "
+        "not stored any more."
     )
     reason: Reason | None = None
     match_percent: float | None = None

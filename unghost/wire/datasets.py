@@ -36,12 +36,15 @@ Polygons = Annotated[list[Polygon], Field(min_length=1, max_length=100, fail_fas
 
 
 class IgnoreMask(RequestModel):
-    """Where pixels never count, for instance on the ego's bonnet: one of two forms."""
+    """Where pixels never count, such as on the bonnet: as polygons or as a PNG."""
 
-    polygons: Polygons | None = Field(default=None, description="Corners in pixels.")
+    polygons: Polygons | None = Field(
+        default=None, description="Corners of each polygon, in pixels."
+    )
     png: Annotated[str, Field(max_length=2_000_000)] | None = Field(
         default=None,
-        description="A PNG of the frames' size, in Base64; not black is ignored.",
+        description="A PNG of the frames' size, in Base64; pixels that are not black "
+        "are ignored.",
     )
 
     @model_validator(mode="after")
@@ -63,7 +66,9 @@ class DatasetIn(RequestModel):
     ]
     description: Description = ""
     classes: Annotated[list[ClassName], Field(max_length=1000)] | None = Field(
-        default=None, description="Ordered; unset: the eight classes of CARLA."
+        default=None,
+        description="Names of the classes in their order; default: the eight classes "
+        "of CARLA.",
     )
     palette: Palette = "auto"
     encoding: Encoding = "auto"
@@ -83,7 +88,7 @@ def _values_are_needed(schema: JsonDict) -> None:
 
 
 class DatasetPatch(RequestModel):
-    """What to change; how segmentations are read starts a run that measures again."""
+    """What to change; frames are measured again if it is how segmentations are read."""
 
     model_config = ConfigDict(json_schema_extra=_values_are_needed)
 
@@ -92,7 +97,9 @@ class DatasetPatch(RequestModel):
     encoding: Encoding | None = None
     channel_order: ChannelOrder | None = None
     lossy_segmentation: LossyPolicy | None = None
-    ignore_mask: IgnoreMask | None = Field(default=None, description="null: none.")
+    ignore_mask: IgnoreMask | None = Field(
+        default=None, description="null removes the mask."
+    )
 
     @field_validator("*", mode="before")
     @classmethod
@@ -128,7 +135,7 @@ Counts: TypeAlias = VerdictCounts
 class FrameCounts(VerdictCounts, _OfBoxes):
     """Boxes of a frame: by the filter's verdict, and by what people said.
 
-    `reviewed` boxes have a keep or a reject, `to_review` are those that wait for one.
+    `reviewed` boxes have a keep or a reject; those of `to_review` wait for one.
     """
 
     reviewed: int
@@ -179,12 +186,12 @@ class RefusedFrame(ResponseModel):
 
 
 class Stats(FrameCounts, _OfFrames):
-    """Everything that can be counted without looking at a box.
+    """Counts of the boxes of a dataset.
 
-    `unsure` boxes have a person's unsure; of `conflicts` a person said the opposite of
-    the filter; `toss_ups` are near a threshold; of `lossy` boxes the segmentation's
-    colours were not exact. `effective` counts verdicts as they are after people's
-    answers, everything else those of the filter.
+    `unsure` boxes have an unsure of a person. Of `conflicts`, a person said the
+    opposite of the filter. `toss_ups` are near a threshold. Boxes of `lossy` were
+    measured in a segmentation whose colours were not exact. `effective` counts verdicts
+    after people's answers, everything else the verdicts of the filter.
     """
 
     unsure: int
@@ -201,8 +208,8 @@ class Stats(FrameCounts, _OfFrames):
 class Histogram(ResponseModel):
     """Boxes per bin of match_percent, for each class that occurs.
 
-    `edges` has one number more than the counts of a class; `thresholds` has the active
-    configuration's for each class, in percent.
+    `edges` has one number more than each class has counts. `thresholds` are those of
+    the active configuration, in percent.
     """
 
     edges: tuple[float, ...]

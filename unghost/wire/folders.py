@@ -8,30 +8,32 @@ from typing import Literal
 from pydantic import Field
 
 from unghost.wire.model import Fault, Json, Message, ResponseModel
+from unghost.wire.words import FolderLayout
 
 
 class FolderHead(ResponseModel):
-    """The first line: how the folder is laid out."""
+    """The first line: how the files of the folder are arranged."""
 
-    layout: str = Field(description="The layout by which it is read.")
-    layouts: tuple[str, ...] = Field(
-        description="The layouts that it may have, the likeliest first."
+    layout: FolderLayout = Field(description="The layout by which the folder was read.")
+    layouts: tuple[FolderLayout, ...] = Field(
+        description="The layouts that the folder may have, the likeliest first."
     )
     classes: tuple[Message, ...] | None = Field(
-        description="The layout's own list of classes, in its order."
+        description="Names of the classes in the order of their numbers; null if the "
+        "folder has no list of them."
     )
     count: int | None = Field(
-        description="How many frames follow; null where only reading tells."
+        description="How many frames follow; null if that is known only at the end."
     )
 
 
 class FolderFrame(ResponseModel):
-    """One frame: its annotation as an upload takes it, or why it cannot be read."""
+    """One frame: the annotation to upload it with, or why it cannot be read."""
 
     key: Message
     annotation: Json | None
     files: Mapping[str, Message] = Field(
-        description="The names of its files, as they were sent, by their kinds."
+        description="Name of each file of the frame, as it was sent, by its kind."
     )
     fault: Fault | None
 
@@ -44,9 +46,9 @@ class UnmatchedFile(ResponseModel):
 
 
 class FolderEnd(ResponseModel):
-    """The last line: how many lines of each kind there were."""
+    """The last line: how many lines of each kind there are."""
 
     end: Literal[True]
     frames: int
-    faulty: int = Field(description="Frames of these that cannot be read.")
+    faulty: int = Field(description="How many of the frames cannot be read.")
     unmatched: int

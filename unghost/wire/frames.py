@@ -25,7 +25,7 @@ from unghost.wire.words import EdgeKind, LayerName, Verdict
 
 
 class FrameSummary(ResponseModel):
-    """One image with its boxes, as a list of frames has it."""
+    """A frame in a list of frames: its sizes, and how its boxes are counted."""
 
     id: int
     key: str
@@ -52,7 +52,7 @@ class SegmentationReport(ResponseModel):
 
 
 class StoredFile(ResponseModel):
-    """One file of a frame, as the server keeps it."""
+    """One file of a frame, as the server stores it."""
 
     url: str
     sha256: str
@@ -67,7 +67,8 @@ class FrameDetails(FrameSummary):
     camera: Json | None
     carla_version: str | None
     captured_text: str | None = Field(
-        alias="captured_at", description="RFC 3339, as it was sent."
+        alias="captured_at",
+        description="When it was recorded, as it was sent (RFC 3339).",
     )
     weather: Json | None
     superseded: Annotated[bool, IfAbsent(False)] = Field(
@@ -86,7 +87,7 @@ class FrameDetails(FrameSummary):
 
 
 class Frame(FrameDetails):
-    """A frame between its neighbours, with its boxes and their decisions."""
+    """A frame with its boxes and their decisions, and the frames beside it."""
 
     previous_id: int | None
     next_id: int | None
@@ -115,7 +116,7 @@ class StoredFrame(ResponseModel):
 
 
 class KnownFramesIn(RequestModel):
-    """Keys to look for."""
+    """Keys of frames to look for."""
 
     keys: list[str] = Field(max_length=1000)
 
@@ -125,11 +126,13 @@ class KnownFrame(ResponseModel):
 
     key: str
     frame_id: int
-    digest: str = Field(description="Names the content; see the guide to the API.")
+    digest: str = Field(
+        description="Digest of the content; the guide to the API says of what."
+    )
 
 
 class KnownFrames(ResponseModel):
-    """Those of the keys that are stored; the others are not there."""
+    """The frames that are stored; the other keys are unknown."""
 
     items: tuple[KnownFrame, ...]
 
@@ -137,8 +140,8 @@ class KnownFrames(ResponseModel):
 class BatchLine(SparseModel):
     """What became of one frame of a batch.
 
-    `status` is what storing the frame alone would have been answered with; a frame that
-    was refused has a `problem` and neither id nor decisions.
+    `status` is the HTTP status that sending the frame alone would have had. A refused
+    frame has a `problem`, and neither id nor decisions.
     """
 
     key: Message
@@ -149,7 +152,7 @@ class BatchLine(SparseModel):
 
 
 class BatchEnd(SparseModel):
-    """The last line of a batch: how many frames had a line, and what became of them."""
+    """The last line of a batch: how many frames came, and what became of them."""
 
     end: Literal[True]
     problem: Problem | None = Field(
@@ -159,7 +162,9 @@ class BatchEnd(SparseModel):
     )
     frames: int
     stored: int
-    same: int = Field(description="Frames that were stored already, as they are.")
+    same: int = Field(
+        description="Frames that were already stored with the same content."
+    )
     refused: int
 
 
@@ -172,9 +177,11 @@ class CropQuery(RequestModel):
         ge=0,
         le=10,
         allow_inf_nan=False,
-        description="Added on every side, in parts of the box's longer side.",
+        description="Added on every side, as a fraction of the longer side of the box.",
     )
-    height: int = Field(default=256, ge=16, le=2048, description="Most pixels high.")
+    height: int = Field(
+        default=256, ge=16, le=2048, description="Maximum height in pixels."
+    )
 
 
 _VERDICT: Final = f"({'|'.join(get_args(Verdict))})"

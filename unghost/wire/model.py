@@ -196,7 +196,7 @@ MAX_FAULTS: Final = 100
 
 
 class Fault(ResponseModel):
-    """One fault of a request: where, which, and what to do."""
+    """One fault of a request: where it is, which it is, and what is expected."""
 
     pointer: Annotated[Message, IfAbsent("")] = Field(
         description="JSON pointer into the body, or /query/name, /path/name."
@@ -231,8 +231,8 @@ _IN_EVERY_ANSWER: Final = (
 class Problem(SparseModel):
     """Why a request failed (RFC 9457): `code` for programs, `detail` for people.
 
-    An answer has every field down to `errors`, and the others where there is something
-    to say.
+    An answer always has the fields down to `errors`, and the others only where they
+    apply.
     """
 
     model_config = ConfigDict(json_schema_extra=_of_an_answer)
@@ -249,12 +249,12 @@ class Problem(SparseModel):
     )
     more_errors: int = Field(
         default=0,
-        description="How many more errors there are than are listed; absent where none "
-        "are.",
+        description="How many errors there are beside those listed; absent if there "
+        "are none.",
     )
     current: Json | None = Field(
         default=None,
-        description="Of a 412: the thing as it is now; null if it is not told.",
+        description="Of a 412: the object as it is now; null if it is not known.",
     )
     found: int | None = Field(
         default=None,

@@ -12,16 +12,17 @@ from unghost.wire.words import EvidenceName, ThresholdTarget, Truth, WrongVerdic
 
 
 class QualityQuery(RequestModel):
-    """What is true, and what thresholds are suggested for."""
+    """What the filter is compared with, and what thresholds are suggested for."""
 
     truth: Truth = Field(
         default="people",
-        description="What the filter is compared with: people's latest answers, or "
-        "instance images, as far as they were measured.",
+        description="What the filter is compared with. people: their latest answers; "
+        "instances: instance images, where frames have them.",
     )
     target: ThresholdTarget = Field(
         default="f1",
-        description="The best F1, or the highest threshold that keeps `recall`.",
+        description="What a suggested threshold is for. f1: the best F1; recall: the "
+        "highest threshold that reaches `recall`.",
     )
     recall: Annotated[float, Field(gt=0, le=1)] = 0.99
 
@@ -31,8 +32,8 @@ class EvaluationQuery(RequestModel):
 
     truth: Truth = Field(
         default="instances",
-        description="What is visible: boxes whose instance has a pixel, or boxes that "
-        "people kept.",
+        description="What is held to be visible. instances: boxes whose instance has a "
+        "pixel; people: boxes that people kept.",
     )
 
 
@@ -49,7 +50,7 @@ class _OfOneBand(ResponseModel):
 
 
 class Confusion(ResponseModel):
-    """The filter's verdict, then the answer that is held to be true.
+    """Boxes by the verdict of the filter, then by the answer held to be true.
 
     Kept is the positive class; a share is None where nothing can be said.
     """
@@ -93,7 +94,7 @@ class Agreement(ResponseModel):
     boxes: int
     agreed: int
     percent: float | None
-    kappa: float | None = Field(description="Cohen's, of all pairs in one table.")
+    kappa: float | None = Field(description="Cohen's kappa, of all pairs in one table.")
     interval: tuple[float, float] | None
     pairs: Annotated[tuple[Pair, ...], IfAbsent(())]
 
@@ -108,13 +109,13 @@ class ThresholdPoint(ResponseModel):
 
 
 class Suggestion(ResponseModel):
-    """The threshold of a class that the truth speaks for."""
+    """The threshold that the truth suggests for a class, beside the current one."""
 
     class_name: str = Field(alias="class")
     current: float
     suggested: float
     interval: tuple[float, float] | None
-    answers: int = Field(description="Boxes of the class whose truth is known.")
+    answers: int = Field(description="Boxes of the class of which the truth is known.")
     f1_current: float | None
     f1_suggested: float | None
     curve: Annotated[tuple[ThresholdPoint, ...], IfAbsent(())]
@@ -127,7 +128,8 @@ class Quality(ResponseModel):
     reviewed: int
     unsure: int
     unmeasured: Annotated[int, IfAbsent(0)] = Field(
-        description="Boxes of known truth without a verdict of the filter."
+        description="Boxes of which the truth is known, but not a verdict of the "
+        "filter."
     )
     confusion: Confusion
     by_class: Annotated[Mapping[str, Confusion], IfAbsent({})]
@@ -163,20 +165,22 @@ class WrongBox(ResponseModel):
     frame_id: int
     error: WrongVerdict
     pixels: int = Field(
-        description="Of a kept ghost all of its box, of a lost object those seen of it."
+        description="Of a ghost that was kept: all of its box. Of a visible object "
+        "that was rejected: those that are visible."
     )
 
 
 class ChannelScore(Score):
-    """One channel: all boxes, by class and by distance."""
+    """How good one channel is: on all boxes, by class and by distance."""
 
     judged: int = Field(
-        description="Boxes it had a number for; the segmentation judged the others."
+        description="Boxes that the channel had a number for; the segmentation judged "
+        "the others."
     )
     by_class: Annotated[Mapping[str, Score], IfAbsent({})]
     by_distance: Annotated[tuple[BandScore, ...], IfAbsent(())]
     worst: Annotated[tuple[WrongBox, ...], IfAbsent(())] = Field(
-        description="Up to 20 boxes that it got wrong, most pixels first."
+        description="Up to 20 boxes that the channel got wrong, most pixels first."
     )
 
 

@@ -44,7 +44,7 @@ Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class FilterConfigIn(RootModel[dict[str, object]]):
-    """A configuration written out; the library says what may stand in it."""
+    """A filter configuration: keys of docs/configuration.md with their values."""
 
 
 class ConfigVersion(ResponseModel):
@@ -69,7 +69,7 @@ class PreviewIn(RequestModel):
 
     config: FilterConfigIn
     limit: Annotated[
-        int, Field(ge=0, le=1000, description="Most flips that are listed.")
+        int, Field(ge=0, le=1000, description="Maximum number of boxes to list.")
     ] = 100
     bins: Annotated[int, Field(ge=2, le=200)] = 50
 
@@ -82,7 +82,7 @@ class FlipSide(ResponseModel):
 
 
 class Flip(ResponseModel):
-    """A box that would be decided otherwise."""
+    """A box that is decided otherwise."""
 
     box_id: int
     frame_id: int
@@ -93,7 +93,7 @@ class Flip(ResponseModel):
 
 
 class FlipCounts(ResponseModel):
-    """How many boxes change sides, by the side they leave."""
+    """How many boxes go from kept to rejected, and the other way."""
 
     kept_to_rejected: Annotated[int, IfAbsent(0)]
     rejected_to_kept: Annotated[int, IfAbsent(0)]
@@ -105,7 +105,7 @@ class _OfAll(ResponseModel):
 
 # Bases are written from right to left: that is the order of the keys in an answer.
 class Flips(FlipCounts, _OfAll):
-    """How many boxes would flip, and those nearest to their new threshold."""
+    """How many verdicts would change, and the boxes nearest to their new threshold."""
 
     by_class: Mapping[str, FlipCounts]
     items: tuple[Flip, ...]
@@ -114,8 +114,8 @@ class Flips(FlipCounts, _OfAll):
 class Preview(ResponseModel):
     """What a configuration would decide; nothing was written.
 
-    Only a run can tell what one decides that needs other pixels (`needs_pixels`): then
-    everything else is None.
+    `needs_pixels`: pixels have to be measured again, so that only a run can tell.
+    Everything after it is then null.
     """
 
     config: str
@@ -142,7 +142,7 @@ _EITHER_FORM: Final = (
 
 
 class RunIn(RequestModel):
-    """Apply a configuration: by digest, or written out."""
+    """Apply a configuration: its digest, or its keys and values."""
 
     config: Annotated[Digest | FilterConfigIn, WrapValidator(_in_either_form)]
     scope: Literal["dataset"] = "dataset"
@@ -165,7 +165,7 @@ class Failure(ResponseModel):
 
 
 class Run(ResponseModel):
-    """One configuration applied to a dataset: how far it is and what came out."""
+    """One configuration applied to a dataset: how far it is, and its result."""
 
     id: int
     dataset: str
@@ -193,18 +193,19 @@ class _Compared(ResponseModel):
     run: int
     against: int
     compared: Annotated[int, IfAbsent(0)] = Field(
-        description="Boxes that both runs have numbers of."
+        description="Boxes for which numbers of both runs are stored."
     )
 
 
 class Diff(FlipCounts, _OfAll, _Compared):
-    """What `run` decides otherwise than `against`, and one page of the boxes."""
+    """What `run` decides otherwise than `against`: counts, and a page of the boxes."""
 
     by_class: Annotated[Mapping[str, int], IfAbsent({})] = Field(
         description="Boxes whose verdicts differ."
     )
     sides_by_class: Annotated[Mapping[str, FlipCounts], IfAbsent({})] = Field(
-        description="Of those, the ones that went from one side to the other."
+        description="How many of these boxes go from kept to rejected, and the other "
+        "way."
     )
     items: Annotated[tuple[Flip, ...], IfAbsent(())]
     next_cursor: str | None
@@ -214,27 +215,38 @@ class ExportOptions(RequestModel):
     """What goes into an export."""
 
     include: Annotated[
-        Include, Field(description="By the effective verdict, the filter's, or all.")
+        Include,
+        Field(
+            description="Which boxes. effective: those whose effective verdict is "
+            "kept; kept: those that the filter keeps; all: every box."
+        ),
     ] = "effective"
     include_unmeasured: Annotated[
-        bool, Field(description="Also boxes that nothing could be measured of.")
+        bool, Field(description="Also boxes without a verdict (unmeasured).")
     ] = False
     rejected: Annotated[
         RejectedBoxes,
-        Field(description="Leave rejected boxes out, or have them ignored."),
+        Field(
+            description="What to do with rejected boxes. drop: leave them out; "
+            "dontcare: mark them to be ignored."
+        ),
     ] = "drop"
     boxes: Annotated[
-        Rectangle, Field(description="Which rectangle, where a box has several.")
+        Rectangle,
+        Field(description="Which rectangle of a box to write, if it has several."),
     ] = "visible"
-    images: Annotated[Images, Field(description="Put the images in, or not.")] = "copy"
+    images: Annotated[
+        Images, Field(description="Whether to include the images (copy) or not (none).")
+    ] = "copy"
     split: Annotated[
-        float, Field(ge=0, le=1, description="Share of the frames for training.")
+        float,
+        Field(ge=0, le=1, description="Share of the frames for training, 0 to 1."),
     ] = 0.8
     bands: list[Annotated[int, Field(ge=1, le=MAX_BAND)]] = Field(
         default=[],
         max_length=MAX_BANDS,
-        description="Labels once more for each distance (metres), with the boxes up to "
-        "it.",
+        description="Distances in metres; the labels are written once more for each, "
+        "with the boxes up to it.",
     )
 
     @classmethod
@@ -248,15 +260,15 @@ class ExportIn(RequestModel):
 
     format: Annotated[
         ExportFormat,
-        Field(description="One of the formats of docs/formats.md."),
+        Field(description="The format to write; see docs/formats.md."),
     ]
     options: ExportOptions = ExportOptions()
 
 
 class Export(ResponseModel):
-    """A file of labels in the making, or ready to be downloaded.
+    """A file of labels that is being written, or is ready to be downloaded.
 
-    `done` of `total` frames are written.
+    Frames are counted: `done` of `total` are written.
     """
 
     id: int
@@ -264,7 +276,7 @@ class Export(ResponseModel):
     format: ExportFormat
     options: ExportOptions
     state: JobState
-    total: int = Field(description="Frames.")
+    total: int
     done: int
     size_bytes: int | None
     sha256: str | None
@@ -282,7 +294,7 @@ class Export(ResponseModel):
 
 
 class DownloadLink(ResponseModel):
-    """Where the file of one export can be had without a token, and until when."""
+    """A link that downloads one export without a token, and until when."""
 
     url: str
     expires_at: AwareDatetime

@@ -65,10 +65,12 @@ EdgeKind: TypeAlias = Literal["2d", "3d"]
 """How a picture outlines boxes."""
 
 # Folders
-Layout: TypeAlias = Literal[
-    "auto", "yolo", "coco", "kitti", "voc", "manifest", "carlasimu", "pairs"
+FolderLayout: TypeAlias = Literal[
+    "yolo", "coco", "kitti", "voc", "manifest", "carlasimu", "pairs"
 ]
-"""How the files of a folder of frames are arranged; `auto`: recognise it."""
+"""How the files of a folder of frames are arranged."""
+Layout: TypeAlias = Literal["auto", FolderLayout]
+"""How a folder is to be read; `auto`: by the layout that it seems to have."""
 
 # Segmentations
 Palette: TypeAlias = Literal[

@@ -1109,7 +1109,7 @@ export interface components {
             percent: number | null;
             /**
              * Kappa
-             * @description Cohen's, of all pairs in one table.
+             * @description Cohen's kappa, of all pairs in one table.
              */
             kappa: number | null;
             /** Interval */
@@ -1130,7 +1130,7 @@ export interface components {
         };
         /**
          * AuditEntry
-         * @description Who did what, when, and to what; without a token it was the service itself.
+         * @description Who did what, when, and to what; `token_id` is null for the service itself.
          */
         AuditEntry: {
             /** Id */
@@ -1142,7 +1142,7 @@ export interface components {
             created_at: string;
             /**
              * Actor
-             * @description The token's name; `unghost` is the service itself.
+             * @description Name of the token; `unghost` for the service itself.
              */
             actor: string;
             /** Token Id */
@@ -1154,7 +1154,7 @@ export interface components {
             action: string;
             /**
              * Subject
-             * @description The name or number of what it was done to.
+             * @description Name or number of what it was done to.
              */
             subject: string;
             /** Details */
@@ -1208,19 +1208,19 @@ export interface components {
         };
         /**
          * Box
-         * @description A box with the boxes around it.
+         * @description A box, and which boxes overlap it.
          */
         Box: {
             /**
              * Id
-             * @description The sender's own id.
+             * @description The id that the sender gave the box.
              */
             id: string;
             /** Box Id */
             box_id: number;
             /**
              * Frame
-             * @description The frame's key.
+             * @description Key of the frame.
              */
             frame: string;
             /** Frame Id */
@@ -1319,10 +1319,10 @@ export interface components {
             run: number;
             /**
              * Revision
-             * @description How many answers the box has got, those that were taken back included: the `seen_revision` of the next one.
+             * @description How many answers the box has been given, including those taken back. Send it as `seen_revision` with the next answer.
              */
             revision: number;
-            /** @description The answer in force; null if there is none, or none any more. */
+            /** @description The answer in force; null if there is none or it was taken back. */
             review: components["schemas"]["ReviewMark"] | null;
             /**
              * Effective Verdict
@@ -1331,7 +1331,7 @@ export interface components {
             effective_verdict: "kept" | "rejected" | "unmeasured";
             /**
              * Neighbours
-             * @description Boxes of the frame that overlap it.
+             * @description Ids of the boxes of the frame that overlap this one.
              */
             neighbours: number[];
         };
@@ -1346,12 +1346,12 @@ export interface components {
             next_cursor: string | null;
             /**
              * Total
-             * @description All boxes of the filter, exactly.
+             * @description Number of all boxes that match the filter.
              */
             total?: number;
             /**
              * Snapshot
-             * @description Stands for these boxes as they are now: one answer on all of them names it.
+             * @description Stands for the matching boxes as they are now. Send it with one answer on all of them.
              */
             snapshot?: string;
         };
@@ -1396,7 +1396,7 @@ export interface components {
         };
         /**
          * BulkIn
-         * @description One answer on many boxes: listed, or all of a filter, as they were seen.
+         * @description One answer on many boxes: those of `box_ids`, or all that match `filter`.
          */
         BulkIn: {
             /** Dataset */
@@ -1405,18 +1405,18 @@ export interface components {
             box_ids?: number[] | null;
             /**
              * Seen Revisions
-             * @description The `revision` that was seen of each of `box_ids`, in their order; boxes that were answered since are left alone. Without it, boxes that have an answer are left alone.
+             * @description `revision` of each of `box_ids` when it was looked at, in the same order. Boxes that were answered since are left alone. Without it, boxes that have an answer are left alone.
              */
             seen_revisions?: number[] | null;
             filter?: components["schemas"]["BoxSelection"] | null;
             /**
              * Snapshot
-             * @description Of the list with this filter that was seen: `snapshot` of `GET /api/v1/boxes?count=true`. 412 if its boxes are not as they were then.
+             * @description `snapshot` that `GET /api/v1/boxes?count=true` answered for this filter. Refused with 412 if its boxes have changed since.
              */
             snapshot?: string | null;
             /**
              * Expected Count
-             * @description 409 unless so many boxes are listed or selected.
+             * @description Refused with 409 unless exactly so many boxes are meant.
              */
             expected_count?: number | null;
             /**
@@ -1432,7 +1432,7 @@ export interface components {
         };
         /**
          * ChannelScore
-         * @description One channel: all boxes, by class and by distance.
+         * @description How good one channel is: on all boxes, by class and by distance.
          */
         ChannelScore: {
             /** Kept Visible */
@@ -1448,7 +1448,7 @@ export interface components {
             f1: components["schemas"]["Measure"] | null;
             /**
              * Judged
-             * @description Boxes it had a number for; the segmentation judged the others.
+             * @description Boxes that the channel had a number for; the segmentation judged the others.
              */
             judged: number;
             /** By Class */
@@ -1459,13 +1459,13 @@ export interface components {
             by_distance: components["schemas"]["BandScore"][];
             /**
              * Worst
-             * @description Up to 20 boxes that it got wrong, most pixels first.
+             * @description Up to 20 boxes that the channel got wrong, most pixels first.
              */
             worst: components["schemas"]["WrongBox"][];
         };
         /**
          * Claim
-         * @description Until when nobody else is given a box of the queue.
+         * @description Until when a box of the queue is given to nobody else.
          */
         Claim: {
             /**
@@ -1496,7 +1496,7 @@ export interface components {
         };
         /**
          * Confusion
-         * @description The filter's verdict, then the answer that is held to be true.
+         * @description Boxes by the verdict of the filter, then by the answer held to be true.
          *
          *     Kept is the positive class; a share is None where nothing can be said.
          */
@@ -1603,7 +1603,7 @@ export interface components {
             description?: string;
             /**
              * Classes
-             * @description Ordered; unset: the eight classes of CARLA.
+             * @description Names of the classes in their order; default: the eight classes of CARLA.
              */
             classes?: string[] | null;
             /**
@@ -1634,7 +1634,7 @@ export interface components {
         };
         /**
          * DatasetPatch
-         * @description What to change; how segmentations are read starts a run that measures again.
+         * @description What to change; frames are measured again if it is how segmentations are read.
          */
         DatasetPatch: {
             /** Description */
@@ -1659,26 +1659,27 @@ export interface components {
              * @enum {string}
              */
             lossy_segmentation?: "refuse" | "nearest";
-            /** @description null: none. */
+            /** @description null removes the mask. */
             ignore_mask?: components["schemas"]["IgnoreMask"] | null;
         };
         /**
          * Decision
          * @description One box: the filter's verdict, why, the numbers, and what a person said.
          *
-         *     `verdict` is always the filter's, `effective_verdict` is what counts.
+         *     `verdict` is the filter's. `effective_verdict` is what counts: a person's keep or
+         *     reject, else the filter's verdict.
          */
         Decision: {
             /**
              * Id
-             * @description The sender's own id.
+             * @description The id that the sender gave the box.
              */
             id: string;
             /** Box Id */
             box_id: number;
             /**
              * Frame
-             * @description The frame's key.
+             * @description Key of the frame.
              */
             frame: string;
             /** Frame Id */
@@ -1777,10 +1778,10 @@ export interface components {
             run: number;
             /**
              * Revision
-             * @description How many answers the box has got, those that were taken back included: the `seen_revision` of the next one.
+             * @description How many answers the box has been given, including those taken back. Send it as `seen_revision` with the next answer.
              */
             revision: number;
-            /** @description The answer in force; null if there is none, or none any more. */
+            /** @description The answer in force; null if there is none or it was taken back. */
             review: components["schemas"]["ReviewMark"] | null;
             /**
              * Effective Verdict
@@ -1790,7 +1791,7 @@ export interface components {
         };
         /**
          * Diff
-         * @description What `run` decides otherwise than `against`, and one page of the boxes.
+         * @description What `run` decides otherwise than `against`: counts, and a page of the boxes.
          */
         Diff: {
             /** Run */
@@ -1799,7 +1800,7 @@ export interface components {
             against: number;
             /**
              * Compared
-             * @description Boxes that both runs have numbers of.
+             * @description Boxes for which numbers of both runs are stored.
              */
             compared: number;
             /**
@@ -1820,7 +1821,7 @@ export interface components {
             };
             /**
              * Sides By Class
-             * @description Of those, the ones that went from one side to the other.
+             * @description How many of these boxes go from kept to rejected, and the other way.
              */
             sides_by_class: {
                 [key: string]: components["schemas"]["FlipCounts"];
@@ -1832,7 +1833,7 @@ export interface components {
         };
         /**
          * DownloadLink
-         * @description Where the file of one export can be had without a token, and until when.
+         * @description A link that downloads one export without a token, and until when.
          */
         DownloadLink: {
             /** Url */
@@ -1866,9 +1867,9 @@ export interface components {
         };
         /**
          * Export
-         * @description A file of labels in the making, or ready to be downloaded.
+         * @description A file of labels that is being written, or is ready to be downloaded.
          *
-         *     `done` of `total` frames are written.
+         *     Frames are counted: `done` of `total` are written.
          */
         Export: {
             /** Id */
@@ -1886,10 +1887,7 @@ export interface components {
              * @enum {string}
              */
             state: "queued" | "running" | "done" | "failed" | "cancelled";
-            /**
-             * Total
-             * @description Frames.
-             */
+            /** Total */
             total: number;
             /** Done */
             done: number;
@@ -1921,7 +1919,7 @@ export interface components {
         ExportIn: {
             /**
              * Format
-             * @description One of the formats of docs/formats.md.
+             * @description The format to write; see docs/formats.md.
              * @enum {string}
              */
             format: "yolo" | "coco" | "kitti" | "voc" | "cvat" | "label-studio" | "manifest" | "decisions-jsonl" | "decisions-csv" | "decisions-parquet";
@@ -1945,47 +1943,47 @@ export interface components {
         ExportOptions: {
             /**
              * Include
-             * @description By the effective verdict, the filter's, or all.
+             * @description Which boxes. effective: those whose effective verdict is kept; kept: those that the filter keeps; all: every box.
              * @default effective
              * @enum {string}
              */
             include?: "effective" | "kept" | "all";
             /**
              * Include Unmeasured
-             * @description Also boxes that nothing could be measured of.
+             * @description Also boxes without a verdict (unmeasured).
              * @default false
              */
             include_unmeasured?: boolean;
             /**
              * Rejected
-             * @description Leave rejected boxes out, or have them ignored.
+             * @description What to do with rejected boxes. drop: leave them out; dontcare: mark them to be ignored.
              * @default drop
              * @enum {string}
              */
             rejected?: "drop" | "dontcare";
             /**
              * Boxes
-             * @description Which rectangle, where a box has several.
+             * @description Which rectangle of a box to write, if it has several.
              * @default visible
              * @enum {string}
              */
             boxes?: "visible" | "amodal" | "tight";
             /**
              * Images
-             * @description Put the images in, or not.
+             * @description Whether to include the images (copy) or not (none).
              * @default copy
              * @enum {string}
              */
             images?: "copy" | "none";
             /**
              * Split
-             * @description Share of the frames for training.
+             * @description Share of the frames for training, 0 to 1.
              * @default 0.8
              */
             split?: number;
             /**
              * Bands
-             * @description Labels once more for each distance (metres), with the boxes up to it.
+             * @description Distances in metres; the labels are written once more for each, with the boxes up to it.
              * @default []
              */
             bands?: number[];
@@ -2002,7 +2000,7 @@ export interface components {
         };
         /**
          * Fault
-         * @description One fault of a request: where, which, and what to do.
+         * @description One fault of a request: where it is, which it is, and what is expected.
          */
         Fault: {
             /**
@@ -2132,7 +2130,7 @@ export interface components {
         };
         /**
          * Flip
-         * @description A box that would be decided otherwise.
+         * @description A box that is decided otherwise.
          */
         Flip: {
             /** Box Id */
@@ -2148,7 +2146,7 @@ export interface components {
         };
         /**
          * FlipCounts
-         * @description How many boxes change sides, by the side they leave.
+         * @description How many boxes go from kept to rejected, and the other way.
          */
         FlipCounts: {
             /** Kept To Rejected */
@@ -2174,7 +2172,7 @@ export interface components {
         };
         /**
          * Flips
-         * @description How many boxes would flip, and those nearest to their new threshold.
+         * @description How many verdicts would change, and the boxes nearest to their new threshold.
          */
         Flips: {
             /**
@@ -2195,7 +2193,7 @@ export interface components {
         };
         /**
          * Frame
-         * @description A frame between its neighbours, with its boxes and their decisions.
+         * @description A frame with its boxes and their decisions, and the frames beside it.
          */
         Frame: {
             /** Id */
@@ -2232,7 +2230,7 @@ export interface components {
             carla_version: string | null;
             /**
              * Captured At
-             * @description RFC 3339, as it was sent.
+             * @description When it was recorded, as it was sent (RFC 3339).
              */
             captured_at: string | null;
             /** Weather */
@@ -2260,7 +2258,7 @@ export interface components {
          * FrameCounts
          * @description Boxes of a frame: by the filter's verdict, and by what people said.
          *
-         *     `reviewed` boxes have a keep or a reject, `to_review` are those that wait for one.
+         *     `reviewed` boxes have a keep or a reject; those of `to_review` wait for one.
          */
         FrameCounts: {
             /** Boxes */
@@ -2315,7 +2313,7 @@ export interface components {
             carla_version: string | null;
             /**
              * Captured At
-             * @description RFC 3339, as it was sent.
+             * @description When it was recorded, as it was sent (RFC 3339).
              */
             captured_at: string | null;
             /** Weather */
@@ -2349,7 +2347,7 @@ export interface components {
         };
         /**
          * FrameSummary
-         * @description One image with its boxes, as a list of frames has it.
+         * @description A frame in a list of frames: its sizes, and how its boxes are counted.
          */
         FrameSummary: {
             /** Id */
@@ -2393,8 +2391,8 @@ export interface components {
          * Histogram
          * @description Boxes per bin of match_percent, for each class that occurs.
          *
-         *     `edges` has one number more than the counts of a class; `thresholds` has the active
-         *     configuration's for each class, in percent.
+         *     `edges` has one number more than each class has counts. `thresholds` are those of
+         *     the active configuration, in percent.
          */
         Histogram: {
             /** Edges */
@@ -2418,7 +2416,7 @@ export interface components {
         };
         /**
          * HistoryEntry
-         * @description A decision or a review of a box's past; `kind` says which, and which keys it has.
+         * @description A decision or a review in the past of a box; `kind` says which of the two.
          *
          *     A decision has `run` and what follows from it, and `activated` if the run changed
          *     the verdict. A review has `revision`, `reviewer`, `comment`, the `batch` that it was
@@ -2445,7 +2443,7 @@ export interface components {
             reviewer?: string | null;
             /**
              * Verdict
-             * @description The filter's or the person's; null where a run's numbers are gone.
+             * @description The filter's or the person's; null if the numbers of the run are not stored any more.
              */
             verdict: ("kept" | "rejected" | "unmeasured") | ("keep" | "reject" | "unsure" | "clear") | null;
             /** Reason */
@@ -2465,17 +2463,17 @@ export interface components {
         };
         /**
          * IgnoreMask
-         * @description Where pixels never count, for instance on the ego's bonnet: one of two forms.
+         * @description Where pixels never count, such as on the bonnet: as polygons or as a PNG.
          */
         IgnoreMask: {
             /**
              * Polygons
-             * @description Corners in pixels.
+             * @description Corners of each polygon, in pixels.
              */
             polygons?: number[][][] | null;
             /**
              * Png
-             * @description A PNG of the frames' size, in Base64; not black is ignored.
+             * @description A PNG of the frames' size, in Base64; pixels that are not black are ignored.
              */
             png?: string | null;
         };
@@ -2490,13 +2488,13 @@ export interface components {
             frame_id: number;
             /**
              * Digest
-             * @description Names the content; see the guide to the API.
+             * @description Digest of the content; the guide to the API says of what.
              */
             digest: string;
         };
         /**
          * KnownFrames
-         * @description Those of the keys that are stored; the others are not there.
+         * @description The frames that are stored; the other keys are unknown.
          */
         KnownFrames: {
             /** Items */
@@ -2504,7 +2502,7 @@ export interface components {
         };
         /**
          * KnownFramesIn
-         * @description Keys to look for.
+         * @description Keys of frames to look for.
          */
         KnownFramesIn: {
             /** Keys */
@@ -2512,7 +2510,7 @@ export interface components {
         };
         /**
          * LogIn
-         * @description What lets somebody in: a token, or the code of a login link.
+         * @description What signs somebody in: a token, or the code of a login link.
          */
         LogIn: {
             /** Token */
@@ -2522,7 +2520,7 @@ export interface components {
         };
         /**
          * LoginCode
-         * @description What a login link carries, without the code; it opens one session.
+         * @description A login link that opens one session, without its code.
          */
         LoginCode: {
             /** Id */
@@ -2549,7 +2547,7 @@ export interface components {
         };
         /**
          * NewLoginCode
-         * @description A code that was just made; `code` is shown this once.
+         * @description A login link that was just created, with its code, shown only here.
          */
         NewLoginCode: {
             /** Id */
@@ -2566,7 +2564,7 @@ export interface components {
         };
         /**
          * NewSession
-         * @description The one answer that carries the session's secret.
+         * @description A session that was just opened, with its secret (`session`), shown only here.
          */
         NewSession: {
             /** Name */
@@ -2583,7 +2581,7 @@ export interface components {
         };
         /**
          * NewToken
-         * @description A token that was just made; `token` is shown this once.
+         * @description A token that was just created, with its secret (`token`), shown only here.
          */
         NewToken: {
             /** Id */
@@ -2685,8 +2683,8 @@ export interface components {
          * Preview
          * @description What a configuration would decide; nothing was written.
          *
-         *     Only a run can tell what one decides that needs other pixels (`needs_pixels`): then
-         *     everything else is None.
+         *     `needs_pixels`: pixels have to be measured again, so that only a run can tell.
+         *     Everything after it is then null.
          */
         Preview: {
             /** Config */
@@ -2719,7 +2717,7 @@ export interface components {
             config: components["schemas"]["FilterConfigIn"];
             /**
              * Limit
-             * @description Most flips that are listed.
+             * @description Maximum number of boxes to list.
              * @default 100
              */
             limit?: number;
@@ -2745,7 +2743,7 @@ export interface components {
             unsure: number;
             /**
              * Unmeasured
-             * @description Boxes of known truth without a verdict of the filter.
+             * @description Boxes of which the truth is known, but not a verdict of the filter.
              */
             unmeasured: number;
             confusion: components["schemas"]["Confusion"];
@@ -2770,7 +2768,7 @@ export interface components {
             items: components["schemas"]["QueuedBox"][];
             /**
              * Remaining
-             * @description Boxes of the filter that nobody has answered, claimed or not; of a filter on answers, all its boxes.
+             * @description Boxes that match the filter and that nobody has answered, claimed or not; with a filter on answers, all boxes that match.
              */
             remaining: number;
             /**
@@ -2792,7 +2790,7 @@ export interface components {
              * @enum {string}
              */
             order?: "doubt" | "random" | "class" | "audit";
-            /** @description Undecided boxes unless `review` or `conflict` is given; decided ones in an audit. */
+            /** @description Which boxes. Unless `review` or `conflict` is given: undecided boxes, or decided ones with the order `audit`. */
             filters?: components["schemas"]["BoxSelection"];
             /**
              * Limit
@@ -2801,30 +2799,30 @@ export interface components {
             limit?: number;
             /**
              * Exclude
-             * @description Boxes that are at hand already: not answered again; own claims on them are renewed.
+             * @description Ids of boxes that the caller has already: they are left out, and the caller's claims on them are renewed.
              */
             exclude?: number[];
             /**
              * Seed
-             * @description Of the random order; one per dataset unless given.
+             * @description Number that the random order is drawn from; default: one per dataset.
              */
             seed?: number | null;
         };
         /**
          * QueuedBox
-         * @description A box to look at.
+         * @description A box of the queue, claimed for whoever asked.
          */
         QueuedBox: {
             /**
              * Id
-             * @description The sender's own id.
+             * @description The id that the sender gave the box.
              */
             id: string;
             /** Box Id */
             box_id: number;
             /**
              * Frame
-             * @description The frame's key.
+             * @description Key of the frame.
              */
             frame: string;
             /** Frame Id */
@@ -2923,10 +2921,10 @@ export interface components {
             run: number;
             /**
              * Revision
-             * @description How many answers the box has got, those that were taken back included: the `seen_revision` of the next one.
+             * @description How many answers the box has been given, including those taken back. Send it as `seen_revision` with the next answer.
              */
             revision: number;
-            /** @description The answer in force; null if there is none, or none any more. */
+            /** @description The answer in force; null if there is none or it was taken back. */
             review: components["schemas"]["ReviewMark"] | null;
             /**
              * Effective Verdict
@@ -2937,7 +2935,7 @@ export interface components {
         };
         /**
          * Ready
-         * @description The service can work, and what each check found.
+         * @description Whether the service can work, and what each check found.
          */
         Ready: {
             /** Ready */
@@ -2994,7 +2992,7 @@ export interface components {
         };
         /**
          * ReviewBatch
-         * @description One answer on many boxes: one act, one undo.
+         * @description One answer on many boxes, which is undone as one.
          */
         ReviewBatch: {
             /** Id */
@@ -3008,23 +3006,23 @@ export interface components {
             verdict: "keep" | "reject" | "unsure" | "clear";
             /**
              * Count
-             * @description Boxes that were answered.
+             * @description Number of boxes that were answered.
              */
             count: number;
             /**
              * Skipped
-             * @description Boxes that are gone, or of another dataset.
+             * @description Ids of boxes that do not exist any more or are of another dataset.
              */
             skipped: number[];
             /**
              * Stale
-             * @description Boxes that were left alone because somebody answered them since.
+             * @description Ids of boxes left alone because somebody has answered them since.
              */
             stale: number[];
         };
         /**
          * ReviewIn
-         * @description An answer on one box as it was seen.
+         * @description An answer on one box.
          */
         ReviewIn: {
             /**
@@ -3039,13 +3037,13 @@ export interface components {
             comment?: string;
             /**
              * Seen Revision
-             * @description The box's `revision` that was seen: 0 if it was never answered.
+             * @description `revision` of the box when it was looked at; 0 if it had no answer. Refused with 412 if somebody has answered since.
              */
             seen_revision: number;
         };
         /**
          * ReviewMark
-         * @description A person's answer on a box that is in force.
+         * @description The answer of a person that is in force on a box.
          */
         ReviewMark: {
             /**
@@ -3078,7 +3076,7 @@ export interface components {
         };
         /**
          * Run
-         * @description One configuration applied to a dataset: how far it is and what came out.
+         * @description One configuration applied to a dataset: how far it is, and its result.
          */
         Run: {
             /** Id */
@@ -3133,7 +3131,7 @@ export interface components {
         };
         /**
          * RunIn
-         * @description Apply a configuration: by digest, or written out.
+         * @description Apply a configuration: its digest, or its keys and values.
          */
         RunIn: {
             /** Config */
@@ -3189,7 +3187,7 @@ export interface components {
         };
         /**
          * Session
-         * @description Who asks; answers on boxes carry this name.
+         * @description Who is signed in; answers on boxes are stored under this name.
          */
         Session: {
             /** Name */
@@ -3204,12 +3202,12 @@ export interface components {
         };
         /**
          * Stats
-         * @description Everything that can be counted without looking at a box.
+         * @description Counts of the boxes of a dataset.
          *
-         *     `unsure` boxes have a person's unsure; of `conflicts` a person said the opposite of
-         *     the filter; `toss_ups` are near a threshold; of `lossy` boxes the segmentation's
-         *     colours were not exact. `effective` counts verdicts as they are after people's
-         *     answers, everything else those of the filter.
+         *     `unsure` boxes have an unsure of a person. Of `conflicts`, a person said the
+         *     opposite of the filter. `toss_ups` are near a threshold. Boxes of `lossy` were
+         *     measured in a segmentation whose colours were not exact. `effective` counts verdicts
+         *     after people's answers, everything else the verdicts of the filter.
          */
         Stats: {
             /** Frames */
@@ -3250,7 +3248,7 @@ export interface components {
         };
         /**
          * StoredFile
-         * @description One file of a frame, as the server keeps it.
+         * @description One file of a frame, as the server stores it.
          */
         StoredFile: {
             /** Url */
@@ -3274,7 +3272,7 @@ export interface components {
         };
         /**
          * Suggestion
-         * @description The threshold of a class that the truth speaks for.
+         * @description The threshold that the truth suggests for a class, beside the current one.
          */
         Suggestion: {
             /** Class */
@@ -3290,7 +3288,7 @@ export interface components {
             ] | null;
             /**
              * Answers
-             * @description Boxes of the class whose truth is known.
+             * @description Boxes of the class of which the truth is known.
              */
             answers: number;
             /** F1 Current */
@@ -3316,7 +3314,7 @@ export interface components {
         };
         /**
          * Token
-         * @description A token of someone, without what it opens with.
+         * @description Someone's token, without its secret.
          */
         Token: {
             /** Id */
@@ -3347,7 +3345,7 @@ export interface components {
         TokenIn: {
             /**
              * Name
-             * @description Who will show it; reviews carry this name.
+             * @description Name of the person who will use the token; answers are stored under it.
              */
             name: string;
             /**
@@ -3358,19 +3356,19 @@ export interface components {
             role?: "viewer" | "reviewer" | "admin";
             /**
              * Expires At
-             * @description When it ends; else `expires_in_days` says so.
+             * @description When the token expires; instead of `expires_in_days`.
              */
             expires_at?: string | null;
             /**
              * Expires In Days
-             * @description Days until it ends; null: never.
+             * @description Days until the token expires; null for never.
              * @default 90
              */
             expires_in_days?: number | null;
         };
         /**
          * UndoneBatch
-         * @description What an undo put back; `skipped` are boxes that someone changed since.
+         * @description How many boxes an undo put back; `skipped` are those answered again since.
          */
         UndoneBatch: {
             /** Id */
@@ -3420,13 +3418,13 @@ export interface components {
             error: "kept_hidden" | "rejected_visible";
             /**
              * Pixels
-             * @description Of a kept ghost all of its box, of a lost object those seen of it.
+             * @description Of a ghost that was kept: all of its box. Of a visible object that was rejected: those that are visible.
              */
             pixels: number;
         };
         /**
          * BatchEnd
-         * @description The last line of a batch: how many frames had a line, and what became of them.
+         * @description The last line of a batch: how many frames came, and what became of them.
          */
         BatchEnd: {
             /**
@@ -3442,7 +3440,7 @@ export interface components {
             stored: number;
             /**
              * Same
-             * @description Frames that were stored already, as they are.
+             * @description Frames that were already stored with the same content.
              */
             same: number;
             /** Refused */
@@ -3452,8 +3450,8 @@ export interface components {
          * BatchLine
          * @description What became of one frame of a batch.
          *
-         *     `status` is what storing the frame alone would have been answered with; a frame that
-         *     was refused has a `problem` and neither id nor decisions.
+         *     `status` is the HTTP status that sending the frame alone would have had. A refused
+         *     frame has a `problem`, and neither id nor decisions.
          */
         BatchLine: {
             /** Key */
@@ -3467,7 +3465,7 @@ export interface components {
         };
         /**
          * FolderEnd
-         * @description The last line: how many lines of each kind there were.
+         * @description The last line: how many lines of each kind there are.
          */
         FolderEnd: {
             /**
@@ -3479,7 +3477,7 @@ export interface components {
             frames: number;
             /**
              * Faulty
-             * @description Frames of these that cannot be read.
+             * @description How many of the frames cannot be read.
              */
             faulty: number;
             /** Unmatched */
@@ -3487,7 +3485,7 @@ export interface components {
         };
         /**
          * FolderFrame
-         * @description One frame: its annotation as an upload takes it, or why it cannot be read.
+         * @description One frame: the annotation to upload it with, or why it cannot be read.
          */
         FolderFrame: {
             /** Key */
@@ -3498,7 +3496,7 @@ export interface components {
             } | null;
             /**
              * Files
-             * @description The names of its files, as they were sent, by their kinds.
+             * @description Name of each file of the frame, as it was sent, by its kind.
              */
             files: {
                 [key: string]: string;
@@ -3507,27 +3505,28 @@ export interface components {
         };
         /**
          * FolderHead
-         * @description The first line: how the folder is laid out.
+         * @description The first line: how the files of the folder are arranged.
          */
         FolderHead: {
             /**
              * Layout
-             * @description The layout by which it is read.
+             * @description The layout by which the folder was read.
+             * @enum {string}
              */
-            layout: string;
+            layout: "yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "pairs";
             /**
              * Layouts
-             * @description The layouts that it may have, the likeliest first.
+             * @description The layouts that the folder may have, the likeliest first.
              */
-            layouts: string[];
+            layouts: ("yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "pairs")[];
             /**
              * Classes
-             * @description The layout's own list of classes, in its order.
+             * @description Names of the classes in the order of their numbers; null if the folder has no list of them.
              */
             classes: string[] | null;
             /**
              * Count
-             * @description How many frames follow; null where only reading tells.
+             * @description How many frames follow; null if that is known only at the end.
              */
             count: number | null;
         };
@@ -3535,8 +3534,8 @@ export interface components {
          * Problem
          * @description Why a request failed (RFC 9457): `code` for programs, `detail` for people.
          *
-         *     An answer has every field down to `errors`, and the others where there is something
-         *     to say.
+         *     An answer always has the fields down to `errors`, and the others only where they
+         *     apply.
          */
         Problem: {
             /** Type */
@@ -3557,12 +3556,12 @@ export interface components {
             errors: components["schemas"]["Fault"][];
             /**
              * More Errors
-             * @description How many more errors there are than are listed; absent where none are.
+             * @description How many errors there are beside those listed; absent if there are none.
              */
             more_errors?: number;
             /**
              * Current
-             * @description Of a 412: the thing as it is now; null if it is not told.
+             * @description Of a 412: the object as it is now; null if it is not known.
              */
             current?: {
                 [key: string]: unknown;
@@ -3854,7 +3853,7 @@ export interface operations {
     list_audit_api_v1_audit_get: {
         parameters: {
             query?: {
-                /** @description Most items of a page. */
+                /** @description Maximum number of items on a page. */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
@@ -3954,10 +3953,10 @@ export interface operations {
                 /** @description Name of the dataset. */
                 dataset: string;
                 sort?: "id" | "doubt" | "match_percent" | "-match_percent" | "crowding";
-                /** @description Most items of a page. */
+                /** @description Maximum number of items on a page. */
                 limit?: number;
                 cursor?: string | null;
-                /** @description Whether to answer the `total` of the filter too. */
+                /** @description Whether to answer `total` and `snapshot` too. */
                 count?: boolean;
             };
             header?: never;
@@ -4058,9 +4057,9 @@ export interface operations {
         parameters: {
             query?: {
                 layer?: "image" | "segmentation" | "blend";
-                /** @description Added on every side, in parts of the box's longer side. */
+                /** @description Added on every side, as a fraction of the longer side of the box. */
                 pad?: number;
-                /** @description Most pixels high. */
+                /** @description Maximum height in pixels. */
                 height?: number;
             };
             header?: {
@@ -4106,7 +4105,7 @@ export interface operations {
     list_configs_api_v1_datasets__dataset__configs_get: {
         parameters: {
             query?: {
-                /** @description Most items of a page. */
+                /** @description Maximum number of items on a page. */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
@@ -4353,7 +4352,7 @@ export interface operations {
     list_datasets_api_v1_datasets_get: {
         parameters: {
             query?: {
-                /** @description Most items of a page. */
+                /** @description Maximum number of items on a page. */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
@@ -4620,7 +4619,7 @@ export interface operations {
     list_problems_api_v1_datasets__dataset__problems_get: {
         parameters: {
             query?: {
-                /** @description Most items of a page. */
+                /** @description Maximum number of items on a page. */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
@@ -4658,7 +4657,7 @@ export interface operations {
     get_evaluation_api_v1_datasets__dataset__evaluations_get: {
         parameters: {
             query?: {
-                /** @description What is visible: boxes whose instance has a pixel, or boxes that people kept. */
+                /** @description What is held to be visible. instances: boxes whose instance has a pixel; people: boxes that people kept. */
                 truth?: "people" | "instances";
             };
             header?: never;
@@ -4734,7 +4733,7 @@ export interface operations {
     list_exports_api_v1_datasets__dataset__exports_get: {
         parameters: {
             query?: {
-                /** @description Most items of a page. */
+                /** @description Maximum number of items on a page. */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
@@ -5087,7 +5086,7 @@ export interface operations {
     read_folder_api_v1_folders_post: {
         parameters: {
             query?: {
-                /** @description How it is laid out. */
+                /** @description How the files of the folder are arranged. */
                 layout?: "auto" | "yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "pairs";
             };
             header?: {
@@ -5103,7 +5102,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description How the folder is laid out, a line per frame, one per file that belongs to none, and a last one. */
+            /** @description A line about the folder, one per frame, one per file that belongs to no frame, and a last line. */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -5443,10 +5442,10 @@ export interface operations {
                 margin_max?: number | null;
                 distance_min?: number | null;
                 distance_max?: number | null;
-                /** @description Prefix of keys. */
+                /** @description Only frames whose key begins with this. */
                 key?: string;
                 sort?: "key" | "-key" | "id" | "-id";
-                /** @description Most items of a page. */
+                /** @description Maximum number of items on a page. */
                 limit?: number;
                 cursor?: string | null;
             };
@@ -5678,9 +5677,9 @@ export interface operations {
     get_quality_api_v1_datasets__dataset__quality_get: {
         parameters: {
             query?: {
-                /** @description What the filter is compared with: people's latest answers, or instance images, as far as they were measured. */
+                /** @description What the filter is compared with. people: their latest answers; instances: instance images, where frames have them. */
                 truth?: "people" | "instances";
-                /** @description The best F1, or the highest threshold that keeps `recall`. */
+                /** @description What a suggested threshold is for. f1: the best F1; recall: the highest threshold that reaches `recall`. */
                 target?: "f1" | "recall";
                 recall?: number;
             };
@@ -5887,7 +5886,7 @@ export interface operations {
     list_runs_api_v1_datasets__dataset__runs_get: {
         parameters: {
             query?: {
-                /** @description Most items of a page. */
+                /** @description Maximum number of items on a page. */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
@@ -6087,7 +6086,7 @@ export interface operations {
             query?: {
                 /** @description Another run; else the active one before. */
                 against?: number | null;
-                /** @description Most items of a page. */
+                /** @description Maximum number of items on a page. */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
@@ -6303,7 +6302,7 @@ export interface operations {
     list_tokens_api_v1_tokens_get: {
         parameters: {
             query?: {
-                /** @description Most items of a page. */
+                /** @description Maximum number of items on a page. */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;

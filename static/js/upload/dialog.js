@@ -14,7 +14,7 @@ import { hasImages, readFolder, topOf, visibleEntries } from "./folder.js";
 /** @typedef {import("./folder.js").Plan} Plan */
 /** @typedef {import("./folder.js").Reading} Reading */
 
-/** @type {Record<string, string>} */
+/** @type {Record<Plan["layout"], string>} */
 const LAYOUT_NAMES = {
   manifest: "Manifest",
   carlasimu: "carlasimu folder",
@@ -24,9 +24,6 @@ const LAYOUT_NAMES = {
   coco: "COCO folder",
   pairs: "Images and segmentations",
 };
-
-/** @param {string} layout */
-const layoutName = (layout) => LAYOUT_NAMES[layout] ?? layout;
 
 /** From here on the command line is the better way. */
 const MANY_FRAMES = 2000;
@@ -164,8 +161,8 @@ function Review({ app, found, plan, typed, setTyped, close }) {
   };
 
   return html`<form class="upload" onSubmit=${submit} novalidate>
-    ${plan.layouts.length > 1 && html`<${Segments} label="Layout" value=${plan.layout} choices=${plan.layouts.map((value) => ({ value, text: layoutName(value) }))} onChange=${found.read} />`}
-    <p class="upload__sum"><b>${layoutName(plan.layout)}</b> · ${summary(plan)}</p>
+    ${plan.layouts.length > 1 && html`<${Segments} label="Layout" value=${plan.layout} choices=${plan.layouts.map((value) => ({ value, text: LAYOUT_NAMES[value] }))} onChange=${found.read} />`}
+    <p class="upload__sum"><b>${LAYOUT_NAMES[plan.layout]}</b> · ${summary(plan)}</p>
     ${count > 0 && html`<${PlanTable} plan=${plan} />`}
     <label class="field">
       <span>Dataset</span>

@@ -22,8 +22,8 @@ import { contentOf } from "./sender.js";
 
 /**
  * @typedef {object} Plan
- * @property {string} layout
- * @property {readonly string[]} layouts  that these files may have, the likeliest first
+ * @property {FolderHead["layout"]} layout
+ * @property {readonly FolderHead["layout"][]} layouts  that these files may have, the likeliest first
  * @property {ReadFrame[]} frames
  * @property {{key: string, why: string}[]} problems  frames that cannot be read
  * @property {UnmatchedFile[]} unmatched  files that belong to no frame
@@ -77,26 +77,24 @@ export async function planOf(lines, entries, tell) {
   /** @type {Map<string, Entry>} */
   const byPath = new Map();
   for (const entry of entries) if (!byPath.has(entry.path)) byPath.set(entry.path, entry);
-  /** @type {Plan} */
-  const plan = { layout: "", layouts: [], frames: [], problems: [], unmatched: [], classes: null };
-  let count = /** @type {number | null} */ (null);
+  /** @type {Pick<Plan, "frames" | "problems" | "unmatched">} */
+  const found = { frames: [], problems: [], unmatched: [] };
+  let head = /** @type {FolderHead | null} */ (null);
   let isWhole = false;
   for await (const line of lines) {
     if ("end" in line) isWhole = true;
-    else if ("why" in line) plan.unmatched.push(line);
+    else if ("why" in line) found.unmatched.push(line);
     else if ("key" in line) {
-      addFrame(plan, line, byPath);
-      const done = plan.frames.length + plan.problems.length;
-      if (done % TELL_EVERY === 0) tell(done, count);
-    } else {
-      ({ layout: plan.layout, layouts: plan.layouts, classes: plan.classes, count } = line);
-    }
+      addFrame(found, line, byPath);
+      const done = found.frames.length + found.problems.length;
+      if (done % TELL_EVERY === 0) tell(done, head?.count ?? null);
+    } else head = line;
   }
-  if (!isWhole) throw new Error("The server's answer was cut off. Try again.");
-  return plan;
+  if (!head || !isWhole) throw new Error("The server's answer was cut off. Try again.");
+  return { layout: head.layout, layouts: head.layouts, classes: head.classes, ...found };
 }
 
-/** @param {Plan} plan @param {FolderFrame} line @param {ReadonlyMap<string, Entry>} byPath */
+/** @param {Pick<Plan, "frames" | "problems">} plan @param {FolderFrame} line @param {ReadonlyMap<string, Entry>} byPath */
 function addFrame(plan, { key, annotation, files, fault }, byPath) {
   const found = Object.entries(files).map(([kind, name]) => ({ kind, name, entry: byPath.get(name) }));
   const missing = found.find(({ entry }) => !entry);

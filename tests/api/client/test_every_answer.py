@@ -1,7 +1,7 @@
 """Every JSON answer has every field of its model, and the client reads each of them.
 
-Which answers there are says the OpenAPI document: one that nothing here asks for fails
-the test.
+Which answers there are, and of which lines, says the OpenAPI document: one that nothing
+here asks for fails the test.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.support import archives
+from tests.support import archives, frames
 from tests.support.answers import assert_answered_by, said
 from tests.support.api import BASE, Api
 from tests.support.event_reader import parsed
@@ -28,6 +28,7 @@ Place = tuple[str, str, int]
 """Method, path of the route, status."""
 STRICT = {"min_visible_pixels": 10**6}
 TAR = {"Content-Type": "application/x-tar"}
+LINES = "application/x-ndjson"
 
 
 class Answers:
@@ -65,13 +66,18 @@ class Answers:
 
 
 def _model(content: Any) -> type[ResponseModel]:
-    name = content["schema"]["$ref"].rpartition("/")[2]
+    name = _name(content["schema"])
     item = re.fullmatch("Page_(.*)_", name)
     model = getattr(wire, item[1] if item else name)
     found: object = wire.Page.__class_getitem__(model) if item else model
     assert isinstance(found, type)
     assert issubclass(found, ResponseModel)
     return found
+
+
+def _name(schema: Any) -> str:
+    name: str = schema["$ref"].rpartition("/")[2]
+    return name
 
 
 def _pattern(path: str) -> str:
@@ -106,6 +112,20 @@ def street(api: Api) -> str:
     told = archives.send(api, name, archives.packed(archive), TAR)
     assert told.is_success, told.text
     return name
+
+
+@pytest.fixture
+def folder() -> bytes:
+    """Frames in KITTI's layout, one of which cannot be read, and a file of none."""
+    label = b"Car 0.5 1 -1.57 10 20 30 40 1.5 1.6 4 1 2 20 0.1\n"
+    files = {
+        "training/label_2/000000.txt": label,
+        "training/image_2/000000.png": frames.image(0),
+        "training/label_2/000001.txt": b"Car\n",
+        "training/image_2/000001.png": frames.image(1),
+        "README.md": b"",
+    }
+    return archives.packed(files.items())
 
 
 def ask_who_comes_in(api: Api) -> None:
@@ -241,3 +261,41 @@ def test_events_of_jobs_are_sent_in_full(api, street):
         assert told[-1].name == "end"
         for event in told:
             assert_answered_by(model, event.data)
+
+
+def test_every_line_is_sent_in_full(api, folder):
+    name = api.dataset()
+    archive = [*archives.frame("a"), *archives.frame("c", boxes=[{"id": 1}])]
+    asked = {
+        f"{BASE}/folders": api.http.post(
+            f"{BASE}/folders", content=folder, headers=TAR
+        ),
+        f"{BASE}/datasets/{{dataset}}/batches": archives.send(
+            api, name, archives.packed(archive), TAR
+        ),
+    }
+    described = {
+        path: [_name(each) for each in content[LINES]["itemSchema"]["anyOf"]]
+        for path, methods in said(api.http.get("/openapi.json"))["paths"].items()
+        for route in methods.values()
+        for content in [route["responses"].get("200", {}).get("content", {})]
+        if LINES in content
+    }
+
+    assert asked.keys() == described.keys()
+    for path, names in described.items():
+        lines = archives.lines_of(asked[path].text)
+        kinds = [_kind_of(line, names) for line in lines]
+        assert set(kinds) == set(names)
+        for line, kind in zip(lines, kinds, strict=True):
+            assert_answered_by(getattr(wire, kind), line)
+
+
+def _kind_of(line: Any, names: list[str]) -> str:
+    """The one model that the line can be."""
+    (kind,) = (name for name in names if line.keys() <= _keys_of(getattr(wire, name)))
+    return kind
+
+
+def _keys_of(model: type[ResponseModel]) -> set[str]:
+    return {field.alias or name for name, field in model.model_fields.items()}

@@ -27,6 +27,7 @@ from unghost.wire import runs, words
         (words.Reason, get_args(ReasonLabel)),
         (words.OcclusionLevel, get_args(OcclusionLevel)),
         (words.Layout, LAYOUTS),
+        (words.FolderLayout, LAYOUTS[1:]),
         (words.Palette, reading.PALETTES),
         (words.Encoding, get_args(reading.Encoding)),
         (words.ChannelOrder, get_args(reading.OrderOfChannels)),
