@@ -19,6 +19,8 @@ What a file holds, and what of it is replaced because it differs from run to run
 * ``exports``: every format, each file of the archive by its SHA-256. Times in
   ``manifest.json`` are replaced; Parquet is compared by its rows and its schema, since
   its bytes name the version of the library that wrote them.
+* ``demo``: the first frame of ``unghost demo`` in every format, in the same way. The
+  copied image is only compared with the one that was rendered.
 * ``openapi``: the OpenAPI document. It is partly the work of FastAPI and pydantic: a
   new version of them may change it where nothing of ours has.
 * ``routes``: every route in the order in which they are tried.

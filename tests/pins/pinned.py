@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Final
 
-from tests.pins import digests, interface, records, service
+from tests.pins import demo, digests, interface, records, service
 
 
 def _of_the_service(name: str) -> Any:
@@ -15,6 +15,7 @@ def _of_the_service(name: str) -> Any:
 
 PINS: Final[Mapping[str, Callable[[], Any]]] = {
     "digests": digests.found,
+    "demo": demo.found,
     "records": records.found,
     "openapi": interface.openapi,
     "routes": interface.routes,

@@ -76,7 +76,13 @@ def _exports(http: httpx.Client) -> tuple[dict[str, Any], dict[str, dict[str, by
         for name, options in wanted.items()
     }
     digests = {
-        name: {file: _digest(file, content) for file, content in files.items()}
+        name: {
+            # It has times, so it stands there as it is.
+            file: plain(json.loads(content))
+            if file == "manifest.json"
+            else digest(file, content)
+            for file, content in files.items()
+        }
         for name, files in archives.items()
     }
     return digests, archives
@@ -97,10 +103,8 @@ def _archive(
         return {name: packed.read(name) for name in packed.namelist()}
 
 
-def _digest(file: str, content: bytes) -> Any:
-    if file == "manifest.json":
-        # It has times, so it stands here as it is.
-        return plain(json.loads(content))
+def digest(file: str, content: bytes) -> Any:
+    """The SHA-256 of a file; of a Parquet file, its schema and that of its rows."""
     if file.endswith(".parquet"):
         table = pyarrow.parquet.read_table(io.BytesIO(content))
         rows = json.dumps(table.to_pylist(), ensure_ascii=False).encode()

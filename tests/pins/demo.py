@@ -1,0 +1,66 @@
+"""What every format makes of the first frame that ``unghost demo`` renders.
+
+A crowded street: 166 boxes of eight classes, of which 75 are kept, where the frames of
+`street` are tiny and have a dozen.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any, Final
+
+from filter_core import FilterConfig
+from filter_core.formats.export import ExportFrame, ExportHead, ExportOptions
+from filter_core.formats.reading import FrameSet
+from filter_core.formats.registry import (
+    EXPORT_FORMATS,
+    FORMATS,
+    read_source,
+    write_export,
+)
+from filter_core.local import class_order, export_sources
+from tests.pins.service import digest
+from unghost.street.street import write_street
+
+SEED: Final = 0
+"""That of ``unghost demo`` where no other is asked for."""
+
+
+def found() -> dict[str, dict[str, Any]]:
+    """Each file of an export by its digest, by format.
+
+    A copied image is only compared with the one that was rendered: its pixels are light
+    and shadow, which other machines and other versions of numpy may round otherwise.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        write_street(Path(folder), frames=1, seed=SEED)
+        street = read_source(Path(folder))
+        (image,) = Path(folder).glob("rgb/**/*.png")
+        copied = image.read_bytes()
+        return {
+            name: {
+                file: "the frame's image"
+                if content == copied
+                else digest(file, content)
+                for file, content in _exported(name, street).items()
+            }
+            for name in EXPORT_FORMATS
+        }
+
+
+def _exported(name: str, street: FrameSet) -> dict[str, bytes]:
+    """The files of an export with the filter's default configuration."""
+    frames = export_sources(
+        street, FilterConfig(), measure=True, needs=FORMATS[name].needs, workers=1
+    )
+    decided = [one for one in frames if isinstance(one, ExportFrame)]
+    files: dict[str, bytes] = {}
+    write_export(
+        name,
+        decided,
+        lambda file, pieces: files.update({file: b"".join(pieces)}),
+        ExportHead(class_order(street)),
+        ExportOptions(),
+    )
+    return files
