@@ -12,10 +12,11 @@ from pydantic.json_schema import models_json_schema
 
 from app.http.problems import PROBLEM_TYPE
 from filter_core.config.filter import FilterConfig, schema_of
+from filter_core.formats.registry import EXPORT_FORMATS, FORMATS
 from unghost.wire.folders import FolderEnd, FolderFrame, FolderHead, UnmatchedFile
 from unghost.wire.frames import BatchEnd, BatchLine
 from unghost.wire.model import Problem
-from unghost.wire.runs import ConfigVersion, FilterConfigIn
+from unghost.wire.runs import ConfigVersion, ExportIn, FilterConfigIn
 
 _Object: TypeAlias = dict[str, Any]
 """An object of the document: FastAPI has no types for them."""
@@ -142,6 +143,10 @@ def _add_components(schema: _Object) -> None:
     schemas[FilterConfigIn.__name__] = schema_of(FilterConfig)
     answered = schemas[ConfigVersion.__name__]["properties"]
     answered["config"] = {"$ref": f"#/components/schemas/{FilterConfigIn.__name__}"}
+    # The same holds for formats: the wire has their names.
+    asked = schemas[ExportIn.__name__]["properties"]["format"]
+    asked["x-titles"] = {name: FORMATS[name].title for name in EXPORT_FORMATS}
+    asked["x-briefs"] = {name: FORMATS[name].brief for name in EXPORT_FORMATS}
     content = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
     statuses = sorted({*_EVERYWHERE, *_WITH_TOKEN, *_WITH_BODY, *_OF_SOME})
     components["responses"] = {

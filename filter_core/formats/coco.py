@@ -61,6 +61,7 @@ COCO: Final = Format(
         "them; all ids are whole numbers from 1; `attributes` carry the box's own "
         "id, its distance and its 3D box"
     ),
+    brief="one JSON file per part of the split",
     recognised_by="a COCO .json file",
     needs=LABEL_NEEDS,
     options=LABEL_OPTIONS | {"bands", "rejected"},

@@ -39,6 +39,7 @@ DECISIONS_JSONL: Final = Format(
     name="decisions-jsonl",
     title="Decisions, JSON lines",
     holds="`decisions.jsonl`: every decision of every frame, one frame per line",
+    brief="every number of every box, one frame per line",
     needs=frozenset({"decisions", "annotation"}),
 )
 
@@ -46,6 +47,7 @@ DECISIONS_CSV: Final = Format(
     name="decisions-csv",
     title="Decisions, CSV",
     holds="`decisions.csv`: one row per box, for spreadsheets",
+    brief="one row per box, for spreadsheets",
     needs=frozenset({"decision_columns"}),
 )
 
@@ -56,6 +58,7 @@ DECISIONS_PARQUET: Final = Format(
         "`decisions.parquet`: the same, for data frames; needs `pip install "
         "'unghost[parquet]'`"
     ),
+    brief="one row per box, for data frames",
     needs=frozenset({"decision_columns"}),
 )
 

@@ -110,6 +110,8 @@ class Format:
         As people call it.
     holds : str
         What its files hold, as the documentation says it, in Markdown.
+    brief : str
+        The same in a few words, for who chooses a format to write.
     recognised_by : str
         What `likeness` looks for, in words.
     options : frozenset of str
@@ -129,6 +131,7 @@ class Format:
     name: str
     title: str
     holds: str
+    brief: str = ""
     recognised_by: str = ""
     options: frozenset[str] = frozenset()
     needs: frozenset[Need] = frozenset()

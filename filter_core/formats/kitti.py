@@ -68,6 +68,7 @@ KITTI: Final = Format(
         "`calib/`, `ImageSets/`; frames are numbered, and `frames.jsonl` says which "
         "is which"
     ),
+    brief="label_2 with truncation and occlusion",
     recognised_by="KITTI's label_2/",
     needs=LABEL_NEEDS,
     options=LABEL_OPTIONS | {"bands", "rejected"},

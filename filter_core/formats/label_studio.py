@@ -30,6 +30,7 @@ LABEL_STUDIO: Final = Format(
         "`tasks.json`: the filter's verdicts as predictions with scores, people's "
         "answers as annotations; `label_config.xml` for the project"
     ),
+    brief="tasks with predictions",
     needs=LABEL_NEEDS,
     options=LABEL_OPTIONS,
 )

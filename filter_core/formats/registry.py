@@ -1,8 +1,15 @@
 """The list of all formats, and the functions that read and write any of them.
 
-A new format is a module that declares its `Format`, and a line of `FORMATS` here. If it
-is written, its name is also a word of `ExportFormat` in ``unghost/wire/words.py``.
-``make docs`` writes its row in docs/formats.md.
+A new format is a module that declares its `Format`, and a line of `FORMATS` here.
+Besides:
+
+* If it is written, its name is a word of `ExportFormat` in ``unghost/wire/words.py``,
+  and tests/pins has a digest of each of its files.
+* If it is read, its name for people is in ``static/js/upload/dialog.js``.
+
+Nothing else lists formats: the service puts `Format.title` and `Format.brief` into the
+OpenAPI document, from which the page takes them, and ``make docs`` writes the row of
+docs/formats.md. The recipe is in ARCHITECTURE.md.
 """
 
 from __future__ import annotations

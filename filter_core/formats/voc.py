@@ -59,6 +59,7 @@ VOC: Final = Format(
         "rectangles in whole pixels from 1, both ends included: `Annotations/`, "
         "`JPEGImages/`, `ImageSets/Main/`"
     ),
+    brief="one XML file per frame",
     recognised_by="Pascal VOC's .xml files",
     needs=LABEL_NEEDS,
     options=LABEL_OPTIONS | {"bands", "rejected"},

@@ -60,6 +60,7 @@ YOLO: Final = Format(
         "image (an empty one for an empty frame); `images/train/`, `images/val/`, "
         "and `data.yaml` with `train`, `val` and `names`, as Ultralytics reads them"
     ),
+    brief="images, labels and data.yaml",
     recognised_by="YOLO's labels with data.yaml or classes.txt",
     needs=LABEL_NEEDS,
     options=LABEL_OPTIONS | {"bands"},

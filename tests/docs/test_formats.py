@@ -49,6 +49,7 @@ def test_the_table_has_every_format_that_the_api_exports():
 def test_every_format_says_what_it_holds(name):
     assert FORMATS[name].title
     assert FORMATS[name].holds
+    assert bool(FORMATS[name].brief) == (FORMATS[name].write is not None)
     assert "|" not in FORMATS[name].holds + FORMATS[name].recognised_by
 
 

@@ -1,5 +1,5 @@
 // @ts-check
-// Exports: ask, watch, download, check; words for formats and options.
+// Exports: ask, watch, download, check; words for options. Those of formats come from the API.
 
 import { get, post } from "../core/api.js";
 import { AskField, describeApi, fieldsOf, optionsOf } from "../core/form.js";
@@ -40,18 +40,18 @@ export function Exports({ app, dataset }) {
     ${loaded.state === "error" && !items && html`<p class="panelbox__empty" role="alert">${loaded.error.message} <button class="button button--small" onClick=${loaded.reload}>Try again</button></p>`}
     ${items?.length === 0 && !isAsking && html`<p class="panelbox__empty">No export yet. Labels are written from what people answered, else from what the filter decided.</p>`}
     <ul class="runs">
-      ${items?.map((one) => html`<li key=${one.id}><${ExportRow} app=${app} listed=${one} fields=${form.value?.fields ?? []} onOver=${loaded.reload} /></li>`)}
+      ${items?.map((one) => html`<li key=${one.id}><${ExportRow} app=${app} listed=${one} form=${form.value} onOver=${loaded.reload} /></li>`)}
     </ul>
   </section>`;
 }
 
-/** @param {{app: App, listed: Export, fields: readonly Field[], onOver: () => void}} props */
-function ExportRow({ app, listed, fields, onOver }) {
+/** @param {{app: App, listed: Export, form: ExportForm | null | undefined, onOver: () => void}} props */
+function ExportRow({ app, listed, form, onOver }) {
   const item = useWatched(exportEvents, listed, onOver) ?? listed;
-  const about = optionsText(item.options, fields);
+  const about = optionsText(item.options, form?.fields ?? []);
   const { run, isBusy } = useTask(() => download(item.id), app.toasts.fail);
   return html`<article class="run" aria-label=${`Export ${item.id}`}>
-    <div class="run__what"><span class="run__name">${formatText(item.format)}</span><${StateBadge} state=${item.state} /></div>
+    <div class="run__what"><span class="run__name">${formatText(item.format, form)}</span><${StateBadge} state=${item.state} /></div>
     <p class="run__about faint">Export ${item.id} · ${agoText(item.created_at)}${about && ` · ${about}`}</p>
     <div class="run__how">
       ${!isOver(item) && html`<${JobBar} job=${item} label=${`Export ${item.id}`} /><p class="faint num">${item.total ? `${countText(item.done ?? 0)} of ${countOf(item.total, "frame")}, ${percentDone(item)} %` : "being written"}</p>`}
@@ -97,20 +97,6 @@ function Sum({ sum }) {
     <button class="button button--quiet button--icon button--small" aria-label=${isCopied ? "Copied" : "Copy the SHA-256"} title="Copy" onClick=${copy}><${Icon} name=${isCopied ? "check" : "copy"} /></button></p>`;
 }
 
-/** @type {Record<string, [string, string]>} */
-const FORMAT_WORDS = {
-  yolo: ["YOLO", "Ultralytics-ready: images, labels and data.yaml"],
-  coco: ["COCO", "one JSON per part of the split"],
-  kitti: ["KITTI", "label_2 with truncation and occlusion"],
-  voc: ["Pascal VOC", "one XML per frame"],
-  cvat: ["CVAT", "XML for CVAT's images task"],
-  "label-studio": ["Label Studio", "tasks with predictions"],
-  manifest: ["As it came in", "the same files, minus the rejected boxes"],
-  "decisions-jsonl": ["Decisions, JSONL", "every number of every box, one per line"],
-  "decisions-csv": ["Decisions, CSV", "for spreadsheets"],
-  "decisions-parquet": ["Decisions, Parquet", "for dataframes"],
-};
-
 /** @type {import("../core/form.js").Words} */
 const OPTION_WORDS = {
   fields: {
@@ -132,16 +118,16 @@ const OPTION_WORDS = {
 
 /** @param {Schema} openapi @returns {ExportForm} */
 export function exportForm(openapi) {
-  /** @type {Format[]} */
-  const formats = openapi.components?.schemas?.ExportIn?.properties?.format?.enum ?? [];
+  /** @type {{enum?: Format[], "x-titles"?: Record<string, string>, "x-briefs"?: Record<string, string>}} */
+  const { enum: names = [], "x-titles": titles = {}, "x-briefs": briefs = {} } = openapi.components?.schemas?.ExportIn?.properties?.format ?? {};
   return {
-    formats: formats.map((value) => ({ value, text: FORMAT_WORDS[value]?.[0] ?? value, help: FORMAT_WORDS[value]?.[1] ?? "" })),
+    formats: names.map((value) => ({ value, text: titles[value] ?? value, help: briefs[value] ?? "" })),
     fields: fieldsOf(openapi, "ExportOptions", OPTION_WORDS),
   };
 }
 
-/** @param {string} format */
-export const formatText = (format) => FORMAT_WORDS[format]?.[0] ?? format;
+/** A format's title, or its name where the form is not there yet. @param {string} format @param {ExportForm | null | undefined} form */
+export const formatText = (format, form) => form?.formats.find(({ value }) => value === format)?.text ?? format;
 
 /** What an export was asked for, without what is as always. @param {Record<string, unknown>} options @param {readonly Field[]} fields */
 export function optionsText(options, fields) {

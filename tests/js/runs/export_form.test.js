@@ -9,7 +9,7 @@ import { sizeText } from "../../../static/js/core/numbers.js";
 const API = {
   components: {
     schemas: {
-      ExportIn: { properties: { format: { type: "string", enum: ["yolo", "brand-new"] } } },
+      ExportIn: { properties: { format: { type: "string", enum: ["yolo", "brand-new"], "x-titles": { yolo: "YOLO" }, "x-briefs": { yolo: "with data.yaml" } } } },
       ExportOptions: {
         properties: {
           include: { type: "string", enum: ["effective", "all"], default: "effective", description: "Which boxes." },
@@ -24,9 +24,12 @@ const API = {
   },
 };
 
-test("every format that the API names is offered, in its own word where the page has none", () => {
-  assert.deepEqual(exportForm(API).formats.map(({ value, text }) => [value, text]), [["yolo", "YOLO"], ["brand-new", "brand-new"]]);
-  assert.equal(formatText("brand-new"), "brand-new");
+test("every format that the API names is offered under its title there, or by its name", () => {
+  const form = exportForm(API);
+
+  assert.deepEqual(form.formats.map(({ value, text, help }) => [value, text, help]), [["yolo", "YOLO", "with data.yaml"], ["brand-new", "brand-new", ""]]);
+  assert.deepEqual(["yolo", "brand-new", "gone"].map((format) => formatText(format, form)), ["YOLO", "brand-new", "gone"]);
+  assert.equal(formatText("yolo", null), "yolo");
   assert.deepEqual(exportForm({}), { formats: [], fields: [] });
 });
 
