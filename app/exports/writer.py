@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Final
+from typing import Final, NamedTuple
 
 from sqlalchemy.orm import Session
 
@@ -29,6 +29,7 @@ from app.db.tables import Dataset, Export
 from app.jobs.kind import Task
 from app.measuring.active import active_version
 from app.measuring.queries import DatasetRepository, EvidenceRow
+from app.storage import Unsure
 from filter_core.formats.export import (
     ExportFrame,
     ExportHead,
@@ -64,14 +65,31 @@ def write_chunk(task: Task[Export]) -> None:
         size_bytes = file.stat().st_size
         put = partial(context.storage.adopt, file)
         digest = task.retry_unavailable(put)
-    with context.database.write() as session:
-        export = task.row(session)
-        context.storage.require([digest])
-        export.sha256, export.size_bytes = digest, size_bytes
-        export.counts, export.done = counts, export.total
-        task.end(session)
+    stored = StoredArchive(digest, size_bytes, counts)
+    try:
+        _end(task, stored)
+    except Unsure as unsure:
+        task.retry_unavailable(partial(context.storage.make_sure, unsure.digests))
+        _end(task, stored)
     # Whoever writes the same one beside us is told that it is over.
     _clear(context, task.job.id)
+
+
+class StoredArchive(NamedTuple):
+    """The zip file of an export in the store, and how much of what is in it."""
+
+    digest: str
+    size_bytes: int
+    counts: Counts
+
+
+def _end(task: Task[Export], stored: StoredArchive) -> None:
+    with task.context.database.write() as session:
+        export = task.row(session)
+        task.context.storage.require([stored.digest])
+        export.sha256, export.size_bytes = stored.digest, stored.size_bytes
+        export.counts, export.done = stored.counts, export.total
+        task.end(session)
 
 
 @contextmanager

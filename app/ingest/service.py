@@ -36,6 +36,7 @@ from app.ingest.rows import insert_frames, verdict_counts
 from app.measuring.active import ActiveDataset, PlanCache
 from app.measuring.frame_files import error_context, measure_files
 from app.measuring.queries import DatasetRepository, KeyRow, note_problem
+from app.storage import Unsure
 from app.storage.room import require_room
 from filter_core.errors import AnnotationError, FilterError
 from filter_core.formats.reading import MAX_KEY
@@ -240,6 +241,8 @@ def _store_together(
                 return _write(context, session, request, frames)
         except _MeasuredOtherwise:
             frames = [_measured_again(context, request, frame) for frame in frames]
+        except Unsure as unsure:
+            context.storage.make_sure(unsure.digests)
 
 
 def _measured_again(

@@ -30,6 +30,19 @@ class Drafts:
     """Blobs on their way into a store; nobody but this store looks inside."""
 
 
+class Unsure(Exception):
+    """Only a store on another machine knows whether these blobs are there.
+
+    It ends the transaction that would refer to them, as nobody should wait to write
+    while a store is asked. Then `BlobStore.make_sure` asks, and the transaction is
+    tried again.
+    """
+
+    def __init__(self, digests: Sequence[str]) -> None:
+        super().__init__(f"{len(digests)} blobs have to be asked for")
+        self.digests = digests
+
+
 @dataclass(frozen=True)
 class Blob:
     """A stored blob, read in parts.
@@ -97,6 +110,25 @@ class BlobStore(Protocol):
 
     def require(self, digests: Iterable[str]) -> None:
         """Refuse to refer to a blob that somebody took away since it was put.
+
+        To be called in the transaction that refers to the blobs; no other machine is
+        asked.
+
+        Raises
+        ------
+        TryLater
+            One is gone; sent again, it is put again.
+        Unsure
+            Another machine has to be asked: end the transaction, call `make_sure`, and
+            begin again.
+        """
+
+    def make_sure(self, digests: Iterable[str]) -> None:
+        """Find out whether blobs are there that were put a moment ago.
+
+        To be called outside of transactions, and only after a transaction that `Unsure`
+        ended: whoever takes blobs away holds the turn to write meanwhile, so an older
+        attempt to take them away is over by then, and a later one finds them too young.
 
         Raises
         ------

@@ -29,6 +29,7 @@ from app.storage.base import (
     Blob,
     Drafts,
     StoredFile,
+    Unsure,
     digest_of,
     leftovers,
     place_of,
@@ -73,7 +74,7 @@ class S3Storage:
         self._local = local
         self._patience_s = 2 * place.timeout_s
         self._made = _LatelyMade(place.trust_s)
-        # Two pools: whoever holds the turn of a writer asks, and never waits for puts.
+        # Two pools: who clears away asks in a writer's turn, and never waits for puts.
         self._puts = ThreadPoolExecutor(TOGETHER, "s3-puts")
         self._asks = ThreadPoolExecutor(TOGETHER, "s3-asks")
         self._slots = threading.BoundedSemaphore(TOGETHER)
@@ -157,13 +158,21 @@ class S3Storage:
         return blob
 
     def require(self, digests: Iterable[str]) -> None:
-        """TryLater if a blob is gone since it was put; sent again, it is put again.
+        """Unsure of blobs that this process has not made or found lately.
 
-        What was made here lately is not asked for: nobody takes away what is so young.
+        Of the others nothing is asked: nobody takes away what is so young.
         """
         unsure = [digest for digest in digests if digest not in self._made]
-        if not all(self._asks.map(self._look_briefly, unsure)):
+        if unsure:
+            raise Unsure(unsure)
+
+    def make_sure(self, digests: Iterable[str]) -> None:
+        """TryLater if a blob is gone since it was put; sent again, it is put again."""
+        asked, begun = list(digests), time.monotonic()
+        if not all(self._asks.map(self._look, asked)):
             raise TryLater("a file was cleared away meanwhile; send the frame again")
+        for digest in asked:
+            self._made.add(digest, begun)
 
     def mend(self, blobs: Mapping[str, bytes]) -> None:
         """Put those of stored blobs again that are gone, or of another size."""
@@ -238,7 +247,7 @@ class S3Storage:
             with answers():
                 self._store.put(key, data, mode="create")
         except AlreadyExistsError:
-            # Somebody may be about to take the old one away: put, but not trusted.
+            # Somebody may be about to take the old one away: see `Unsure`.
             with answers():
                 self._store.put(key, data, use_multipart=False)
         else:
@@ -255,10 +264,12 @@ class S3Storage:
         return part.to_bytes()
 
     def _look(self, digest: str) -> StoredFile | None:
-        return _found(self._store, digest)
-
-    def _look_briefly(self, digest: str) -> StoredFile | None:
-        return _found(self._probe, digest)
+        try:
+            with answers(absent=True):
+                found = self._store.head(place_of(digest))
+        except FileNotFoundError:
+            return None
+        return StoredFile(digest, found["size"], found["last_modified"].timestamp())
 
     def _remove(self, digest: str, *, until: float) -> int | None:
         found = self._look(digest)
@@ -280,7 +291,7 @@ class S3Storage:
 
 
 class _LatelyMade:
-    """Digests of blobs that this process has made, and that were not there before."""
+    """Digests of blobs that this process has made, or made sure of."""
 
     def __init__(self, trust_s: float) -> None:
         self.trust_s = trust_s
@@ -288,7 +299,7 @@ class _LatelyMade:
         self._lock = threading.Lock()
 
     def add(self, digest: str, begun: float) -> None:
-        """It was made now; `begun` is the time of the process before that."""
+        """It was made, or found, after `begun`, a time of `time.monotonic`."""
         with self._lock:
             self._at.pop(digest, None)
             self._at[digest] = begun
@@ -304,15 +315,6 @@ class _LatelyMade:
         with self._lock:
             begun = self._at.get(digest)
         return begun is not None and time.monotonic() - begun < self.trust_s
-
-
-def _found(store: S3Store, digest: str) -> StoredFile | None:
-    try:
-        with answers(absent=True):
-            found = store.head(place_of(digest))
-    except FileNotFoundError:
-        return None
-    return StoredFile(digest, found["size"], found["last_modified"].timestamp())
 
 
 def _puts_of(many: Sequence[Drafts]) -> Iterator[Future[None]]:
@@ -331,10 +333,7 @@ PROBE_S: Final = 5.0
 """Whoever asks whether the store is there does not wait longer for one try."""
 MOST_RETRIES: Final = 4
 TRUST_S: Final = 300.0
-"""How long a blob that was made here is taken to be there without asking.
-
-Rows are written by one at a time, and nobody should wait for a store in that turn.
-"""
+"""How long a blob that was made or found here is taken to be there without asking."""
 NO_BUCKET: Final = "NoSuchBucket"
 NO_KEYS: Final = "NoKeys"
 _ROLES: Final = "169.254.169.254"

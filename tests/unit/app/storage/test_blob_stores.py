@@ -181,7 +181,7 @@ def test_a_blob_is_never_taken_when_it_was_put_since(store):
     store.put({DIGEST: CONTENT})
 
     assert kept == {}
-    store.require([DIGEST])
+    store.make_sure([DIGEST])
     assert store.remove([DIGEST], unused_since=time.time() - 5) == {}
 
 
@@ -193,9 +193,9 @@ def test_what_was_taken_is_gone_and_asked_for_again(store):
 
     assert removed == {DIGEST: len(CONTENT)}
     assert set(names(store)) == {sha256_of(OTHER)}
-    store.require([sha256_of(OTHER)])
+    store.make_sure([sha256_of(OTHER)])
     with pytest.raises(TryLater, match="send the frame again"):
-        store.require([sha256_of(OTHER), DIGEST])
+        store.make_sure([sha256_of(OTHER), DIGEST])
 
 
 @pytest.mark.parametrize("content", [CONTENT, LARGE], ids=["small", "in parts"])

@@ -9,7 +9,7 @@ from concurrent.futures import TimeoutError as FutureTimeout
 import pytest
 
 from app.errors import StorageAway, TryLater
-from app.storage import sha256_of
+from app.storage import Unsure, sha256_of
 from app.storage.s3 import S3Storage
 from tests.support.s3_server import answering, gate
 
@@ -32,31 +32,45 @@ def open_bucket(tmp_path):
         store.close()
 
 
-def test_what_was_made_just_now_is_not_asked_for(s3, open_bucket):
-    """Whoever asks holds the only turn of a writer."""
-    bucket = s3.bucket()
+def test_nothing_is_asked_in_the_turn_of_a_writer(s3, open_bucket):
+    bucket, another = s3.bucket(), sha256_of(b"another")
     with gate(bucket.url) as way:
         store = open_bucket(bucket.behind(way.url).place(timeout_s=1.0))
         store.put({DIGEST: CONTENT})
         way.shut()
 
         store.require([DIGEST])
+        with pytest.raises(Unsure) as unsure:
+            store.require([DIGEST, another])
+        assert unsure.value.digests == [another]
         with pytest.raises(StorageAway):
-            store.require([DIGEST, sha256_of(b"another")])
+            store.make_sure([another])
 
 
-def test_what_was_there_before_is_asked_for_each_time(s3, open_bucket):
+def test_what_was_there_before_is_made_sure_of(s3, open_bucket):
     """Somebody may have looked at it, and be about to take it away."""
     bucket = s3.bucket()
     open_bucket(bucket.place()).put({DIGEST: CONTENT})
     store = open_bucket(bucket.place())
     store.put({DIGEST: CONTENT})
+    with pytest.raises(Unsure):
+        store.require([DIGEST])
+
+    store.make_sure([DIGEST])
+
     store.require([DIGEST])
+
+
+def test_what_was_taken_away_before_is_put_again(s3, open_bucket):
+    bucket = s3.bucket()
+    open_bucket(bucket.place()).put({DIGEST: CONTENT})
+    store = open_bucket(bucket.place())
+    store.put({DIGEST: CONTENT})
 
     bucket.delete(DIGEST)
 
     with pytest.raises(TryLater, match="send the frame again"):
-        store.require([DIGEST])
+        store.make_sure([DIGEST])
 
 
 def test_what_is_young_is_not_taken_away_whatever_the_grace(s3, open_bucket):

@@ -1,0 +1,54 @@
+"""A bucket is never asked while others wait to write."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from tests.support import frames as scene
+from tests.support.s3_server import gate
+from tests.support.services import Street, running_services
+from tests.support.waiting import until
+
+PATIENCE_S = 20.0
+
+
+@pytest.fixture
+def behind_a_gate(tmp_path, s3):
+    """A dataset with a frame that another process has stored, and its gate to S3."""
+    bucket = s3.bucket()
+    with gate(bucket.url) as way:
+        chosen = bucket.behind(way.url, storage_timeout_s=PATIENCE_S).settings
+        with running_services(tmp_path, **chosen) as services:
+            street = services.dataset()
+            put(street, "a")
+        with running_services(tmp_path, **chosen) as services:
+            yield Street(services, street.name, street.id), way
+
+
+def put(street, key):
+    files = {"image": scene.image(), "segmentation": scene.segmentation()}
+    return street.put(key, scene.annotation(), **files)
+
+
+def test_others_write_while_files_that_were_there_before_are_asked_for(behind_a_gate):
+    street, way = behind_a_gate
+    turns = street.context.database.turns
+
+    turns.take(person=True, wait_s=PATIENCE_S)
+    with ThreadPoolExecutor(1) as pool:
+        try:
+            frame = pool.submit(put, street, "b")
+            until(lambda: turns.waiting == 1)
+            way.hold()
+        finally:
+            turns.give_back()
+        try:
+            turns.take(person=True, wait_s=2)
+            turns.give_back()
+            assert not frame.done()
+        finally:
+            way.flow()
+
+        assert frame.result().verdicts
