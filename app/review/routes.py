@@ -115,16 +115,19 @@ def create_bulk_review(
     begin_as_work(audit.session)
     dataset = DatasetRepository(audit.session).named(body.dataset)
     answer = reviews.Answer(body.verdict, body.comment, audit.name)
+    attempt = audit.session.begin_nested()
     stored = reviews.review_many(audit.session, dataset, chosen, answer)
     left = len(stored.skipped) + len(stored.stale)
     if body.filter is not None and (left or dataset.active_run_id != run_id):
-        _look(body, services)  # says what has changed: StaleSnapshot
+        attempt.rollback()  # so that these answers are not among the changes
+        _boxes(body, services, audit.session, dataset)  # raises what has changed
         raise StaleSnapshot(
             expected=chosen.number,
             found=chosen.number,
             changed=left,
             current={"total": chosen.number, "snapshot": body.snapshot},
         )
+    attempt.commit()
     audit.note(
         Act.ANSWERS_GIVEN,
         stored.batch.id,
@@ -152,8 +155,8 @@ def _look(
 ) -> tuple[int | None, reviews.ChosenBoxes]:
     """The run that decided the dataset, and the boxes that a body asks for.
 
-    Read while others write: what changes until the answer is stored is seen by the
-    revisions.
+    They are read before the turn to write. If a box is answered until the answers are
+    stored, its revision tells.
     """
     with services.database.read() as session:
         dataset = DatasetRepository(session).named(body.dataset)
@@ -168,7 +171,15 @@ def _look(
 def _boxes(
     body: BulkIn, services: ServiceContext, session: Session, dataset: Dataset
 ) -> reviews.ChosenBoxes:
-    """The boxes that a body asks for, and as what they were seen."""
+    """The boxes that a body asks for, each with the revision that was seen.
+
+    Raises
+    ------
+    Unprocessable
+        The body asks in no way, in two ways, or without what its way needs.
+    StaleSnapshot
+        The boxes of the filter have changed since the snapshot.
+    """
     if (body.box_ids is None) == (body.filter is None):
         raise Unprocessable("expected either box_ids or filter, found both or neither")
     if body.filter is not None:

@@ -26,6 +26,8 @@ OWNERS: Final = {
     "runs": ("Run", "Flips"),
 }
 """A row is read by whoever needs it, and written by one room."""
+DRIVEN: Final = {("jobs", "runs"), ("jobs", "exports")}
+"""Rooms that write tables of others: a job's state is in the row of its kind."""
 CLEARING: Final = ("app/maintenance/removals.py", "app/maintenance/queries.py")
 """Take away what a deleted dataset leaves in all tables, and blobs of no frame."""
 ONE_DOOR: Final = {
@@ -113,6 +115,23 @@ def test_only_its_owner_writes_a_table():
 
     assert found - strangers, "no statement was recognised"
     assert strangers == set()
+
+
+def test_only_its_owner_writes_a_table_of_a_service_at_work(acts):
+    owner = {
+        mapper.class_.__tablename__: room
+        for room, names in OWNERS.items()
+        for mapper in Base.registry.mappers
+        if mapper.class_.__name__ in names
+    }
+    found = {
+        (module.split(".")[1], table)
+        for module, table in acts.writes
+        if f"{module.replace('.', '/')}.py" not in CLEARING and table in owner
+    }
+
+    assert {table for _, table in found} >= {"decisions", "frames", "reviews", "runs"}
+    assert {(room, table) for room, table in found if owner[table] != room} == DRIVEN
 
 
 def test_decisions_and_answers_change_through_one_door():

@@ -45,3 +45,9 @@ def test_who_is_given_a_session_leaves_transactions_alone():
     }
 
     assert found == ALLOWED
+
+
+def test_nobody_begins_a_transaction_within_one_that_writes(acts):
+    """Others wait to write meanwhile, and what it reads is another state."""
+    assert acts.writes
+    assert acts.within == set()

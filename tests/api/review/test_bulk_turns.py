@@ -15,6 +15,7 @@ from app.db.engine import Database
 from app.review.service import Answer, review_box
 from tests.support import frames as scene
 from tests.support.api import Api
+from tests.support.at_work import watched
 from tests.support.databases import url_of
 from tests.support.statements import statements_of
 
@@ -66,8 +67,11 @@ def answer_past_the_turns(service, box_id: int, seen: int = 0) -> None:
 
 
 def of_a_filter(api, name):
-    seen = api.json("/boxes", dataset=name, count="true")["snapshot"]
-    return {"filter": {}, "snapshot": seen}
+    return {"filter": {}, **snapshot_of(api, name)}
+
+
+def snapshot_of(api, name):
+    return {"snapshot": api.json("/boxes", dataset=name, count="true")["snapshot"]}
 
 
 def bulk(api, name, **which):
@@ -147,14 +151,16 @@ def test_a_filter_that_changes_before_the_turn_is_not_answered(service, api, str
     name, ids = street
     which = of_a_filter(api, name)
 
-    answer = while_it_waits(
-        service,
-        partial(bulk, api, name, **which),
-        partial(answer_past_the_turns, service, ids[7]),
-    )
+    with watched(service.app.state.database) as acts:
+        answer = while_it_waits(
+            service,
+            partial(bulk, api, name, **which),
+            partial(answer_past_the_turns, service, ids[7]),
+        )
 
     assert (answer.status_code, answer.json()["code"]) == (412, "stale_snapshot")
-    assert answer.json()["current"]["total"] == MANY
+    assert answer.json()["current"] == {"total": MANY, **snapshot_of(api, name)}
+    assert acts.within == set()
     reviewed = api.json(f"/datasets/{name}/stats")
     assert (reviewed["unsure"], reviewed["reviewed"]) == (1, 0)
 

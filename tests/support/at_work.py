@@ -1,0 +1,101 @@
+"""What the modules of a service do with its database while it works.
+
+SQLAlchemy is listened to from the import of this module on, as its lists of listeners
+must not change while a service works.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from traceback import walk_stack
+from typing import Any
+
+from sqlalchemy import URL, Engine, event
+from sqlalchemy.orm import Session, object_session
+from sqlalchemy.pool import Pool
+
+from app.db.base import Base
+from app.db.engine import Database
+
+_WRITES = re.compile(r'(?:INSERT INTO|UPDATE|DELETE FROM) "?(\w+)')
+_WRITING: ContextVar[bool] = ContextVar("writing", default=False)
+"""A context is one call of a route in its thread, or a thread of the service."""
+
+
+@dataclass
+class Acts:
+    """Modules of `app`, and what they did."""
+
+    writes: set[tuple[str, str]] = field(default_factory=set)
+    """Each with a table of which it inserted, changed or deleted rows."""
+    within: set[str] = field(default_factory=set)
+    """Began a transaction within one that writes."""
+
+
+_watched: dict[URL, Acts] = {}
+
+
+@contextmanager
+def watched(database: Database) -> Iterator[Acts]:
+    """What is done until the block ends, by whichever thread."""
+    acts = _watched[database.engine.url] = Acts()
+    try:
+        yield acts
+    finally:
+        del _watched[database.engine.url]
+
+
+@event.listens_for(Engine, "begin")
+def _begun(connection: Any) -> None:
+    acts = _watched.get(connection.engine.url)
+    if acts and _WRITING.get():
+        acts.within.add(_caller())
+    if connection.get_execution_options().get("writes", False):
+        _WRITING.set(True)
+        connection.connection.record_info["watched"] = True
+
+
+@event.listens_for(Pool, "checkin")
+def _given_back(_connection: Any, record: Any) -> None:
+    if (record.record_info or {}).pop("watched", False):
+        _WRITING.set(False)
+
+
+@event.listens_for(Engine, "before_cursor_execute")
+def _executed(connection: Any, _cursor: Any, statement: str, *_rest: Any) -> None:
+    acts, written = _watched.get(connection.engine.url), _WRITES.search(statement)
+    # What a flush writes was noted when somebody added or changed the row.
+    if acts and written and "sqlalchemy.orm.unitofwork" not in _callers():
+        acts.writes.add((_caller(), written[1]))
+
+
+@event.listens_for(Session, "transient_to_pending")
+def _added(session: Session, row: Any) -> None:
+    if acts := _watched.get(session.get_bind().engine.url):
+        acts.writes.add((_caller(), row.__tablename__))
+
+
+def _changed(row: Any, *_values: Any) -> None:
+    session = object_session(row)
+    if session is not None:
+        _added(session, row)
+
+
+for _mapper in Base.registry.mappers:
+    for _column in _mapper.column_attrs:
+        event.listen(getattr(_mapper.class_, _column.key), "set", _changed)
+
+
+def _callers() -> list[str]:
+    """Modules that are being run, the innermost first."""
+    return [str(frame.f_globals.get("__name__")) for frame, _ in walk_stack(None)]
+
+
+def _caller() -> str:
+    """The innermost module of `app` that is not of the room of the database."""
+    found = (name for name in _callers() if name.startswith("app."))
+    return next((name for name in found if not name.startswith("app.db.")), "tests")
