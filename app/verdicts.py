@@ -1,8 +1,8 @@
 """What counts for a box: the filter's verdict, or what a person said of it.
 
-Asked of one box in Python and of lists in SQL: both are here. Of columns the library
-tells it (`DecidedBoxes.effective`). A test compares the three over every reason, answer
-and state of review (`tests/unit/app/test_verdicts.py`).
+Here it is said twice: in Python, for one box, and in SQL, for lists. For arrays the
+library says it (`DecidedBoxes.effective`). `tests/unit/app/test_verdicts.py` compares
+the three over every reason and answer.
 """
 
 from __future__ import annotations
@@ -29,8 +29,13 @@ def effective_verdict(reason: int, answer: str | None) -> words.Verdict:
 
 def with_answer(verdict: words.Verdict, answer: str | None) -> words.Verdict:
     """What counts for a box that the filter gave this verdict."""
-    said = _SAID.get(answer or "")
+    said = said_verdict(answer)
     return verdict if said is None else said.value
+
+
+def said_verdict(answer: str | None) -> Verdict | None:
+    """The verdict that a person gave; None for any answer but keep and reject."""
+    return _SAID.get(answer or "")
 
 
 def is_effective(verdict: Verdict) -> ColumnElement[bool]:
@@ -52,7 +57,7 @@ def in_conflict(reason: int, answer: str | None) -> bool:
 
     An answer on a box that was not measured contradicts nothing.
     """
-    said, verdict = _SAID.get(answer or ""), Reason(reason).verdict
+    said, verdict = said_verdict(answer), Reason(reason).verdict
     return verdict in _SAID.values() and said is not None and said is not verdict
 
 
@@ -74,11 +79,12 @@ def is_not_in_conflict() -> ColumnElement[bool]:
 
 
 def needs_review(reason: int, toss_up: bool, answer: str | None) -> bool:
-    """Nobody has decided, and the filter's word alone should not be the last.
+    """Whether a person should look: nobody has decided, and the filter is not sure.
 
-    That is: rejected for what the pixels show, not measured, or a toss-up.
+    It is not sure of a box that it rejected for what the pixels show, that it did not
+    measure, or that is a toss-up.
     """
-    if answer in _SAID or Reason(reason) in NOTHING_TO_SEE:
+    if said_verdict(answer) is not None or Reason(reason) in NOTHING_TO_SEE:
         return False
     return toss_up or Reason(reason) is not Reason.VISIBLE
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from sqlalchemy.orm import Session
@@ -20,6 +19,7 @@ from app.measuring.plan import active_measurement
 from app.measuring.queries import DatasetRepository
 from app.quality.queries import AnsweredBox, AnswerRepository
 from app.runs.service import RunRequest, coming_settings, request_run
+from app.verdicts import said_verdict
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import CHANNELS, SEMANTIC
 from filter_core.evaluation import comparison
@@ -44,8 +44,6 @@ from unghost.wire.quality import (
     Suggestion,
 )
 from unghost.wire.words import Truth
-
-_KEEP: Final = "keep"
 
 
 def request_evaluation(
@@ -108,14 +106,18 @@ def _truth_by_instances(numbers: DatasetColumns) -> tuple[IntArray, BoolArray]:
 def _truth_by_people(
     session: Session, dataset: Dataset
 ) -> Callable[[DatasetColumns], tuple[IntArray, BoolArray]]:
-    """Finds the boxes whose latest answer is keep or reject, and what it is."""
+    """A function that finds the boxes which people decided.
+
+    It takes numbers of a dataset, and gives the rows of these boxes in them, and for
+    each row whether the latest answer is keep.
+    """
     answered = AnswerRepository(session).decided(dataset.id)
     box_ids = np.array([box.box_id for box in answered], np.int64)
-    keep = np.array([box.review == _KEEP for box in answered], np.bool_)
+    keep = np.array([_is_kept(box.review) for box in answered], np.bool_)
 
     def truth_of(numbers: DatasetColumns) -> tuple[IntArray, BoolArray]:
         rows = np.searchsorted(numbers.box_ids, box_ids)
-        # Of another part, or of a frame that came after the numbers were read.
+        # The others are of another part, or came after the numbers were read.
         known = rows < len(numbers)
         known[known] = numbers.box_ids[rows[known]] == box_ids[known]
         return rows[known].astype(np.int64), keep[known]
@@ -174,7 +176,7 @@ def _by_people(boxes: Sequence[AnsweredBox]) -> Judged:
         np.array(match, np.float64),
         is_by_threshold(reasons, np.array(large, np.bool_)),
         verdict == KEPT,
-        np.array(review, object) == "keep",
+        np.array([_is_kept(answer) for answer in review], np.bool_),
     ).where(verdict != UNMEASURED)
 
 
@@ -261,9 +263,9 @@ class Panel:
     def agreement(self) -> Agreement:
         """How far those agree who decided the same boxes."""
         decided = [
-            (box, who, said == "keep")
+            (box, who, _is_kept(said))
             for (box, who), said in self.latest.items()
-            if said != "unsure"
+            if said_verdict(said) is not None
         ]
         names = sorted({who for _, who, _ in decided})
         place = {name: index for index, name in enumerate(names)}
@@ -290,6 +292,10 @@ class Panel:
                 for pair in found.pairs
             ),
         )
+
+
+def _is_kept(answer: str | None) -> bool:
+    return said_verdict(answer) is Verdict.KEPT
 
 
 def _value(kappa: Measured | None) -> float | None:

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from sqlalchemy import create_engine, insert, select
+from sqlalchemy import and_, create_engine, insert, select
 
 from app.db.base import Base
 from app.db.tables import Decision
@@ -18,6 +18,7 @@ from app.verdicts import (
     is_effective,
     is_in_conflict,
     is_not_in_conflict,
+    needs_review,
 )
 from filter_core.types import VERDICTS, Answer, DecidedBoxes, Reason, Verdict
 
@@ -84,6 +85,26 @@ def test_a_conflict_is_one_in_python_and_in_sql(matching):
     assert expected
     assert matching(is_in_conflict()) == expected
     assert matching(is_not_in_conflict()) == set(range(len(BOXES))) - expected
+
+
+@pytest.mark.parametrize("toss_up", [False, True])
+def test_a_box_needs_review_if_it_is_undecided_and_the_filter_is_not_sure(
+    matching, toss_up
+):
+    sure = {Reason.OUTSIDE_IMAGE, Reason.DEGENERATE} | (
+        set() if toss_up else {Reason.VISIBLE}
+    )
+    unsure = Decision.reason.not_in([int(reason) for reason in sure])
+    undecided = REVIEW_STATES["undecided"].condition()
+
+    found = {
+        number
+        for number, (reason, answer) in enumerate(BOXES)
+        if needs_review(reason, toss_up, answer)
+    }
+
+    assert found
+    assert matching(and_(undecided, unsure)) == found
 
 
 @pytest.mark.parametrize("name", REVIEW_STATES)
