@@ -1,1 +1,1 @@
-"""Records frames from a running CARLA simulator: synchronous, complete, restored."""
+"""Records frames from a running CARLA simulator, and puts it back as it was."""

@@ -1,7 +1,7 @@
-"""The annotation of one recorded tick: camera, sensors, boxes, and how it came about.
+"""The annotation of one recorded tick: camera, sensors, boxes, and their origin.
 
-CARLA says twice where a sensor stood: in its measurement and in the world's snapshot.
-Both are stored; which one the boxes are projected with depends on CARLA's version.
+CARLA gives the pose of a sensor twice: in its measurement and in the snapshot of the
+world. Both are stored; CARLA's version decides which one the boxes are projected with.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Moment:
     measured : mapping
         What each sensor measured, by its name.
     before, after : Snapshot or None
-        Of the ticks beside it, where the images may show one of these instead.
+        Of the neighbouring ticks, if the images of this simulator may show these.
     """
 
     snapshot: Snapshot
@@ -58,7 +58,7 @@ class Moment:
 
 @dataclass(eq=False)
 class Annotator:
-    """Makes annotations of moments; counts what got no box, and why.
+    """Makes the annotations of moments; counts the objects without a box, by reason.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ class Annotator:
         return story
 
     def _neighbour(self, snapshot: Snapshot) -> dict[str, object]:
-        """Poses one tick earlier or later, to find a lag of the images offline."""
+        """Poses one tick earlier or later, which show a lag of the images."""
         camera = main_camera(self.session.scenario)
         sensor = next(one.actor.id for one in self.sensors if one.name == camera)
         actors = {

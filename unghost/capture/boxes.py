@@ -1,8 +1,8 @@
 """The boxes of a world: those of its actors, and those that the map brings.
 
 This module asks the simulator, `objects` judges what it answers. Actors (vehicles,
-walkers, parked cars that are props) move, so their poses come from each tick's
-snapshot; what else there is to know of an actor is asked for once. Parked vehicles and
+walkers, parked cars that are props) move, so their poses come from the snapshot of each
+tick; everything else about an actor is asked for once. Parked vehicles and
 traffic lights of the map stand still and are asked for once, in the world's frame.
 """
 
@@ -58,7 +58,7 @@ SAME_M: Final = 0.5
 
 
 class ActorBoxes:
-    """Boxes of actors; what the simulator is asked about an actor is asked once."""
+    """Boxes of actors; the simulator is asked about each actor only once."""
 
     def __init__(self, world: World, scenario: Scenario, version: str) -> None:
         self._world, self._scenario = world, scenario
@@ -73,7 +73,7 @@ class ActorBoxes:
     def seen(
         self, snapshot: Snapshot, ego_id: int, left_out: Counter[str]
     ) -> list[SeenObject]:
-        """The actors of a tick that have a box; others are counted by the reason."""
+        """The actors of a tick that have a box; the others are counted by reason."""
         found = []
         for actor in self._actors():
             if actor.id == ego_id:
@@ -164,7 +164,7 @@ class _Known:
 def map_boxes(
     carla: Carla, world: World, scenario: Scenario, left_out: Counter[str]
 ) -> list[SeenObject]:
-    """Everything of the map that has a box, in the world's frame, each thing once."""
+    """Every object of the map that has a box, once, in world coordinates."""
     found: list[SeenObject] = []
     # Where their layer is taken away, their boxes may still be told.
     layers = scenario.map_layers
@@ -182,7 +182,7 @@ def without_duplicates(
     taken: Sequence[Triple],
     left_out: Counter[str],
 ) -> list[SeenObject]:
-    """Objects of the map that are none of the actors, whose centres are `taken`."""
+    """Objects of the map without those that are actors, whose centres are `taken`."""
     kept = []
     for one, centre in zip(objects, centres, strict=True):
         if any(math.dist(centre, other) <= SAME_M for other in taken):

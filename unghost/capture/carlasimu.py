@@ -1,8 +1,7 @@
-"""The seven YAML files of the program carlasimu, as one scenario.
+"""Converts the seven YAML files of the program carlasimu to one scenario.
 
-Every key is either taken over, named in a note, or refused: nothing is passed over in
-silence. The file that a fault is in is known, because each is converted, and the
-scenario checked, by itself.
+Every key is either taken over, named in a note, or refused: nothing is ignored in
+silence. Each file is converted and checked by itself, so that a fault names its file.
 """
 
 from __future__ import annotations
@@ -90,12 +89,12 @@ _NOT_ATTRIBUTES: Final = frozenset({"location", "sensor_tick", *_SHARED})
 
 @dataclass
 class Conversion:
-    """A scenario as its YAML says it, and what did not come along.
+    """The content of a scenario file, and notes about what was not taken over.
 
     Attributes
     ----------
     scenario : dict
-        Valid; keys that are as by default are left out where nobody set them.
+        Valid; keys that nobody set and that have the default are left out.
     notes : list of str
     """
 
@@ -109,7 +108,7 @@ class Conversion:
 
 
 def convert_carlasimu(folder: Path) -> Conversion:
-    """carlasimu's `yaml_files` as a scenario; an absent file is as by default.
+    """The scenario of carlasimu's folder `yaml_files`; absent files mean defaults.
 
     Raises
     ------
@@ -327,7 +326,7 @@ def _colors(given: Mapping[str, object], result: Conversion) -> None:
 
 
 def _taken(given: Mapping[str, object], names: Mapping[str, str]) -> dict[str, object]:
-    """Values under our names; an empty one (`seed:`) is as by default."""
+    """Values under the scenario's names; an empty one (`seed:`) means the default."""
     return {
         ours: given[theirs]
         for theirs, ours in names.items()

@@ -1,8 +1,8 @@
-"""The folder of a capture: its files, its manifest, and what lets it go on later.
+"""The folder of a capture: its files, its manifest, and how it is continued.
 
-Images become PNG files without losing a bit of what they mean, points of LiDAR and
-radar binary PLY files. A frame is in the manifest once all its files are whole and
-durable, so a capture that was cut off goes on where it ended.
+Images are stored as PNG files without loss, points of LiDAR and radar as binary PLY
+files. A frame is added to the manifest when all its files are complete and durable, so
+an interrupted capture continues where it stopped.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _PLY_NAMES: Final = {"f": "float", "u": "uint"}
 
 
 class FrameRecord(TypedDict):
-    """A frame's line in the manifest, but for its key and its files.
+    """A line of the manifest without the key and the files of the frame.
 
     `filter_core.annotation.parsing` reads it; ``extra`` holds what nothing reads.
     """
@@ -84,7 +84,7 @@ class CaptureFolder:
         self.keys: list[str] = []
 
     def open(self, about: Mapping[str, object]) -> None:
-        """Begin a capture here, or go on with the one that is here.
+        """Begin a capture in this folder, or continue the one that it holds.
 
         Raises
         ------
@@ -106,7 +106,7 @@ class CaptureFolder:
             self.describe(about)
 
     def describe(self, about: Mapping[str, object]) -> None:
-        """Write what the capture is, whole or not at all."""
+        """Write the description of the capture, whole or not at all."""
         content = json.dumps(about, indent=2, ensure_ascii=False) + "\n"
         _write_whole(self.path / CAPTURE_NAME, content.encode())
 
@@ -194,7 +194,7 @@ def _write_whole(target: Path, content: bytes) -> None:
 
 
 def encode(sensor: str, measured: Measurement) -> tuple[str, bytes]:
-    """What the sensor of this name measured, as a file: its suffix and its content."""
+    """The measurement of a sensor as a file: its suffix and its content."""
     to_points = POINTS.get(sensor)
     if to_points is None:
         return ".png", png(sensor, as_image(measured))

@@ -1,8 +1,8 @@
 """An object that may get a box: what it is, where it is, and how large.
 
-CARLA's boxes are sometimes wrong. The functions `checked_...` know its defects, kind of
-object by kind: they repair a box, mark it, or return None for one that means nothing.
-All of it works on numbers; no simulator is asked.
+CARLA's boxes are sometimes wrong. For each kind of object, a function `checked_...`
+repairs a box with a known defect, marks it, or returns None if it is meaningless. This
+module works on numbers and does not call the simulator.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Named:
     source : str
         ``actor``, ``environment``, ``light`` or ``level``: which call gave the box.
     class_name : str or None
-        None: nothing maps the blueprint, `type_id` stands for it.
+        None if no class is known for the blueprint; `type_id` is used instead.
     type_id, base_type : str or None
         As CARLA's blueprint has them.
     semantic_tags : tuple of int
@@ -88,13 +88,13 @@ class LocalBox:
     given: tuple[Triple, Triple] | None = None
 
     def changed(self, flag: str, **parts: Triple) -> LocalBox:
-        """Another location, extent or rotation, and a word for why."""
+        """The box with another location, extent or rotation; `flag` says why."""
         given = self.given or (self.location, self.extent)
         flags = (*self.flags, flag)
         return replace(self, flags=flags, given=given, **parts)
 
     def marked(self, flag: str) -> LocalBox:
-        """The same box with a word about it."""
+        """The same box with a flag."""
         return replace(self, flags=(*self.flags, flag))
 
 

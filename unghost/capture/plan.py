@@ -24,7 +24,7 @@ _MOST_POINTS_PER_S: Final = 1e9
 
 @dataclass(frozen=True)
 class Plan:
-    """A capture in rows of what and how."""
+    """What a capture would do: rows for people, a record for programs."""
 
     rows: tuple[tuple[str, str], ...]
     record: dict[str, object]

@@ -1,4 +1,4 @@
-"""One capture, from the first tick to the last frame: the loop around all the rest."""
+"""One capture, from the first tick to the last frame: calls everything else here."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Request:
-    """What to record, where to, and whom to tell."""
+    """What to record, the folder to record to, and what to call with progress."""
 
     scenario: Scenario
     output: Path
@@ -103,9 +103,10 @@ def record(carla: Carla, request: Request) -> Recorded:
     CaptureError
         The scenario does not fit the simulator, or frames stay incomplete.
     SimulatorAway
-        Nothing answers, or nothing does any more.
+        No simulator answers, or it stops answering.
     KeyboardInterrupt
-        Somebody asked to stop; what is recorded is whole, and the same call goes on.
+        Somebody asked to stop; recorded frames are complete, and the same call
+        continues.
     """
     scenario = request.scenario
     client = connect(carla, scenario.host, scenario.port, scenario.timeout_s)
@@ -171,7 +172,7 @@ class _Recorder:
         self._last: Snapshot | None = None
 
     def run(self, advance: Advance) -> None:
-        """Everything: choose, spawn, warm up, record."""
+        """Do everything: choose, spawn, warm up, record."""
         session, scenario = self._session, self._session.scenario
         before = self._recorded.frames
         session.seed += before
@@ -211,7 +212,7 @@ class _Recorder:
             drain(self._sensors)
 
     def _shoot(self) -> Moment:
-        """The next tick that all sensors measured."""
+        """The moment of the next tick that all sensors measured."""
         missed: Counter[str] = Counter()
         while missed.total() < _MOST_MISSED:
             self._stop.check()

@@ -1,8 +1,9 @@
 """The sensors on the ego vehicle, and what all of them measured at one tick.
 
-All cameras sit at one place, so that they see the same pixel by pixel. Each sensor
-delivers into a queue of its own, from a thread of the library; `collect` takes from all
-queues the measurements of one tick, or none: frames of different moments never meet.
+All cameras sit at one place, so that their images agree pixel by pixel. Each sensor
+delivers into a queue of its own, from a thread of CARLA's library. `collect` takes the
+measurements of one tick from all queues, or none: measurements of different ticks are
+never mixed.
 """
 
 from __future__ import annotations
@@ -139,7 +140,7 @@ def pose_of(carla: Carla, mount: Mount) -> Pose:
 
 @dataclass(frozen=True)
 class Missed:
-    """Why a tick is not complete: a stable word, and the sensor."""
+    """Why a tick is incomplete: a word for programs, and the sensor."""
 
     reason: str
     sensor: str = ""
@@ -157,8 +158,8 @@ def collect(
 ) -> dict[str, Measurement] | Missed:
     """What every sensor measured at one tick.
 
-    Older measurements are thrown away: they are late ones of ticks before. A newer one
-    means that this tick's was lost.
+    Measurements of earlier ticks are discarded. One of a later tick means that the
+    measurement of this tick was lost.
 
     Parameters
     ----------
@@ -168,7 +169,7 @@ def collect(
     wait_s : float
         Shared by all sensors.
     check : callable
-        Called while the time passes; it may raise.
+        Called while waiting; it may raise.
 
     Returns
     -------
@@ -207,7 +208,7 @@ def _take(
 
 
 def drain(sensors: Sequence[RunningSensor]) -> None:
-    """Throw away what has arrived: images of ticks that are not recorded."""
+    """Discard what has arrived: measurements of ticks that are not recorded."""
     for sensor in sensors:
         while True:
             try:

@@ -50,7 +50,7 @@ ClassName: TypeAlias = Annotated[str, Field(min_length=1, max_length=64)]
 
 
 def _one_of(words: tuple[str, ...], what: str) -> AfterValidator:
-    """For a text that has to be one of some words; a fault names the nearest one."""
+    """A validator of texts that have to be one of these words; names the nearest."""
 
     def check(word: str) -> str:
         if word not in words:

@@ -1,10 +1,10 @@
-"""A world that is put back as it was, whatever ends the capture.
+"""A simulator that is put back as it was, however the capture ends.
 
-`open_session` switches the scenario's map to synchronous mode and notes, with each
-change, how to undo it; when its block ends, all of it is undone, after errors and
-signals too. Signals (Ctrl-C, a polite kill, a closed terminal) therefore end nothing by
-themselves: `listening_for_stop` makes them a request that is looked at between two
-acts, and `shielded` lets them wait while the world is put back.
+`open_session` switches the scenario's map to synchronous mode. It notes how to undo
+each change, and undoes all of them when its block ends, also after an error. Signals
+(SIGINT, SIGTERM, SIGHUP) do not end the process: `listening_for_stop` turns them into a
+request that is checked between two steps, and `shielded` delays them while the
+simulator is put back.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def open_session(
 
 @dataclass(eq=False)
 class Session:
-    """What one capture has of the simulator, and has to give back.
+    """What one capture uses of the simulator and has to put back.
 
     Attributes
     ----------
@@ -93,8 +93,8 @@ class Session:
     map_name : str
         Without folders: ``Town10HD``.
     seed : int
-        The scenario's, moved on by the frames that are there already: a capture that
-        goes on must not show the same traffic again.
+        The scenario's plus the number of frames that are recorded already, so that a
+        continued capture does not show the same traffic again.
     frame : int
         The world's last tick.
     """
@@ -118,7 +118,7 @@ class Session:
         return actor
 
     def at_end(self, what: str, step: Callable[[], object]) -> None:
-        """Something to be done when the capture ends; the last one comes first."""
+        """Add a function that is called when the capture ends, the last one first."""
         self._undo.append((what, step))
 
     def tick(self) -> Snapshot | None:
@@ -243,13 +243,13 @@ class StopRequest:
             raise KeyboardInterrupt
 
     def take(self, _number: int, _frame: FrameType | None) -> None:
-        """However many signals come, they wait for the next `check`."""
+        """Note a signal; the next `check` raises, however many came."""
         self.asked = True
 
 
 @contextmanager
 def listening_for_stop() -> Iterator[StopRequest]:
-    """Signals become requests: an actor is never spawned without being noted down."""
+    """Turn signals into requests, so that no actor is spawned without being noted."""
     request = StopRequest()
     if threading.current_thread() is not threading.main_thread():
         yield request
@@ -264,7 +264,7 @@ def listening_for_stop() -> Iterator[StopRequest]:
 
 @contextmanager
 def shielded() -> Iterator[None]:
-    """Signals wait until the block is done: nothing may cut short the putting back."""
+    """Delay signals until the block has ended, so that it is not interrupted."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -311,7 +311,7 @@ class Map(Protocol):
 class World(Protocol):
     """`carla.World`; each call waits for the simulator, RuntimeError if it is gone.
 
-    Weather, map layers and labels only pass through: they are plain objects here.
+    Weather, map layers and labels are only passed on, so they are plain objects here.
     """
 
     def get_settings(self) -> Settings: ...
@@ -465,7 +465,7 @@ def connect(carla: Carla, host: str, port: int, timeout_s: float) -> Client:
 
 
 def answers(client: Client, timeout_s: float) -> bool:
-    """Whether the simulator is there; the client waits no longer from here on."""
+    """Whether the simulator answers; sets the time-out of the client for good."""
     client.set_timeout(timeout_s)
     try:
         client.get_server_version()
@@ -507,5 +507,5 @@ def as_transform(pose: Pose) -> Transform:
 
 
 def rounded(value: float) -> float:
-    """A float32 of the library, without digits that mean nothing."""
+    """A float32 of the library, rounded to the digits that mean something."""
     return round(float(value), _DIGITS)

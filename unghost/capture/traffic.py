@@ -35,7 +35,7 @@ _TRIES: Final = 5
 
 @dataclass(frozen=True, eq=False)
 class TrafficKinds:
-    """The blueprints that a scenario means; every key of it has been checked.
+    """The blueprints that a scenario asks for, with their attributes checked.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class TrafficKinds:
     spawn_points : sequence of Pose
         The map's own, in its order.
     controller : Blueprint or None
-        Of what leads a walker, None if there are no walkers.
+        Of what steers walkers; None if there are no walkers.
     """
 
     ego: Blueprint
@@ -57,7 +57,7 @@ class TrafficKinds:
 
 @dataclass(frozen=True)
 class Spawned:
-    """How many came of what was asked; the rest found no free place."""
+    """How many were spawned; there was no free place for the others."""
 
     ego: Actor
     vehicles: int

@@ -23,7 +23,7 @@ def weather_numbers(weather: Weather, index: int, frames: int) -> dict[str, floa
 
 
 def preset_of(weather: Weather, index: int) -> str | None:
-    """The preset of a frame, None if the simulator's weather is the ground."""
+    """The preset of a frame; None to keep the simulator's own weather."""
     if weather.presets:
         turn = index // weather.frames_per_preset
         return weather.presets[turn % len(weather.presets)]
@@ -43,7 +43,7 @@ class WeatherPlan:
             session.at_end("restore the weather", lambda: world.set_weather(before))
 
     def set(self, index: int) -> bool:
-        """Set the weather of frame `index`; whether another preset came."""
+        """Set the weather of frame `index`; return whether the preset changed."""
         scenario: Scenario = self._session.scenario
         if not scenario.weather.is_given:
             return False

@@ -1,1 +1,1 @@
-"""The client of the REST API, sending and following calls."""
+"""The client of the REST API: describes its calls, sends them, follows jobs."""

@@ -1,9 +1,9 @@
 """Every call of the REST API, described once, by resource.
 
-The methods describe calls and send nothing; a client that inherits `Api` sends them
-(see `call.endpoint`). Paths and queries are those of docs/api.md. Two things are sent
-elsewhere, because their answers are read as they come: the events of a job and the file
-of an export (`jobs`), and batches of frames (`batches`).
+The methods describe calls; a client that inherits `Api` sends them (see
+`call.endpoint`). Paths and queries are those of docs/api.md. Three requests are not
+described here, because their answers are read while they arrive: the events of a job
+and the file of an export (`jobs`), and batches of frames (`batches`).
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class DatasetCalls:
 
     @endpoint
     def stats(self, dataset: str) -> Call[wire.Stats]:
-        """Counts by verdict, reason and class, and of the reviews."""
+        """Counts of boxes by verdict, reason, class and answer."""
         path = dataset_path(dataset, "stats")
         return Call("GET", path, result(wire.Stats))
 
@@ -107,7 +107,7 @@ class DatasetCalls:
     def preview(
         self, dataset: str, config: Mapping[str, object], *, limit: int = 100
     ) -> Call[wire.Preview]:
-        """What a config would decide, and up to `limit` boxes that would flip."""
+        """What a configuration would decide, and up to `limit` boxes that change."""
         path = dataset_path(dataset, "preview")
         body = {"config": config, "limit": limit}
         return Call("POST", path, result(wire.Preview), json=body)
@@ -239,12 +239,12 @@ class BoxCalls:
 
     @endpoint
     def count_boxes(self, /, dataset: str, **filters: object) -> Call[int]:
-        """How many boxes `boxes` would give."""
+        """How many boxes `boxes` would list."""
         return _counted(dataset, filters, lambda body: int(body["total"]))
 
     @endpoint
     def select_boxes(self, /, dataset: str, **filters: object) -> Call[wire.Selection]:
-        """All boxes of a filter as they are now, for `bulk_review`."""
+        """All boxes that match a filter, as they are now, for `bulk_review`."""
         given = _as_in_api(filters).items()
 
         def read(body: Json) -> wire.Selection:
@@ -281,7 +281,7 @@ class BoxCalls:
         """The next boxes to look at, claimed for five minutes by this token's name.
 
         `filters` are those of `boxes`, by the names of the API; `exclude` are boxes
-        that are at hand already.
+        that the caller has already.
         """
         body = {
             "order": order,
@@ -318,26 +318,26 @@ class BoxCalls:
         *,
         comment: str = "",
     ) -> Call[wire.ReviewBatch]:
-        """One answer on many boxes: one act, one undo.
+        """Give one answer on many boxes; `undo` takes it back from all of them.
 
         Parameters
         ----------
         boxes
-            Decisions: those boxes that nobody has answered since they were read.
-            Ids: those boxes that have no answer. A selection: all of its boxes, if
-            they are those that `select_boxes` counted, and as they were then.
+            Decisions: boxes that somebody has answered since they were read are left
+            alone. Ids: boxes that have an answer are left alone. A selection: all of
+            its boxes are answered, or none if any has changed since `select_boxes`.
 
         Returns
         -------
         ReviewBatch
-            `stale` are boxes that were left alone because of an answer, `skipped`
-            those that are gone.
+            `stale` are boxes that were left alone because they have an answer,
+            `skipped` boxes that do not exist any more.
 
         Raises
         ------
         StaleReview
-            Boxes of the selection came, went, were decided anew or were answered
-            since; `current` has their number (`total`) now.
+            Boxes of the selection were added, deleted, decided anew or answered
+            since; `current` has their number now (`total`).
         """
         body = {"dataset": dataset, "verdict": verdict, "comment": comment}
         read = result(wire.ReviewBatch)
@@ -418,7 +418,7 @@ class ConfigCalls:
 
     @endpoint
     def active_config(self, dataset: str) -> Call[wire.ConfigVersion]:
-        """The version that decides now."""
+        """The version in force."""
         path = dataset_path(dataset, "config")
         return Call("GET", path, result(wire.ConfigVersion))
 
@@ -457,15 +457,15 @@ class RunCalls:
 
     @endpoint
     def cancel(self, run: wire.Run | int) -> Call[wire.Run]:
-        """End a run that is not over, so that nothing changes; `Conflict` if it is."""
+        """Cancel a run, so that nothing changes; `Conflict` if it has ended."""
         return Call("POST", f"{run_path(run)}/cancel", result(wire.Run))
 
     @endpoint
     def diff(
         self, run: wire.Run | int, against: wire.Run | int | None = None
     ) -> Call[wire.Diff]:
-        """Counts of boxes that a run decides otherwise than another (else than the one
-        that was active before it).
+        """Counts of the boxes that a run decides otherwise than another run (default:
+        the one that was active before it).
         """
         params = {**_against(against), "limit": 1}
         read = result(wire.Diff)
@@ -514,7 +514,7 @@ class ExportCalls:
 
     @endpoint
     def cancel_export(self, export: wire.Export | int) -> Call[wire.Export]:
-        """End an export that is not over; `Conflict` if it is."""
+        """Cancel an export; `Conflict` if it has ended."""
         path = f"{export_path(export)}/cancel"
         return Call("POST", path, result(wire.Export))
 
@@ -539,7 +539,7 @@ class AccessCalls:
 
     @listing
     def tokens(self) -> Listing[wire.Token]:
-        """Every token, revoked ones included, oldest first; for admins."""
+        """Every token, oldest first, revoked ones included. For admins."""
         return Listing(f"{API}/tokens", wire.Token)
 
     @endpoint
@@ -551,9 +551,9 @@ class AccessCalls:
         expires_at: datetime | None = None,
         expires_in_days: int | None = 90,
     ) -> Call[wire.NewToken]:
-        """A new token; its text is in this answer and nowhere else. For admins.
+        """Create a token; its secret is in this answer and nowhere else. For admins.
 
-        It ends at `expires_at`, else after so many days; None: never.
+        It expires at `expires_at`, else after so many days; None for never.
         """
         body: dict[str, object] = {"name": name, "role": role}
         if expires_at is not None:
@@ -565,14 +565,14 @@ class AccessCalls:
 
     @endpoint
     def revoke_token(self, token_id: int) -> Call[None]:
-        """Take a token back, with the sessions that it opened. For admins."""
+        """Revoke a token, with the sessions that it opened. For admins."""
         return Call("DELETE", f"{API}/tokens/{token_id}", nothing)
 
     @endpoint
     def create_login_code(self) -> Call[wire.NewLoginCode]:
-        """A code that logs a browser in as you, once, within ten minutes.
+        """Create a code that signs a browser in as you, once, within ten minutes.
 
-        The link to open is the server's address, `/#code=`, and the code.
+        The link to open is the address of the server, `/#code=`, and the code.
         """
         read = result(wire.NewLoginCode)
         return Call("POST", f"{API}/login-codes", read, json={})
@@ -601,12 +601,11 @@ class QualityCalls:
         recall: float | None = None,
         truth: Truth = "people",
     ) -> Call[wire.Quality]:
-        """The filter against what is true, and thresholds that would fit better.
+        """How good the filter is, and which thresholds would be better.
 
-        True is what people answered, or with `truth="instances"` what instance images
-        show; they are measured by `evaluate`.
-        Suggested are those of the best F1, or with `target="recall"` the highest that
-        still have this `recall`.
+        It is compared with what people answered, or with `truth="instances"` with what
+        instance images show (`evaluate` measures them). Suggested are the thresholds of
+        the best F1, or with `target="recall"` the highest that reach this `recall`.
         """
         path = dataset_path(dataset, "quality")
         params = {"target": target, "truth": truth, "recall": recall}

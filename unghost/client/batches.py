@@ -1,4 +1,4 @@
-"""A batch of frames in one request; those without an answer are sent again."""
+"""Sends a batch of frames in one request; frames without an answer are sent again."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class BatchSender:
     def __init__(
         self, endpoint: Endpoint, retry: RetryPolicy, pause: Callable[[float], bool]
     ) -> None:
-        """`pause` waits so many seconds and says whether to go on after it."""
+        """`pause` waits so many seconds and returns whether to continue after it."""
         self._endpoint = endpoint
         self._retry = retry
         self._pause = pause
@@ -60,7 +60,8 @@ class BatchSender:
         ApiError
             What concerns every frame: no access, no such dataset, a full disk.
         httpx.TransportError
-            The server is away, also after the retries. Any outcome is a new start.
+            The server does not answer, also after the retries, which are counted anew
+            after each outcome.
         """
         unanswered = deque(frames)
         attempts = Attempts(self._retry, PATIENCE)
@@ -77,7 +78,7 @@ class BatchSender:
                     raise
 
     def _send_once(self, unanswered: deque[PackedFrame], report: Report) -> None:
-        """One request; takes from `unanswered` what has an outcome after it."""
+        """Send one request; frames with an outcome are removed from `unanswered`."""
         lines = self._lines(tuple(unanswered))
         ended = False
         try:
@@ -155,7 +156,7 @@ class BatchSender:
 
 
 class _FrameChanged(Exception):
-    """A frame whose files changed under the sending."""
+    """A file of a frame changed while it was sent."""
 
     def __init__(self, packed: PackedFrame, why: str) -> None:
         super().__init__(why)

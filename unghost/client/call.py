@@ -1,8 +1,8 @@
 """What a call of the REST API is, and the decorators that make methods of calls.
 
-A call is data: what is asked for, and how its answer is read. A function that returns
-one sends nothing, so the same description serves every client that can send it, one
-that waits for the answer as well as one that is awaited.
+A call is data: what is asked for, and how its answer is read. Describing a call sends
+nothing, so the same description serves a client that waits for the answer and one that
+is awaited.
 """
 
 from __future__ import annotations
@@ -78,11 +78,11 @@ class Call(Generic[T]):
     path
         From the root of the server.
     read
-        Called with the answer, if that is a success.
+        Called with the answer if the status is a success; makes the result of it.
     retried
-        Whether to try again where the server is away or busy.
+        Whether to try again if the server does not answer or is busy.
     patience
-        Factor by which it is tried more often than the policy says.
+        How many times as often as the `RetryPolicy` says it is tried.
     """
 
     method: str

@@ -1,12 +1,10 @@
 """Where the server is, and the token of a server on this machine.
 
-A token that was found in a file is only ever given to a server on this machine: it
-opens that server and is no business of any other, nor of another user's program that
-took the port of a server that has ended.
-
-So before a token from a file is sent, the users whose programs listen at the address
-are compared with the file's owner. Linux tells who they are; other systems do not, and
-nothing is compared there.
+A token that was found in a file is sent only to the server that it belongs to: one on
+this machine that runs as the owner of the file. Another user's program may have taken
+the port of a server that has ended. Before such a token is sent, the users whose
+programs listen at the address are therefore compared with the owner of the file. This
+is done on Linux only, because other systems do not say who listens.
 """
 
 from __future__ import annotations
@@ -65,7 +63,7 @@ def find_server(
     *,
     environ: Mapping[str, str] | None = None,
 ) -> Server:
-    """The server to talk to, from what was said, the environment and local files.
+    """The server to talk to, by what is given, the environment and local files.
 
     The token is the first of: the one given, `UNGHOST_TOKEN`, the `token` file in the
     folder `UNGHOST_DATA`, what `unghost serve` noted for just this address, the `token`

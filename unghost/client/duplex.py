@@ -28,12 +28,12 @@ _NOTHING_THERE: Final = (BlockingIOError, ssl.SSLWantReadError)
 
 
 class FileChanged(Exception):
-    """A file is not what it was when the length of the request was said."""
+    """A file has changed since the length of the request was announced."""
 
 
 @dataclass(frozen=True)
 class _Announced:
-    """So many bytes, which go past h11: it only has to count them."""
+    """Stands for so many bytes of a body, which h11 counts and does not send."""
 
     size: int
 
@@ -42,7 +42,7 @@ class _Announced:
 
 
 class Duplex:
-    """A connection that is opened when it is needed, and kept for the next request.
+    """A connection that opens when it is needed and is kept for the next request.
 
     For one thread; `abort` may be called from any.
     """
@@ -91,7 +91,7 @@ class Duplex:
         Raises
         ------
         OSError
-            The connection is gone; what was answered before can still be read.
+            The connection is broken; what was answered before can still be read.
         FileChanged
         """
         sock = self._open_socket()

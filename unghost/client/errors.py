@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 class ApiError(Exception):
     """The server answered, and the answer is not a success.
 
-    `code` is stable and for programs, `detail` is for people, `errors` are the single
-    faults, the first hundred of them, and `more_errors` is how many there are beside
-    these, `request_id` finds the request in the server's log, `retry_after_s` is how
-    long to wait if the server said so.
+    `code` is for programs and does not change, `detail` is for people. `errors` are the
+    single faults, at most a hundred, and `more_errors` is how many more there are.
+    `request_id` finds the request in the log of the server. `retry_after_s` is how long
+    to wait, if the server said so.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Conflict(ApiError):
 class StaleReview(Conflict):
     """412: someone answered meanwhile; `current` is what is there now.
 
-    That is the decision of the box; of a selection of boxes, `total` and `snapshot`.
+    For a box that is its decision; for a selection of boxes, `total` and `snapshot`.
     """
 
     @property

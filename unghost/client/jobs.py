@@ -1,8 +1,8 @@
 """Runs and exports followed to their end, and the file of an export fetched.
 
-A job is followed by its events, which the server sends as they happen; where these
-cannot be had, it is asked for now and then. A file is resumed where its download was
-interrupted, and checked before it appears.
+A job is followed by its events, which the server sends as they happen; if these cannot
+be received, its state is asked for at intervals. An interrupted download continues
+where it stopped, and the file is checked before it appears.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class JobMethods:
     def events(self, run: wire.Run | int) -> Iterator[wire.Run]:
         """A run each time that it changes, until it is over.
 
-        A stream that breaks off is taken up where it was.
+        A stream that breaks off is continued where it was.
         """
         return self._run(run).events()
 
@@ -86,14 +86,14 @@ class JobMethods:
         RunFailed
             It failed or was cancelled.
         TimeoutError
-            It was not finished after `timeout_s`; it goes on.
+            It had not ended after `timeout_s`; it continues on the server.
         """
         return self._run(run).done(progress, timeout_s)
 
     def export_events(self, export: wire.Export | int) -> Iterator[wire.Export]:
         """An export each time that it changes, until it is over.
 
-        A stream that breaks off is taken up where it was.
+        A stream that breaks off is continued where it was.
         """
         return self._export(export).events()
 
@@ -116,7 +116,7 @@ class JobMethods:
     ) -> Path:
         """Fetch a finished export to `path`, which appears whole or not at all.
 
-        An interrupted download goes on where it stopped when it is asked for again.
+        Called again, an interrupted download continues where it stopped.
         """
         url = export.download or f"{export_path(export)}/download"
         download = _Download(
@@ -187,7 +187,7 @@ class _Job(Generic[StateT]):
         return Call("GET", f"{self.path}/events", _itself, headers=headers)
 
     def _followed(self, progress: Progress[StateT]) -> StateT | None:
-        """Its state at the end, by its events; None if they cannot be had."""
+        """Its state at the end, by its events; None if they cannot be received."""
         try:
             for state in self.events():
                 progress(state)
@@ -229,7 +229,7 @@ class _Event(NamedTuple):
 
 
 def _events_of(lines: Iterable[str]) -> Iterator[_Event]:
-    """Events from the lines of a stream; one without its empty line did not come.
+    """The events in the lines of a stream; one without its empty line is incomplete.
 
     Only what the server makes use of is understood: no comments, no `retry`.
     """
@@ -269,7 +269,8 @@ class _Download:
     def fetch(self, progress: Callable[[int, int | None], object]) -> Path:
         """Download the file; it appears at `path` whole or not at all.
 
-        Interrupted, it goes on where it stopped; it gives up when no more bytes come.
+        An interrupted download continues where it stopped; it fails when no more bytes
+        come.
         """
         self.path.parent.mkdir(parents=True, exist_ok=True)
         attempts = Attempts(self.transport.retry, PATIENCE)
@@ -327,7 +328,7 @@ class _Download:
 
 
 def _itself(response: httpx.Response) -> httpx.Response:
-    """Reads an answer that comes as a stream, which is for who called."""
+    """The answer as it is: the caller reads its stream."""
     return response
 
 

@@ -1,7 +1,7 @@
 """A frame on its way to the server, in the forms in which it travels, and its outcome.
 
-By itself it travels as the parts of a form, among others as members of a tar archive.
-Nothing is sent from here.
+A single frame is sent as the parts of a form, many as members of a tar archive. This
+module makes these forms; `push` and `batches` send them.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class OutgoingFrame:
             checked_file_name(name)
 
     def digest(self) -> str:
-        """Names the content, as the server's guide to the API defines it.
+        """Digest of the content, as docs/api.md defines it.
 
         Raises
         ------
@@ -89,7 +89,7 @@ class OutgoingFrame:
         return form
 
     def packed(self, name: str) -> PackedFrame:
-        """The members of an archive; nothing is read of the files but their sizes.
+        """The members of an archive; of the files only the sizes are read.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class Sent:
 
 @dataclass(frozen=True)
 class AlreadyThere:
-    """A frame that was not sent, because the server has the very same one."""
+    """A frame that was not sent, because the server has the same one already."""
 
     key: str
     frame_id: int

@@ -1,8 +1,8 @@
 """Many frames to a dataset at once: bounded in memory, safe to interrupt and to repeat.
 
-Frames that the dataset has already are left out: it is asked for their digests, by key.
-The others go in batches, on some connections at the same time; where batches cannot be
-sent, each goes in a request of its own.
+Frames that the dataset has already are left out: the server is asked for their digests,
+by key. The others are sent in batches, on several connections at the same time; if
+batches cannot be sent, each frame is sent in a request of its own.
 """
 
 from __future__ import annotations
@@ -65,11 +65,11 @@ class Upload:
     ) -> Generator[Outcome, None, None]:
         """Send frames; yields outcomes as they come, in any order.
 
-        What the server has already is not sent. What a reader could not read
-        (`NotSent`) is passed on. `frames` is consumed no faster than it is sent: memory
-        does not grow with it.
-        Stopping early sends nothing more. What concerns every frame (no access, no
-        such dataset, no server) is raised; what concerns one is its outcome.
+        What the server has already is not sent. Frames that could not be read
+        (`NotSent`) are passed on. `frames` is consumed no faster than it is sent, so
+        memory does not grow. A caller that stops early has nothing more sent. Errors
+        that concern every frame (no access, no such dataset, no server) are raised;
+        an error of one frame is its outcome.
         """
         with _Senders(self) as senders:
             for batch in _batches(self._packed(frames)):

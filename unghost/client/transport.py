@@ -1,7 +1,7 @@
 """Calls over HTTP: one pool of connections, the token, time-outs and retries.
 
-Knows no call of the API. What is decided after a failure is decided by values
-(`RetryPolicy`, `Attempts`); loops that send only wait and go on.
+Knows no call of the API. `RetryPolicy` and `Attempts` decide what happens after a
+failure; the loops that send only wait and try again.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class RetryPolicy:
     def delay_s(self, attempt: int, retry_after_s: float | None = None) -> float:
         """Seconds to wait after `attempt` (from 1) failed.
 
-        What the server asked for is the least, and is capped: a client that waits for
-        an hour without a word looks like one that hangs.
+        At least what the server asked for, up to a limit: a client that waits for an
+        hour without a word looks like one that hangs.
         """
         ceiling = min(self.longest_s, self.base_s * 2 ** (attempt - 1))
         jitter = random.uniform(0, ceiling)
@@ -67,7 +67,7 @@ class Attempts:
     policy
         How often to try, and how long to wait.
     patience
-        Factor by which it is tried more often than the policy says.
+        How many times as often as the policy says it is tried.
     """
 
     def __init__(self, policy: RetryPolicy, patience: int = 1) -> None:
@@ -78,14 +78,14 @@ class Attempts:
     def failed(
         self, error: Unavailable | httpx.TransportError, *, moved_on: bool = False
     ) -> float:
-        """Note a failure: the seconds to wait; the last one is raised instead.
+        """The seconds to wait after a failure; the error is raised after the last try.
 
         Parameters
         ----------
         error
             Why it failed.
         moved_on
-            Something was achieved since the last failure: counting begins anew.
+            Whether something was achieved since the last failure: counting begins anew.
         """
         self._failed = 1 if moved_on else self._failed + 1
         if self._failed >= self._most:
@@ -129,7 +129,7 @@ class Transport:
         return self._closed.is_set()
 
     def pause(self, seconds: float) -> bool:
-        """Wait; True if calls can be sent then, False at once if `close` is called."""
+        """Wait; True when calls can be sent, False at once when `close` is called."""
         return not self._closed.wait(seconds)
 
     def send(self, call: Call[T]) -> T:
@@ -148,7 +148,7 @@ class Transport:
     def stream(self, call: Call[T]) -> Iterator[T]:
         """What the call reads from an answer whose body has not come yet.
 
-        It is sent once: who reads the body knows what to send again.
+        It is sent once: the reader of the body decides what to send again.
         """
         response = self._http.send(self._request(call), stream=True)
         try:
@@ -159,7 +159,7 @@ class Transport:
             response.close()
 
     def endpoint(self, path: str, params: Params | None = None) -> Endpoint:
-        """Where a connection of its own sends POST requests to, past the pool."""
+        """For a connection outside of the pool: where it sends POST requests to."""
         request = self._http.build_request("POST", path, params=query_of(params or {}))
         kept = ("authorization", "user-agent")
         headers = {
@@ -174,7 +174,7 @@ class Transport:
 
     @property
     def behind_proxy(self) -> bool:
-        """Whether calls take a way that a connection of its own would not know."""
+        """Whether calls go through a proxy, which another connection would bypass."""
         url = self._http.base_url
         named = getproxies()
         return self._http.trust_env and bool(

@@ -1,8 +1,8 @@
 """Houses: their shape as triangles, and their walls with windows, drawn per pixel.
 
-`building` makes the body and what stands out of it; `facade_look` is the shader that
-draws windows, frames, sills and shops from the place on the wall. Both follow the same
-`FACADE_STYLES`.
+`building` makes the walls, roof, balconies and cornices as triangles. `facade_look`
+colours the pixels of a wall: it draws windows, frames, sills and shops from the place
+of each pixel on the wall. Both follow the same `FACADE_STYLES`.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _AWNINGS: Final = ((150, 40, 40), (40, 78, 62), (44, 62, 104), (196, 150, 70))
 
 @dataclass(frozen=True)
 class FacadeStyle:
-    """How a wall is divided; metres.
+    """How the wall of a house is divided into windows and storeys. Lengths in metres.
 
     Attributes
     ----------
@@ -126,13 +126,13 @@ class Plot:
 
 
 def height_of(style: int, storeys: int) -> float:
-    """Eaves height that fits whole storeys."""
+    """The height of the eaves above the ground, metres, for so many storeys."""
     rule = FACADE_STYLES[style]
     return rule.base + storeys * rule.floor + 0.35
 
 
 def building(plot: Plot, rng: np.random.Generator) -> Mesh:
-    """A house of one of the styles, dressed as that style is."""
+    """The triangles of a house on its plot, with what its style adds to the walls."""
     walls = WALLS[plot.style]
     rgb = walls[rng.integers(len(walls))]
     seed = int(rng.integers(1, 900))
@@ -324,7 +324,7 @@ def _porch(plot: Plot) -> Mesh:
 
 @dataclass(frozen=True, eq=False)
 class WallPixels:
-    """What the shader needs of each of N pixels.
+    """What the colour of N pixels of walls is computed from.
 
     Attributes
     ----------
@@ -343,7 +343,7 @@ class WallPixels:
 
 @dataclass(frozen=True, eq=False)
 class WallLook:
-    """What comes out: colour, mirror share, own light, and light kept in recesses."""
+    """Of N pixels: colour, share of mirrored light, own light, shade of recesses."""
 
     albedo: Float32
     gloss: Float32
@@ -366,7 +366,7 @@ def facade_look(wall: WallPixels) -> WallLook:
 
 
 class _Wall:
-    """One evaluation of the shader; the steps share many intermediate planes."""
+    """The look of one set of pixels; its steps share many intermediate arrays."""
 
     def __init__(
         self,

@@ -55,7 +55,7 @@ _SAMPLES_AT_ONCE: Final = 1 << 16
 
 
 class Stage:
-    """A town's things, prepared for taking many snapshots."""
+    """The things of a town, prepared once for snapshots at many moments."""
 
     def __init__(self, town: Town) -> None:
         self.town = town
@@ -97,7 +97,7 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """Triangles in the world and on the screen, and whose they are.
+    """Triangles that a camera may see at one moment, in the world and on the screen.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ def _together(one: Snapshot, two: Snapshot) -> Snapshot:
 
 
 def _in_view(centres: FloatArray, reach: FloatArray, camera: Camera) -> BoolArray:
-    """Which balls reach into the view's pyramid."""
+    """(N,) bool: which balls reach into the pyramid that the camera sees."""
     image = camera.world_to_image
     planes = np.stack(
         [
@@ -152,7 +152,7 @@ def _in_view(centres: FloatArray, reach: FloatArray, camera: Camera) -> BoolArra
 def _hidden(
     canvas: Canvas, centres: FloatArray, reach: FloatArray, camera: Camera
 ) -> BoolArray:
-    """Which balls lie wholly behind what is drawn."""
+    """(N,) bool: which balls lie wholly behind what is drawn already."""
     tiles = _farthest_per_tile(canvas)
     low, high, nearest = _windows(centres, reach, camera)
     hidden = np.zeros(len(centres), dtype=bool)
@@ -174,7 +174,7 @@ def _farthest_per_tile(canvas: Canvas) -> NDArray[np.float32]:
 def _windows(
     centres: FloatArray, reach: FloatArray, camera: Camera
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rectangles in the image that balls stay within, and their nearest depths."""
+    """For each ball, a rectangle in the image that holds it, and its nearest depth."""
     local = turned(centres - camera.position, camera.world_to_camera[:3, :3])
     focal = camera.intrinsic[0, 0]
     depth, radius = local[:, :1], reach[:, None]
@@ -265,7 +265,7 @@ def _draw_ground(canvas: Canvas, rays: Float32, camera: Camera) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Planes:
-    """What each pixel of a frame shows; every plane tells of the same nearest surface.
+    """What each pixel of a frame shows: arrays that describe the same nearest surface.
 
     Attributes
     ----------
@@ -285,7 +285,7 @@ class Planes:
 def planes_of(
     snapshot: Snapshot, samples: Samples, tags: TagImage, normals: Float32
 ) -> Planes:
-    """Arrange the pixels' centres as images."""
+    """The samples at the centres of all pixels, as arrays of the image's shape."""
     owner = np.full(len(samples.winner), -1, dtype=np.int32)
     on_thing = samples.winner >= 0
     owner[on_thing] = snapshot.owner[samples.winner[on_thing]]
@@ -301,7 +301,7 @@ def planes_of(
 def surfaces(
     snapshot: Snapshot, samples: Samples, plan: RoadPlan
 ) -> tuple[Pixels, TagImage]:
-    """What samples that do not show the sky show: for shading, and their tags."""
+    """The samples that do not show the sky, as input of shading, and their tags."""
     camera, mesh = snapshot.camera, snapshot.mesh
     ground = np.flatnonzero(samples.winner == GROUND)
     triangle = np.maximum(samples.winner, 0)
@@ -452,7 +452,7 @@ class Photographer:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """What a snapshot shows at N samples, and its light.
+    """What a snapshot shows at N samples: light, tags and normals.
 
     Attributes
     ----------

@@ -197,7 +197,7 @@ def bus_stop() -> Mesh:
 
 
 def planter(rng: np.random.Generator) -> Mesh:
-    """A stone tub; its plants are added by whoever places it."""
+    """An empty stone tub; the caller adds the plants."""
     wide = float(rng.uniform(0.5, 0.7))
     ring = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * wide
     rings = np.stack(

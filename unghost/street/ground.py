@@ -142,7 +142,7 @@ class RoadPlan:
         return np.maximum(middle, zebra)
 
     def _offset(self, x: Float32) -> Float32:
-        """x seen from the nearest crossing."""
+        """Signed distance of x from the middle of the nearest crossing, metres."""
         best = np.full(x.shape, 1e6, dtype=np.float32)
         for middle in self.crossings:
             offset = x - np.float32(middle)

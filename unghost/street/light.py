@@ -1,8 +1,8 @@
 """Light: the sun and the sky of an hour, its shadows, and how surfaces answer.
 
-`shade` is the whole way from N pixels with a surface to the light that reaches the
-camera; `develop` makes a display image of light. Shadows are maps of what is nearest to
-the sun.
+`shade` computes the light that reaches the camera from N pixels that show a surface.
+`develop` turns light into an image for a display. A `ShadowMap` says which surface is
+nearest to the sun; what lies behind it is in shadow.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Lighting:
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """N pixels with a surface: where it is and what it is made of."""
+    """N pixels that show a surface: where it is and what it is made of."""
 
     position: Float32
     direction: Float32
@@ -75,7 +75,7 @@ class Pixels:
 
 @dataclass(eq=False)
 class Look:
-    """What the kinds of surface decide, per pixel."""
+    """Per pixel, what depends on the kind of surface."""
 
     albedo: Float32
     gloss: Float32
@@ -375,7 +375,7 @@ def _pair_occlusion(nearness: Float32, x: int, y: int, focal: float) -> Float32:
 
 
 def develop(light: Float32, exposure: float) -> Float32:
-    """Linear light (H, W, 3) to a display image, by a film's curve."""
+    """An image for a display from linear light (H, W, 3), by a curve like film's."""
     x = light * np.float32(exposure)
     # Narkowicz, "ACES filmic tone mapping curve", 2015.
     film = (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)

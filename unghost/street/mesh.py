@@ -1,8 +1,8 @@
 """Triangles in space, and the shapes that everything in the street is built of.
 
-A `Mesh` is a heap of triangles with normals, paint and tag; it knows no camera.
-Blocks, tubes, balls, sheets and lofts make meshes. A loft stretches a skin over rings
-of points; those of vehicles are given by their right halves.
+A `Mesh` is a set of triangles with normals, paint and tag. Blocks, tubes, balls, sheets
+and lofts make meshes. A loft stretches a skin over rings of points. Vehicles are
+symmetrical, so their rings are given by the right halves.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _CREASE_COSINE: Final = 0.68
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A heap of triangles.
+    """A set of triangles.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Mesh:
         )
 
     def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mesh:
-        """The mesh somewhere else."""
+        """The mesh moved, without a turn."""
         shifted = self.corners + np.array([x, y, z])
         return Mesh(shifted, self.normals, self.surface, self.tag)
 
@@ -130,7 +130,7 @@ def cross(one: FloatArray, two: FloatArray) -> FloatArray:
 
 
 def turned(vectors: NDArray[Real], matrix: FloatArray) -> NDArray[Real]:
-    """The vectors (..., 3), each times a matrix (3, 3), in the vectors' own precision.
+    """The vectors (..., 3), each times a matrix (3, 3), in their own precision.
 
     Written out: a matrix product would go through BLAS, whose results differ from
     machine to machine and whose threads would fight with ours.
@@ -242,7 +242,7 @@ def wheel_ring(
 
 
 def sheet(corners: ArrayLike, normal: ArrayLike, paint: Paint, tag: int) -> Mesh:
-    """A flat quad, seen from the side that its normal points to."""
+    """A flat quad, visible from the side that its normal points to."""
     quad = np.asarray(corners, float)[None]
     normals = np.broadcast_to(np.asarray(normal, float), quad.shape)
     return _quads(quad, normals, paint, tag)

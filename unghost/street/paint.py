@@ -58,7 +58,7 @@ class Tag:
 
 
 class Kind(IntEnum):
-    """How a surface is shaded; PLAIN is one colour."""
+    """Which rule shades a surface; PLAIN is a single colour."""
 
     PLAIN = 0
     LEAF = 1

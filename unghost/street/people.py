@@ -44,7 +44,7 @@ WALK_PHASES: Final = 4
 
 @dataclass(frozen=True)
 class Dress:
-    """What one person wears."""
+    """The colours of what one person wears."""
 
     shirt: RGB
     trousers: RGB
@@ -54,7 +54,7 @@ class Dress:
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> Dress:
-        """Any of the colours."""
+        """A dress whose colours are drawn at random."""
         shirt, trousers, skin, hair = (
             colors[rng.integers(len(colors))]
             for colors in (SHIRTS, TROUSERS, SKINS, HAIRS)
@@ -142,7 +142,7 @@ def walking_pose(phase: int) -> Pose:
 
 @dataclass(frozen=True)
 class Figure:
-    """A person of limbs, trunk and head in a pose, to be dressed.
+    """A person in a pose, built part by part: limbs, trunk, head and clothes.
 
     Attributes
     ----------
@@ -156,7 +156,7 @@ class Figure:
     sides: int = 8
 
     def mesh(self) -> Mesh:
-        """All of it."""
+        """All parts in one mesh."""
         limbs = [limb(side) for side in (0, 1) for limb in (self._leg, self._arm)]
         return join([self._trunk(), self._head(), *limbs])
 

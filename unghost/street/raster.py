@@ -1,8 +1,8 @@
 """Which triangle is nearest at each pixel: a z-buffer for many triangles at once.
 
-`to_screen` projects the triangles that a camera may see, `draw` fills a canvas with
-them. "Nearness" is whatever is linear on the screen and grows towards the eye: 1 /
-depth for a camera, the height towards the sun for its shadows.
+`to_screen` projects the triangles that a camera may see, `draw` draws them on a canvas.
+"Nearness" is a number that is linear on the screen and grows towards the eye: 1 / depth
+for a camera, the height towards the sun for its shadows.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Canvas:
     ----------
     nearness : (H, W) float32
     winner : (H, W) int32
-        The triangle's number; what the canvas began with where none is nearer.
+        Number of the nearest triangle; its first value where none was drawn.
     """
 
     nearness: NDArray[np.float32]
@@ -58,7 +58,7 @@ def draw(canvas: Canvas, screen: FloatArray, numbers: IntArray) -> None:
     screen : (T, 3, 3) float64
         Per corner u px, v px, nearness. A pixel is covered if its centre is.
     numbers : (T,) int64
-        What `Canvas.winner` is to say.
+        The number of each triangle, which `Canvas.winner` gets.
     """
     height, width = canvas.winner.shape
     edges, window_px, nearest = _prepare(screen, numbers, width, height)

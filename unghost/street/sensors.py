@@ -1,4 +1,4 @@
-"""What CARLA's sensors would hand out of a frame, and the truth beside it.
+"""What CARLA's sensors would measure in a frame, and the truth about its boxes.
 
 From a frame's planes: segmentation, instances and depth in CARLA's encodings, and a
 semantic LiDAR at the camera's place. From the town: the annotation with the boxes of
@@ -61,7 +61,7 @@ GHOST_KINDS: Final = (
 
 @dataclass(frozen=True, eq=False)
 class PlacedBox:
-    """A thing's box in the world of one frame."""
+    """The box of a thing at the moment of one frame, in world coordinates."""
 
     index: int
     thing: Thing
@@ -146,7 +146,7 @@ def _with_box3d(box: PlacedBox) -> dict[str, object]:
 
 
 def _with_rectangle(box: PlacedBox, camera: Camera) -> dict[str, object]:
-    """The tutorials' rectangle, which knows nothing of what is behind the camera.
+    """The rectangle as CARLA's tutorials compute it, wrong behind the camera.
 
     Corners behind it come out mirrored, so that a box beside or behind the camera
     becomes a beam across the image or a rectangle somewhere in it.
@@ -230,7 +230,7 @@ def scan(planes: Planes, camera: Camera, ids: IntArray) -> NDArray[np.void]:
 
 
 def _targets(camera: Camera, focal: float) -> tuple[IntArray, IntArray]:
-    """The pixels that the beams within the image fall on."""
+    """The pixels that the beams hit, of those that lie within the image."""
     half = np.degrees(np.arctan(camera.width / 2 / focal))
     turn = np.radians(np.linspace(-half, half, _TURNS))
     tilt = np.radians(np.linspace(_LOWEST, _HIGHEST, _CHANNELS))
@@ -272,7 +272,7 @@ def truth_of(
 
 
 def visible_pixels(planes: Planes, boxes: list[PlacedBox], things: int) -> list[int]:
-    """Per box, the pixels of its own thing that carry a tag its class accepts.
+    """For each box, how many pixels show its thing with a tag that its class accepts.
 
     A traffic light whose upright alone is seen (tagged Pole) is therefore not visible.
     """
@@ -314,7 +314,7 @@ def _kind_by_place(
 def _hidden_by(
     box: PlacedBox, nearest: float, planes: Planes, visible_xyxy: FloatArray
 ) -> str:
-    """What covers most of the box's rectangle and is nearer than the box."""
+    """The thing that covers most of the box's rectangle and is nearer than the box."""
     x0, y0 = np.floor(visible_xyxy[:2]).astype(int)
     x1, y1 = np.ceil(visible_xyxy[2:]).astype(int)
     in_front = planes.depth[y0:y1, x0:x1] < nearest

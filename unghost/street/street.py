@@ -1,4 +1,4 @@
-"""The door of this package: frames of a street, with everything true about them.
+"""What other packages call: frames of a street, and the truth about them.
 
 `StreetScene` renders frames; `write_street` writes them as a dataset into a folder, a
 manifest with its files and the truth.
@@ -58,7 +58,7 @@ TRUTH: Final = "truth.jsonl"
 
 @dataclass(frozen=True, eq=False)
 class StreetFrame:
-    """One frame: what a recording of CARLA would hold, and the truth beside it.
+    """One frame: the files that a recording of CARLA would have, and the truth.
 
     Attributes
     ----------
@@ -88,8 +88,8 @@ class StreetScene:
     raw : bool
         Write raw tags instead of palette colours into the segmentation.
     actors : float
-        The share of vehicles, people and lights that are there: all of them crowd the
-        street far beyond what is usually recorded.
+        The share of vehicles, people and lights that are there, 0 to 1. With all of
+        them the street is far more crowded than usual recordings.
     """
 
     def __init__(
@@ -236,12 +236,12 @@ def write_street(
 ) -> Path:
     """Render a street into a folder.
 
-    The manifest appears last and at once, so that a folder with one is complete.
+    The manifest is written last, whole: a folder that has one is complete.
 
     Parameters
     ----------
     folder : Path
-        Made if it is not there.
+        Created if it does not exist.
     frames : int
         How many; the three towns take turns.
     seed : int

@@ -1,7 +1,7 @@
 """A town: the things that stand and move in it, and the drive through it.
 
-A `Thing` has shapes, a box and a place at each time. A `TownBuilder` puts things into a
-`Town`; what they are is decided in `towns` and `traffic`.
+A `Thing` has shapes, a box, and a place at each time. A `TownBuilder` puts things into
+a `Town`; `towns` and `traffic` decide which ones.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class TownBuilder:
         self._grown: dict[TreeKind, list[tuple[Mesh, Mesh]]] = {}
 
     def put(self, thing: Thing) -> None:
-        """Add a thing that is complete but for its number."""
+        """Add a thing and give it the next number."""
         self.town.things.append(replace(thing, instance=next(self._numbers)))
 
     def scenery(
@@ -150,7 +150,7 @@ class TownBuilder:
         ]
 
     def pick(self, choices: Sequence[T]) -> T:
-        """Any of several."""
+        """One of several, at random."""
         return choices[int(self.rng.integers(len(choices)))]
 
     def stretches(self) -> list[tuple[float, float]]:
@@ -163,7 +163,7 @@ class TownBuilder:
 
 @dataclass(frozen=True)
 class Route:
-    """Straight on at one speed, and from the start again.
+    """A way straight on at one speed, which begins again at its end.
 
     Attributes
     ----------
@@ -256,7 +256,7 @@ class Thing:
         return replace(self.start, location=place)
 
     def shape(self, time_s: float, *, far: bool = False) -> Mesh:
-        """What it looks like at a time."""
+        """Its shape at a time."""
         shapes = self.far_shapes if far and self.far_shapes else self.shapes
         if len(shapes) == 1:
             return shapes[0]
@@ -265,6 +265,6 @@ class Thing:
 
 
 def convoy(gap: float, y: float, sway: float = 0.0) -> tuple[Transform, Route]:
-    """Start and route of what keeps its distance ahead of the camera, give or take."""
+    """Start and route of a thing that keeps about the same distance from the camera."""
     start = Transform((DRIVE_START + gap, y, 0.0))
     return start, Route(DRIVE_SPEED, DRIVE_LENGTH, sway=sway)

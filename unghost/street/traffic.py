@@ -1,7 +1,7 @@
-"""Who drives, walks and is parked, as CARLA's blueprints name them.
+"""Vehicles, people and traffic lights: which there are, where, and how they move.
 
-Vehicles in their lanes, people on sidewalks and crossings, traffic lights, and whoever
-stays where they are, many of them out of sight.
+Vehicles drive in their lanes, people walk on sidewalks and crossings; others are parked
+or stand, many of them out of sight. Names are those of CARLA's blueprints.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def new_car(
 def new_heavy(
     name: str, rng: np.random.Generator, start: Transform, route: Route = _STANDING
 ) -> Thing:
-    """One of `HEAVY`."""
+    """A van, bus or truck: one of `HEAVY`."""
     class_name, type_id, build = HEAVY[name]
     return Thing(0, class_name, type_id, class_name, (build(rng),), start, route)
 

@@ -1,4 +1,4 @@
-"""Vehicles, each built from a few measures: cars, vans, buses, trucks, two-wheelers.
+"""Shapes of vehicles from a few measures: cars, vans, buses, trucks, two-wheelers.
 
 All are centred at the origin, stand on the ground and head along x; metres.
 """
@@ -393,7 +393,7 @@ def _shell_half(shell: Shell, roof: float) -> FloatArray:
 
 
 def _bonneted(shell: Shell, body: Paint, tag: int) -> Mesh:
-    """A van's skin: a short bonnet, a leaning windscreen, a long box."""
+    """The skin of a van: a short bonnet, a leaning windscreen, a long box."""
     cowl = shell.front - 0.85
     stations = [
         (shell.front, 1.02),
