@@ -7,7 +7,7 @@ RUN python -m pip wheel --no-cache-dir --no-deps --wheel-dir /wheels .
 FROM python:3.12-slim
 LABEL org.opencontainers.image.title="Unghost" \
       org.opencontainers.image.licenses="Apache-2.0"
-# Past one machine: --build-arg EXTRAS="[cluster,postgres,s3]".
+# For PostgreSQL, S3 and a cluster of workers: --build-arg EXTRAS="[cluster,postgres,s3]".
 ARG EXTRAS=""
 COPY --from=build /wheels /wheels
 RUN python -m pip install --no-cache-dir "$(ls /wheels/*.whl)$EXTRAS" && rm -r /wheels \
