@@ -53,7 +53,7 @@ _EPSILON: Final = 1e-9
 
 @dataclass(frozen=True)
 class Present:
-    """What occurs in a dataset, so that no stream is opened in vain."""
+    """What occurs in a dataset; streams of anything else would be empty."""
 
     reasons: tuple[int, ...]
     class_ids: frozenset[int]
@@ -63,7 +63,10 @@ class Present:
 
 @dataclass(frozen=True)
 class BoxOrder:
-    """The streams of each tier for one filter; all boxes of a tier precede the next."""
+    """The streams of each tier for one filter.
+
+    An order has several tiers: all boxes of a tier come before those of the next one.
+    """
 
     wanted: BoxFilter
     present: Present
@@ -272,7 +275,11 @@ class BoxOrder:
 
 
 class Position(NamedTuple):
-    """Where a page ended: the tier, the score in it, the stream, and the box."""
+    """Where a page ended: its last box, and in which stream that was.
+
+    A cursor holds these numbers. `tier` and `stream` count the tiers of the order and
+    the streams of the tier, from 0; `score` is what the stream sorts by.
+    """
 
     tier: int
     score: float

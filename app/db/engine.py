@@ -107,9 +107,10 @@ def once_committed(session: Session, tell: Callable[[], None]) -> None:
 
 
 def begin_as_work(session: Session) -> None:
-    """Begin the transaction of a session of `Database.write` as work that can wait.
+    """Begin the transaction of a session of `Database.write` as work, not as a person.
 
-    For long acts: single answers of people are stored before them.
+    For acts on many boxes, which may take long: single answers that wait are stored
+    before them. To be called before its first statement.
     """
     session.connection(execution_options={"person": False})
 
@@ -157,10 +158,10 @@ class Database:
 
     @contextmanager
     def write_beside(self) -> Iterator[Session]:
-        """As `write`, for rows that no other transaction counts on.
+        """As `write`, for rows that concern no other transaction.
 
-        On PostgreSQL it does not wait for its turn behind other writers; SQLite has
-        only one place for a writer.
+        On PostgreSQL it does not wait for its turn. On SQLite it does, as only one
+        transaction can write there.
         """
         if self.has_one_writer:
             with self.write() as session:
@@ -260,10 +261,10 @@ def migrating_alone(engine: Engine) -> Iterator[None]:
 
 
 def keep_turn(session: Session) -> None:
-    """Let a writer be silent in its turn for as long as it takes.
+    """Let this transaction stay open without a statement for as long as it takes.
 
-    For those who change something else than the database, which must not go on when
-    somebody else writes by now.
+    For a writer that removes files in its turn. If PostgreSQL ended the transaction
+    meanwhile, another one could refer to these files.
     """
     if session.connection().dialect.name == "postgresql":
         named = "idle_in_transaction_session_timeout"

@@ -11,18 +11,19 @@ from sqlalchemy.exc import TimeoutError as WaitedTooLong
 from sqlalchemy.pool import ConnectionPoolEntry
 
 PEOPLE_IN_A_ROW: Final = 8
-"""So many answers of people overtake work that waits, then it gets one turn."""
+"""After so many turns of people, work that waits gets one turn."""
 LONGEST_WAIT_S: Final = 30.0
 _HELD: Final = "turn"
 
 
 class Turns:
-    """The one place of a writer within a process, handed from each to the next.
+    """The right to write, which one transaction of a process has at a time.
 
-    SQLite lets whoever looks at the right moment write, and those who wait look less
+    SQLite gives it to whoever tries at the right moment, and those who wait try less
     and less often: some waited for seconds while others were let in again and again.
-    Here nobody looks. Who leaves hands the place to who has waited longest; people
-    before work that nobody waits for in front of a page, such as uploads and runs.
+    Here nobody tries. Whoever gives the turn back hands it to the one who has waited
+    longest: to a person first, then to work in front of which nobody sits, such as
+    uploads and runs.
     """
 
     def __init__(self) -> None:
@@ -33,11 +34,12 @@ class Turns:
         self._in_a_row = 0
 
     def rule(self, engine: Engine) -> None:
-        """Let transactions of this engine with the option ``writes`` take turns.
+        """Make transactions of this engine that have the option ``writes`` take turns.
 
-        Those with the option ``person`` come first; ``turn_wait_s`` is how long they
-        wait. A turn ends when the connection goes back to the pool, which it does after
-        a commit, a roll-back and a loss.
+        Those that have the option ``person`` as well come first. ``turn_wait_s`` is how
+        many seconds a transaction waits at most. Its turn ends when its connection goes
+        back to the pool: after a commit, after a roll-back, or when the connection is
+        lost.
         """
         event.listen(engine, "begin", self._begin)
         event.listen(engine, "checkin", self._end)

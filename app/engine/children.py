@@ -1,4 +1,4 @@
-"""Child processes that read pictures: what a picture can cost ends with its process.
+"""Child processes that read pictures, each with limits of time and memory.
 
 Decoders are written in C, and whoever uploads a picture chooses what they have to do.
 In a thread of the service a decoder could be neither stopped nor bounded: it would
@@ -255,7 +255,7 @@ class PixelPool:
             raise
 
     def _give_back(self, child: _Child, reason: str) -> None:
-        """Free its place; for a reason the child is ended, and another follows."""
+        """Free the place of a child; with a reason, the child is ended and replaced."""
         if reason:
             child.kill()
             PIXEL_PROCESSES_ENDED.labels(reason).inc()
@@ -344,7 +344,7 @@ class _Child:
 
 
 def _read_answer(message: bytes) -> tuple[str, object]:
-    """How work ended and its result; `_ChildDied` for what no child of ours says."""
+    """How the work ended and its result; `_ChildDied` if that cannot be read."""
     try:
         return cast("tuple[str, object]", _Answers(BytesIO(message)).load())
     except pickle.UnpicklingError as exc:
@@ -352,12 +352,12 @@ def _read_answer(message: bytes) -> tuple[str, object]:
 
 
 class _Answers(pickle.Unpickler):
-    """Reads values of the library and arrays, and nothing that could do anything else.
+    """A pickle reader that makes arrays and values of the library, and nothing else.
 
-    A picture that took over its child could have it say anything. So pickles are read
-    by the names that may stand in them. The other way it needs no such list, and a
-    child reads with `pickle.loads`: what it is sent was pickled by the service itself,
-    pictures in it being bytes, and whoever rules the service rules its children anyway.
+    A picture could take over the child that decodes it, and then the child could send
+    anything. So only a list of names may stand in its pickles. In the other direction a
+    child uses `pickle.loads`: the service itself has pickled what it gets, and pictures
+    are bytes in it.
     """
 
     def find_class(self, module: str, name: str) -> object:
@@ -396,7 +396,7 @@ def _context(preload: Sequence[str]) -> _Context:
 
 @contextmanager
 def _no_main_module() -> Iterator[None]:
-    """Children need nothing of the program; `multiprocessing` would import it there."""
+    """Keep `multiprocessing` from importing the main program in a child."""
     program = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
     try:
@@ -406,7 +406,7 @@ def _no_main_module() -> Iterator[None]:
 
 
 def _serve(pipe: Connection, memory_bytes: int) -> None:
-    """In a child: answer until the service is gone."""
+    """Runs in a child: does what it is asked, until the service closes its pipe."""
     # Ctrl-C in a terminal reaches all processes; the service finishes what it began.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

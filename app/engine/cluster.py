@@ -1,7 +1,7 @@
-"""The engine past one machine: chunks go to workers that have joined a scheduler.
+"""The engine for several machines: workers that joined a scheduler do the chunks.
 
-Pixels of uploads are still measured here; jobs are driven here. Whatever the cluster
-forgets or delays, the ledger in the database makes harmless.
+Uploads are still measured here, and jobs are driven here. What the cluster forgets or
+delays does no harm: the chunks are kept in the database.
 """
 
 from __future__ import annotations

@@ -154,10 +154,10 @@ class LocalEngine:
         """
 
     def interrupt(self, job: Job) -> None:
-        """Let a job notice that it is unwanted, before any row can tell it.
+        """Tell a job that it is being cancelled, before its row can say so.
 
-        A job that is storing its end holds the database's only place for writers: who
-        cancels it could not write that down before it is over.
+        On SQLite a job that stores its end holds the database's only place for writers.
+        Whoever cancels it could write that down only after its end.
         """
         self._unwanted.add(job)
 

@@ -105,7 +105,7 @@ class ExportKind:
         return True
 
     def begin(self, session: Session, row: tables.Export) -> None:
-        """Count the frames; what was cut off is written anew."""
+        """Count the frames. An export that was cut off is written anew."""
         row.done, row.total = 0, FrameRepository(session).count(row.dataset_id)
 
     def plan(
@@ -126,10 +126,10 @@ class ExportKind:
         write_chunk(task)
 
     def finish(self, task: Task[tables.Export]) -> None:
-        """Nothing: its only chunk ends an export."""
+        """Does nothing: the only chunk of an export ends it."""
 
     def left(self, _session: Session, _row: tables.Export, _chunk: Chunk) -> list[int]:
-        """None: whatever ends the process, it cannot be said which frame did."""
+        """Empty: it cannot be said which frame of an export has ended a process."""
         return []
 
     def name_left(

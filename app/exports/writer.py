@@ -1,8 +1,8 @@
 """Writing an export: one consistent view of the database, streamed into a zip file.
 
 The file is named by its content, and the same state gives the same bytes. An export
-that was cut off is written anew: what is there of it belongs to a state that is gone.
-It may be written by a worker, and by two of them: the first one that is done ends it.
+that was cut off is written anew, since the state that it had read is gone. Two
+processes may write the same export: the first one that is done ends it.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _AT_A_TIME: Final = 200
 _NO_ROWS: Final = slice(0, 0)
 
 _CROWD: Final = '"iscrowd"'
-"""What stands in the text of an annotation that has the key."""
+"""The key of an annotation's text that marks a crowd."""
 _EPOCH: Final = (1980, 1, 1, 0, 0, 0)
 """The earliest time a zip file can hold: no clock goes into an export."""
 _PACKED: Final = (".png", ".jpg")
@@ -94,7 +94,7 @@ def _end(task: Task[Export], stored: StoredArchive) -> None:
 
 @contextmanager
 def _empty_folder(context: ServiceContext, export_id: int) -> Iterator[Path]:
-    """A place for one export, unlike that of an attempt that may still go on."""
+    """A new folder for one attempt at an export; an earlier attempt may still write."""
     name = f"export-{export_id}-{secrets.token_hex(4)}"
     folder = context.storage.temporary_folder() / name
     folder.mkdir()

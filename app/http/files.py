@@ -18,7 +18,7 @@ _SANDBOX: Final = "default-src 'none'; sandbox"
 
 
 def known_response(request: Request, digest: str) -> Response | None:
-    """The answer to whoever has a file already: it is not even looked at."""
+    """304 for a client that has the file already; the file is not looked at."""
     headers = blob_headers(digest)
     if not is_known(request, headers["ETag"]):
         return None
@@ -47,7 +47,7 @@ def file_response(
 def _streamed(
     request: Request, blob: Blob, media_type: str, headers: dict[str, str]
 ) -> Response:
-    """A blob from elsewhere, as a file would be answered; some of it at a time."""
+    """Answers with a blob of a bucket as with a file, some megabytes at a time."""
     # Read anew: a range that is not to be answered was taken out of them.
     wanted = Headers(scope=request.scope).get("range", "")
     size, span = blob.size_bytes, wanted.partition("=")[2]

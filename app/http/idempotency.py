@@ -93,7 +93,7 @@ class IdempotencyKeys:
         self._connection.execute(statement)
 
     def release(self, key: str) -> None:
-        """Give the key back: this kind of answer cannot be kept."""
+        """Give the key back: such an answer cannot be kept."""
         self._connection.execute(delete(IdempotencyKey).where(*self._is(key)))
 
     def release_if_older(self, key: str, cutoff: datetime) -> None:

@@ -350,11 +350,12 @@ async def _answer_once(endpoint: Handler, request: Request) -> Response:
 def committed(request: Request, response: Response) -> Response:
     """The answer of a route that uses `WriteSession`, committed in this thread.
 
-    Else the transaction ends only when the answer was made by other threads, and all
-    that time nobody else can write. For routes that are called very often.
+    Otherwise the transaction would end after other threads have made the answer, and
+    nobody else could write until then. For routes that are called very often.
     """
     _keep(request, response)
-    # Ended by another than opened it: to wait for that would keep others from writing.
+    # Whoever opens a session ends it, but for this one: `write_session` would end it
+    # later, in another thread, and nobody else could write until then.
     request.state.write_session.commit()
     return response
 

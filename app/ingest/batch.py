@@ -120,10 +120,10 @@ class ArchiveFrames:
 
 
 class BatchIntake:
-    """Measures frames in all threads, stores some at a time, and tells of each.
+    """Measures frames in all threads, stores some together, and tells of each.
 
-    What is kept of a frame counts as bytes of its sender until nobody keeps it, also
-    when the batch has ended before.
+    The bytes that are kept of a frame count against its sender until they are let go,
+    even after the batch has ended early.
     """
 
     def __init__(

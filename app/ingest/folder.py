@@ -49,7 +49,7 @@ MOST_PART_BYTES: Final = 255
 MOST_DEPTH: Final = 32
 """Folders inside of each other."""
 MOST_LONGER: Final = 4
-"""So many times as long as a folder may be its answer may be."""
+"""The answer on a folder may be so many times as long as the folder."""
 _TEXTS: Final = (".txt", ".xml", ".json", ".jsonl", ".yaml", ".yml", ".names")
 """What readers look into; which of them each reader does is not known here."""
 _DEVICE: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)

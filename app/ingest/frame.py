@@ -83,7 +83,7 @@ class CheckedFrame:
         return {row.sha256: self.contents[row.kind] for row in self.files}
 
     def to_measure(self, sensors: tuple[str, ...]) -> FrameFiles:
-        """What a measurement reads that asks for the files of these sensors."""
+        """The files that a measurement reads, with those of these sensors."""
         return FrameFiles.of(self.contents, self.image_wh, sensors)
 
     def without_other_files(self) -> CheckedFrame:
@@ -95,10 +95,10 @@ class CheckedFrame:
 
 @dataclass(frozen=True)
 class ReadyFrame:
-    """A measured frame whose files are written: only its rows are missing.
+    """A measured frame whose files are written; only its rows are missing.
 
-    `active` is the dataset as it was measured for; `drafts` are its files, which become
-    durable with `storage.settle`.
+    `active` is its dataset, with the measurement that the numbers belong to. `drafts`
+    are its files, which `storage.settle` makes durable.
     """
 
     checked: CheckedFrame
@@ -123,9 +123,10 @@ class ReadyFrame:
 
 @dataclass(frozen=True)
 class StoredFrame:
-    """A frame that is in the database, since now (`NewFrame`) or from before.
+    """A frame that is in the database.
 
-    `verdicts` says how many of its boxes have which; None where nobody counted.
+    If this upload has stored it, it is a `NewFrame` (`app.ingest.rows`). `verdicts` are
+    the numbers of its boxes by verdict; None if nobody has counted them.
     """
 
     key: str
@@ -142,6 +143,6 @@ class RefusedFrame:
 
 
 EndedFrame: TypeAlias = StoredFrame | RefusedFrame
-"""A frame of which nothing is left to do."""
+"""A frame that has come to its end."""
 PreparedFrame: TypeAlias = ReadyFrame | EndedFrame
-"""A frame after all that happens outside of a transaction."""
+"""A frame after `prepare_frame`: ready for the transaction, or at its end."""

@@ -80,9 +80,10 @@ class NewFrame(StoredFrame):
         return list(range(self.first_box_id, self.first_box_id + self.boxes))
 
     def describe(self) -> dict[str, object]:
-        """A `wire.StoredFrame`; its decisions are dicts.
+        """A `wire.StoredFrame` whose decisions are dicts.
 
-        The database is not asked, so it is best made when others may write again.
+        It is made without the database, and best after the transaction, so that nobody
+        waits to write.
         """
         frame = _details(self)
         return {

@@ -85,7 +85,7 @@ def prepare_frame(
     upload: UploadedFrame,
     given_up: threading.Event | None = None,
 ) -> PreparedFrame:
-    """All that one frame needs and no other has to wait for: no transaction is open.
+    """Check and measure one frame and write its files; no transaction is open.
 
     Returns
     -------
@@ -161,7 +161,10 @@ def _check_classes(
     checked: CheckedFrame,
     measured: MeasuredFrame,
 ) -> None:
-    """Frozen classes take no other one; said here, it is noted as a problem."""
+    """Refuse a class that the frozen classes of the dataset lack.
+
+    Here, before the transaction, the refusal is noted as a problem of the frame.
+    """
     with context.database.read() as session:
         known = DatasetRepository(session).classes(active.row.dataset_id)
     names = measured.evidence.class_names

@@ -1,7 +1,7 @@
-"""What a kind of job has to say of itself, and what it is given to work with.
+"""What a kind of job declares, and the task that it is given to work on.
 
-Everything else in this room treats all jobs alike: a kind is registered once at start,
-and found again by the name that stands in its jobs' chunks and leases.
+The rest of this room treats all jobs alike. A kind is registered when the process
+starts, and is found by its name, which stands in the chunks and leases of its jobs.
 """
 
 from __future__ import annotations
@@ -33,8 +33,10 @@ LOOK_AT_ROW_S: Final = 0.5
 TELL_EVERY_S: Final = 0.5
 """How often a task writes down how far it is."""
 PAUSES_S: Final = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 15.0)
-"""Between attempts to reach a store: a job outlasts one that is away for half a minute;
-requests do not wait so long."""
+"""Seconds between attempts to reach a store.
+
+A job goes on after the store was away for half a minute; requests do not wait so long.
+"""
 _LOOK_S: Final = 0.25
 _T = TypeVar("_T")
 
@@ -143,7 +145,7 @@ def kind_of(job: Job) -> AnyKind:
 
 
 def _ignore(_session: Session) -> None:
-    """Who drives a worker is told when that ends, and counts its attempts."""
+    """Nothing: the driver counts the attempts of a worker."""
 
 
 @dataclass
@@ -171,10 +173,10 @@ class Task(Generic[Row]):
         return ChunkRepository(session).find(self.job, self.number)
 
     def check(self) -> None:
-        """Raise `JobStopped` where it would be in vain to go on.
+        """Raise `JobStopped` if the work would be in vain.
 
-        The service stops, somebody cancels the job, or its row is not open: that is
-        looked at now and then. Cheap enough for every frame.
+        The service stops, somebody cancels the job, or the job is over; for the last
+        one its row is read twice a second. Cheap enough to be called for every frame.
         """
         if self._is_over.is_set():
             raise JobStopped(self.job)
@@ -194,8 +196,9 @@ class Task(Generic[Row]):
     def report(self, done: int) -> None:
         """Say how many frames are done, for those who watch.
 
-        The final step has a transaction open, whose rows nobody else can see: where
-        others can write beside it they do, elsewhere memory alone can tell.
+        Rows that the final step writes are seen by nobody until it commits. On
+        PostgreSQL the number is written in a transaction beside it; on SQLite only the
+        memory of this process can tell it.
         """
         final = is_final(self.number)
         if final:
@@ -208,7 +211,7 @@ class Task(Generic[Row]):
             self._told_at = time.monotonic()
 
     def retry_unavailable(self, ask: Callable[[], _T]) -> _T:
-        """What a store answers, asked again while it is away; StorageAway at last.
+        """What `ask` returns; it is called again while the store is away.
 
         Raises
         ------

@@ -41,7 +41,7 @@ from app.settings import Settings
 
 LOOK_EVERY_S: Final = 2.0
 NOBODYS_AFTER_S: Final = 10.0
-"""For so long whoever was asked for a job has time to begin with it."""
+"""So many seconds the service that was asked for a job has to begin with it."""
 _RETRY_S: Final = 10
 
 log = logging.getLogger(__name__)
@@ -90,8 +90,9 @@ def start(
 ) -> None:
     """Let this process drive jobs, after those that wait here already.
 
-    Jobs that it drives already are left out, or with `driven_too` driven once more when
-    that ends. Jobs that another process drives, or that are over, may be among them.
+    A job that this process drives already is left out; with `driven_too` it is driven
+    once more afterwards. Jobs that are over, or that another process drives, may be
+    among them: they are found out later.
     """
     here = frozenset() if driven_too else context.one(Leases).driven
     for job in jobs:
@@ -105,9 +106,10 @@ def _drive(context: ServiceContext, job: Job) -> None:
 
 
 def start_waiting(context: ServiceContext, job: Job) -> None:
-    """Start the open jobs of the same dataset: one may have waited for this job's end.
+    """Start the open jobs of the dataset of a job that has ended.
 
-    Whoever was asked for it may have looked already, here or in another process.
+    One of them may have waited for that end, and was passed over when it was asked for,
+    by this process or another one.
     """
     with context.database.read() as session:
         row = session.get(kind_of(job).table, job.id)
@@ -149,15 +151,17 @@ def cancel(
 
 
 def _interrupt(context: ServiceContext, session: Session, job: Job) -> None:
-    """Make a job let go, before the first statement of the session that cancels it.
+    """Tell a job that it is being cancelled, before the session runs a statement.
 
-    That statement waits for whoever writes, and that may be this job at its final step,
-    here or in another service. Where rows can be written beside it, it finds its final
-    step withdrawn; where they cannot, only a flag in this process can tell it.
+    The session's first statement waits for whoever writes, and that may be the final
+    step of this very job. On PostgreSQL the final step is withdrawn in a transaction
+    beside it, so that a job in another process notices as well. On SQLite, where
+    nothing can be written meanwhile, a flag in this process tells it.
     """
     context.engine.interrupt(job)
     if not context.database.has_one_writer:
-        # Opened though there is a session, whose first statement waits for this row.
+        # A session beside that of the caller, which has run no statement yet: its first
+        # one will wait for this row.
         with context.database.write_beside() as beside:
             ChunkRepository(beside).withdraw_final(job)
     clear = partial(context.engine.clear_cancel, job)
@@ -179,7 +183,7 @@ def end_all(session: Session, dataset_id: int) -> None:
 
 @contextmanager
 def watching(context: ServiceContext) -> Iterator[None]:
-    """Start what is unfinished, now and again and again until the block ends."""
+    """Start unfinished jobs now, and look for more until the block ends."""
     with context.database.read() as session:
         unfinished = _unfinished(session)
     start(context, unfinished)
@@ -208,9 +212,10 @@ def _watch(context: ServiceContext, ends: threading.Event) -> None:
 
 
 class Watchdog:
-    """Knows since when it has seen each unfinished job without a driver.
+    """Remembers since when each unfinished job has been without a driver.
 
-    By its own clock: that of the service that was asked for a job may be wrong.
+    It uses its own clock, because the clock of the service that was asked for a job may
+    be wrong.
     """
 
     def __init__(
@@ -220,15 +225,17 @@ class Watchdog:
         self._alone_since: dict[Job, float] = {}
 
     def abandoned(self) -> list[Job]:
-        """Unfinished jobs whose driver has died, or that nobody has begun for long.
+        """The unfinished jobs that this process should drive now.
 
-        Leases that somebody left behind with a job that is over are cleared away.
+        Those are jobs whose driver has died, and jobs that nobody has begun for
+        `NOBODYS_AFTER_S` seconds. Leases of dead processes on jobs that are over are
+        deleted.
         """
         with self._context.database.read() as session:
             unfinished = _unfinished(session)
             driven, void = LeaseRepository(session).live(has_ended)
-        if left_behind := void.difference(unfinished):
-            self._clear(left_behind)
+        if of_jobs_that_are_over := void.difference(unfinished):
+            self._clear(of_jobs_that_are_over)
         now, before = self._clock(), self._alone_since
         alone = [job for job in unfinished if job not in driven]
         self._alone_since = {job: before.get(job, now) for job in alone}

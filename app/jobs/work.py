@@ -1,10 +1,12 @@
-"""Working on one chunk of a job, in the driver's process or in a worker's.
+"""Working on one chunk of a job, in the process that drives it or in a worker.
 
-What goes wrong is written into the chunk's row: errors never travel with an answer.
+Errors are written into the chunk's row. The answer is only a word: one of
+`app.engine.chunk`.
 
-Where the process that drives a job works on a chunk itself, nobody is left to note
-that it ended: so it writes the attempt down before it begins. That it lives is seen by
-what it stores; only processes that stored nothing of a chunk count against the chunk.
+If the process that drives the job works on the chunk itself and dies, nobody is left to
+note that. So it writes the attempt into the row before it begins, and takes it back as
+soon as it has stored a part of the result. Only attempts that stored nothing count
+against the chunk.
 """
 
 from __future__ import annotations
@@ -40,16 +42,16 @@ log = logging.getLogger(__name__)
 
 
 def work_on(context: ServiceContext, kind: str, job_id: int, number: int) -> str:
-    """Work on a chunk, whatever comes; how it ended."""
+    """Work on a chunk; a word of `app.engine.chunk` says how it ended."""
     task = _task(context, Job(kind, job_id), number)
     return _outcome(task, lambda: _do(task))
 
 
 def work_here(context: ServiceContext, kind: str, job_id: int, number: int) -> str:
-    """As `work_on`, in the process that drives the job: nobody is left if it ends.
+    """As `work_on`, in the process that drives the job.
 
-    So the attempt is in the chunk's row before the work begins; once there were too
-    many, it is given up.
+    The attempt is written into the chunk's row before the work begins, since nobody is
+    left to note it if this process dies. A chunk with too many attempts is given up.
     """
     task = _task(context, Job(kind, job_id), number)
     attempt = Attempt(context, task.job, number)
@@ -146,7 +148,7 @@ class Attempt:
         self._is_noted = False
 
     def begin(self) -> bool:
-        """Write it down; False if there were too many.
+        """Write the attempt down; False if there were too many before.
 
         Raises
         ------
@@ -172,15 +174,15 @@ class Attempt:
         return True
 
     def forget(self, session: Session) -> None:
-        """Something of the chunk is stored: what ends the process now is not this."""
+        """Take the attempt back: a part of the result is stored."""
         if self._is_noted:
             ChunkRepository(session).forget_attempts(self._job, self._number)
             once_committed(session, self._forgotten)
 
     def end(self) -> None:
-        """The work ended, and the process did not.
+        """Take the attempt back: the work has ended, and the process still lives.
 
-        Whoever tries again in this process must not count twice: a database that is
+        Otherwise the next try in this process would count twice. A database that is
         away is waited for, until the service stops.
         """
         while self._is_noted:
@@ -199,10 +201,10 @@ class Attempt:
 
 
 def _give_up(session: Session, job: Job, chunk: Chunk) -> None:
-    """Put what kills into quarantine: one frame, unless its neighbour is there too.
+    """Put the frame that ends processes into quarantine; here, the first that is left.
 
-    Where pictures kill that stand side by side, the rest of the chunk goes with them:
-    each of them alone would cost as many processes again.
+    If the frame before it is in quarantine already, the whole chunk goes there: in a
+    row of such frames, each one would cost as many processes again.
     """
     chunks, kind = ChunkRepository(session), kind_of(job)
     left = kind.left(session, open_job(session, kind.table, job.id), chunk)

@@ -86,7 +86,7 @@ def blob_name(digest: str) -> str:
 
 
 def unpack(backup: Path, folder: Path, advance: Advance, *, keep: bool) -> Unpacked:
-    """Read a backup into a folder, or only its database if the rest is not to be kept.
+    """Read a backup into a folder; with its database alone if no more is wanted.
 
     Raises
     ------

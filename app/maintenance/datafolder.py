@@ -285,7 +285,7 @@ def no_store(settings: Settings, away: StorageAway) -> str:
 
 
 _ROOM: Final = 3
-"""The copy, the log of the migration, and what it changes: each a database at most."""
+"""A migration needs the copy, its log and its changes: each a database at most."""
 
 log = logging.getLogger(__name__)
 

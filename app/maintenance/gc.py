@@ -1,8 +1,10 @@
 """Clearing away what nothing refers to any more, while the service goes on.
 
-Files are taken away within the turn of a writer, in which whoever stores a frame also
-looks whether its files are there: so either the frame is seen here, or the missing
-file there. The time of grace only keeps frames on their way from being sent twice.
+Files are removed in the turn of a writer, and the transaction that stores a frame
+requires its files (`BlobStore.require`). One of the two comes first: either the frame
+is seen here and its files stay, or its transaction finds that a file is missing. Files
+younger than the time of grace stay as well; otherwise frames on their way would often
+have to be sent twice.
 """
 
 from __future__ import annotations
@@ -71,7 +73,7 @@ def collect(
 def _files(
     database: Database, store: BlobStore, found: Garbage, until: float, steps: Steps
 ) -> set[str]:
-    """Files; which ones are too young is answered."""
+    """Count or remove unused files; returns the digests of those that stay."""
     listed = list(store.files())
     with database.read() as session:
         used = {file.sha256 for file in StoredFileRepository(session).of_frames()}
@@ -99,7 +101,7 @@ def _remove(
     digests: Sequence[str],
     until: float,
 ) -> set[str]:
-    """Take files away, unless they are in use by now; which ones stay is answered."""
+    """Remove files that are still unused; returns the digests of those that stay."""
     with database.write() as session:
         # The first statement takes the turn: nobody else commits until it is over.
         keep_turn(session)
@@ -113,7 +115,10 @@ def _remove(
 
 
 def _rows(database: Database, found: Garbage, young: set[str]) -> None:
-    """Rows of files that no frame has; after the files, as their frames may come."""
+    """Count or remove rows of files that no frame has and that are not young.
+
+    It comes after the files: a young file may belong to a frame that is on its way.
+    """
     with database.read() as session:
         unused = [
             digest

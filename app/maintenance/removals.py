@@ -1,9 +1,8 @@
-"""Deleted datasets disappear at once; their rows go in the background, bit by bit.
+"""Rows of deleted datasets are removed in the background, bit by bit.
 
-The order is that of the references: what others refer to goes last.
-
-Between two portions anybody may write. What a process leaves behind when it ends, the
-next one to serve the folder, or another one that serves it, goes on with.
+The datasets themselves are hidden at once. A row is removed after all rows that refer
+to it. Between two portions anybody may write. If a process ends before all is removed,
+another one that serves the folder goes on, or the next one that does.
 """
 
 from __future__ import annotations
@@ -107,7 +106,7 @@ BOXES_AT_A_TIME: Final = 2_000
 FEW_BOXES: Final = 200
 """Where there is hardly any room to write down what is changed."""
 LOOK_EVERY_S: Final = 5.0
-"""Where nobody says that there is something to do: another process may have died."""
+"""Seconds between two looks without a signal: another process may have died."""
 
 log = logging.getLogger(__name__)
 

@@ -203,7 +203,7 @@ def room_for_connections(limit: int | None) -> int:
 def _who_can_wait(
     waiting: Iterable[Connection], everybody: Iterable[Connection]
 ) -> Iterator[Connection]:
-    """Those who can be closed for somebody else, the best first."""
+    """Connections that can be closed for a new one, the best to close first."""
     yield from (one for one in waiting if one.is_quiet)
     yield from (one for one in everybody if not one.is_known)
 

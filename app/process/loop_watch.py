@@ -22,7 +22,10 @@ from app.metrics import LOOP_STALL_SECONDS, LOOP_STALLS
 LONGEST_S: Final = 1.0
 """How long the loop may take to get to what it was asked."""
 NOT_READY_FOR_S: Final = 5.0
-"""How long a process is not ready after it stood: what held it may well come again."""
+"""For so many seconds a process is not ready after its loop stood still.
+
+What held the loop may well come again.
+"""
 _EVERY_S: Final = 0.25
 
 

@@ -185,7 +185,7 @@ def work(settings: Settings, place: Place) -> int:
 
 
 def work_once_it_answers(settings: Settings, place: Place) -> int:
-    """As `work`; a database that is away is waited for, as long as a scheduler is."""
+    """As `work`; waits for a database that is away while there is a scheduler."""
     until, told = time.monotonic() + place.patience_s, False
     while True:
         try:

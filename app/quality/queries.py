@@ -52,7 +52,7 @@ class AnswerRepository:
         return [AnsweredBox(*row) for row in self._session.execute(rows)]
 
     def said(self, dataset_id: int) -> list[Said]:
-        """All answers on boxes that have a current one, oldest first per box."""
+        """All answers on boxes that have one now, by box, and oldest first."""
         rows = (
             select(Review.box_id, Review.reviewer, Review.verdict, Review.batch_id)
             .join(Decision, Decision.box_id == Review.box_id)

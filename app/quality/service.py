@@ -165,7 +165,7 @@ def quality(
 
 
 def _by_people(boxes: Sequence[AnsweredBox]) -> Judged:
-    """Without boxes that the filter had nothing to measure with."""
+    """The boxes that people decided, but for those that the filter did not measure."""
     columns = list(zip(*boxes, strict=True)) or [()] * len(AnsweredBox._fields)
     _, class_id, reason, large, match, distance, review = columns
     reasons = np.array(reason, np.int64)
@@ -225,16 +225,16 @@ def _by_distance(judged: Judged) -> tuple[Band, ...]:
 
 @dataclass(frozen=True)
 class Panel:
-    """The latest answer of each reviewer on each box; what was cleared is none."""
+    """The latest answer of each reviewer on each box, but for cleared ones."""
 
     latest: dict[tuple[int, str], str]
 
     @classmethod
     def of(cls, session: Session, dataset_id: int) -> Panel:
-        """Of a dataset, as its answers stand.
+        """The panel of a dataset.
 
-        Taking a batch back says again what others had said before: no answer of one's
-        own, and neither is what was taken back.
+        Answers of acts that were taken back do not count, and neither do those that the
+        taking back has repeated: nobody gave these.
         """
         answers = AnswerRepository(session)
         ignored = answers.taken_back(dataset_id)

@@ -42,9 +42,9 @@ class SeenBoxes(NamedTuple):
 
 
 class Standing(NamedTuple):
-    """Boxes on which an act stands: nobody spoke since, or what they said is undone.
+    """Boxes on which an act counts: later answers are none, or were taken back.
 
-    `revision` is the boxes' own, `before` that of the answer before the act.
+    `revision` is that of the boxes now, `before` that of the answer before the act.
     """
 
     box_ids: Sequence[int]
@@ -63,7 +63,7 @@ class ReviewedBox(NamedTuple):
 
 
 class Signature(NamedTuple):
-    """Who answers boxes of a dataset, when, and in which act if in one on many."""
+    """Who answers boxes of a dataset and when; `batch_id` is that of an act on many."""
 
     dataset_id: int
     reviewer: str
@@ -166,9 +166,10 @@ class ReviewRepository:
         return stored
 
     def _make_latest(self, box_ids: Iterable[int], by: Signature) -> None:
-        """Let what was inserted be the latest answers, and end the claims on the boxes.
+        """Make the inserted answers the latest ones, and end the claims on their boxes.
 
-        Those of an act on many boxes are named by it: there may be a hundred thousand.
+        After an act on many boxes they are found by the act: there may be a hundred
+        thousand.
         """
         connection = self._session.connection()
         if by.batch_id is None:

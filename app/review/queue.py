@@ -105,7 +105,7 @@ def next_boxes(
 
 
 def _of_queue(wanted: QueueRequest) -> Selection:
-    """What is queued unless said otherwise: what nobody has decided, or has."""
+    """The filter of the queue: undecided boxes, or decided ones for an audit."""
     selection = wanted.selection
     if selection.review or selection.conflict:
         return selection
@@ -114,7 +114,7 @@ def _of_queue(wanted: QueueRequest) -> Selection:
 
 
 def _in_turn(wanted: BoxFilter) -> list[BoxFilter]:
-    """What nobody answered comes first, what somebody was unsure about last."""
+    """Boxes without an answer first, those that somebody was unsure of last."""
     if wanted.review != "undecided":
         return [wanted]
     return [replace(wanted, review="none"), replace(wanted, review="unsure")]

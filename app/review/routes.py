@@ -110,7 +110,8 @@ def create_bulk_review(
     try:
         run_id, chosen = _look(body, services)
     except AppError:
-        begin_as_work(audit.session)  # it may have been answered before: not refused
+        # A repeated request gets its first answer when the transaction begins.
+        begin_as_work(audit.session)
         raise
     begin_as_work(audit.session)
     dataset = DatasetRepository(audit.session).named(body.dataset)

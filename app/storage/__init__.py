@@ -58,16 +58,16 @@ _HOME: Final = "us-east-1"
 
 
 class MissingLibrary(Exception):
-    """What the settings ask for needs an extra that is not installed."""
+    """The settings need an extra that is not installed."""
 
 
 def open_store(settings: Settings) -> BlobStore:
-    """The store, of which nothing was asked and nothing made yet: see `prepare`.
+    """The store of the settings; it is not asked anything yet, see `prepare`.
 
     Raises
     ------
     MissingLibrary
-        Files are to be in S3, and nothing is installed that speaks with it.
+        Files are to be in S3, and the library for that is not installed.
     """
     local = settings.data / BLOBS
     bucket = bucket_of(settings.storage)

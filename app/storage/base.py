@@ -27,7 +27,7 @@ def place_of(digest: str) -> str:
 
 
 class Drafts:
-    """Blobs on their way into a store; nobody but this store looks inside."""
+    """Blobs on their way into a store; only that store looks inside."""
 
 
 class Unsure(Exception):
@@ -172,7 +172,7 @@ class StoredFile(NamedTuple):
 
 
 def stored_files(folder: Path) -> Iterator[StoredFile]:
-    """Every blob of a folder of blobs, folder by folder."""
+    """Every blob in a folder of blobs, one sub-folder after the other."""
     for entry in _entries(folder):
         if _DIGEST.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
             try:

@@ -44,9 +44,10 @@ def flush_everything(folder: Path) -> None:
 
 
 def make_folder(folder: Path, mode: int = 0o700) -> None:
-    """Make a folder, and those above it, of which a power cut leaves all or none.
+    """Make a folder and the folders above it, so that they survive a power cut.
 
-    What is written into a folder is lost with it, however well it was flushed itself.
+    If the folder itself were lost, so would be everything in it, however well that was
+    flushed.
     """
     if folder.is_dir():
         return

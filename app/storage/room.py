@@ -22,9 +22,12 @@ from app.storage import BlobStore
 RESERVE: Final = ".reserve"
 RESERVE_BYTES: Final = 32 * 1024**2
 MOST_OF_DISK: Final = 16
-"""At most the so-manieth part of a disk is kept in reserve."""
+"""The reserve is at most the disk's size divided by this."""
 DELETING_BYTES: Final = 4 * 1024**2
-"""What a request that deletes writes at most, but for frames of many revisions."""
+"""Bytes that a request which deletes writes at most.
+
+Deleting a frame of very many revisions writes more.
+"""
 RETRY_S: Final = 30
 _PIECE: Final = 1024**2
 
@@ -32,7 +35,7 @@ log = logging.getLogger(__name__)
 
 
 def free_bytes(folders: Iterable[Path]) -> int:
-    """Free on the disks of these folders, wherever it is least."""
+    """Bytes that are free on the disks of these folders: the least of them."""
     return min(shutil.disk_usage(folder).free for folder in folders)
 
 
@@ -72,10 +75,10 @@ class Reserve:
         )
 
     def give_up(self, needed_bytes: int | None = None) -> bool:
-        """Make room for deleting something, if there is too little; whether it did.
+        """Give the reserve up if there is too little room to delete; whether it did.
 
-        Too little is less than is needed; if nothing is said of that, less than the
-        reserve has.
+        Too little is less than `needed_bytes`, or, without them, less than the size of
+        the reserve.
         """
         needed = self.size_bytes if needed_bytes is None else needed_bytes
         if self.path.exists() and free_bytes([self.path.parent]) < needed:
@@ -85,7 +88,7 @@ class Reserve:
         return False
 
     def keep(self, min_free_bytes: int) -> None:
-        """Take it again, once that leaves enough for others."""
+        """Take the reserve again, if `min_free_bytes` stay free beside it."""
         size = self.size_bytes
         if self.path.exists() or free_bytes([self.path.parent]) < size + min_free_bytes:
             return

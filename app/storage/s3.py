@@ -330,7 +330,7 @@ def _wrong_size(digest: str, found: int, size_bytes: int) -> DamagedFile:
 
 CONNECT_S: Final = 3
 PROBE_S: Final = 5.0
-"""Whoever asks whether the store is there does not wait longer for one try."""
+"""How long one try to find out whether the store is there takes at most."""
 MOST_RETRIES: Final = 4
 TRUST_S: Final = 300.0
 """How long a blob that was made or found here is taken to be there without asking."""
@@ -362,7 +362,7 @@ def patient(place: S3Place) -> S3Store:
 
 
 def brief(place: S3Place) -> S3Store:
-    """A client for those who hold others up while they ask."""
+    """A client that answers or fails soon, to find out whether the store is there."""
     return _opened(place, min(PROBE_S, place.timeout_s), 1)
 
 
