@@ -73,7 +73,8 @@ def measure_files(
 ) -> MeasuredFrame:
     """Decode, project and measure one frame.
 
-    In a child process that is waited for, unless what it costs is known to be little.
+    A child process does it while this thread waits. A frame that is known to cost
+    little (`is_simple`) is measured in this thread.
 
     Raises
     ------
@@ -83,7 +84,7 @@ def measure_files(
     app.engine.children.GivenUp
         `given_up` was set before the child was done.
     """
-    # Only what is read there travels: not what came along, to be given back by exports.
+    # The child gets what it reads, and not what exports give back as it came.
     needed = replace(annotation, raw={}, extra={}, weather={})
     work = measure, plan, needed, files
     if is_simple(plan, needed, files):
