@@ -304,3 +304,17 @@ class NotReady(TryLater):
     """The service is not, or no longer, able to work."""
 
     code = "not_ready"
+
+
+def forget_frames(error: BaseException) -> None:
+    """Drop the traceback of an error that was answered, and of those that led to it.
+
+    The frames in a traceback hold what was sent, and often the error itself: such a
+    circle stays in memory until the collector looks for circles, which is seldom.
+    """
+    left: list[BaseException | None] = [error]
+    while left:
+        one = left.pop()
+        if one is not None and one.__traceback__ is not None:
+            one.__traceback__ = None
+            left += [one.__cause__, one.__context__]

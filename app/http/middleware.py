@@ -21,7 +21,13 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.engine import Stop
-from app.errors import BadRequest, MisdirectedHost, TooLarge, TooSlow
+from app.errors import (
+    BadRequest,
+    MisdirectedHost,
+    TooLarge,
+    TooSlow,
+    forget_frames,
+)
 from app.http.bodies import stopping
 from app.http.problems import refusal_of
 from app.incoming import HeldBytes
@@ -190,6 +196,7 @@ class Problems:
             response = refusal_of(exc).response(
                 instance=scope["path"], request_id=current_request_id.get()
             )
+            forget_frames(exc)
             await response(scope, receive, send)
 
 

@@ -121,6 +121,7 @@ def install(app: FastAPI) -> None:
 
 async def _answer(request: Request, exc: Exception) -> Response:
     refusal = refusal_of(exc)
+    errors.forget_frames(exc)
     path = request.url.path
     if refusal.status == HTTPStatus.METHOD_NOT_ALLOWED:
         allowed = ", ".join(_methods_at(request))

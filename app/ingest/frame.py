@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 from app.boxes.queries import FileRow
-from app.errors import AppError
+from app.errors import AppError, forget_frames
 from app.measuring.active import ActiveDataset
 from app.measuring.frame_files import MEASURED, SENSORS, FrameFiles
 from app.security import Principal
@@ -140,6 +140,10 @@ class RefusedFrame:
 
     key: str
     error: Exception
+
+    def __post_init__(self) -> None:
+        """Nothing of the frame is kept."""
+        forget_frames(self.error)
 
 
 EndedFrame: TypeAlias = StoredFrame | RefusedFrame
