@@ -4,7 +4,7 @@ A configuration names channels to try in order (`DecideConfig.channels`); the fi
 a number for a box judges it, and overwrites what the thresholds of the segmentation
 decided. A box that no channel has a number for keeps that decision. `_CHANNELS` has one
 row per channel: the number that it judges by, the number that is needed, the reason for
-a rejection, and the sentence that explains it.
+a rejection, and the sentences that explain it.
 """
 
 from __future__ import annotations
@@ -200,6 +200,9 @@ class _Channel:
         The reason of boxes that are not kept, as (N,) or one for all.
     words : callable
         The sentence: why it kept or rejected a box.
+    in_short : reason and str
+        The reason that its rejections have and those of the segmentation have not, and
+        the sentence for who knows nothing but this reason.
     at_most : bool
         `needed` is the greatest number that keeps a box, not the least.
     """
@@ -208,6 +211,7 @@ class _Channel:
     needed: Callable[[BoxesToJudge], IntArray | float]
     rejected: Callable[[BoxesToJudge], IntArray | Reason]
     words: Callable[[ChannelJudgement], str]
+    in_short: tuple[Reason, str]
     at_most: bool = False
 
     def number_of(self, numbers: ChannelNumbers) -> FloatArray | IntArray:
@@ -309,24 +313,35 @@ def _apart(gap: float) -> str:
     return f"{metres:.0f} m {where}" if metres >= 10 else f"{metres:.1f} m {where}"
 
 
+_AT_ANOTHER_DEPTH: Final = (
+    Reason.HIDDEN_BY_DEPTH,
+    "what is seen there is at another depth",
+)
+
 _CHANNELS: Final[Mapping[ChannelName, _Channel]] = {
     "ordered": _Channel(
         number="owned_pixels",
         needed=_ordered_needed,
         rejected=_ordered_rejected,
         words=_ordered_words,
+        in_short=(
+            Reason.EXPLAINED_BY_NEARER,
+            "nearer boxes explain all of its pixels",
+        ),
     ),
     "depth": _Channel(
         number="depth_pixels",
         needed=lambda boxes: boxes.min_visible_pixels,
         rejected=lambda _: Reason.HIDDEN_BY_DEPTH,
         words=_depth_words,
+        in_short=_AT_ANOTHER_DEPTH,
     ),
     "depth_center": _Channel(
         number="center_gap",
         needed=lambda boxes: boxes.config.depth_tolerance,
         rejected=lambda _: Reason.HIDDEN_BY_DEPTH,
         words=_center_words,
+        in_short=_AT_ANOTHER_DEPTH,
         at_most=True,
     ),
     "instance": _Channel(
@@ -335,11 +350,24 @@ _CHANNELS: Final[Mapping[ChannelName, _Channel]] = {
         needed=lambda boxes: np.maximum(boxes.min_visible_pixels, 1),
         rejected=lambda _: Reason.HIDDEN_BY_INSTANCE,
         words=_instance_words,
+        in_short=(
+            Reason.HIDDEN_BY_INSTANCE,
+            "no instance in the image belongs to it",
+        ),
     ),
     "lidar": _Channel(
         number="lidar_points",
         needed=lambda boxes: boxes.config.lidar_min_points,
         rejected=lambda _: Reason.TOO_FEW_LIDAR_POINTS,
         words=_lidar_words,
+        in_short=(
+            Reason.TOO_FEW_LIDAR_POINTS,
+            "too few LiDAR points lie inside it",
+        ),
     ),
 }
+
+IN_SHORT: Final[Mapping[Reason, str]] = dict(
+    channel.in_short for channel in _CHANNELS.values()
+)
+"""Sentences about boxes of which nothing but the reason of a channel is known."""

@@ -11,6 +11,7 @@ import numpy as np
 from filter_core.classes import accepts
 from filter_core.config.filter import ClassLimits
 from filter_core.decisions.channel_rules import (
+    IN_SHORT,
     ChannelJudgement,
     any_of,
     explain_channel,
@@ -127,6 +128,8 @@ def explain(judgement: Judgement) -> str:
     """
     if judgement.channel is not None:
         sentence = explain_channel(judgement.channel)
+    elif judgement.reason in IN_SHORT:
+        sentence = IN_SHORT[judgement.reason]
     else:
         sentence = _SENTENCES[judgement.reason](judgement)
     return f"{judgement.reason.verdict.value}: {sentence}"
@@ -249,11 +252,5 @@ _SENTENCES: Final[Mapping[Reason, Callable[[Judgement], str]]] = {
     Reason.NO_VISIBLE_PIXELS: _no_visible_pixels,
     Reason.LARGE_BELOW_THRESHOLD: _too_little,
     Reason.BELOW_THRESHOLD: _too_little,
-    # The reasons of channels: only for a `Judgement` without its `channel`, of which
-    # nothing but the reason is known. With it, `explain_channel` says more.
-    Reason.EXPLAINED_BY_NEARER: lambda _: "nearer boxes explain all of its pixels",
-    Reason.HIDDEN_BY_DEPTH: lambda _: "what is seen there is at another depth",
-    Reason.HIDDEN_BY_INSTANCE: lambda _: "no instance in the image belongs to it",
-    Reason.TOO_FEW_LIDAR_POINTS: lambda _: "too few LiDAR points lie inside it",
     Reason.VISIBLE: _share,
 }

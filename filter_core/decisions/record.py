@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal, NamedTuple, TypeAlias, TypedDict
+from typing import Final, Literal, TypeAlias, TypedDict, cast
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from filter_core.config.keys import SEMANTIC, EvidenceName
 from filter_core.decisions.channel_rules import (
     OPEN_TO_CHANNELS,
     ChannelJudgement,
+    JudgedBy,
     judged_by,
 )
 from filter_core.decisions.explain import Judgement, explain, hidden_by
@@ -31,6 +32,7 @@ from filter_core.types import (
     NOT_MEASURED,
     BoolArray,
     BoxesXYXY,
+    ChannelNumbers,
     DecidedBoxes,
     DecisionColumns,
     Decisions,
@@ -143,8 +145,13 @@ def decision_dicts(
     decisions : Decisions of N boxes
     geometry : BoxGeometry of N boxes, optional
     """
-    rows = _box_facts(frame, ids, evidence, decisions, geometry)
-    return [_decision(facts, box) for facts, box in rows]
+    count = len(ids)
+    if not count:
+        return []
+    frames = [frame] * count if isinstance(frame, FrameFacts) else frame
+    columns = _composed(frames, ids, evidence, decisions, geometry)
+    rows = zip(*columns.values(), strict=True)
+    return [cast(Decision, dict(zip(columns, row, strict=True))) for row in rows]
 
 
 def decided_boxes(
@@ -210,9 +217,7 @@ def decision_columns(
         margin=decisions.margin,
         toss_up=decisions.toss_up,
         large=decisions.large,
-        matched_pixels=np.where(
-            evidence.measured, evidence.matched_pixels, NOT_MEASURED
-        ),
+        matched_pixels=_matched_pixels(evidence),
         box_pixels=evidence.box_pixels,
         area_percent=evidence.area_percent,
         crowding=evidence.crowding,
@@ -226,69 +231,126 @@ def decision_columns(
     )
 
 
-class _BoxFacts(NamedTuple):
-    """What a `Decision` is composed from; None: unknown.
-
-    Percent, pixels and metres. `pixels_needed` is what `rules.pixels_needed` gives;
-    `channel`, `number` and `needed` are those of `channel_rules.JudgedBy`; `nearer` is
-    the id and the class of the box that explains this one.
-    """
-
-    id: str
-    class_name: str
-    reason: Reason
-    measured: bool
-    match_percent: float | None
-    threshold: float | None
-    margin: float | None
-    toss_up: bool
-    large: bool
-    matched_pixels: int
-    pixels_needed: int
-    box_pixels: int
-    area_percent: float | None
-    crowding: float | None
-    distance: float | None
-    accept_mask: int
-    hidden_by: list[HiddenBy]
-    xyxy: list[float] | None
-    amodal_xyxy: list[float] | None
-    visible_xyxy: list[float] | None
-    edges: list[list[float]] | None
-    channel: EvidenceName
-    number: float
-    needed: float
-    depth_gap: float | None
-    nearer: tuple[str, str] | None
-    visible_pixels: int | None
-    occluded: OcclusionLevel
-    tight_xyxy: list[float] | None
-
-
-def _box_facts(
-    frame: FrameFacts | Sequence[FrameFacts],
+def _composed(
+    frames: Sequence[FrameFacts],
     ids: Sequence[str],
     evidence: Evidence,
     decisions: Decisions,
     geometry: BoxGeometry | None,
-) -> Iterator[tuple[FrameFacts, _BoxFacts]]:
-    """Turn columns into one `_BoxFacts` per box, each with the facts of its frame."""
-    if not len(ids):
-        return
-    frames = [frame] * len(ids) if isinstance(frame, FrameFacts) else frame
-    columns: dict[str, Sequence[object]] = {
+) -> dict[str, Sequence[object]]:
+    """What N > 0 decisions have under each key of `Decision`, in the order of the keys.
+
+    The one place that says where a key comes from.
+    """
+    count, config = len(ids), frames[0].config
+    channels = evidence.channels
+    if channels is None:
+        channels = ChannelNumbers.absent(count)
+    reasons = [Reason(code) for code in decisions.reason.tolist()]
+    hidden, nearer = _hiding_tags(frames, evidence), _explaining_boxes(frames, evidence)
+    judged = judged_by(evidence, config)
+    by_channels = _by_channels(frames, evidence, decisions, judged, nearer)
+    judgements = _judgements(frames, evidence, decisions, hidden, by_channels)
+    amodal, visible, edges = _projected(geometry, count)
+    measured = evidence.measured.tolist()
+    return {
         "id": ids,
-        **_decided(evidence, decisions),
-        **_measured(evidence),
-        "pixels_needed": pixels_needed(evidence, frames[0].config).tolist(),
-        "hidden_by": _hiding_tags(frames, evidence),
-        "nearer": _explaining_boxes(frames, evidence),
-        **_projected(geometry),
-        **_of_channels(evidence, frames[0].config),
+        "frame": [frame.key for frame in frames],
+        "class": _class_names(evidence),
+        "verdict": [reason.verdict.value for reason in reasons],
+        "reason": [reason.label for reason in reasons],
+        "explanation": list(map(explain, judgements)),
+        "evidence": [
+            channel if has_tags or channel != SEMANTIC else None
+            for channel, has_tags in zip(judged.channel, measured, strict=True)
+        ],
+        "match_percent": floats_or_none(_match_percent(evidence)),
+        "threshold": floats_or_none(decisions.threshold),
+        "margin": floats_or_none(decisions.margin),
+        "toss_up": decisions.toss_up.tolist(),
+        "large": decisions.large.tolist(),
+        "matched_pixels": counts_or_none(_matched_pixels(evidence)),
+        "box_pixels": evidence.box_pixels.tolist(),
+        "area_percent": floats_or_none(evidence.area_percent),
+        "crowding": floats_or_none(evidence.crowding),
+        "explained_by": [box and box[0] for box in nearer],
+        "hidden_by": hidden,
+        "lossy": [frame.lossy for frame in frames],
+        "distance": floats_or_none(evidence.distance),
+        "xyxy": _rectangles(evidence.xyxy, count),
+        "amodal_xyxy": amodal,
+        "visible_xyxy": visible,
+        "tight_xyxy": _rectangles(channels.tight_xyxy, count),
+        "visible_pixels": counts_or_none(_visible_pixels(channels)),
+        "occluded": occlusion_levels(channels.nearer_percent).tolist(),
+        "truncated": list(map(truncation, amodal, visible)),
+        "edges": edges,
+        "config": [config.digest] * count,
     }
-    absent = [None] * len(ids)
-    rows = zip(*(columns.get(name, absent) for name in _BoxFacts._fields), strict=True)
-    yield from zip(frames, map(_BoxFacts._make, rows), strict=True)
+
+
+def _judgements(
+    frames: Sequence[FrameFacts],
+    evidence: Evidence,
+    decisions: Decisions,
+    hidden: Sequence[list[HiddenBy]],
+    by_channels: Sequence[ChannelJudgement | None],
+) -> Iterator[Judgement]:
+    """What the sentences about N > 0 boxes are composed from."""
+    config, class_names = frames[0].config, _class_names(evidence)
+    limits = {name: config.limits_of(name) for name in evidence.class_names}
+    masks = evidence.accept_mask.tolist()
+    columns: dict[str, Sequence[object]] = {
+        "reason": [Reason(code) for code in decisions.reason.tolist()],
+        "class_name": class_names,
+        "limits": [limits[name] for name in class_names],
+        "match_percent": floats_or_none(_match_percent(evidence)),
+        "threshold": floats_or_none(decisions.threshold),
+        "area_percent": floats_or_none(evidence.area_percent),
+        "large": decisions.large.tolist(),
+        "matched_pixels": evidence.matched_pixels.tolist(),
+        "pixels_needed": pixels_needed(evidence, config).tolist(),
+        "distance": floats_or_none(evidence.distance),
+        "accepted": list(map(_accepted, frames, masks)),
+        "hidden_by": hidden,
+        "as_carlasimu": [config.profile == "carlasimu"] * len(frames),
+        "channel": by_channels,
+    }
+    rows = zip(*(columns[name] for name in Judgement._fields), strict=True)
+    return map(Judgement._make, rows)
+
+
+def _by_channels(
+    frames: Sequence[FrameFacts],
+    evidence: Evidence,
+    decisions: Decisions,
+    judged: JudgedBy,
+    nearer: Sequence[tuple[str, str] | None],
+) -> list[ChannelJudgement | None]:
+    """What the channels say of each of N boxes; None where none judged it."""
+    found: list[ChannelJudgement | None] = [None] * len(frames)
+    if evidence.channels is None:
+        return found
+    gaps = floats_or_none(evidence.channels.depth_gap)
+    reasons, masks = decisions.reason.tolist(), evidence.accept_mask.tolist()
+    numbers, needed = judged.number.tolist(), judged.needed.tolist()
+    for row, channel in enumerate(judged.channel):
+        if channel != SEMANTIC and reasons[row] in OPEN_TO_CHANNELS:
+            box = nearer[row]
+            found[row] = ChannelJudgement(
+                channel=channel,
+                kept=reasons[row] == Reason.VISIBLE,
+                number=numbers[row],
+                needed=needed[row],
+                depth_gap=gaps[row],
+                nearer=box and f"{box[1]} {box[0]}",
+                accepted=_accepted(frames[row], masks[row]),
+            )
+    return found
+
+
+def _accepted(frame: FrameFacts, accept_mask: int) -> tuple[str, ...]:
+    return accepted_names(accept_mask, frame.family) if frame.family else ()
 
 
 def _hiding_tags(
@@ -317,32 +379,18 @@ def _explaining_boxes(
     ]
 
 
-def _decided(evidence: Evidence, decisions: Decisions) -> dict[str, Sequence[object]]:
-    names = evidence.class_names
-    return {
-        "class_name": [names[index] for index in evidence.class_index.tolist()],
-        "reason": [Reason(code) for code in decisions.reason.tolist()],
-        "threshold": floats_or_none(decisions.threshold),
-        "margin": floats_or_none(decisions.margin),
-        "toss_up": decisions.toss_up.tolist(),
-        "large": decisions.large.tolist(),
-    }
+def _class_names(evidence: Evidence) -> list[str]:
+    return [evidence.class_names[index] for index in evidence.class_index.tolist()]
 
 
-def _measured(evidence: Evidence) -> dict[str, Sequence[object]]:
-    columns: dict[str, Sequence[object]] = {
-        "measured": evidence.measured.tolist(),
-        "match_percent": floats_or_none(_match_percent(evidence)),
-        "matched_pixels": evidence.matched_pixels.tolist(),
-        "box_pixels": evidence.box_pixels.tolist(),
-        "area_percent": floats_or_none(evidence.area_percent),
-        "crowding": floats_or_none(evidence.crowding),
-        "distance": floats_or_none(evidence.distance),
-        "accept_mask": evidence.accept_mask.tolist(),
-    }
-    if evidence.xyxy is not None:
-        columns["xyxy"] = _rectangles(evidence.xyxy)
-    return columns
+def _matched_pixels(evidence: Evidence) -> IntArray:
+    return np.where(evidence.measured, evidence.matched_pixels, NOT_MEASURED)
+
+
+def _visible_pixels(channels: ChannelNumbers) -> IntArray:
+    """(N,): the pixels of a box's instance, else those at its distance."""
+    by_instance = channels.instance_pixels != NOT_MEASURED
+    return np.where(by_instance, channels.instance_pixels, channels.depth_pixels)
 
 
 def _match_percent(evidence: Evidence) -> FloatArray:
@@ -353,110 +401,30 @@ def _match_percent(evidence: Evidence) -> FloatArray:
     return match
 
 
-def _projected(geometry: BoxGeometry | None) -> dict[str, Sequence[object]]:
+_Rectangles: TypeAlias = list[list[float] | None]
+
+
+def _projected(
+    geometry: BoxGeometry | None, count: int
+) -> tuple[_Rectangles, _Rectangles, list[list[list[float]] | None]]:
+    """Whole rectangles, those inside the image, and edges of N boxes."""
     if geometry is None:
-        return {}
-    return {
-        "amodal_xyxy": _rectangles(geometry.amodal_xyxy),
-        "visible_xyxy": _rectangles(geometry.visible_xyxy),
-        "edges": [
-            None if lines is None else np.asarray(lines).tolist()
-            for lines in geometry.edges
-        ],
-    }
-
-
-def _of_channels(
-    evidence: Evidence, config: FilterConfig
-) -> dict[str, Sequence[object]]:
-    numbers = evidence.channels
-    if numbers is None:
-        count = len(evidence)
-        return {
-            "channel": [SEMANTIC] * count,
-            "occluded": [UNKNOWN_OCCLUSION] * count,
-        }
-    judged = judged_by(evidence, config)
-    by_instance = numbers.instance_pixels != NOT_MEASURED
-    visible = np.where(by_instance, numbers.instance_pixels, numbers.depth_pixels)
-    return {
-        "channel": judged.channel,
-        "number": judged.number.tolist(),
-        "needed": judged.needed.tolist(),
-        "depth_gap": floats_or_none(numbers.depth_gap),
-        "visible_pixels": counts_or_none(visible),
-        "occluded": occlusion_levels(numbers.nearer_percent).tolist(),
-        "tight_xyxy": _rectangles(numbers.tight_xyxy),
-    }
-
-
-def _rectangles(column: BoxesXYXY) -> list[list[float] | None]:
-    return [None if row[0] != row[0] else row for row in column.tolist()]
-
-
-def _decision(frame: FrameFacts, box: _BoxFacts) -> Decision:
-    return {
-        "id": box.id,
-        "frame": frame.key,
-        "class": box.class_name,
-        "verdict": box.reason.verdict.value,
-        "reason": box.reason.label,
-        "explanation": explain(_judgement(frame, box)),
-        "evidence": box.channel if box.measured or box.channel != SEMANTIC else None,
-        "match_percent": box.match_percent,
-        "threshold": box.threshold,
-        "margin": box.margin,
-        "toss_up": box.toss_up,
-        "large": box.large,
-        "matched_pixels": box.matched_pixels if box.measured else None,
-        "box_pixels": box.box_pixels,
-        "area_percent": box.area_percent,
-        "crowding": box.crowding,
-        "explained_by": box.nearer and box.nearer[0],
-        "hidden_by": box.hidden_by,
-        "lossy": frame.lossy,
-        "distance": box.distance,
-        "xyxy": box.xyxy,
-        "amodal_xyxy": box.amodal_xyxy,
-        "visible_xyxy": box.visible_xyxy,
-        "tight_xyxy": box.tight_xyxy,
-        "visible_pixels": box.visible_pixels,
-        "occluded": box.occluded,
-        "truncated": truncation(box.amodal_xyxy, box.visible_xyxy),
-        "edges": box.edges,
-        "config": frame.config.digest,
-    }
-
-
-def _judgement(frame: FrameFacts, box: _BoxFacts) -> Judgement:
-    accepted = accepted_names(box.accept_mask, frame.family) if frame.family else ()
-    channel = None
-    if box.channel != SEMANTIC and box.reason in OPEN_TO_CHANNELS:
-        channel = ChannelJudgement(
-            channel=box.channel,
-            kept=box.reason is Reason.VISIBLE,
-            number=box.number,
-            needed=box.needed,
-            depth_gap=box.depth_gap,
-            nearer=box.nearer and f"{box.nearer[1]} {box.nearer[0]}",
-            accepted=accepted,
-        )
-    return Judgement(
-        reason=box.reason,
-        class_name=box.class_name,
-        limits=frame.config.limits_of(box.class_name),
-        match_percent=box.match_percent,
-        threshold=box.threshold,
-        area_percent=box.area_percent,
-        large=box.large,
-        matched_pixels=box.matched_pixels,
-        pixels_needed=box.pixels_needed,
-        distance=box.distance,
-        accepted=accepted,
-        hidden_by=box.hidden_by,
-        as_carlasimu=frame.config.profile == "carlasimu",
-        channel=channel,
+        return [None] * count, [None] * count, [None] * count
+    edges = [
+        None if lines is None else np.asarray(lines).tolist()
+        for lines in geometry.edges
+    ]
+    return (
+        _rectangles(geometry.amodal_xyxy, count),
+        _rectangles(geometry.visible_xyxy, count),
+        edges,
     )
+
+
+def _rectangles(column: BoxesXYXY | None, count: int) -> _Rectangles:
+    if column is None:
+        return [None] * count
+    return [None if row[0] != row[0] else row for row in column.tolist()]
 
 
 def occlusion_levels(nearer_percent: FloatArray) -> IntArray:

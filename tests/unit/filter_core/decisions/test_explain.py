@@ -117,6 +117,19 @@ def test_a_decision_in_one_sentence(judgement, sentence):
     assert explain(judgement) == sentence
 
 
+@pytest.mark.parametrize(
+    ("reason", "sentence"),
+    [
+        (Reason.EXPLAINED_BY_NEARER, "nearer boxes explain all of its pixels"),
+        (Reason.HIDDEN_BY_DEPTH, "what is seen there is at another depth"),
+        (Reason.HIDDEN_BY_INSTANCE, "no instance in the image belongs to it"),
+        (Reason.TOO_FEW_LIDAR_POINTS, "too few LiDAR points lie inside it"),
+    ],
+)
+def test_a_channels_reason_has_a_sentence_without_its_numbers(reason, sentence):
+    assert explain(Judgement(reason, "car")) == f"rejected: {sentence}"
+
+
 @pytest.mark.parametrize("reason", list(Reason))
 def test_every_reason_has_a_sentence_that_begins_with_its_verdict(reason):
     sentence = explain(Judgement(reason, "car"))
