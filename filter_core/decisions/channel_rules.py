@@ -201,8 +201,8 @@ class _Channel:
     words : callable
         The sentence: why it kept or rejected a box.
     in_short : reason and str
-        The reason that its rejections have and those of the segmentation have not, and
-        the sentence for who knows nothing but this reason.
+        A reason that only channels reject for, and the sentence about a box of which
+        nothing but this reason is known.
     at_most : bool
         `needed` is the greatest number that keeps a box, not the least.
     """

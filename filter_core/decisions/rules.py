@@ -81,7 +81,11 @@ Looking a box up here is faster than applying one mask per rule.
 """
 
 _IF_LARGE: Final = 16
-"""Added to a reason if the box is large; above every number of a `Reason`."""
+"""Where `_COLUMN_OF_REASON` begins anew, for large boxes.
+
+A large box's place in it is its reason plus this number, which is greater than the
+number of any `Reason`.
+"""
 
 _SMALL_BOX, _BIG_BOX, _KEPT_LARGE_BOX, _NO_THRESHOLD = range(4)
 """Which threshold applied to a box: the columns of the table in `_Block._threshold`.
@@ -102,7 +106,10 @@ def _columns_of_reasons() -> NDArray[np.uint8]:
 
 
 _COLUMN_OF_REASON: Final = _columns_of_reasons()
-"""The threshold that applied, by reason, plus `_IF_LARGE` if the box is large."""
+"""(32,) uint8: which threshold applied to a box, by its reason.
+
+The place is the reason's number; for large boxes, that plus `_IF_LARGE`.
+"""
 
 
 def decide(evidence: Evidence, config: DecideConfig) -> Decisions:

@@ -223,7 +223,11 @@ _ROWS_AT_ONCE: Final = 1 << 13
 def _spans(
     spans_of: _SpansOf, hulls: FloatArray, owner: IntArray, top: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(R,), (R,) px: first column, last column + 1 of each row in its hull."""
+    """The columns that a hull covers in each of R rows of pixels.
+
+    `owner` (R,) says which of the N hulls a row belongs to, `top` (R,) px is the row's
+    upper edge. Returns the first column of each row and the last one + 1, (R,) px.
+    """
     left, right = np.empty(len(top)), np.empty(len(top))
     edges = _Edges.of(hulls)
     for start in range(0, len(top), _ROWS_AT_ONCE):

@@ -25,8 +25,9 @@ from filter_core.formats.writing import NewWriter, write_labels
 Likeness: TypeAlias = Literal["certain", "possible", "otherwise", "none"]
 """How sure a format is that a folder is its own.
 
-The first that is ``certain`` is taken; one that is ``possible``, if no other is either;
-the first that is ``otherwise``, if no other format is more than that.
+``certain``: it is, and no format after this one is asked. ``possible``: it may be; if
+several formats say so, a person has to choose. ``otherwise``: it may be if no format
+says ``certain`` or ``possible``; of several, the first counts. ``none``: it is not.
 """
 
 FRAME_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
@@ -111,7 +112,7 @@ class Format:
     holds : str
         What its files hold, as the documentation says it, in Markdown.
     brief : str
-        The same in a few words, for who chooses a format to write.
+        The same in a few words, for people who choose a format to write.
     recognised_by : str
         What `likeness` looks for, in words.
     options : frozenset of str

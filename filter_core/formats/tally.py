@@ -23,15 +23,15 @@ _MARKS: Final = (*(verdict.value for verdict in VERDICTS), "unsure", "lossy")
 
 
 class Change(NamedTuple):
-    """What became of a box that did not go out as it is.
+    """What became of a box that was not written as it is.
 
     Attributes
     ----------
     row : int
         Its place in the frame.
     fate : str
-        ``dontcare`` (it went out as a region to be ignored), ``dropped`` (it did not go
-        out) or ``clipped`` (it went out, cut by the image's border).
+        ``dontcare``: written as a region to be ignored; ``dropped``: not written;
+        ``clipped``: written without what lies beyond the image.
     reason : str
         Why, such as the label of a `Reason`.
     """

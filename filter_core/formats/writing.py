@@ -135,7 +135,7 @@ class OutFrame:
     ----------
     frame : ExportFrame
     number : int
-        Counts the frames of the export from 0.
+        The frame's place in the export; the first is 0.
     part : ``train`` or ``val``
     stem : str
         A path without suffix, different for every frame of the export.

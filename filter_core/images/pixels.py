@@ -241,7 +241,10 @@ def run_ends(flat: PixelValues, stops: IntArray | None = None) -> IntArray:
 
 
 def run_lengths(ends: IntArray) -> IntArray:
-    """(R,) int64: how many elements each run has; `ends` (R,) are their last places."""
+    """How many elements each of R runs has, (R,) int64.
+
+    `ends` are the indexes of their last elements, as `run_ends` gives them.
+    """
     lengths = np.empty_like(ends)
     lengths[:1] = ends[:1] + 1
     np.subtract(ends[1:], ends[:-1], out=lengths[1:])
