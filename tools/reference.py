@@ -26,6 +26,7 @@ from filter_core.formats.registry import FORMATS
 from filter_core.types import ChannelNumbers, Evidence, number_columns
 from unghost.cli.program import LazyCommand
 from unghost.cli.program import app as program
+from unghost.cli.screen import EXIT_CODES
 
 
 class Parameter(Protocol):
@@ -133,6 +134,14 @@ def _below(path: str, command: Command) -> Iterator[tuple[str, Command]]:
         yield from _below(f"{path} {name}", child)
 
 
+def exit_code_table() -> Iterator[str]:
+    """Every exit code of the command line."""
+    yield "| code | meaning |"
+    yield "|--:|---|"
+    for code, meaning in EXIT_CODES.items():
+        yield f"| {code} | {meaning} |"
+
+
 def key_table() -> Iterator[str]:
     """Every key of the review page, from the table that the page itself reads."""
     yield "| keys | what they do |"
@@ -169,6 +178,7 @@ PARTS: Final[dict[str, tuple[Path, Callable[[], Iterator[str]]]]] = {
     "channels": (DOCS / "configuration.md", channel_table),
     "settings": (DOCS / "configuration.md", settings_table),
     "commands": (DOCS / "commands.md", command_table),
+    "exit codes": (DOCS / "commands.md", exit_code_table),
     "keys": (DOCS / "review.md", key_table),
     "routes": (DOCS / "api.md", route_table),
     "formats": (DOCS / "formats.md", format_table),

@@ -6,7 +6,7 @@ import hashlib
 import json
 import unicodedata
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, get_args
 
 from app.boxes.queries import FileRow
 from app.errors import Unprocessable
@@ -21,10 +21,11 @@ from filter_core.errors import ImageError, ImageSizeMismatch, ImageTooLarge
 from filter_core.evidence.lidar import check_points
 from filter_core.formats.reading import MAX_KEY
 from filter_core.images.header import ImageHeader, read_image_header, require_size
+from unghost.wire.words import FileKind
 
-PICTURES: Final = ("image", "segmentation", "depth", "instances", "ignore_mask")
+KINDS: Final = get_args(FileKind)
 CLOUDS: Final = ("lidar", "radar")
-KINDS: Final = (*PICTURES, *CLOUDS)
+PICTURES: Final = tuple(kind for kind in KINDS if kind not in CLOUDS)
 _SAME_SIZE: Final = ("segmentation", "ignore_mask")
 
 

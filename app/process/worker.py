@@ -45,7 +45,9 @@ if TYPE_CHECKING:
     from distributed import Security, Worker
 
 REFUSED: Final = 1
-AWAY: Final = 69
+"""Exit status of a working process that cannot work with its settings."""
+AWAY: Final = 74
+"""No scheduler accepted it, or no database answered."""
 LOST: Final = 75
 """The scheduler was there, and went away: another process tries to join again."""
 _SHORT_LIFE_S: Final = 10.0
@@ -81,7 +83,7 @@ class Supervisor:
     _stopping: threading.Event = field(default_factory=threading.Event)
 
     def run(self) -> int:
-        """Until told to stop, or until there is no scheduler; the exit status."""
+        """Until told to stop, or there is no scheduler: 0, `REFUSED` or `AWAY`."""
         check_engine(self.settings)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._stop)

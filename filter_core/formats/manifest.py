@@ -87,7 +87,7 @@ def manifest_of(source: Path) -> Path | None:
     return source / first if first is not None and second is None else None
 
 
-_FILES: Final = (
+FRAME_FILES: Final = (
     "image",
     "segmentation",
     "depth",
@@ -96,6 +96,7 @@ _FILES: Final = (
     "radar",
     "ignore_mask",
 )
+"""The files that a line may name, beside its boxes."""
 
 
 @MANIFEST.reader
@@ -148,7 +149,7 @@ def _read_line(line: bytes, at: str, folder: Path, options: ReadOptions) -> Fram
         return _problem(at, f'"key" of 1 to {MAX_KEY} characters', shown(key))
     files: dict[str, Path] = {}
     problem: FilterError | None = None
-    for name in _FILES:
+    for name in FRAME_FILES:
         given = raw.pop(name, None)
         if isinstance(given, str) and given:
             base = options.segmentation if name == "segmentation" else None
@@ -180,7 +181,7 @@ def _problem(at: str, expected: str, found: str, key: str = "") -> FrameSource:
     return FrameSource(key=key or at, annotation=None, problem=error)
 
 
-_OURS: Final = frozenset({"boxes", "key", *_FILES})
+_OURS: Final = frozenset({"boxes", "key", *FRAME_FILES})
 
 
 @MANIFEST.label_writer

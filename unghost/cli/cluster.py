@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from unghost.cli.options import DataFolder, OutputOptions, settings_of
-from unghost.cli.screen import refused_on
+from unghost.cli.screen import DONE, REFUSED, UNAVAILABLE, refused_on
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +127,7 @@ def worker(options: WorkerOptions) -> None:
     """
     from app.engine import UnusableEngine
     from app.logs import configure_logging
-    from app.process.worker import Place, Supervisor
+    from app.process import worker as working
 
     settings = settings_of(
         engine=options.scheduler,
@@ -138,10 +138,11 @@ def worker(options: WorkerOptions) -> None:
         tls_key=options.key,
     )
     configure_logging(settings.log_level, settings.log_format)
-    place = Place(options.host, options.port, options.patience)
+    place = working.Place(options.host, options.port, options.patience)
     with refused_on(UnusableEngine):
-        status = Supervisor(settings, place).run()
-    raise typer.Exit(status)
+        status = working.Supervisor(settings, place).run()
+    codes = {working.REFUSED: REFUSED, working.AWAY: UNAVAILABLE}
+    raise typer.Exit(codes.get(status, DONE))
 
 
 def scheduler(options: SchedulerOptions) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from importlib import import_module
@@ -13,7 +14,16 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from unghost.cli.options import Action, build_command
-from unghost.cli.screen import INTERRUPTED, REFUSED, UNAVAILABLE, USAGE, Refused, Screen
+from unghost.cli.screen import (
+    DONE,
+    EXIT_CODES,
+    INTERRUPTED,
+    REFUSED,
+    UNAVAILABLE,
+    USAGE,
+    Refused,
+    Screen,
+)
 
 if TYPE_CHECKING:
     import httpx
@@ -172,12 +182,15 @@ class Program(LazyGroup):
             self.add_command(command)
 
 
+_EXIT_CODES: Final = "; ".join(
+    f"{code} {re.split('[,:]', meaning)[0]}" for code, meaning in EXIT_CODES.items()
+)
+
 app = typer.Typer(
     cls=Program,
     name="unghost",
     help="Finds the boxes that CARLA's camera cannot see, and says why.",
-    epilog="Exit codes: 0 done, 1 refused, 2 usage, 3 partly done, 69 server "
-    "away or busy, 130 interrupted.",
+    epilog=f"Exit codes: {_EXIT_CODES}.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -225,7 +238,7 @@ def main() -> NoReturn:
         for line in error_lines(error):
             Screen().note(f"unghost: {line}" if line[:1] != " " else line)
         sys.exit(code)
-    sys.exit(0)
+    sys.exit(DONE)
 
 
 _TOKEN_HINT: Final = (

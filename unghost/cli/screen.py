@@ -23,8 +23,17 @@ REFUSED: Final = 1
 USAGE: Final = 2
 PARTLY: Final = 3
 UNAVAILABLE: Final = 69
-"""The server does not answer, or is busy for too long."""
 INTERRUPTED: Final = 130
+EXIT_CODES: Final = {
+    DONE: "done",
+    REFUSED: "refused, because of the input, the server or the current state; the "
+    "message says why",
+    USAGE: "the command line itself was wrong",
+    PARTLY: "partly done: the frames that failed are listed",
+    UNAVAILABLE: "the server did not answer, or was busy for too long",
+    INTERRUPTED: "interrupted",
+}
+"""What each exit code means."""
 
 _LINE_EVERY_S: Final = 5.0
 
@@ -62,6 +71,7 @@ class Answer(Protocol):
 
 
 AnswerT = TypeVar("AnswerT", bound=Answer)
+WordT = TypeVar("WordT", bound=str)
 
 
 class Screen:
@@ -145,7 +155,7 @@ class Screen:
         return advance
 
 
-def most_first(counts: Mapping[str, int]) -> list[tuple[str, int]]:
+def most_first(counts: Mapping[WordT, int]) -> list[tuple[WordT, int]]:
     """Names and how often they occur, the most frequent first."""
     return sorted(counts.items(), key=lambda item: -item[1])
 

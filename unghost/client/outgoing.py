@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Final, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, Final, TypeAlias, get_args
 
 from unghost.client.call import Files
 from unghost.client.errors import ApiError
@@ -26,16 +26,6 @@ if TYPE_CHECKING:
 
 FileContent: TypeAlias = bytes | str | PathLike[str]
 """Of a frame's file: its bytes, or where it lies."""
-
-FILE_NAMES: Final = (
-    "image",
-    "segmentation",
-    "depth",
-    "instances",
-    "lidar",
-    "radar",
-    "ignore_mask",
-)
 
 # The server goes by the content, so no type is guessed here.
 _ANY_TYPE: Final = "application/octet-stream"
@@ -182,8 +172,11 @@ def canonical_json(annotation: Json) -> bytes:
 
 def checked_file_name(name: str) -> str:
     """The name of a frame's file; TypeError if there is no such file."""
-    if name not in FILE_NAMES:
-        raise TypeError(f"{name!r} is not a file of a frame: {', '.join(FILE_NAMES)}")
+    from unghost.wire.words import FileKind  # most programs send no frame
+
+    kinds = get_args(FileKind)
+    if name not in kinds:
+        raise TypeError(f"{name!r} is not a file of a frame: {', '.join(kinds)}")
     return name
 
 

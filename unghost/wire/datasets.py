@@ -25,7 +25,7 @@ from unghost.wire.model import (
     never_null,
     properties_of,
 )
-from unghost.wire.words import ChannelOrder, Encoding, LossyPolicy, Palette
+from unghost.wire.words import ChannelOrder, Encoding, LossyPolicy, Palette, Reason
 
 ClassName = Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
 Description = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]
@@ -199,7 +199,7 @@ class Stats(FrameCounts, _OfFrames):
     toss_ups: int
     lossy: int
     effective: VerdictCounts
-    by_reason: Mapping[str, int]
+    by_reason: Mapping[Reason, int]
     by_class: Mapping[str, VerdictCounts]
     config: str
     run: int

@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from unghost.wire.model import Fault, Json, Message, ResponseModel
-from unghost.wire.words import FolderLayout
+from unghost.wire.words import FileKind, FolderLayout
 
 
 class FolderHead(ResponseModel):
@@ -32,7 +32,7 @@ class FolderFrame(ResponseModel):
 
     key: Message
     annotation: Json | None
-    files: Mapping[str, Message] = Field(
+    files: Mapping[FileKind, Message] = Field(
         description="Name of each file of the frame, as it was sent, by its kind."
     )
     fault: Fault | None

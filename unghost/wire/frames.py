@@ -21,7 +21,7 @@ from unghost.wire.model import (
     never_null,
     time_of,
 )
-from unghost.wire.words import EdgeKind, LayerName, Verdict
+from unghost.wire.words import EdgeKind, FileKind, LayerName, Verdict
 
 
 class FrameSummary(ResponseModel):
@@ -75,7 +75,7 @@ class FrameDetails(FrameSummary):
         description="Whether there is a newer revision."
     )
     segmentation: SegmentationReport | None
-    files: Annotated[Mapping[str, StoredFile], IfAbsent({})]
+    files: Annotated[Mapping[FileKind, StoredFile], IfAbsent({})]
 
     @property
     def captured_at(self) -> datetime | None:

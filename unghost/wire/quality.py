@@ -191,4 +191,4 @@ class Evaluation(ResponseModel):
     not_measured: Annotated[tuple[EvidenceName, ...], IfAbsent(())]
     frames: int
     boxes: int
-    channels: Annotated[Mapping[str, ChannelScore], IfAbsent({})]
+    channels: Annotated[Mapping[EvidenceName, ChannelScore], IfAbsent({})]

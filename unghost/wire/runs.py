@@ -121,9 +121,9 @@ class Preview(ResponseModel):
     config: str
     needs_pixels: bool
     counts: VerdictCounts | None
-    by_reason: Mapping[str, int] | None
+    by_reason: Mapping[Reason, int] | None
     by_class: Mapping[str, VerdictCounts] | None
-    reasons_by_class: Mapping[str, Mapping[str, int]] | None
+    reasons_by_class: Mapping[str, Mapping[Reason, int]] | None
     histograms: Histogram | None
     flips: Flips | None
 

@@ -54,7 +54,7 @@ HistoryKind: TypeAlias = Literal["decision", "review"]
 FrameSort: TypeAlias = Literal["key", "-key", "id", "-id"]
 """Orders of a list of frames."""
 FileKind: TypeAlias = Literal[
-    "image", "segmentation", "depth", "instances", "lidar", "radar"
+    "image", "segmentation", "depth", "instances", "lidar", "radar", "ignore_mask"
 ]
 """The files of a frame."""
 UploadWord: TypeAlias = Literal["stored", "already_there", "refused"]

@@ -5233,7 +5233,7 @@ export interface operations {
             };
             path: {
                 frame_id: number;
-                kind: "image" | "segmentation" | "depth" | "instances" | "lidar" | "radar";
+                kind: "image" | "segmentation" | "depth" | "instances" | "lidar" | "radar" | "ignore_mask";
             };
             cookie?: never;
         };
@@ -5343,11 +5343,11 @@ export interface operations {
                     /** Format: binary */
                     instances?: string;
                     /** Format: binary */
-                    ignore_mask?: string;
-                    /** Format: binary */
                     lidar?: string;
                     /** Format: binary */
                     radar?: string;
+                    /** Format: binary */
+                    ignore_mask?: string;
                     /** @description Boxes, camera and more; see the guide to formats. */
                     annotation: string;
                 };

@@ -76,6 +76,24 @@ def test_a_picture_that_is_a_page_as_well_is_served_as_a_picture(admin, image):
     assert name not in str(answer.headers)
 
 
+PICTURES = ("image", "segmentation", "depth", "instances", "ignore_mask")
+
+
+def test_every_file_of_a_frame_is_served_at_its_address(admin):
+    sent = {kind: scene.image(number) for number, kind in enumerate(PICTURES)}
+    sent["segmentation"] = scene.segmentation()
+    files = {kind: (f"{kind}.png", content) for kind, content in sent.items()}
+    annotation = {"annotation": scene.as_json(scene.annotation())}
+
+    answer = admin.put(f"{PATH}/of-every-kind", files={**annotation, **files})
+
+    assert answer.status_code == 201, answer.text
+    listed = answer.json()["frame"]["files"]
+    assert {
+        kind: admin.get(file["url"]).content for kind, file in listed.items()
+    } == sent
+
+
 @pytest.mark.parametrize("content", [SVG, b"<?xml version='1.0'?>" + SVG, PAGE])
 @pytest.mark.parametrize("part", ["image", "segmentation", "ignore_mask", "lidar"])
 def test_what_only_says_that_it_is_a_picture_is_refused(admin, part, content):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import httpx
 import pytest
+from typer.testing import CliRunner
 
 from filter_core.errors import LayoutError
 from unghost.capture.simulator import ScenarioError, SimulatorAway
-from unghost.cli.program import error_lines, exit_code
-from unghost.cli.screen import Refused
+from unghost.cli.program import app, error_lines, exit_code
+from unghost.cli.screen import EXIT_CODES, Refused
 from unghost.client import errors
 from unghost.client.discovery import BadServerUrl, ForeignServer
 
@@ -72,3 +73,10 @@ def test_a_single_fault_is_not_said_twice():
 
 def test_a_fault_of_the_server_names_the_request():
     assert "r1" in list(error_lines(errors.ServerFault(500, PROBLEM)))[-1]
+
+
+def test_the_help_names_every_exit_code():
+    shown = CliRunner().invoke(app, ["--help"], env={"COLUMNS": "300"}).output
+
+    _, _, told = shown.partition("Exit codes: ")
+    assert [int(one.split()[0]) for one in told.split("; ")] == list(EXIT_CODES)

@@ -10,7 +10,7 @@ from app.verdicts import REVIEW_STATES
 from filter_core.config.keys import EvidenceName
 from filter_core.decisions.record import OcclusionLevel
 from filter_core.evaluation import comparison, thresholds
-from filter_core.formats import export
+from filter_core.formats import export, manifest
 from filter_core.formats.registry import EXPORT_FORMATS, LAYOUTS
 from filter_core.segmentation import reading
 from filter_core.types import Answer, ReasonLabel, Verdict
@@ -26,6 +26,7 @@ from unghost.wire import runs, words
         (words.EvidenceName, get_args(EvidenceName)),
         (words.Reason, get_args(ReasonLabel)),
         (words.OcclusionLevel, get_args(OcclusionLevel)),
+        (words.FileKind, manifest.FRAME_FILES),
         (words.Layout, LAYOUTS),
         (words.FolderLayout, LAYOUTS[1:]),
         (words.Palette, reading.PALETTES),
