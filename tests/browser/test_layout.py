@@ -61,7 +61,7 @@ def test_an_empty_queue_says_so_below_its_head(visit, empty, size):
     notice = page.locator(".notice")
 
     expect(notice).to_contain_text("No boxes yet")
-    expect(notice).to_contain_text("Nothing has been pushed to this dataset.")
+    expect(notice).to_contain_text("No frames have been uploaded to this dataset.")
     expect(page.locator(".strip-list")).to_be_hidden()
     assert notice.evaluate(TOP) < 240
 

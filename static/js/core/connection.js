@@ -63,8 +63,8 @@ function stored(storage) {
 /** @type {Record<string, string>} by what the server says of a session that opens nothing any more */
 const ENDED = {
   session_expired: "Your session has ended.",
-  token_expired: "Your token has expired. Ask an admin for another one.",
-  token_revoked: "Your token was taken back. Ask an admin for another one.",
+  token_expired: "Your token has expired. Ask an admin for a new one.",
+  token_revoked: "Your token was revoked. Ask an admin for a new one.",
 };
 
 /** @param {string | undefined} code */

@@ -20,7 +20,7 @@ export const KEYMAP = [
   { action: "keep", keys: ["A", "K"], help: "Keep the box", group: "Answer" },
   { action: "reject", keys: ["X", "R"], help: "Reject the box", group: "Answer" },
   { action: "unsure", keys: ["Space", "U"], help: "Unsure: flag it and leave the filter's verdict", group: "Answer" },
-  { action: "undo", keys: ["Z", "Backspace"], help: "Take back your last answer", group: "Answer" },
+  { action: "undo", keys: ["Z", "Backspace"], help: "Undo your last answer", group: "Answer" },
   { action: "comment", keys: ["E"], help: "Write a comment", group: "Answer" },
   { action: "next", keys: ["J", "ArrowRight"], help: "Next box", group: "Move" },
   { action: "previous", keys: ["ArrowLeft"], help: "Previous box", group: "Move" },
@@ -30,7 +30,7 @@ export const KEYMAP = [
   { action: "grid", keys: ["G"], help: "Boxes as a grid; from there, frames", group: "Move" },
   { action: "select", keys: ["Space", "Enter"], help: "Select the box, or let go of it", group: "In the grid", where: "grid" },
   { action: "selectAll", keys: ["Ctrl+A"], help: "Select all that the filters select", group: "In the grid", where: "grid" },
-  { action: "clear", keys: ["Delete"], help: "Take the answers back", group: "In the grid", where: "grid" },
+  { action: "clear", keys: ["Delete"], help: "Undo the answers", group: "In the grid", where: "grid" },
   { action: "left", keys: ["ArrowLeft"], help: "Left; with Shift, arrows select as well", group: "In the grid", where: "grid" },
   { action: "right", keys: ["ArrowRight"], help: "Right", group: "In the grid", where: "grid" },
   { action: "up", keys: ["ArrowUp"], help: "Up", group: "In the grid", where: "grid" },
@@ -42,7 +42,7 @@ export const KEYMAP = [
   { action: "mask", keys: ["M"], help: "Segmentation over the image", group: "Look" },
   { action: "opacityDown", keys: ["["], help: "Segmentation fainter", group: "Look" },
   { action: "opacityUp", keys: ["]"], help: "Segmentation stronger", group: "Look" },
-  { action: "lit", keys: ["L"], help: "Light up the matching pixels", group: "Look" },
+  { action: "lit", keys: ["L"], help: "Highlight the matching pixels", group: "Look" },
   { action: "cycleVerdict", keys: ["V"], help: "Show kept, rejected or all boxes", group: "Look" },
   { action: "crop", keys: ["C"], help: "Zoom to the box, and back", group: "Look" },
   { action: "fit", keys: ["F"], help: "Fit the frame", group: "Look" },
@@ -203,7 +203,7 @@ export function HelpDialog({ app, onClose }) {
         <input type="checkbox" checked=${!settings.off} onChange=${() => app.keys.set({ ...settings, off: !settings.off })} />
         <span>Single-key shortcuts</span>
       </label>
-      <button class="button" onClick=${() => (setTaken(""), app.keys.set(DEFAULT_SETTINGS))}>Back to the defaults</button>
+      <button class="button" onClick=${() => (setTaken(""), app.keys.set(DEFAULT_SETTINGS))}>Restore defaults</button>
     </footer>
   <//>`;
 }

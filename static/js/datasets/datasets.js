@@ -76,7 +76,7 @@ function Empty({ app }) {
     <${Command} text="unghost push FOLDER --dataset NAME" />
     <p>Frame by frame, from any program:</p>
     <${Command} text=${curl} />
-    <p>Or look around with a small synthetic street whose truth is known:</p>
+    <p>Or try a small synthetic dataset with known ground truth:</p>
     <${Command} text="unghost demo" />
   <//>`;
 }

@@ -110,7 +110,7 @@ function Nothing({ isFiltered, onClear }) {
     ? html`<${Notice} icon="filter" title="No frame matches" actions=${html`<button class="button" onClick=${onClear}>Clear the filters</button>`}>
         <p>Every frame of this dataset is hidden by the filters.</p>
       <//>`
-    : html`<${Notice} title="No frames yet"><p>Nothing has been pushed to this dataset.</p><//>`;
+    : html`<${Notice} title="No frames yet"><p>No frames have been uploaded to this dataset.</p><//>`;
 }
 
 const TYPING_PAUSE_MS = 250;

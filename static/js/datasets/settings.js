@@ -48,7 +48,7 @@ function Changes({ app, dataset, onDone }) {
     if (Object.keys(body).length === 0) return onDone();
     const changed = await patch("/api/v1/datasets/{dataset}", { path: { dataset: dataset.name }, body });
     // The answer is a run where every frame is measured again.
-    if ("state" in changed) app.toasts.show("Every frame is measured again.", { action: { text: "Show the run", href: linkTo("runs", { dataset: dataset.name }) } });
+    if ("state" in changed) app.toasts.show("All frames are being measured again.", { action: { text: "Show the run", href: linkTo("runs", { dataset: dataset.name }) } });
     else app.toasts.show("Saved.");
     return onDone();
   });
@@ -83,7 +83,7 @@ function Removal({ app, dataset }) {
   if (person?.role !== "admin") return null;
   return html`<details class="settings__end">
     <summary>Delete this dataset</summary>
-    <p>Its frames, boxes and all answers are gone for good. Type <b>${dataset.name}</b> to go on.</p>
+    <p>Its frames, boxes and all answers will be deleted permanently. Type <b>${dataset.name}</b> to confirm.</p>
     <div class="settings__confirm">
       <label class="field"><span class="sr-only">Name of the dataset</span><input value=${typed} autocomplete="off" spellcheck=${false} onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => setTyped(event.currentTarget.value)} /></label>
       <button class="button button--danger" disabled=${isBusy || typed !== dataset.name} onClick=${run}>Delete</button>

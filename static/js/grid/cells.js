@@ -205,7 +205,7 @@ class Cell extends Component {
     const flags = `${isSelected ? "is-selected" : ""} ${isFocused ? "is-focused" : ""}`;
     return html`<div class="cell ${flags}" role="gridcell" id=${id === undefined ? undefined : `cell-${id}`} aria-selected=${isSelected} aria-colindex=${column + 1} data-index=${index}
       onClick=${(/** @type {MouseEvent} */ event) => onPick(event, index)} onDblClick=${() => onOpen(index)}>
-      <span class="sr-only">${box ? spokenText(box) : box === null ? "Loading" : "Not found by the filters any more"}</span>
+      <span class="sr-only">${box ? spokenText(box) : box === null ? "Loading" : "No longer matches the filters"}</span>
       <div class="cell__picture" aria-hidden="true" style=${{ height: `${size}px` }}>
         ${box && html`<${Picture} box=${box} size=${size} frameSize=${frameSize} />`}
         ${box === null && html`<div class="cell__none shimmer" />`}

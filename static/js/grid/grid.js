@@ -107,7 +107,7 @@ function useFrameSize(app, dataset) {
 
 /** @param {{query: Query, inAll: number | null, onQuery: (query: Query) => void}} props */
 function Nothing({ query, inAll, onQuery }) {
-  if (!isFiltered(query)) return html`<${Notice} icon="grid" title="No boxes yet"><p>Nothing has been pushed to this dataset.</p><//>`;
+  if (!isFiltered(query)) return html`<${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//>`;
   const clear = html`<button class="button" onClick=${() => onQuery(withoutFilters(query))}>Clear the filters</button>`;
   return html`<${Notice} icon="filter" title="No box matches" actions=${clear}>
     <p>${inAll ? `All ${countOf(inAll, "box", "boxes")} of this dataset are hidden by the filters.` : "Every box is hidden by the filters."}</p>
@@ -347,7 +347,7 @@ async function acceptNow(app, act) {
   if (!list) return;
   app.outbox.giveUp(act.key);
   app.acts.sweeps.set(app.acts.sweeps.get() + 1);
-  app.toasts.show(`${countOf(list.total, "box", "boxes")} by now, ${countText(act.count)} when you looked.`, {
+  app.toasts.show(`The number of boxes changed: ${countText(list.total)} now, ${countText(act.count)} when you selected them.`, {
     action: { text: `${WILL[act.verdict]} all ${countText(list.total)}`, run: () => app.acts.answerAll(act.dataset, act.verdict, act.filter ?? {}, list) },
   });
 }

@@ -187,9 +187,9 @@ function wordsOf(run) {
     case "running":
       return `Run ${run.id} ${what}: ${countText(run.done)} of ${countOf(run.total, "frame")}.`;
     case "done":
-      return `Run ${run.id} is done: ${countOf(run.changed, "box has", "boxes have")} another verdict or reason.`;
+      return `Run ${run.id} is done: ${countOf(run.changed, "box has", "boxes have")} a different verdict or reason.`;
     case "cancelled":
-      return `Run ${run.id} was cancelled. What was active still is.`;
+      return `Run ${run.id} was cancelled. The active run is unchanged.`;
     default:
       return `Run ${run.id} failed: ${run.error?.detail ?? "no reason was given"}`;
   }

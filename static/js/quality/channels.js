@@ -69,7 +69,7 @@ function Nothing({ dataset, found, measuring, onTruth }) {
       <p>Only the segmentation has been measured. Order, depth, instances and LiDAR are measured from the files that came with the frames; every verdict stays as it is.</p>
       <p><${MeasureButton} measuring=${measuring} /></p></div>`;
   }
-  return html`<p class="panelbox__empty">No frame came with an instance image, which would say what is visible. <button class="button button--small" onClick=${() => onTruth("people")}>Compare with people</button></p>`;
+  return html`<p class="panelbox__empty">No frame has an instance image, so visibility is unknown. <button class="button button--small" onClick=${() => onTruth("people")}>Compare with people</button></p>`;
 }
 
 /** @typedef {{run: Run | null, isBusy: boolean, start: () => void, close: () => void}} Measuring */
@@ -131,7 +131,7 @@ function groupsOf(channels, by) {
 /** @param {{dataset: string, channels: readonly [string, ChannelScore][], boxes: number, active: string}} props */
 const Whole = ({ dataset, channels, boxes, active }) => html`<div class="tablewrap" role="group" aria-label="Channels" tabindex="0"><table class="table groups channels">
   <caption class="sr-only">Precision, recall and F1 of each channel</caption>
-  <thead><tr><th scope="col">Channel</th><th class="is-num" scope="col" title="Boxes that it had a number for">Judged</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col">Kept ghosts</th><th class="is-num" scope="col">Lost boxes</th><th scope="col">Worst</th></tr></thead>
+  <thead><tr><th scope="col">Channel</th><th class="is-num" scope="col" title="Boxes this channel could measure">Judged</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col">Kept ghosts</th><th class="is-num" scope="col">Lost boxes</th><th scope="col">Worst</th></tr></thead>
   <tbody>${channels.map(([name, score]) => html`<tr key=${name}>
     <th scope="row">${channelText(name)}${name === active && html` <span class="tagword">active</span>`}<span class="faint channels__about">${CHANNELS[name]?.about}</span></th>
     <td class="is-num num" title=${`${countText(score.judged)} of ${countText(boxes)} boxes`}>${percentText((100 * score.judged) / boxes)}</td>

@@ -79,7 +79,7 @@ const Empty = ({ dataset, truth, unsure, onInstances }) =>
 <//>`
     : html`<${Notice} icon="question" title="Nobody has answered yet"
   actions=${html`<a class="button button--primary" href=${queueLink(dataset)}>Answer boxes</a><button class="button" onClick=${onInstances}>Compare with instances</button>`}>
-  <p>How well the filter does is told by people: keep or reject some boxes, kept and rejected ones, and this page compares.</p>
+  <p>This page compares the filter's verdicts with people's answers. Keep or reject some boxes first, both kept and rejected ones.</p>
   ${unsure > 0 && html`<p class="faint">${countOf(unsure, "box", "boxes")} flagged as unsure ${unsure === 1 ? "does" : "do"} not count.</p>`}
 <//>`;
 

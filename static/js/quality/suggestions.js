@@ -23,7 +23,7 @@ const editsFor = (suggested) => Object.fromEntries(suggested.map((one) => [class
 
 const TARGETS = [
   { value: "f1", text: "Best F1" },
-  { value: "recall", text: "Keep 99 % of the real ones" },
+  { value: "recall", text: "Keep 99 % of the visible objects" },
 ];
 
 /**
@@ -71,7 +71,7 @@ function SaveButton({ app, dataset, active, suggested, text, isLarge = false }) 
   const { run: save, isBusy } = useTask(async () => {
     const { digest } = await post("/api/v1/datasets/{dataset}/configs", { path: { dataset }, body: withEdits(active.config, editsFor(suggested)) });
     const query = queryOf(editsFor(suggested));
-    app.toasts.show(`Saved as version ${digest.slice(0, 8)}; it decides nothing before it is applied.`, { action: { text: "Look at it", href: linkTo("thresholds", { dataset }, query) } });
+    app.toasts.show(`Saved as version ${digest.slice(0, 8)}; it has no effect until it is applied.`, { action: { text: "Look at it", href: linkTo("thresholds", { dataset }, query) } });
   }, app.toasts.fail);
   return html`<button class="button ${isLarge ? "" : "button--small"}" disabled=${isBusy} onClick=${save}>${text}</button>`;
 }

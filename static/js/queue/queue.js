@@ -214,7 +214,7 @@ export function BlindPanel({ box, sitting, onSee }) {
   const last = useValue(sitting.comparisons).at(-1);
   return html`<aside class="panel panel--inspector" aria-label="Selected box">
     <header class="inspector__head"><h2>${box.class} <span class="faint">${box.id}</span></h2></header>
-    <p class="inspector__sentence">Is there a ${box.class.replaceAll("_", " ")} to be seen in the box? The filter's verdict and earlier answers are hidden until you have answered.</p>
+    <p class="inspector__sentence">Is a ${box.class.replaceAll("_", " ")} visible in the box? The filter's verdict and earlier answers are hidden until you have answered.</p>
     ${last && html`<p class="agreement agreement--${last.agrees ? "yes" : "no"}" role="status"><${Icon} name=${last.agrees ? "check" : "warn"} /><span>${last.words}</span></p>`}
     <dl class="facts">
       <div><dt>Frame</dt><dd>${box.frame}</dd></div>
@@ -236,15 +236,15 @@ export function AllDone({ app, sitting, query, actions, onAll }) {
   const title = verdicts.size ? "All done" : order === "audit" ? "Nothing to audit" : "Nothing to review";
   return html`<div class="queue__message">
     <${Notice} icon="check" title=${title} actions=${html`<${Ways} dataset=${dataset} order=${order} query=${query} open=${open} elsewhere=${elsewhere} sitting=${sitting} actions=${actions} onAll=${onAll} />`}>
-      <p>${doneText(verdicts) || (order === "audit" ? "Nobody has answered a box of these filters yet." : "Every box of these filters has an answer.")}</p>
+      <p>${doneText(verdicts) || (order === "audit" ? "Nobody has answered any of the boxes that match these filters yet." : "All boxes that match these filters have an answer.")}</p>
       ${waiting.size > 0 && html`<p>${countOf(waiting.size, "answer is", "answers are")} kept in this browser and will be sent.</p>`}
-      ${open > 0 && html`<p>You passed over ${countOf(open, "box", "boxes")}.</p>`}
+      ${open > 0 && html`<p>You skipped ${countOf(open, "box", "boxes")}.</p>`}
       ${elsewhere > 0 && html`<p>${countOf(elsewhere, "box is", "boxes are")} with somebody else at the moment.</p>`}
     <//>
   </div>`;
 }
 
-export const NoBoxesYet = () => html`<div class="queue__message"><${Notice} icon="grid" title="No boxes yet"><p>Nothing has been pushed to this dataset.</p><//></div>`;
+export const NoBoxesYet = () => html`<div class="queue__message"><${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//></div>`;
 
 /** What one can do now. @param {{dataset: string, order: string, query: Query, open: number, elsewhere: number, sitting: Sitting, actions: QueueActions, onAll: () => void}} props */
 function Ways({ dataset, order, query, open, elsewhere, sitting, actions, onAll }) {

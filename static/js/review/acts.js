@@ -32,7 +32,7 @@ export function AnswerBar({ app, box, isWaiting, actions }) {
       </button>`,
     )}
     <span class="bar__rule" aria-hidden="true"></span>
-    <button class="answer answer--undo" onClick=${actions.undo} aria-label="Undo" title="Take back your last answer"><${Icon} name="undo" /><${Keys} app=${app} keys=${keysOf("undo")} /></button>
+    <button class="answer answer--undo" onClick=${actions.undo} aria-label="Undo" title="Undo your last answer"><${Icon} name="undo" /><${Keys} app=${app} keys=${keysOf("undo")} /></button>
   </div>`;
 }
 

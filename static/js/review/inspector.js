@@ -188,7 +188,7 @@ export function Comment({ box, onSave, fieldRef }) {
       fieldRef.current?.blur();
     }
   };
-  const hint = answerOf(box) ? "Enter saves, Esc leaves it" : "Enter saves and flags the box as unsure";
+  const hint = answerOf(box) ? "Enter saves, Esc cancels" : "Enter saves and flags the box as unsure";
   return html`<div class="comment">
     <label class="field">
       <span>Comment</span>
@@ -229,7 +229,7 @@ function DecisionLine({ item }) {
   const isByShare = typeof match === "number" && typeof threshold === "number";
   const numbers = isByShare ? ` · ${percentText(match)} of ${percentText(threshold)}` : "";
   return html`<span class="sign sign--filter"><${Icon} name="filter" /></span>
-    <div><p>Run ${run}: ${verdict ? html`<b>${verdict}</b>, ${reasonText(reason ?? "")}${unbroken(numbers)}` : "its numbers are gone"} <${When} at=${item.at} /></p></div>`;
+    <div><p>Run ${run}: ${verdict ? html`<b>${verdict}</b>, ${reasonText(reason ?? "")}${unbroken(numbers)}` : "its measurements are no longer stored"} <${When} at=${item.at} /></p></div>`;
 }
 
 /** @param {{at: string}} props */

@@ -38,7 +38,7 @@ export function Exports({ app, dataset }) {
     ${isAsking && form.value && html`<${ExportAsk} dataset=${dataset} form=${form.value} onMade=${onMade} onClose=${() => setAsking(false)} />`}
     ${isAsking && form.state === "error" && html`<p class="problem" role="alert">${form.error.message}</p>`}
     ${loaded.state === "error" && !items && html`<p class="panelbox__empty" role="alert">${loaded.error.message} <button class="button button--small" onClick=${loaded.reload}>Try again</button></p>`}
-    ${items?.length === 0 && !isAsking && html`<p class="panelbox__empty">No export yet. Labels are written from what people answered, else from what the filter decided.</p>`}
+    ${items?.length === 0 && !isAsking && html`<p class="panelbox__empty">No export yet. Exports use people's answers, or the filter's verdict where there is none.</p>`}
     <ul class="runs">
       ${items?.map((one) => html`<li key=${one.id}><${ExportRow} app=${app} listed=${one} form=${form.value} onOver=${loaded.reload} /></li>`)}
     </ul>
@@ -195,7 +195,7 @@ function ExportAsk({ dataset, form, onMade, onClose }) {
       ${form.fields.map((field) => html`<${AskField} key=${field.key} field=${field} value=${field.key in chosen ? chosen[field.key] : field.initial} onChange=${(/** @type {unknown} */ value) => setChosen({ ...chosen, [field.key]: value })} />`)}
     </div>
     ${error && html`<p class="problem" role="alert">${error.message}</p>`}
-    <p class="ask__foot"><span class="faint">The order of the classes is fixed from the first export on.</span>
+    <p class="ask__foot"><span class="faint">The first export fixes the order of the classes.</span>
       <button type="button" class="button" onClick=${onClose}>Cancel</button>
       <button class="button button--primary" disabled=${isBusy || !format}>Make export</button></p>
   </form>`;

@@ -106,7 +106,7 @@ function Against({ dataset, run, against, runs }) {
 
 /** @param {{app: App, diff: RunDiff, runs: readonly Run[]}} props */
 function Between({ app, diff, runs }) {
-  if (diff.total === 0) return html`<p class="panelbox__empty">No box changed sides${diff.against ? ` since run ${diff.against}` : ""}.</p><${Keys} app=${app} diff=${diff} runs=${runs} />`;
+  if (diff.total === 0) return html`<p class="panelbox__empty">No verdict changed${diff.against ? ` since run ${diff.against}` : ""}.</p><${Keys} app=${app} diff=${diff} runs=${runs} />`;
   return html`<div class="rundiff__body">
     <div class="rundiff__tables"><${PerClass} diff=${diff} /><${Keys} app=${app} diff=${diff} runs=${runs} /></div>
     <${Boxes} app=${app} diff=${diff} />
@@ -189,7 +189,7 @@ function How({ run }) {
   }
   const { kept = 0, rejected = 0, unmeasured = 0 } = run.counts;
   const boxes = kept + rejected + unmeasured;
-  if (boxes === 0) return html`<p class="faint">Began with the dataset.</p>`;
+  if (boxes === 0) return html`<p class="faint">Created with the dataset.</p>`;
   return html`<${VerdictBar} counts=${{ boxes, kept, rejected, unmeasured, reviewed: 0, to_review: 0 }} />
     <p class="faint num">${countText(kept)} kept · ${countText(rejected)} rejected · <strong class="run__changed">${run.changed ? `${countText(run.changed)} changed` : "nothing changed"}</strong></p>`;
 }

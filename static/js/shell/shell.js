@@ -128,7 +128,7 @@ function Coming({ app, error, onRetry }) {
 function UnknownView({ app, route }) {
   useHead(app, { title: "Not found", crumbs: [] });
   return html`<main id="main" class="page" tabindex="-1">
-      <${Notice} icon="question" title="There is nothing at this address"
+      <${Notice} icon="question" title="Page not found"
         actions=${html`<a class="button" href=${linkTo("datasets")}>All datasets</a>`}>
         <p>${route.params.path}</p>
       <//>

@@ -81,7 +81,7 @@ export function FlipPanel({ app, tuning, selected, way, onWay }) {
 function Body({ app, tuning, items, wanted }) {
   const { preview, listed, isListed } = tuning;
   if (!preview) return html`<div class="flippanel__list"><${Bones} /></div>`;
-  if (wanted === 0) return html`<p class="panelbox__empty">No box changes sides. Move a threshold to see which ones would.</p>`;
+  if (wanted === 0) return html`<p class="panelbox__empty">No verdict changes. Move a threshold to see which ones would.</p>`;
   return html`<div class="flippanel__list ${isListed ? "" : "is-behind"}" aria-busy=${!isListed}>
     ${items.length === 0 && (isListed ? html`<p class="panelbox__empty">None of these is among the ${countText(listed?.flips?.items.length ?? 0)} nearest.</p>` : html`<${Bones} />`)}
     <${FlipGrid} items=${items} />

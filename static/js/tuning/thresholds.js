@@ -136,7 +136,7 @@ export function Summary({ tuning, onReset, onSave, isRunning }) {
 }
 
 function NeedsPixels() {
-  return html`<p class="summary__pixels"><${Icon} name="image" /><span><strong>This one has to look at pixels again.</strong>${" "}
+  return html`<p class="summary__pixels"><${Icon} name="image" /><span><strong>This change requires reading the images again.</strong>${" "}
     What it would decide cannot be told from the stored numbers. Applying it measures every frame anew, in the background.</span></p>`;
 }
 

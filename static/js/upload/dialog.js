@@ -121,7 +121,7 @@ function NotRead({ found: { entries, top, read, retry }, error, close }) {
     ${isTooLarge && html`<p>The command line takes folders of any size:</p><${Command} text=${commandOf(top, "")} />`}
     <footer class="dialog__foot">
       <button type="button" class="button" onClick=${close}>Cancel</button>
-      ${isUnknown && hasImages(entries ?? []) && html`<button type="button" class="button button--primary" onClick=${() => read("pairs")}>Take the images alone</button>`}
+      ${isUnknown && hasImages(entries ?? []) && html`<button type="button" class="button button--primary" onClick=${() => read("pairs")}>Upload the images only</button>`}
       ${entries && !isUnknown && html`<button type="button" class="button button--primary" onClick=${retry}>Try again</button>`}
     </footer>
   </div>`;
@@ -170,11 +170,11 @@ function Review({ app, found, plan, typed, setTyped, close }) {
         onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => (setTyped(event.currentTarget.value.trim()), setRefusal(""))} />
       <datalist id="upload-datasets">${known.map((dataset) => html`<option value=${dataset.name} />`)}</datalist>
     </label>
-    <p id="upload-where" class="faint">${!isKnown ? "Looking which datasets there are …" : there ? `Adds to a dataset that has ${countOf(there.counts.frames, "frame")}. What is there already is not stored twice.` : "A new dataset is made."}</p>
+    <p id="upload-where" class="faint">${!isKnown ? "Loading the list of datasets …" : there ? `Adds to a dataset that has ${countOf(there.counts.frames, "frame")}. What is there already is not stored twice.` : "A new dataset is made."}</p>
     <p id="upload-error" class="field__error" role="alert">${refusal}</p>
     ${there
       ? html`<label class="switch"><input type="checkbox" checked=${replace} onChange=${() => setReplace(!replace)} /><span>Replace frames whose content has changed</span></label>`
-      : html`<label class="switch"><input type="checkbox" checked=${lossy} onChange=${() => setLossy(!lossy)} /><span>Take JPEG segmentations, by the nearest colour</span></label>`}
+      : html`<label class="switch"><input type="checkbox" checked=${lossy} onChange=${() => setLossy(!lossy)} /><span>Accept JPEG segmentations; match each pixel to the nearest colour</span></label>`}
     <${Hints} plan=${plan} name=${name} top=${found.top} />
     <${FileList} title="Cannot be read" items=${plan.problems.map(({ key, why }) => ({ name: key, why: withoutName(why, key) }))} isOpen=${true} />
     <${FileList} title="Did not match" items=${plan.unmatched.map(({ path, why }) => ({ name: path, why }))} isOpen=${plan.frames.length === 0} />
@@ -192,7 +192,7 @@ function Hints({ plan, name, top }) {
   return html`
     ${bare > 0 && html`<p class="upload__hint"><${Icon} name="warn" />${countOf(bare, "frame")} without a segmentation: nothing can be measured there, the boxes will be unmeasured.</p>`}
     ${empty > 0 && html`<p class="upload__hint"><${Icon} name="warn" />${countOf(empty, "frame")} without a box.</p>`}
-    ${plan.frames.length > MANY_FRAMES && html`<p class="upload__hint"><${Icon} name="warn" />For this many frames the command line is faster, and goes on where it stopped:</p><${Command} text=${commandOf(top, name)} />`}`;
+    ${plan.frames.length > MANY_FRAMES && html`<p class="upload__hint"><${Icon} name="warn" />For this many frames the command line is faster, and resumes where it stopped:</p><${Command} text=${commandOf(top, name)} />`}`;
 }
 
 /** @param {Plan} plan */

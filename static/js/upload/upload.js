@@ -66,7 +66,7 @@ function LateDialog({ app, dropped }) {
 
 /** One at a time: what runs is not thrown away by a second drop. @param {App} app @param {Promise<import("./folder.js").Entry[]>} files */
 function offer(app, files) {
-  if (app.uploads.isRunning()) app.toasts.show("An upload is going on. Wait for it, or cancel it first.");
+  if (app.uploads.isRunning()) app.toasts.show("An upload is in progress. Wait for it, or cancel it first.");
   else app.uploads.take(files);
 }
 
@@ -158,7 +158,7 @@ const PHASES = {
   paused: "Paused",
   offline: "The server does not answer; trying again",
   busy: "The server is busy; trying again",
-  "signed-out": "Signed out; sign in to go on",
+  "signed-out": "Signed out; sign in to continue",
   done: "Uploaded",
   stopped: "Stopped",
 };
@@ -185,7 +185,7 @@ export function UploadPanel({ app, job: { dataset, sender } }) {
       ${!isEnd && html`<button class="button" onClick=${sender.cancel}>Cancel</button>`}
       ${phase === "sending" && html`<button class="button" onClick=${sender.pause}>Pause</button>`}
       ${!isEnd && phase !== "sending" && html`<button class="button button--primary" onClick=${sender.resume}>Go on</button>`}
-      ${phase === "done" && refused.length > 0 && html`<button class="button" onClick=${sender.retry}>Try the refused again</button>`}
+      ${phase === "done" && refused.length > 0 && html`<button class="button" onClick=${sender.retry}>Retry refused frames</button>`}
       ${isEnd && done > refused.length && html`<a class="button button--primary" href=${linkTo("frames", { dataset })} onClick=${app.uploads.dismiss}>Open the frames</a>`}
     </footer>
   </section>`;

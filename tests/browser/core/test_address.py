@@ -134,7 +134,7 @@ def test_history_of_the_browser_goes_back_to_the_list(scene, ada):
 @pytest.mark.parametrize(
     ("link", "words"),
     [
-        ("#/nothing/here", "There is nothing at this address"),
+        ("#/nothing/here", "Page not found"),
         ("#/datasets/no-such/frames", "there is no dataset 'no-such'"),
     ],
 )

@@ -138,7 +138,7 @@ def test_f_fits_after_any_zoom(scene, ada):
     ("key", "name", "before"),
     [
         ("m", "Segmentation over the image", "false"),
-        ("l", "Light up the matching pixels", "true"),
+        ("l", "Highlight the matching pixels", "true"),
     ],
 )
 def test_layers_are_switched_and_remembered(scene, ada, key, name, before):
@@ -221,8 +221,8 @@ def test_help_lists_every_binding_of_the_keymap(scene, ada):
 @pytest.mark.parametrize(
     ("view", "used", "unused"),
     [
-        ("frame", "Next frame", "Take the answers back"),
-        ("grid", "Take the answers back", "Next frame"),
+        ("frame", "Next frame", "Undo the answers"),
+        ("grid", "Undo the answers", "Next frame"),
     ],
 )
 def test_help_says_which_keys_the_view_has_no_use_for(scene, ada, view, used, unused):

@@ -176,7 +176,7 @@ def test_a_filter_that_selects_another_number_by_now_is_counted_again(many, ada)
     expect(strip(page)).to_contain_text("Not done: reject 30 boxes.")
     assert answers(many) == {"b0": "keep"}
     strip(page).get_by_role("button", name="Count again").click()
-    expect(toast(page)).to_contain_text("29 boxes by now, 30 when you looked")
+    expect(toast(page)).to_contain_text("29 now, 30 when you selected them")
     toast(page).get_by_role("button", name="reject all 29").click()
 
     expect(toast(page)).to_contain_text("29 boxes rejected")
@@ -203,7 +203,7 @@ def test_all_of_a_filter_are_not_answered_if_somebody_else_answered_one(
     expect(strip(hers)).to_contain_text("1 of them came, were decided anew or were")
     assert answers(many) == {"b1": "keep"}
     strip(hers).get_by_role("button", name="Count again").click()
-    expect(toast(hers)).to_contain_text("15 boxes by now, 15 when you looked")
+    expect(toast(hers)).to_contain_text("15 now, 15 when you selected them")
     toast(hers).get_by_role("button", name="reject all 15").click()
     expect(toast(hers)).to_contain_text("15 boxes rejected")
     assert set(answers(many).values()) == {"reject"}

@@ -140,7 +140,7 @@ def test_curves_are_tables_for_whoever_cannot_see_them(ada, answered):
 def test_what_is_suggested_for_is_part_of_the_link(ada, answered):
     page = quality_page(ada, answered)
 
-    page.get_by_role("button", name="Keep 99 % of the real ones").click()
+    page.get_by_role("button", name="Keep 99 % of the visible objects").click()
 
     expect(page).to_have_url(re.compile(r"/quality\?target=recall$"))
     expect(page.get_by_text("the highest ones that keep")).to_be_visible()

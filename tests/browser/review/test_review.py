@@ -216,7 +216,7 @@ def test_history_says_of_a_run_that_its_numbers_are_gone(scene, ada):
 
     page = ada.open(scene.link("hidden"))
 
-    expect(page.locator(".history__item")).to_contain_text("its numbers are gone")
+    expect(page.locator(".history__item")).to_contain_text("its measurements are no longer stored")
 
 
 def test_refused_answer_is_said_and_the_box_shown_as_it_is(scene, ada):

@@ -180,7 +180,7 @@ def test_what_needs_pixels_is_said_and_not_guessed(ada, street):
 
     page.evaluate("location.hash += '?profile=carlasimu'")
 
-    expect(page.get_by_text("This one has to look at pixels again.")).to_be_visible()
+    expect(page.get_by_text("This change requires reading the images again.")).to_be_visible()
     expect(figure(page, "kept")).to_have_count(0)
     expect(page.locator(".summary__pixels")).to_contain_text("again. What it would")
     expect(page.get_by_role("heading", name="Configuration")).to_be_visible()
@@ -261,7 +261,7 @@ def test_reasons_and_flips_can_be_those_of_one_class(ada, street):
 
     expect(page.get_by_role("heading", name="Reasons: walker")).to_be_visible()
     expect(page.get_by_role("row", name=re.compile("^visible 1 1"))).to_be_visible()
-    expect(page.get_by_text("No box changes sides.")).to_be_visible()
+    expect(page.get_by_text("No verdict changes.")).to_be_visible()
     expect(page).to_have_url(re.compile("class=walker"))
 
 

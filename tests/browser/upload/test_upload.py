@@ -132,7 +132,7 @@ def test_nothing_is_sent_before_one_knows_whether_the_dataset_is_there(scene, ad
     page.evaluate(DROP, encoded({"9.png": scenes.picture()}))
     button = page.get_by_role("button", name="Upload 1 frame")
 
-    expect(page.locator("#upload-where")).to_contain_text("Looking which datasets")
+    expect(page.locator("#upload-where")).to_contain_text("Loading the list of datasets")
     expect(button).to_be_disabled()
     held[0].continue_()
 
@@ -226,7 +226,7 @@ def test_images_beside_labels_that_nobody_can_read_can_be_taken_alone(scene, ada
 
     page.evaluate(DROP, encoded({"9.png": scenes.picture(), "9.txt": b"0 1 1 1 1"}))
     expect(page.get_by_role("alert")).to_contain_text("No frames were recognised")
-    page.get_by_role("button", name="Take the images alone").click()
+    page.get_by_role("button", name="Upload the images only").click()
 
     expect(page.get_by_role("button", name="Upload 1 frame")).to_be_enabled()
     page.get_by_text("Did not match 1").click()
@@ -266,7 +266,7 @@ def test_refused_frames_are_listed_and_tried_again(town, ada):
     expect(page.get_by_label("Refused")).to_contain_text("2 ")
     expect(page.get_by_label("Refused")).to_contain_text("segmentation")
     seg.write_bytes(good)
-    page.get_by_role("button", name="Try the refused again").click()
+    page.get_by_role("button", name="Retry refused frames").click()
     expect(page.get_by_label("Refused")).to_contain_text("can no longer be read")
 
 

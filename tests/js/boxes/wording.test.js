@@ -82,7 +82,7 @@ test("lists show the share where it decided, and nothing where nothing was measu
 
 test("why one is signed out is said where it is known", () => {
   assert.match(endedText("token_expired"), /has expired/);
-  assert.match(endedText("token_revoked"), /taken back/);
+  assert.match(endedText("token_revoked"), /revoked/);
   assert.match(endedText("session_expired"), /has ended/);
   assert.equal(endedText("unauthorised"), "");
   assert.equal(endedText(undefined), "");
