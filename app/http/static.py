@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import json
 import re
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,6 +14,7 @@ from typing import Final
 from fastapi import APIRouter, Request, Response
 
 from app.errors import NotFound
+from app.http.files import is_known
 from app.http.openapi import docs_page
 from app.http.routing import ApiRouter, HeadRoute, OpenRouter
 from app.package import static_dir
@@ -146,9 +148,10 @@ async def static_file(name: str, request: Request) -> Response:
 
 
 @description.get("/openapi.json", include_in_schema=False)
-async def openapi(request: Request) -> dict[str, object]:
+async def openapi(request: Request) -> Response:
     """The API, for machines."""
-    return dict(request.app.openapi())
+    content = json.dumps(request.app.openapi(), ensure_ascii=False).encode()
+    return _answer(request, PageFile(content, MEDIA_TYPES[".json"], _etag(content)))
 
 
 @files.get("/docs", include_in_schema=False)
@@ -166,8 +169,7 @@ async def docs_content(request: Request) -> Response:
 
 def _answer(request: Request, file: PageFile) -> Response:
     headers = {"ETag": file.etag, "Cache-Control": "no-cache"}
-    known = request.headers.get("if-none-match", "")
-    if file.etag in (tag.strip().removeprefix("W/") for tag in known.split(",")):
+    if is_known(request, file.etag):
         return Response(status_code=304, headers=headers)
     return Response(file.content, headers=headers, media_type=file.media_type)
 

@@ -1,5 +1,5 @@
 // @ts-check
-// The API described for people: the server's own page, shown to whoever is signed in.
+// The documentation of the API as a page. The server makes its content, for people who are signed in.
 
 import { ApiError, send, showSession } from "./core/api.js";
 import { createSession } from "./core/connection.js";
@@ -19,7 +19,7 @@ async function show() {
   const page = new DOMParser().parseFromString(await answer.text(), "text/html");
   document.title = page.title;
   document.body.replaceChildren(...page.body.childNodes);
-  // A link shows no session either: the document is handed over as it is.
+  // A link sends no session either: it gets the document itself as a blob.
   const machine = document.querySelector('a[href="/openapi.json"]');
   if (machine instanceof HTMLAnchorElement) {
     const text = JSON.stringify(await (await send("/openapi.json")).json(), null, 1);

@@ -1,5 +1,5 @@
 // @ts-check
-// Puts the page together: app, boxes, answers, uploads, shell. Nothing else looks up an element by id.
+// Puts the page together: app, boxes, answers, uploads, shell.
 
 import { createBoxes } from "./boxes/store.js";
 import { NO_TOKEN_LINKS } from "./boxes/wording.js";
@@ -20,7 +20,7 @@ function element(id) {
   return found;
 }
 
-/** What a login link carries, taken out of the address and the history before anything else. */
+/** The credential of a login link. It is removed from the address and the history before anything else happens. */
 function takeLogin() {
   const login = loginOf(location.hash);
   if (login) history.replaceState(null, "", "#/datasets");

@@ -160,7 +160,7 @@ def test_what_happens_is_said(scene, ada):
     ada.press("a")
     expect(spoken).to_have_text("car hidden: keep")
     ada.press("z")
-    expect(spoken).to_have_text("car hidden: taken back")
+    expect(spoken).to_have_text("car hidden: answer undone")
 
 
 def test_skip_link_leads_to_the_content(scene, ada):

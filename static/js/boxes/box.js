@@ -1,9 +1,9 @@
 // @ts-check
-// What an answer makes of a decision, and what may be seen of it before one has answered.
+// How an answer changes a box, and what a blind review shows of a box before it is answered.
 
 /** @typedef {import("../core/openapi.js").Decision} StoredDecision */
-/** @typedef {import("../core/openapi.js").Review["verdict"]} Answer  a person's word; clear takes it back */
-/** @typedef {StoredDecision["verdict"] | "veiled"} Verdict  the filter's word; veiled: not to be seen before the answer, never travels */
+/** @typedef {import("../core/openapi.js").Review["verdict"]} Answer  a person's answer; clear undoes it */
+/** @typedef {StoredDecision["verdict"] | "veiled"} Verdict  the filter's verdict; veiled: hidden until the person has answered, on this page only */
 /** @typedef {Omit<StoredDecision, "verdict" | "effective_verdict" | "reason"> & {verdict: Verdict, effective_verdict: Verdict, reason: StoredDecision["reason"] | "veiled"}} Decision  a box as the page may show it */
 /** @typedef {NonNullable<Decision["xyxy"]>} Xyxy  image px, half-open: x_min y_min x_max y_max */
 
@@ -13,13 +13,13 @@ export function answerOf(box) {
   return verdict && verdict !== "clear" ? verdict : null;
 }
 
-/** The answer on a box as it would be given again: clear when there is none. @param {Decision} box @returns {{boxId: number, verdict: Answer, comment: string}} */
+/** The current answer on a box, in the form in which it is given; clear if there is none. @param {Decision} box @returns {{boxId: number, verdict: Answer, comment: string}} */
 export const answerTo = ({ box_id, review }) => ({ boxId: box_id, verdict: review?.verdict ?? "clear", comment: review?.comment ?? "" });
 
 /** @param {Decision} box */
 export const isUndecided = (box) => answerOf(box) === null;
 
-/** The revision that an answer given now has seen. @param {Partial<Pick<Decision, "revision" | "review">>} box */
+/** The newest revision of the box that this page has seen; it is sent with an answer. @param {Partial<Pick<Decision, "revision" | "review">>} box */
 export const seenRevision = (box) => Math.max(box.revision ?? 0, box.review?.revision ?? 0);
 
 /** @param {Decision} box @param {Answer} answer @returns {Verdict} */
@@ -53,7 +53,7 @@ export function withStored(box, stored) {
 /** One copy per box: views compare boxes by identity. @type {WeakMap<Decision, Decision>} */
 const copies = new WeakMap();
 
-/** Without everything that the filter, or anybody, has said. @param {Decision} box @returns {Decision} */
+/** The box without verdict, numbers and answers, for a blind review. @param {Decision} box @returns {Decision} */
 export function veiled(box) {
   const known = copies.get(box);
   if (known) return known;

@@ -1,5 +1,5 @@
 // @ts-check
-// Crops: fetched few at a time, kept, placed in a square, drawn. For grid, queue strip and flips alike.
+// Crops of boxes: fetched a few at a time, cached, and drawn in a square. Used by the grid, the queue's strip and the flips.
 
 import { ApiError, blob, url } from "../core/api.js";
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
@@ -46,7 +46,7 @@ export function createCrops(fetchCrop, { onError = () => {}, discard = () => {},
       (crop) => /** @type {CropAnswer} */ ({ state: "shown", crop }),
       (error) => refusal(error, going.stop.signal),
     );
-    // Cancelled meanwhile, and perhaps asked for anew: then this answer is nobody's.
+    // If it was cancelled, and perhaps requested again meanwhile, this answer is ignored.
     if (underWay.get(first.url) === going) underWay.delete(first.url);
     if (answer?.crop) keep(first.url, answer.crop);
     if (answer) for (const wish of going.wishes) wish.tell(answer);
@@ -83,7 +83,7 @@ export function createCrops(fetchCrop, { onError = () => {}, discard = () => {},
     /** The crop if it is here. @param {string} url */
     ready: (url) => have.get(url) ?? null,
 
-    /** Ask for a crop; call what is returned once it is not wanted any more. @param {string} url @param {(answer: CropAnswer) => void} tell */
+    /** Request a crop. Returns a function to be called when the crop is no longer needed. @param {string} url @param {(answer: CropAnswer) => void} tell */
     want(url, tell) {
       use(url, 1);
       const wish = { url, tell };
@@ -103,12 +103,12 @@ export function createCrops(fetchCrop, { onError = () => {}, discard = () => {},
         if (!going?.wishes.delete(wish) || going.wishes.size > 0) return;
         underWay.delete(url);
         going.stop.abort();
-        // Others are given up in the same stroke: their turn must not come in between.
+        // Later: other requests are often given up at the same moment, and must not be started before that.
         queueMicrotask(next);
       };
     },
 
-    /** For those who watch: how much is asked for now. */
+    /** How many requests are running and waiting. */
     load: () => ({ underWay: underWay.size, waiting: waiting.size }),
   };
 }
@@ -230,13 +230,13 @@ async function load(address, signal) {
 
 /** @typedef {{url: string, state: "waiting" | "shown" | "none" | "failed", crop: Crop | null}} SeenCrop */
 
-/** A crop as long as its cell is on show. @param {string} url @returns {SeenCrop} */
+/** A crop, requested while its cell is on the page. @param {string} url @returns {SeenCrop} */
 export function useCrop(url) {
   const [seen, setSeen] = useState(/** @type {SeenCrop | null} */ (null));
   const [attempt, setAttempt] = useState(0);
   useEffect(() => (url ? crops.want(url, (answer) => setSeen({ url, ...answer })) : undefined), [url, attempt]);
   const hasFailed = seen?.state === "failed";
-  // With the drawing that says so, and not after it: the network may be back by then.
+  // In a layout effect, so that an "online" event right after the failure is not missed.
   useLayoutEffect(() => {
     if (!hasFailed) return;
     const again = () => setAttempt((n) => n + 1);
@@ -248,12 +248,12 @@ export function useCrop(url) {
   return { url, state: crop ? "shown" : "waiting", crop };
 }
 
-/** How far from the screen a picture is asked for already. */
+/** How near to the visible part a picture must be to be requested. */
 const NEAR = "400px";
 
 /**
- * A picture that is asked for when it comes near the screen, and given up when it leaves.
- * @param {{url: string, children?: unknown}} props  `children`: what stands there when there is none
+ * A picture that is requested when it comes near the visible part, and given up when it leaves.
+ * @param {{url: string, children?: unknown}} props  `children`: shown if there is no picture
  */
 export function NearPicture({ url, children }) {
   const place = useRef(/** @type {HTMLImageElement | null} */ (null));

@@ -1,5 +1,5 @@
 // @ts-check
-// Which boxes: in the address, as a question to the server, as a test of one box, as the bar of controls.
+// Filters of boxes: as parts of the address, as parameters of the API, as a test of one box, and the choices of their controls.
 
 import { linkTo } from "../core/router.js";
 import { answerOf, isUndecided } from "./box.js";
@@ -12,7 +12,7 @@ import { REASONS } from "./wording.js";
 /** The filters that live in the address; a list of frames and a frame share them. */
 export const FILTER_KEYS = /** @type {const} */ (["verdict", "reason", "class", "review"]);
 
-/** What V goes through. */
+/** The verdict filters that the key V switches between. */
 export const VERDICT_CYCLE = /** @type {const} */ (["", "kept", "rejected"]);
 
 /** @type {readonly {value: string, text: string}[]} */
@@ -46,14 +46,14 @@ function matchesReview(box, wanted) {
 /** @param {readonly Decision[]} boxes @param {Query} query */
 export const shownBoxes = (boxes, query) => boxes.filter((box) => isShown(box, query));
 
-/** Only the filters, without what else is in the address. @param {Query} query @returns {Query} */
+/** Only the filters of an address. @param {Query} query @returns {Query} */
 export function filtersOf(query) {
   return Object.fromEntries(FILTER_KEYS.flatMap((key) => (query[key] ? [[key, query[key]]] : [])));
 }
 
 /**
- * The box `step` further in the frame's order, among those shown; null past an end.
- * A box that a filter has meanwhile hidden still has its place.
+ * The next (1) or previous (-1) shown box in the frame's order; null past an end.
+ * A selected box that the filters have hidden since keeps its place.
  * @param {readonly Decision[]} boxes @param {Query} query @param {number | null} selected @param {1 | -1} step
  * @returns {Decision | null}
  */
@@ -61,7 +61,7 @@ export function neighbour(boxes, query, selected, step) {
   return search(boxes, selected, step, (box) => isShown(box, query));
 }
 
-/** The next one that nobody has answered, from the start again when the end is reached. @param {readonly Decision[]} boxes @param {Query} query @param {number | null} selected @returns {Decision | null} */
+/** The next shown box without an answer, continuing at the start after the end. @param {readonly Decision[]} boxes @param {Query} query @param {number | null} selected @returns {Decision | null} */
 export function nextUndecided(boxes, query, selected) {
   /** @param {Decision} box */
   const wanted = (box) => box.box_id !== selected && isUndecided(box) && isShown(box, query);
@@ -82,7 +82,7 @@ function search(boxes, selected, step, wanted) {
   return null;
 }
 
-/** How many boxes have each value of a key: what a filter's choices say. @param {readonly Decision[]} boxes @param {"verdict" | "reason" | "class"} key @returns {Map<string, number>} */
+/** How many boxes have each value of a key, for the choices of a filter. @param {readonly Decision[]} boxes @param {"verdict" | "reason" | "class"} key @returns {Map<string, number>} */
 export function countsBy(boxes, key) {
   /** @type {Map<string, number>} */
   const counts = new Map();
@@ -94,7 +94,7 @@ const FLAGS = /** @type {const} */ (["toss_up", "conflict"]);
 
 const NUMBERS = /** @type {const} */ (["match_min", "match_max", "distance_min", "distance_max"]);
 
-/** Filters that a popover keeps. */
+/** Filters in the menu "More". */
 export const MORE_KEYS = /** @type {readonly string[]} */ ([...FLAGS, ...NUMBERS]);
 
 export const BOX_FILTER_KEYS = /** @type {readonly string[]} */ ([...FILTER_KEYS, ...MORE_KEYS]);
@@ -113,7 +113,7 @@ export const sortOf = (query) => SORTS.find(({ value }) => value === query.sort)
 const VERDICTS = /** @type {const} */ (["kept", "rejected", "unmeasured"]);
 const REVIEWS = /** @type {const} */ (["undecided", "decided", "keep", "reject", "unsure", "none", "any"]);
 
-/** What of the address selects boxes, as the server takes it; nonsense is left out. @param {Query} query @returns {BoxSelection} */
+/** The filters of an address as parameters of the API; invalid values are left out. @param {Query} query @returns {BoxSelection} */
 export function selectionOf(query) {
   /** @type {BoxSelection} */
   const found = {};
@@ -140,7 +140,7 @@ function numberOf(text) {
 /** @param {Query} query */
 export const isFiltered = (query) => Object.keys(selectionOf(query)).length > 0;
 
-/** @param {Query} query how many of those in the popover are set */
+/** How many filters of the menu "More" are set. @param {Query} query */
 export const countOfMore = (query) => MORE_KEYS.filter((key) => key in selectionOf(query)).length;
 
 /** @param {Query} query @returns {Query} without any filter; the order stays */
@@ -148,7 +148,7 @@ export const withoutFilters = (query) => Object.fromEntries(Object.entries(query
 
 const MOST = 50;
 
-/** @param {Query} query @returns {number[]} nonsense is left out */
+/** The ids of single boxes that an address lists; invalid ones are left out. @param {Query} query @returns {number[]} */
 export function listedOf(query) {
   const ids = (query.boxes ?? "").split(",").map(Number).filter((id) => Number.isSafeInteger(id) && id > 0);
   return [...new Set(ids)].slice(0, MOST);

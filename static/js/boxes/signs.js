@@ -1,5 +1,5 @@
 // @ts-check
-// Verdict and answer as a sign: badge, stroke, bar, progress, the check on the corner.
+// Small drawings for verdicts and answers: badges, strokes, bars, progress, signs of answers.
 
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
@@ -29,7 +29,7 @@ export function VerdictBadge({ verdict }) {
 /** The swatch draws the stroke that the stage draws: solid, dashed, dotted. @param {{verdict: string}} props */
 export const StrokeSwatch = ({ verdict }) => html`<span class="stroke stroke--${verdict}" aria-hidden="true"></span>`;
 
-/** Kept, rejected and unmeasured as one bar, with the numbers for whoever cannot see it. @param {{counts: FrameCounts}} props */
+/** Kept, rejected and unmeasured as one bar, with the numbers for screen readers. @param {{counts: FrameCounts}} props */
 export function VerdictBar({ counts }) {
   const { boxes, kept, rejected, unmeasured } = counts;
   const text = `${countText(kept)} kept, ${countText(rejected)} rejected, ${countText(unmeasured)} unmeasured`;
@@ -42,7 +42,7 @@ export function VerdictBar({ counts }) {
   </div>`;
 }
 
-/** How far people have come. @param {{counts: FrameCounts}} props */
+/** How many boxes people have answered. @param {{counts: FrameCounts}} props */
 export function ReviewProgress({ counts }) {
   const all = counts.reviewed + counts.to_review;
   const percent = all ? Math.floor((100 * counts.reviewed) / all) : counts.boxes ? 100 : 0;

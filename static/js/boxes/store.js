@@ -1,5 +1,5 @@
 // @ts-check
-// The boxes that are on show, each once: as the server last said, with a person's unconfirmed answers laid over.
+// All boxes that the page shows, each stored once: as the server last sent it, combined with answers not saved yet.
 
 import * as api from "../core/api.js";
 import { useValue } from "../core/hooks.js";
@@ -12,17 +12,17 @@ import { seen, seenRevision, withAnswer } from "./box.js";
 /** @typedef {{verdict: import("./box.js").Answer, comment: string}} GivenAnswer */
 
 /**
- * One store for the whole page. Lists hold ids; a box stays as long as somebody holds its id.
- * The box with the higher revision wins; of two with the same one, that which came later.
+ * One store for the whole page. Lists hold ids; a box stays in memory as long as some list holds its id.
+ * Of two versions of a box the higher revision wins; with equal revisions, the one received later.
  */
 export function createBoxes() {
-  /** As the server last said. @type {Map<number, Decision>} */
+  /** Boxes as the server last sent them. @type {Map<number, Decision>} */
   const stored = new Map();
-  /** What a person has answered and the server has not confirmed. @type {ReadonlyMap<number, GivenAnswer>} */
+  /** Answers that the server has not stored yet. @type {ReadonlyMap<number, GivenAnswer>} */
   let unconfirmed = new Map();
-  /** Both together, made when it is asked for: the same object until something changes. @type {Map<number, Decision>} */
+  /** Both combined, made on request: the same object until something changes. @type {Map<number, Decision>} */
   const shown = new Map();
-  /** How many hold an id. @type {Map<number, number>} */
+  /** How many lists hold an id. @type {Map<number, number>} */
   const holders = new Map();
   /** @type {Set<(changed: ReadonlySet<number>) => void>} */
   const observers = new Set();
@@ -30,11 +30,11 @@ export function createBoxes() {
   /** @param {ReadonlySet<number>} changed */
   function tell(changed) {
     for (const id of changed) shown.delete(id);
-    // A copy: who listens may stop listening while being told.
+    // A copy: an observer may stop observing while it is notified.
     if (changed.size > 0) [...observers].forEach((notify) => notify(changed));
   }
 
-  /** How a box is now, the person's own answer included. @param {number} id */
+  /** The box including the person's own answer. @param {number} id */
   function get(id) {
     const known = shown.get(id);
     if (known) return known;
@@ -46,7 +46,7 @@ export function createBoxes() {
     return now;
   }
 
-  /** Let go of boxes that nobody holds. @param {readonly number[]} ids */
+  /** Drop boxes that no list holds. @param {readonly number[]} ids */
   function sweep(ids) {
     for (const id of ids) {
       if (holders.has(id)) continue;
@@ -58,10 +58,10 @@ export function createBoxes() {
   return {
     get,
 
-    /** Those of these boxes that are here, in this order. @param {readonly number[]} ids */
+    /** Those of these boxes that are in the store, in this order. @param {readonly number[]} ids */
     all: (ids) => ids.flatMap((id) => get(id) ?? []),
 
-    /** What the server says of boxes; who wants to keep them holds their ids. @param {readonly Decision[]} boxes @returns {number[]} their ids */
+    /** Add boxes that the server sent. Hold their ids to keep them in the store. @param {readonly Decision[]} boxes @returns {number[]} their ids */
     receive(boxes) {
       /** @type {Set<number>} */
       const changed = new Set();
@@ -75,7 +75,7 @@ export function createBoxes() {
       return boxes.map(({ box_id }) => box_id);
     },
 
-    /** All answers that the server has not confirmed by now; those of before are lifted off. @param {ReadonlyMap<number, GivenAnswer>} answers */
+    /** Replace the set of answers that the server has not stored yet. @param {ReadonlyMap<number, GivenAnswer>} answers */
     layOver(answers) {
       const touched = [...new Set([...unconfirmed.keys(), ...answers.keys()])];
       const changed = touched.filter((id) => !isSameAnswer(unconfirmed.get(id), answers.get(id)));
@@ -83,7 +83,7 @@ export function createBoxes() {
       tell(new Set(changed));
     },
 
-    /** Keep boxes until they are given back. @param {readonly number[]} ids @returns {() => void} give them back */
+    /** Keep boxes in the store until they are released. @param {readonly number[]} ids @returns {() => void} release them */
     hold(ids) {
       const held = [...ids];
       for (const id of held) holders.set(id, (holders.get(id) ?? 0) + 1);
@@ -93,12 +93,12 @@ export function createBoxes() {
           if (rest > 0) holders.set(id, rest);
           else holders.delete(id);
         }
-        // Not at once: a view may give back boxes that the next one is about to hold.
+        // Not at once: a view may release boxes that the next view is about to hold.
         queueMicrotask(() => sweep([...ids]));
       };
     },
 
-    /** @param {(changed: ReadonlySet<number>) => void} notify told which boxes are others now @returns {() => void} stop observing */
+    /** @param {(changed: ReadonlySet<number>) => void} notify  called with the ids of the boxes that changed @returns {() => void} stop observing */
     observe(notify) {
       observers.add(notify);
       return () => observers.delete(notify);
@@ -114,13 +114,13 @@ const isSame = (one, other) => one === other || JSON.stringify(one) === JSON.str
 /** @param {GivenAnswer | undefined} one @param {GivenAnswer | undefined} other */
 const isSameAnswer = (one, other) => one?.verdict === other?.verdict && one?.comment === other?.comment;
 
-/** A frame fetched ahead is only used while it is fresh: others may be answering. */
+/** How long a frame that was fetched ahead may be used: others may answer its boxes meanwhile. */
 const FRESH_MS = 20_000;
 
 /** @param {number} id @param {AbortSignal} [signal] */
 const frameOf = (id, signal) => api.get("/api/v1/frames/{frame_id}", { path: { frame_id: id }, signal });
 
-/** Frames that are likely next, fetched ahead. */
+/** Loads frames, and fetches the one that is likely next in advance. */
 export function createFrames() {
   /** @type {Map<number, {frame: Promise<Frame>, at: number}>} */
   const ahead = new Map();
@@ -144,7 +144,7 @@ export function createFrames() {
       );
     },
 
-    /** What was fetched ahead is no longer true. @param {number | undefined} id */
+    /** The frame has changed since it was fetched ahead. @param {number | undefined} id */
     forget(id) {
       if (id !== undefined) ahead.delete(id);
     },
@@ -155,7 +155,7 @@ export function createFrames() {
 
 /** @typedef {ReturnType<typeof createFrames>} Frames */
 
-/** Boxes on show, drawn again when one of them is another. @param {Boxes} boxes @param {readonly number[]} ids */
+/** The boxes with these ids; the component is drawn again when one of them changes. @param {Boxes} boxes @param {readonly number[]} ids */
 export function useBoxes(boxes, ids) {
   const [shown, setShown] = useState(() => boxes.all(ids));
   useEffect(() => {
@@ -166,14 +166,14 @@ export function useBoxes(boxes, ids) {
   return shown;
 }
 
-/** Boxes that came for a view, held while it shows them. @param {Boxes} boxes @param {readonly Decision[]} came @returns {readonly number[]} their ids */
+/** Put boxes into the store and hold them while the view is on the page. @param {Boxes} boxes @param {readonly Decision[]} came @returns {readonly number[]} their ids */
 export function useHeld(boxes, came) {
   const ids = useMemo(() => boxes.receive(came), [boxes, came]);
   useLayoutEffect(() => boxes.hold(ids), [boxes, ids]);
   return ids;
 }
 
-/** Boxes as they may be shown: veiled where the person re-checks blindly. @param {import("../core/app.js").App} app @param {readonly import("./box.js").Decision[]} boxes */
+/** Boxes as they may be shown: veiled in a blind review until they are answered. @param {import("../core/app.js").App} app @param {readonly import("./box.js").Decision[]} boxes */
 export function useSeen(app, boxes) {
   const { blind } = useValue(app.prefs);
   return useMemo(() => (blind ? boxes.map((box) => seen(box, true)) : boxes), [boxes, blind]);

@@ -1,5 +1,5 @@
 // @ts-check
-// Reasons, verdicts and numbers of a box in words: the same everywhere.
+// Texts for reasons, verdicts and numbers of a box, the same in all views.
 
 import { metresText, percentText } from "../core/numbers.js";
 
@@ -24,7 +24,7 @@ export const REASONS = {
   too_few_lidar_points: "too few LiDAR points",
 };
 
-/** For a box that is not to be judged by what others say of it. */
+/** In a blind review: in place of what the filter and others say. */
 const VEILED = "hidden until you answer";
 
 /** @param {string} reason */
@@ -34,21 +34,21 @@ export const reasonText = (reason) => (reason === "veiled" ? VEILED : (REASONS[r
 export const VERDICT_SIGN = { kept: "✓", rejected: "✕", unmeasured: "?", veiled: "•" };
 
 /** @type {Record<string, string>} */
-export const ANSWER_TEXT = { keep: "keep", reject: "reject", unsure: "unsure", clear: "taken back" };
+export const ANSWER_TEXT = { keep: "keep", reject: "reject", unsure: "unsure", clear: "undid the answer" };
 
 export const NO_TOKEN_LINKS = "Links with a token in them are no longer used. `unghost login` prints a new one.";
 
-/** Where no threshold is near, whole numbers will do. @param {number} percent */
+/** Rounded to whole percent, where no threshold is compared. @param {number} percent */
 const wholePercent = (percent) => (percent < 1 ? percentText(percent) : `${Math.round(percent)} %`);
 
 /** "Car" or "Motorcycle + Rider". @param {Decision} box */
 export const acceptedText = (box) =>
   box.accepted_tags?.map(({ name }) => name).join(" + ") || box.class;
 
-/** Its pixels' share decided, or nothing did; else another channel's number. @param {Decision} box */
+/** Whether the share of matching pixels decided (or nothing did), and not another kind of evidence. @param {Decision} box */
 export const isByShare = ({ evidence }) => !evidence || evidence === "semantic";
 
-/** The share that matched, where it decided: nothing beside a reason that another channel gave. @param {Decision} box */
+/** The share of matching pixels if it decided, else an empty text. @param {Decision} box */
 export const matchText = (box) => (isMeasured(box) && isByShare(box) ? percentText(box.match_percent) : "");
 
 /** What the box's label says: "4.1 % Car < 10 % · hidden by Vegetation 71 %". @param {Decision} box */
@@ -57,7 +57,7 @@ export function labelText(box) {
   return [measureText(box), hiddenText(box)].filter(Boolean).join(" · ");
 }
 
-/** Kinds of evidence, and what each looks at. @type {Record<string, {text: string, about: string}>} */
+/** Names of the kinds of evidence, and what each measures. @type {Record<string, {text: string, about: string}>} */
 export const CHANNELS = {
   semantic: { text: "Segmentation", about: "pixels of the class in the box" },
   ordered: { text: "Order", about: "the nearest box takes its pixels first" },
@@ -112,7 +112,7 @@ export function shortText(box) {
   return isMeasured(box) && isByShare(box) ? `${box.class} ${percentText(box.match_percent)}` : box.class;
 }
 
-/** One sentence for ears and for boxes that the server did not explain. @param {Decision} box */
+/** One sentence for screen readers. @param {Decision} box */
 export function spokenText(box) {
   if (box.verdict === "veiled") return `${box.class} ${box.id}, ${VEILED}`;
   const answer = box.review && box.review.verdict !== "clear" ? `, answered ${box.review.verdict}` : "";

@@ -1,5 +1,5 @@
 // @ts-check
-// Every call of the API: paths, parameters, bodies and answers are checked against its description (openapi.d.ts).
+// Every call of the API goes through here. Paths, parameters, bodies and answers are type-checked against openapi.d.ts.
 
 /** @typedef {import("./openapi.js").paths} Paths */
 /** @typedef {"get" | "post" | "put" | "patch" | "delete"} Method */
@@ -46,7 +46,7 @@
  * @typedef {{} extends G ? [given?: G] : [given: G]} Rest
  */
 
-/** What this page shows to be let in. */
+/** The session's secret, sent with every request. */
 let session = "";
 /** @type {(error: ApiError) => void} */
 let onSignedOut = () => {};
@@ -54,7 +54,7 @@ let onSignedOut = () => {};
 /** @param {string} secret  empty: nothing */
 export const showSession = (secret) => void (session = secret);
 
-/** Say who is told when the server takes the page's session no more. @param {(error: ApiError) => void} tell */
+/** Set who is told when the server no longer accepts the session. @param {(error: ApiError) => void} tell */
 export const whenSignedOut = (tell) => void (onSignedOut = tell);
 
 /** The server answered, and said no. */
@@ -84,9 +84,9 @@ export class NoAnswer extends Error {
 }
 
 /**
- * Fetch from this server. A 401 to the page's own session is told to whoever asked for it (`whenSignedOut`).
+ * Fetch from this server. If the server answers 401 to the page's own session, the callback of `whenSignedOut` is called.
  * @param {string} address @param {RequestInit} [init] @param {string} [shown]  the session, empty for none
- * @returns {Promise<Response>} only what succeeded
+ * @returns {Promise<Response>} a successful response; anything else is thrown as ApiError or NoAnswer
  */
 export async function send(address, init = {}, shown = session) {
   const headers = new Headers(init.headers);

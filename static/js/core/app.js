@@ -1,6 +1,6 @@
 // @ts-check
-// What every view is given: address, preferences, keys, messages, who is signed in. It knows
-// no room: what rooms keep for the whole page, main.js adds.
+// What every view is given: address, preferences, keys, messages, who is signed in. It imports
+// nothing from other folders; main.js adds boxes, answers and uploads.
 
 import { get, post, remove, whenSignedOut } from "./api.js";
 import { SESSION_KEY, createSession, endedText } from "./connection.js";
@@ -12,25 +12,25 @@ import { createRouter } from "./router.js";
 /** @typedef {import("./openapi.js").LogIn} Credential */
 /** @typedef {import("./openapi.js").NewSession} NewSession */
 /** @typedef {Record<string, (press?: import("./keymap.js").KeyPress) => void>} Actions */
-/** @typedef {{text: string, href?: string, run?: () => void}} ToastAction  a way to go, or something to do */
+/** @typedef {{text: string, href?: string, run?: () => void}} ToastAction  a link, or something to run */
 /** @typedef {{id: number, kind: "info" | "error", text: string, action?: ToastAction}} Toast */
 
 const SESSION = "/api/v1/session";
 
 /**
  * @param {Storage} storage
- * @param {() => void} [startAnew]  another person is signed in now: nothing of this page is theirs
+ * @param {() => void} [startAnew]  called when another person is signed in: what this page holds is not theirs
  */
 export function createApp(storage, startAnew = () => location.reload()) {
   const session = createSession(storage);
   const toasts = createToasts();
   const isSignedIn = createValue(session.current.get() !== null);
-  /** Why one is not any more; empty for whoever never was. */
+  /** Why the session has ended; empty if nobody was signed in. */
   const ended = createValue("");
-  /** Whose answers these are. */
+  /** Who is signed in; answers are stored under this name. */
   const person = createValue(/** @type {import("./openapi.js").Session | null} */ (session.current.get()));
   session.current.observe(person.set);
-  /** Whom a login link would sign in instead, until that is answered. */
+  /** Another person, whom an opened login link would sign in, until somebody confirms or refuses it. */
   const newcomer = createValue(/** @type {NewSession | null} */ (null));
   const keys = createValue(loadKeys(storage));
   keys.observe((settings) => saveKeys(storage, settings));
@@ -51,7 +51,7 @@ export function createApp(storage, startAnew = () => location.reload()) {
   };
   /** @param {string} secret  of the session that ends */
   const signOut = (secret) => remove(SESSION, { session: secret });
-  /** A session that exists already has no part in this. @param {Credential} body */
+  /** Sent without the current session. @param {Credential} body */
   const signIn = (body) => post(SESSION, { body, session: "" });
   // Signed out is a state of the page, not an error of a view.
   whenSignedOut(({ problem }) => {
@@ -67,11 +67,11 @@ export function createApp(storage, startAnew = () => location.reload()) {
     keys,
     /** What the top bar says; views set it by `useHead`. */
     head: createValue(/** @type {import("./hooks.js").Head} */ ({ dataset: "", crumbs: [], tools: null })),
-    /** What the views on show can do; the last one that has an action does it. */
+    /** Actions of the views on the page; if several offer the same one, the last is used. */
     actions: createValue(/** @type {readonly Actions[]} */ ([])),
     /** For screen readers. */
     announcement: createValue(""),
-    /** Of the stage: screen px per image px. */
+    /** Zoom of the stage, screen px per image px. */
     zoom: createValue(1),
 
     isSignedIn,
@@ -85,13 +85,13 @@ export function createApp(storage, startAnew = () => location.reload()) {
     /** Ask the server who this is. */
     greet: () => get(SESSION).then(person.set, () => {}),
 
-    /** The server does not take the session any more. */
+    /** The server no longer accepts the session. */
     endSession: () => settle(session.end()),
 
     /** @param {Credential} credential */
     signIn: async (credential) => enter(await signIn(credential)),
 
-    /** By a link: whoever is signed in is asked before another person is. @param {Credential} credential */
+    /** Sign in by a link. If another person is signed in, they are asked first. @param {Credential} credential */
     async signInByLink(credential) {
       const next = await signIn(credential);
       const now = session.current.get();
@@ -99,10 +99,10 @@ export function createApp(storage, startAnew = () => location.reload()) {
       else enter(next);
     },
 
-    /** Say why a link signs nobody in, wherever one looks. @param {string} text */
+    /** Show why a link does not sign anybody in: as a message, or on the sign-in form. @param {string} text */
     refuse: (text) => (isSignedIn.get() ? void toasts.show(text, { kind: "error" }) : ended.set(text)),
 
-    /** The answer to that. @param {boolean} isWanted */
+    /** Whether the person of the opened login link is to be signed in. @param {boolean} isWanted */
     async admit(isWanted) {
       const next = newcomer.get();
       newcomer.set(null);

@@ -1,5 +1,5 @@
 // @ts-check
-// The door to the chart library: fetched when first shown, coloured by tokens.
+// Draws charts. The chart library is loaded with the first chart; colours come from the style sheet.
 
 import { onThemeChange } from "./prefs.js";
 
@@ -23,7 +23,7 @@ function loadLibrary() {
   return library;
 }
 
-/** How long a chart that only follows may be behind. */
+/** The longest delay of a redraw by `redrawSoon`. */
 const SOON_MS = 150;
 
 const TOKENS = ["text", "text-soft", "text-faint", "line", "line-strong", "surface", "accent", "kept-strong", "rejected-strong", "kept", "rejected", "unsure", "unmeasured-strong"];
@@ -49,7 +49,7 @@ export function drawChart(element, prefs, describe, data) {
   /** @type {UPlot | null} */
   let plot = null;
   let isStopped = false;
-  // Twenty charts may follow one threshold: those out of sight wait until they are seen.
+  // Twenty charts may depend on one threshold: those out of sight are redrawn when they are scrolled into view.
   let isSeen = true;
   let isBehind = false;
   const redraw = () => {
@@ -75,7 +75,7 @@ export function drawChart(element, prefs, describe, data) {
     if (isStopped) return;
     plot?.destroy();
     plot = new Plot({ ...describe(readInk(element), fontOf(element)), ...size() }, data(), element);
-    // A picture of what the table beside it says.
+    // A drawing: hidden from screen readers.
     plot.root.setAttribute("aria-hidden", "true");
     element.dataset.drawn = String(Number(element.dataset.drawn ?? 0) + 1);
   };

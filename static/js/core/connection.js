@@ -1,6 +1,6 @@
 // @ts-check
-// Who is signed in, in this browser. It is kept in localStorage: unlike a cookie it is shown to no
-// other port and no other site, and nothing sends it that this page does not send. All tabs share it.
+// Who is signed in, in this browser. The session is kept in localStorage: unlike a cookie, it is
+// never sent to other ports of this host, and only this page's own requests carry it. All tabs share it.
 
 import { showSession } from "./api.js";
 import { createValue } from "./observable.js";
@@ -13,10 +13,10 @@ export const SESSION_KEY = "unghost.session.v1";
 export function createSession(storage) {
   const current = createValue(stored(storage));
   showSession(current.get()?.session ?? "");
-  /** Whose answers this page holds: the first person who was signed in here. */
+  /** The person whose answers this page holds: the first one who was signed in on it. */
   let owner = current.get()?.name ?? "";
 
-  /** @param {NewSession | null} next @returns {boolean} false: another person's, for whom the page has to start anew */
+  /** @param {NewSession | null} next @returns {boolean} false: it belongs to another person, and the page has to be loaded again */
   function take(next) {
     if (next && owner && next.name !== owner) return false;
     owner ||= next?.name ?? "";
@@ -37,10 +37,10 @@ export function createSession(storage) {
       return take(next);
     },
 
-    /** Another tab has signed in or out. @returns {boolean} false: as another person; nothing of this page may be sent any more */
+    /** Another tab has signed in or out. @returns {boolean} false: as another person; nothing that this page holds may be sent any more */
     follow: () => take(stored(storage)),
 
-    /** The server takes it no more. One that another tab has got meanwhile stays. @returns {boolean} as `follow` */
+    /** The server no longer accepts the session. A newer one, from another tab, stays. @returns {boolean} as `follow` */
     end() {
       if (stored(storage)?.session === current.get()?.session) storage.removeItem(SESSION_KEY);
       return take(stored(storage));
@@ -60,7 +60,7 @@ function stored(storage) {
   }
 }
 
-/** @type {Record<string, string>} by what the server says of a session that opens nothing any more */
+/** @type {Record<string, string>} by the server's error code for a session that is no longer valid */
 const ENDED = {
   session_expired: "Your session has ended.",
   token_expired: "Your token has expired. Ask an admin for a new one.",

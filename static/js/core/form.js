@@ -1,5 +1,5 @@
 // @ts-check
-// A form out of the description that the API gives of itself: export options, configuration keys, dataset settings.
+// Forms made of the OpenAPI document: export options, configuration keys, dataset settings.
 
 import { send } from "./api.js";
 import { useLoaded } from "./hooks.js";
@@ -15,35 +15,35 @@ import { NumberField } from "./parts.js";
  * @property {"choice" | "switch" | "number" | "numbers" | "text"} kind
  * @property {string} text  its name for people
  * @property {string} help  a sentence
- * @property {unknown} initial  what holds where nothing is given
+ * @property {unknown} initial  the default
  * @property {readonly Choice[]} choices
  * @property {number} min
  * @property {number} max  of a text: characters
- * @property {string} unit  as it is written behind a number
+ * @property {string} unit  shown after the number
  * @property {boolean} isWhole
- * @property {boolean} isEmptyAllowed  no number is an answer, too
+ * @property {boolean} isEmptyAllowed  the field may be left empty (null)
  * @property {boolean} isShare  a number from 0 to 1
- * @property {(share: number) => string} shown  how a share is said
- * @property {boolean} needsPixels  of a configuration's key: stored numbers do not tell what a change does
- * @property {readonly string[]} evidence  of a configuration's key: whose rules read it; none: all of them
+ * @property {(share: number) => string} shown  a share as text
+ * @property {boolean} needsPixels  of a configuration key: a change of it requires measuring the images again
+ * @property {readonly string[]} evidence  of a configuration key: the kinds of evidence whose rules read it; empty: all of them
  */
 
-/** Words for people, where there are better ones than the keys and values. @typedef {{fields?: Record<string, string>, choices?: Record<string, Record<string, string>>, shares?: Record<string, (share: number) => string>}} Words */
+/** Texts to be shown in place of keys and values of the API. @typedef {{fields?: Record<string, string>, choices?: Record<string, Record<string, string>>, shares?: Record<string, (share: number) => string>}} Words */
 
 /** @type {Promise<Schema> | null} */
 let description = null;
 
-/** The API in its own words, asked for once. @returns {Promise<Schema>} */
+/** The OpenAPI document, fetched once. @returns {Promise<Schema>} */
 export function describeApi() {
   description ??= send("/openapi.json").then((answer) => answer.json());
   description.catch(() => (description = null));
   return description;
 }
 
-/** What an object of the API consists of, as fields. @param {string} name  of the object @param {Words} [words] */
+/** The properties of an API object, as fields of a form. @param {string} name  of the object @param {Words} [words] */
 export const useFields = (name, words) => useLoaded(async () => fieldsOf(await describeApi(), name, words), [name]);
 
-/** Those fields of an object that the page can ask for. @param {Schema} openapi @param {string} name @param {Words} [words] @returns {Field[]} */
+/** Those properties of an API object for which there is a control. @param {Schema} openapi @param {string} name @param {Words} [words] @returns {Field[]} */
 export const fieldsOf = (openapi, name, words = {}) =>
   Object.entries(openapi.components?.schemas?.[name]?.properties ?? {}).flatMap(([key, schema]) => fieldOf(key, schema, words) ?? []);
 
@@ -83,7 +83,7 @@ function fieldOf(key, schema, { fields = {}, choices = {}, shares = {} }) {
 /** @param {Schema} schema @returns {string[]} */
 const typesOf = (schema) => [schema.type ?? []].flat();
 
-/** @param {Schema} schema @returns {Field["kind"] | null} null: nothing that the page could ask for */
+/** @param {Schema} schema @returns {Field["kind"] | null} null: there is no control for it */
 function kindOf(schema) {
   if (schema.enum || schema.const !== undefined) return "choice";
   const types = typesOf(schema);
@@ -96,10 +96,10 @@ function kindOf(schema) {
 /** @param {readonly string[]} types */
 const isNumeric = (types) => types.includes("number") || types.includes("integer");
 
-/** What is sent: every option as it stands. @param {readonly Field[]} fields @param {Record<string, unknown>} chosen */
+/** The options to be sent: what was chosen, else the default. @param {readonly Field[]} fields @param {Record<string, unknown>} chosen */
 export const optionsOf = (fields, chosen) => Object.fromEntries(fields.map(({ key, initial }) => [key, key in chosen ? chosen[key] : initial]));
 
-/** What was typed, as the field allows it; null when it does not. @param {Pick<Field, "min" | "max" | "isWhole">} field @param {string} text */
+/** The typed text as a number; null if it is not one that the field allows. @param {Pick<Field, "min" | "max" | "isWhole">} field @param {string} text */
 export function parseNumber({ min, max, isWhole }, text) {
   const number = Number(text.trim() || NaN);
   return number >= min && number <= max && (!isWhole || Number.isInteger(number)) ? number : null;
@@ -124,7 +124,7 @@ export function AskField({ field, value, onChange }) {
 
 /** @typedef {{currentTarget: HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement}} Given */
 
-/** What a field is asked by. @param {Asked & {label?: string, isSet?: boolean}} props  `label`: its name, where none stands beside it; `isSet`: it was changed */
+/** The control of a field. @param {Asked & {label?: string, isSet?: boolean}} props  `label`: its accessible name, where no visible label names it; `isSet`: it was changed */
 export function Control({ field, value, onChange, label = field.text, isSet = false }) {
   const { key, kind, choices, min, max, unit, isWhole, isEmptyAllowed, isShare, shown } = field;
   const onGiven = (/** @type {Given} */ { currentTarget }) => onChange(currentTarget.value);

@@ -1,5 +1,5 @@
 // @ts-check
-// How a view reads: useValue, useLoaded, usePages, useTask, useActions, useClosing, useHead.
+// Hooks that views share: useValue, useLoaded, usePages, useTask, useActions, useTyped, useClosing, useHead.
 
 import { useCallback, useEffect, useLayoutEffect, useRef, useState } from "./html.js";
 import { linkTo } from "./router.js";
@@ -22,7 +22,7 @@ export function useValue(value) {
  */
 
 /**
- * Load when `deps` change; what was asked for before is abandoned.
+ * Load when `deps` change; an earlier request that is still running is aborted.
  * @template T
  * @param {(signal: AbortSignal) => Promise<T>} load
  * @param {readonly unknown[]} deps
@@ -47,10 +47,10 @@ export function useLoaded(load, deps) {
 }
 
 /**
- * Something that a person asks for: is it under way, and why did it fail?
+ * Something that a person asks for, with its state: whether it is running (`isBusy`), and why it failed (`error`).
  * @template {unknown[]} A
  * @param {(...given: A) => Promise<unknown>} act
- * @param {(error: Error) => void} [tell]  says why; without it the view shows `error` itself
+ * @param {(error: Error) => void} [tell]  told about a failure; without it the view shows `error` itself
  */
 export function useTask(act, tell) {
   const [state, setState] = useState({ isBusy: false, error: /** @type {Error | null} */ (null) });
@@ -68,7 +68,7 @@ export function useTask(act, tell) {
   return { ...state, run };
 }
 
-/** Offer actions to the keys while the view is on show, from the moment on at which it is: nobody waits for the paint. @param {import("./app.js").App} app @param {import("./app.js").Actions} actions */
+/** Offer actions to the keyboard while a view is on the page; active before the view's first paint. @param {import("./app.js").App} app @param {import("./app.js").Actions} actions */
 export function useActions(app, actions) {
   useLayoutEffect(() => {
     app.actions.set([...app.actions.get(), actions]);
@@ -77,7 +77,7 @@ export function useActions(app, actions) {
 }
 
 /**
- * What is being typed stays, whatever else is drawn meanwhile; who listens is told after a pause.
+ * The text of a field while it is being typed: other redraws do not reset it, and `onChange` is called after a pause.
  * @param {string} value @param {(value: string) => void} onChange @param {number} pauseMs
  */
 export function useTyped(value, onChange, pauseMs) {
@@ -97,7 +97,7 @@ export function useTyped(value, onChange, pauseMs) {
   };
 }
 
-/** An open menu closes by Escape and by a click beside it. @param {{current: HTMLElement | null}} root @param {boolean} isOpen @param {() => void} close */
+/** Close an open menu when Escape is pressed or when somebody clicks outside it. @param {{current: HTMLElement | null}} root @param {boolean} isOpen @param {() => void} close */
 export function useClosing(root, isOpen, close) {
   useEffect(() => {
     if (!isOpen) return;
@@ -119,13 +119,13 @@ export function useClosing(root, isOpen, close) {
 }
 
 /** @typedef {{text: string, href?: string}} Crumb  one step of the path to a view; the last one has no address */
-/** @typedef {{dataset: string, crumbs: readonly Crumb[], tools: unknown}} Head  what the top bar says: `dataset` is the one that is looked at, if any; `tools` stand in the bar */
+/** @typedef {{dataset: string, crumbs: readonly Crumb[], tools: unknown}} Head  what the top bar shows: `dataset` is the current dataset, or ""; `tools` are shown in the bar */
 
 /** @param {string} dataset @returns {Crumb[]} */
 const pathTo = (dataset) => [{ text: "Datasets", href: linkTo("datasets") }, ...(dataset ? [{ text: dataset }] : [])];
 
 /**
- * What the top bar says of a view while it is on show.
+ * Set what the top bar shows while a view is on the page.
  * @param {import("./app.js").App} app @param {{title: string, dataset?: string, crumbs?: readonly Crumb[], tools?: unknown}} head
  */
 export function useHead(app, { title, dataset = "", crumbs = pathTo(dataset), tools = null }) {
@@ -147,12 +147,12 @@ export function useTitle(title) {
 
 const MOST_AT_ONCE = 1000;
 
-/** Lists left behind: how much was shown, and how far down one was. @type {Map<string, {shown: number, scroll: number}>} */
+/** Lists that were left, by key: how many items were shown, and the scroll position, to be restored. @type {Map<string, {shown: number, scroll: number}>} */
 const left = new Map();
 
 /**
  * @template T
- * @param {string} key  what makes it another list
+ * @param {string} key  identifies the list
  * @param {number} size  of a page
  * @param {(limit: number, cursor: string | undefined) => Promise<{items: readonly T[], next_cursor: string | null}>} load
  */

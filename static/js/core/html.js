@@ -1,6 +1,5 @@
 // @ts-check
-// The one door to the libraries that draw the page; charts have their own (chart.js).
-// Nothing else imports from ../vendor.
+// The libraries that draw the page. Only this module, and chart.js for charts, import from ../vendor.
 
 import htm from "../../vendor/htm-3.1.1.module.js";
 import { Component, createContext, h, render } from "../../vendor/preact-11.2.0.module.js";

@@ -1,5 +1,5 @@
 // @ts-check
-// One table of keys: the listener, hints on buttons, the help in which they are re-bound.
+// The keyboard shortcuts: one table, read by the key listener, the hints on buttons, and the help dialog where keys can be changed.
 
 import { useValue } from "./hooks.js";
 import { html, useState } from "./html.js";
@@ -10,7 +10,7 @@ import { Dialog, useDialog } from "./parts.js";
 
 /**
  * @typedef {"Answer" | "Look" | "Move" | "In the grid" | "Page"} Group
- * @typedef {{action: string, keys: readonly string[], help: string, group: Group, where?: string}} Binding  `where`: the only view in which the row holds; there its keys go before those of other rows
+ * @typedef {{action: string, keys: readonly string[], help: string, group: Group, where?: string}} Binding  `where`: the only view in which the row is active; there, its keys take precedence over those of other rows
  * @typedef {{off: boolean, keys: Record<string, readonly string[]>}} KeySettings
  * @typedef {{key: string, shiftKey: boolean, ctrlKey: boolean, metaKey: boolean, altKey: boolean}} KeyPress
  */
@@ -27,11 +27,11 @@ export const KEYMAP = [
   { action: "nextUndecided", keys: ["Shift+J"], help: "Next box that nobody has answered", group: "Move" },
   { action: "nextFrame", keys: ["PageDown"], help: "Next frame", group: "Move" },
   { action: "previousFrame", keys: ["PageUp"], help: "Previous frame", group: "Move" },
-  { action: "grid", keys: ["G"], help: "Boxes as a grid; from there, frames", group: "Move" },
-  { action: "select", keys: ["Space", "Enter"], help: "Select the box, or let go of it", group: "In the grid", where: "grid" },
-  { action: "selectAll", keys: ["Ctrl+A"], help: "Select all that the filters select", group: "In the grid", where: "grid" },
+  { action: "grid", keys: ["G"], help: "Boxes as a grid; from the grid, frames", group: "Move" },
+  { action: "select", keys: ["Space", "Enter"], help: "Select or deselect the box", group: "In the grid", where: "grid" },
+  { action: "selectAll", keys: ["Ctrl+A"], help: "Select all boxes that match the filters", group: "In the grid", where: "grid" },
   { action: "clear", keys: ["Delete"], help: "Undo the answers", group: "In the grid", where: "grid" },
-  { action: "left", keys: ["ArrowLeft"], help: "Left; with Shift, arrows select as well", group: "In the grid", where: "grid" },
+  { action: "left", keys: ["ArrowLeft"], help: "Left; Shift with an arrow extends the selection", group: "In the grid", where: "grid" },
   { action: "right", keys: ["ArrowRight"], help: "Right", group: "In the grid", where: "grid" },
   { action: "up", keys: ["ArrowUp"], help: "Up", group: "In the grid", where: "grid" },
   { action: "down", keys: ["ArrowDown"], help: "Down", group: "In the grid", where: "grid" },
@@ -51,13 +51,13 @@ export const KEYMAP = [
   { action: "edges", keys: ["D"], help: "3D edges", group: "Look" },
   { action: "blind", keys: ["B"], help: "Blind re-check: hide what the filter says until you answer", group: "Look" },
   { action: "help", keys: ["?"], help: "This help", group: "Page" },
-  { action: "escape", keys: ["Escape"], help: "Close, or let go of the box", group: "Page" },
+  { action: "escape", keys: ["Escape"], help: "Close, or deselect the box", group: "Page" },
 ];
 
 /** @type {KeySettings} */
 export const DEFAULT_SETTINGS = { off: false, keys: {} };
 
-/** How a key press is written in the table. @param {KeyPress} press */
+/** The name of a pressed key in the table, for example "Shift+J". @param {KeyPress} press */
 export function nameOf(press) {
   const key = press.key === " " ? "Space" : press.key;
   if (press.ctrlKey || press.metaKey) return `Ctrl+${key.toUpperCase()}`;
@@ -65,30 +65,30 @@ export function nameOf(press) {
   return key;
 }
 
-/** The table with a person's own keys in it. @param {KeySettings} settings @returns {Binding[]} */
+/** The table with the keys that the person has changed. @param {KeySettings} settings @returns {Binding[]} */
 export function boundKeys(settings) {
   return KEYMAP.map((row) => ({ ...row, keys: settings.keys[row.action] ?? row.keys }));
 }
 
-/** The rows that hold in a view, each with the keys that are its own there. @param {KeySettings} settings @param {string} view @returns {Binding[]} */
+/** The rows that are active in a view. A key that a row of this view uses is removed from the general rows. @param {KeySettings} settings @param {string} view @returns {Binding[]} */
 export function keysIn(settings, view) {
   const rows = boundKeys(settings).filter(({ where }) => where === undefined || where === view);
   const taken = new Set(rows.flatMap(({ where, keys }) => (where ? keys : [])));
   return rows.map((row) => (row.where ? row : { ...row, keys: row.keys.filter((key) => !taken.has(key)) }));
 }
 
-/** The rows that hold in the view on show. @param {App} app */
+/** The rows that are active in the current view. @param {App} app */
 export const useKeys = (app) => keysIn(useValue(app.keys), useValue(app.router.route).name);
 
 /**
- * The action of a key press in a view, or null. Browser shortcuts (Ctrl, Alt, Cmd) are left to the browser, but for those of the table.
+ * The action of a key press in a view, or null. Key presses with Ctrl, Alt or Cmd are left to the browser, except those in the table.
  * @param {KeyPress} press @param {KeySettings} settings @param {string} [view]
  */
 export function actionOf(press, settings, view = "") {
   if (press.altKey) return null;
   const name = nameOf(press);
   const row = keysIn(settings, view).find(({ keys }) => keys.includes(name));
-  // What holds in one view only is the way through its list, as in any list.
+  // Rows of one view move through its list, like the keys of any list box: they cannot be switched off.
   if (!row || (settings.off && isCharacter(name) && !row.where)) return null;
   return row.action;
 }
@@ -97,7 +97,7 @@ export function actionOf(press, settings, view = "") {
 const isCharacter = (name) => name === "Space" || [...name.replace(/^Shift\+/, "")].length === 1;
 
 /**
- * Give an action one key; whoever had it loses it.
+ * Give an action one key. Another action with that key loses it.
  * @param {KeySettings} settings @param {string} action @param {string} name @returns {KeySettings}
  */
 export function rebind(settings, action, name) {
@@ -141,14 +141,14 @@ export function watchKeys(app) {
   });
 }
 
-/** @param {import("./app.js").App} app @param {string} action @param {KeyPress} [press]  by which it was asked for @returns {boolean} did anybody do it? */
+/** @param {import("./app.js").App} app @param {string} action @param {KeyPress} [press]  the key press that asked for it @returns {boolean} whether a view on the page offers this action */
 export function perform(app, action, press) {
   const run = app.actions.get().findLast((offered) => offered[action])?.[action];
   run?.(press);
   return run !== undefined;
 }
 
-/** Keys belong to the field or the dialog that has the focus. @param {KeyboardEvent} event */
+/** Whether a key press belongs to the focused field or dialog, so that it is no shortcut. @param {KeyboardEvent} event */
 export function isTyping({ target, key }) {
   if (!(target instanceof HTMLElement)) return false;
   if (target.closest("dialog[open]")) return true;
@@ -175,7 +175,7 @@ export function HelpDialog({ app, onClose }) {
     if (event.key !== "Escape") {
       const { where } = KEYMAP.find(({ action }) => action === changing) ?? {};
       const loser = boundKeys(settings).find((row) => row.action !== changing && row.where === where && row.keys.includes(nameOf(event)));
-      setTaken(loser ? `${shownKey(nameOf(event))} no longer stands for: ${loser.help}` : "");
+      setTaken(loser ? `${shownKey(nameOf(event))} is no longer a key for: ${loser.help}` : "");
       app.keys.set(rebind(settings, changing, nameOf(event)));
     }
     return setChanging("");
@@ -208,7 +208,7 @@ export function HelpDialog({ app, onClose }) {
   <//>`;
 }
 
-/** @param {{app: App, row: Binding, isOff: boolean, changing: string, onChange: (action: string) => void}} props  `isOff`: the view on show has no use for it */
+/** @param {{app: App, row: Binding, isOff: boolean, changing: string, onChange: (action: string) => void}} props  `isOff`: not active in the current view */
 function Row({ app, row, isOff, changing, onChange }) {
   const isChanging = changing === row.action;
   return html`<div class="help__row ${isOff ? "is-off" : ""}">
@@ -223,7 +223,7 @@ function Row({ app, row, isOff, changing, onChange }) {
   </div>`;
 }
 
-/** The keys of an action, as they are bound now. @param {{app: import("./app.js").App, keys: readonly string[]}} props */
+/** The keys of an action, drawn as key caps. @param {{app: import("./app.js").App, keys: readonly string[]}} props */
 export function Keys({ app, keys }) {
   const { off } = useValue(app.keys);
   return html`<span class="keys" aria-hidden="true">
@@ -231,7 +231,7 @@ export function Keys({ app, keys }) {
   </span>`;
 }
 
-/** A click with the mouse must not take the keys away from the stage. @param {Event} event */
+/** Keep the focus where it is when a button is clicked, so that keys still reach the stage. @param {Event} event */
 export const keepFocus = (event) => event.preventDefault();
 
 /** @param {{app: App, action: string, icon: string, isOn?: boolean, run: (() => void) | undefined}} props */

@@ -1,5 +1,5 @@
 // @ts-check
-// Counts, percent, bytes, metres, times in words: once.
+// Counts, percentages, sizes, distances and times as text.
 
 /** 0.8 as "80/20". @param {number} share */
 export const splitText = (share) => `${Math.round(100 * share)}/${Math.round(100 * (1 - share))}`;

@@ -1,5 +1,5 @@
 // @ts-check
-// A value that can be observed, and one that is kept in localStorage.
+// A value that can be observed.
 
 /**
  * One observable value.

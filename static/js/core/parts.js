@@ -1,5 +1,5 @@
 // @ts-check
-// Page, Dialog, Menu, Notice, Failure, Segments, Select, NumberField, Copy, FileList: controls that know no domain.
+// General controls: Notice, Failure, Dialog, Command, Segments, Select, NumberField, FileList.
 
 import { html, useEffect, useRef, useState } from "./html.js";
 import { Icon } from "./icons.js";
@@ -16,7 +16,7 @@ export function Notice({ title, children, icon = "image", actions }) {
   </section>`;
 }
 
-/** What went wrong, in the server's words, and a way on. @param {{error: Error, onRetry: () => void}} props */
+/** What went wrong, in the server's words, with a button to try again. @param {{error: Error, onRetry: () => void}} props */
 export function Failure({ error, onRetry }) {
   const { problem, status } = /** @type {{problem?: {title?: string, request_id?: string}, status?: number}} */ (error);
   return html`<${Notice} icon="warn" title=${problem?.title ?? "This could not be loaded"}
@@ -29,7 +29,7 @@ export function Failure({ error, onRetry }) {
 /** A name that may break behind its dots and underscores, and nowhere else. @param {{text: string}} props */
 export const Words = ({ text }) => text.split(/(?<=[._])/).map((part, i) => (i ? html`<wbr />${part}` : part));
 
-/** Copies a text, and says so for a moment. @param {string} text */
+/** Copy a text; `isCopied` is true for a moment afterwards. @param {string} text */
 export function useCopy(text) {
   const [isCopied, setCopied] = useState(false);
   const copy = async () => {
@@ -50,7 +50,7 @@ export function useDialog() {
 /**
  * A window over the page, with a title and a cross.
  * @param {{dialog: ReturnType<typeof useDialog>, id: string, title: string, kind?: string, isLight?: boolean, children?: unknown,
- *   onClose: () => void, onKeyDown?: (event: KeyboardEvent) => void}} props  `isLight`: a click beside it closes it, for nothing is lost
+ *   onClose: () => void, onKeyDown?: (event: KeyboardEvent) => void}} props  `isLight`: a click outside closes it, because no input would be lost
  */
 export function Dialog({ dialog: { ref, close }, id, title, kind = "", isLight = false, children, onClose, onKeyDown }) {
   return html`<dialog class="dialog ${kind && `dialog--${kind}`}" ref=${ref} aria-labelledby=${id} onClose=${onClose} onKeyDown=${onKeyDown}
@@ -77,7 +77,7 @@ export function Command({ text }) {
   </div>`;
 }
 
-/** A choice among few. @param {{label: string, value: string, choices: readonly {value: string, text: string}[], onChange: (value: string) => void}} props */
+/** A choice among a few values, as a row of buttons. @param {{label: string, value: string, choices: readonly {value: string, text: string}[], onChange: (value: string) => void}} props */
 export function Segments({ label, value, choices, onChange }) {
   return html`<div class="segments" role="group" aria-label=${label}>
     ${choices.map(

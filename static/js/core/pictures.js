@@ -12,7 +12,7 @@ export const paintedUrl = (id) => url("/api/v1/frames/{frame_id}/overlay", { pat
 /** @param {number} id  of a frame */
 export const thumbnailUrl = (id) => url("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: id } });
 
-/** The picture that is likely to be wanted next. @type {{address: string, coming: Promise<HTMLImageElement>} | null} */
+/** The picture that is likely to be shown next, already requested. @type {{address: string, coming: Promise<HTMLImageElement>} | null} */
 let ahead = null;
 
 /** Fetch and decode a picture before it is asked for. @param {string} address */
@@ -28,7 +28,7 @@ export const imageAt = (address, signal) => (ahead?.address === address ? ahead.
 /** @param {string} address @param {AbortSignal} [signal] */
 async function imageFrom(address, signal) {
   const image = new Image();
-  // By fetch, which shows the session; what is decoded needs its address no longer.
+  // By fetch, because an <img> sends no session. A decoded image no longer needs its address.
   image.src = URL.createObjectURL(await blob(address, signal));
   try {
     await image.decode();

@@ -1,5 +1,5 @@
 // @ts-check
-// What a person likes to see, kept in the browser; the theme follows it.
+// A person's preferences, kept in the browser; the theme follows them.
 
 import { createValue } from "./observable.js";
 
@@ -11,7 +11,7 @@ import { createValue } from "./observable.js";
  * @property {boolean} lit  matching pixels of the selected box
  * @property {boolean} edges  3D edges
  * @property {boolean} crop  the selected box's surroundings rather than the frame
- * @property {boolean} blind  judge before being told what others and the filter said
+ * @property {boolean} blind  hide verdicts and earlier answers until one has answered
  * @property {number} cropSize  of the crops in the grid, about so many px wide
  */
 

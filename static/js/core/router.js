@@ -1,5 +1,5 @@
 // @ts-check
-// The address is the state of looking: routes, links, query.
+// Routes, links and the query: what is on the page is in the address, so that every view is a link.
 
 import { createValue } from "./observable.js";
 
@@ -7,8 +7,7 @@ import { createValue } from "./observable.js";
 /** @typedef {{name: string, params: Record<string, string>, query: Query}} Route */
 
 /**
- * One row per view. Rows with a `nav` name are the tabs of a dataset, in this order; a view
- * that is not there yet has no row, hence no link.
+ * One row per view. Rows with a `nav` name are the tabs of a dataset, in this order.
  * @type {readonly {name: string, pattern: string, nav?: string}[]}
  */
 export const ROUTES = [

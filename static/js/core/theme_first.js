@@ -1,5 +1,5 @@
 // @ts-check
-// Loaded before the first paint, so that a chosen theme does not flash.
+// Sets the chosen theme before the first paint, so that the page does not flash in the other one.
 
 try {
   const { theme } = JSON.parse(localStorage.getItem("unghost.prefs.v1") ?? "{}");

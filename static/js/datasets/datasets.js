@@ -1,5 +1,5 @@
 // @ts-check
-// All datasets as cards, or how to bring one.
+// The list of datasets as cards; if there are none, how to upload one.
 
 import { NearPicture } from "../boxes/crops.js";
 import { ReviewProgress, StrokeSwatch, VerdictBar } from "../boxes/signs.js";
@@ -70,9 +70,9 @@ export function Legend({ counts }) {
 function Empty({ app }) {
   const curl = `curl -X PUT -H "Authorization: Bearer $TOKEN" -F image=@000000.png -F segmentation=@seg/000000.png -F annotation=@000000.json ${location.origin}/api/v1/datasets/NAME/frames/000000`;
   return html`<${Notice} icon="layers" title="No datasets yet">
-    <p>Drop a folder of frames here: images, segmentations and boxes, in any layout that the command line knows.</p>
+    <p>Drop a folder of frames here: images, segmentations and boxes, in any supported layout.</p>
     <${UploadButtons} app=${app} isPrimary=${true} />
-    <p>A large folder goes faster from the command line. What is there already is not sent again.</p>
+    <p>Large folders upload faster from the command line. Frames that are already stored are not sent again.</p>
     <${Command} text="unghost push FOLDER --dataset NAME" />
     <p>Frame by frame, from any program:</p>
     <${Command} text=${curl} />

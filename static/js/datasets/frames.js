@@ -1,5 +1,5 @@
 // @ts-check
-// Frames of a dataset, page by page.
+// The frames of a dataset as thumbnails, with filters; more are loaded while one scrolls.
 
 import { NearPicture } from "../boxes/crops.js";
 import { FILTER_KEYS, REASON_CHOICES, REVIEW_CHOICES, VERDICT_CHOICES, filtersOf, selectionOf } from "../boxes/filters.js";
@@ -78,7 +78,7 @@ function countLine(shown, isDone, isFiltered, total) {
   return countOf(shown, "frame") + (hidden > 0 ? ` · ${countText(hidden)} hidden by the filters` : "");
 }
 
-/** Asks for more when it comes into sight. @param {{onSeen: () => void}} props */
+/** Calls `onSeen` when it is scrolled into view. @param {{onSeen: () => void}} props */
 function Sentinel({ onSeen }) {
   const element = useRef(/** @type {HTMLDivElement | null} */ (null));
   useEffect(() => {

@@ -1,5 +1,5 @@
 // @ts-check
-// How segmentations are read, what was refused, the end of a dataset.
+// The dialog of a dataset's settings: refused frames, what can be changed, deleting the dataset.
 
 import { get, patch, remove } from "../core/api.js";
 import { Control, useFields } from "../core/form.js";
@@ -28,7 +28,7 @@ export function DatasetDialog({ app, dataset, onClose, onChanged }) {
   <//>`;
 }
 
-/** Frames that were refused and have not come in since. @param {{app: App, dataset: Dataset}} props */
+/** Frames that were refused and have not been uploaded successfully since. @param {{app: App, dataset: Dataset}} props */
 function Problems({ app, dataset }) {
   const loaded = useLoaded((signal) => get("/api/v1/datasets/{dataset}/problems", { path: { dataset: dataset.name }, query: { limit: 200 }, signal }), [dataset.name]);
   if (loaded.state === "error") return html`<p class="upload__fault" role="alert">${loaded.error.message}</p>`;
@@ -65,7 +65,7 @@ function Changes({ app, dataset, onDone }) {
   return html`<form class="upload" onSubmit=${submit}>
     ${fields.value.filter(({ kind }) => kind === "text").map(ask)}
     <div class="settings__grid">${fields.value.filter(({ kind }) => kind !== "text").map(ask)}</div>
-    <p class="faint">A change in how segmentations are read measures ${countOf(dataset.counts.frames, "frame")} again; answers stay.</p>
+    <p class="faint">A change of how segmentations are read measures ${countOf(dataset.counts.frames, "frame")} again. Answers are kept.</p>
     <p class="field__error" role="alert">${error?.message}</p>
     <div><button class="button button--primary" disabled=${isBusy}>Save</button></div>
   </form>`;
@@ -77,7 +77,7 @@ function Removal({ app, dataset }) {
   const [typed, setTyped] = useState("");
   const { run, isBusy, error } = useTask(async () => {
     await remove("/api/v1/datasets/{dataset}", { path: { dataset: dataset.name }, query: { confirm: dataset.name } });
-    app.toasts.show(`${dataset.name} is deleted.`);
+    app.toasts.show(`${dataset.name} was deleted.`);
     app.router.go(linkTo("datasets"));
   });
   if (person?.role !== "admin") return null;

@@ -1,5 +1,5 @@
 // @ts-check
-// Only the rows in sight are in the document.
+// The cells of the grid. Only rows in or near the visible part are in the document.
 
 import { seen } from "../boxes/box.js";
 import { Picture } from "../boxes/crops.js";
@@ -79,7 +79,7 @@ const placeOf = ({ x0, y0, x1, y1 }, shift) => ({
 /** @typedef {{current: {layout: Layout, offset: number, view: {width: number, height: number, scrollTop: number}}}} Now */
 
 /**
- * How large the view is and how far it is scrolled; the same boxes stay in sight when its shape changes.
+ * How large the view is and how far it is scrolled; the same boxes stay visible when its size changes.
  * @param {{current: HTMLDivElement | null}} host @param {import("./pager.js").Place} place @param {Now} now
  * @param {(change: (view: Now["current"]["view"]) => Now["current"]["view"]) => void} setView
  */
@@ -114,7 +114,7 @@ function useMeasures(host, place, now, setView) {
 }
 
 /**
- * The way through the grid, offered to the keymap.
+ * The keyboard actions that move through the grid.
  * @param {App} app @param {{current: HTMLDivElement | null}} host
  * @param {{place: import("./pager.js").Place, now: Now, actions: import("./grid.js").GridActions}} grid
  */
@@ -209,7 +209,7 @@ class Cell extends Component {
       <div class="cell__picture" aria-hidden="true" style=${{ height: `${size}px` }}>
         ${box && html`<${Picture} box=${box} size=${size} frameSize=${frameSize} />`}
         ${box === null && html`<div class="cell__none shimmer" />`}
-        ${box === undefined && html`<div class="cell__none">gone from this list</div>`}
+        ${box === undefined && html`<div class="cell__none">no longer matches</div>`}
         ${box && html`<${Marks} box=${box} isWaiting=${isWaiting} onOpen=${() => onOpen(index)} />`}
       </div>
       ${box ? html`<${Caption} box=${box} />` : html`<div class="cell__caption" />`}
@@ -234,7 +234,7 @@ function Marks({ box, isWaiting, onOpen }) {
     onOpen();
   };
   return html`<span class="cell__tick" aria-hidden="true"><${Icon} name="check" class="icon--bold" /></span>
-    ${box.toss_up && html`<span class="cell__tossup" title="A toss-up: too few pixels to tell">±</span>`}
+    ${box.toss_up && html`<span class="cell__tossup" title="A toss-up: too few pixels to be certain">±</span>`}
     <span class="cell__answer" aria-hidden="true"><${AnswerSign} box=${box} isWaiting=${isWaiting} /></span>
     <button class="cell__open" tabindex="-1" aria-hidden="true" title="Open in its frame (C)" onClick=${open} onDblClick=${(/** @type {Event} */ event) => event.stopPropagation()}><${Icon} name="fit" /></button>`;
 }

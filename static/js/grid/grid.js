@@ -1,8 +1,7 @@
 // @ts-check
-// The view: filters, status, acts that wait, bar for the selected.
+// The grid view: filters, status, answers on many boxes that are not saved yet, and the bar for selected boxes.
 
-import { REVIEW_CHOICES, SORTS, VERDICT_CHOICES, countOfMore, cycleVerdict, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
-import { REASONS } from "../boxes/wording.js";
+import { REASON_CHOICES, REVIEW_CHOICES, SORTS, VERDICT_CHOICES, countOfMore, cycleVerdict, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
 import { get } from "../core/api.js";
 import { useActions, useClosing, useHead, useLoaded, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
@@ -66,7 +65,7 @@ function Boxes({ app, dataset, query, inAll, onQuery }) {
     <div class="sr-only" role="status">${selected ? `${countOf(selected, "box", "boxes")} selected` : ""}</div>`;
 }
 
-/** The list of a filter, where one left it; `update` reads it anew. @param {App} app @param {string} dataset @param {Query} query */
+/** The list of boxes that match the filters, as it was left; `update` reads it again. @param {App} app @param {string} dataset @param {Query} query */
 function usePlace(app, dataset, query) {
   const [reading, setReading] = useState(0);
   const key = `${dataset} ${JSON.stringify([sortOf(query), selectionOf(query)])}`;
@@ -81,7 +80,7 @@ function usePlace(app, dataset, query) {
   return { place, update };
 }
 
-/** Draw again whenever the list knows more. @param {App} app @param {import("./pager.js").Place} place */
+/** Draw again whenever the list changes. @param {App} app @param {import("./pager.js").Place} place */
 function usePager(app, { pager }) {
   const [version, setVersion] = useState(0);
   useEffect(() => {
@@ -98,7 +97,7 @@ function usePager(app, { pager }) {
   return version;
 }
 
-/** Frames of a dataset are of one size, nearly always. @param {App} app @param {string} dataset */
+/** The size of the first frame; nearly always all frames of a dataset have the same. @param {App} app @param {string} dataset */
 function useFrameSize(app, dataset) {
   const frames = useLoaded((signal) => get("/api/v1/datasets/{dataset}/frames", { path: { dataset }, query: { limit: 1 }, signal }), [dataset]);
   const frame = frames.value?.items[0];
@@ -114,7 +113,7 @@ function Nothing({ query, inAll, onQuery }) {
   <//>`;
 }
 
-/** How many boxes a filter selects, and what stands for them as they are now. @param {string} dataset @param {import("../core/openapi.js").BoxSelection} filter */
+/** How many boxes match a filter, and the snapshot that identifies their current state. @param {string} dataset @param {import("../core/openapi.js").BoxSelection} filter */
 async function countBoxes(dataset, filter) {
   const { total, snapshot } = await get("/api/v1/boxes", { query: { dataset, ...filter, limit: 1, count: true } });
   return typeof total === "number" && snapshot ? { total, snapshot } : null;
@@ -122,10 +121,10 @@ async function countBoxes(dataset, filter) {
 
 /**
  * @param {App} app @param {string} dataset
- * @param {() => {place: import("./pager.js").Place, query: import("../core/router.js").Query}} page  as it is now
+ * @param {() => {place: import("./pager.js").Place, query: import("../core/router.js").Query}} page  the current place and query
  */
 export function createGridActions(app, dataset, page) {
-  /** Read anew each time: keys come faster than the page is drawn. */
+  /** Read again for each action: keys may be pressed faster than the page is drawn. */
   function now() {
     const { place, query } = page();
     return { selection: place.selection.get(), pager: place.pager, query };
@@ -140,7 +139,7 @@ export function createGridActions(app, dataset, page) {
     const total = pager.total();
     if (selection.all && total !== null) app.acts.answerAll(dataset, verdict, selectionOf(query), { total, snapshot: pager.snapshot() });
     else if (selection.ids.size) app.acts.answer(dataset, verdict, [...selection.ids], pager.revisions());
-    else return app.toasts.show("Select boxes first: click, drag, or Space on one.");
+    else return app.toasts.show("Select boxes first: click, drag, or press Space.");
     select(nothing(selection));
   }
 
@@ -160,7 +159,7 @@ export function createGridActions(app, dataset, page) {
     if (id === undefined) return;
     if (!selection.all) return select(toggled(selection, index, id));
     if (pager.isWhole()) return select(allBut(selection, pager.allIds(), index, id));
-    app.toasts.show("All boxes of the filters are selected. Narrow the filters to leave some out.");
+    app.toasts.show("All boxes that match the filters are selected. Narrow the filters to exclude some.");
   }
 
   function open() {
@@ -198,8 +197,6 @@ export function createGridActions(app, dataset, page) {
 }
 
 /** @typedef {ReturnType<typeof createGridActions>} GridActions */
-
-const REASON_CHOICES = Object.entries(REASONS).map(([value, text]) => ({ value, text }));
 
 const TYPING_PAUSE_MS = 400;
 export const SMALLEST_PX = 72;
@@ -245,7 +242,7 @@ function SizeSlider({ app }) {
   </label>`;
 }
 
-/** What is filtered by less often. @param {{query: Query, onChange: (query: Query) => void}} props */
+/** The less common filters, in a menu. @param {{query: Query, onChange: (query: Query) => void}} props */
 function More({ query, onChange }) {
   const root = useRef(/** @type {HTMLDivElement | null} */ (null));
   const [isOpen, setOpen] = useState(false);
@@ -301,7 +298,7 @@ export function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll
   ${report && html`<${ReportLine} app=${app} report=${report} />`}`;
 }
 
-/** What an act or an undo left alone. @param {{app: App, report: import("../review/answers.js").Report}} props */
+/** The boxes that an answer on many boxes, or its undo, did not change. @param {{app: App, report: import("../review/answers.js").Report}} props */
 function ReportLine({ app, report }) {
   const shown = report.boxes.slice(0, 12);
   return html`<div class="strip" role="status">
@@ -318,12 +315,12 @@ function BoxLink({ app, id }) {
 }
 
 /** @type {Record<string, string>} */
-const WILL = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: "take the answer back from" };
+const WILL = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: "undo the answers on" };
 
 /** @type {Record<string, string>} */
 const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused" };
 
-/** Acts that are not stored: nothing is lost, and nothing is hidden. @param {{app: App, dataset: string}} props */
+/** Answers on many boxes that the server has not stored, each with what the person can do about it. @param {{app: App, dataset: string}} props */
 export function OpenActs({ app, dataset }) {
   const open = useValue(app.outbox.open).filter(({ act, state }) => act.dataset === dataset && state !== "sending");
   return open.map(({ act, state, text }) => {
@@ -341,7 +338,7 @@ export function OpenActs({ app, dataset }) {
 /** @param {string} text */
 const sentence = (text) => (text ? `${text[0]?.toUpperCase()}${text.slice(1).replace(/\.$/, "")}.` : "");
 
-/** The number that one agrees to is the one that is shown. @param {App} app @param {import("../review/outbox.js").Act} act */
+/** Count the boxes again, and ask the person to confirm the new number. @param {App} app @param {import("../review/outbox.js").Act} act */
 async function acceptNow(app, act) {
   const list = await countBoxes(act.dataset, act.filter ?? {}).catch(app.toasts.fail);
   if (!list) return;

@@ -1,5 +1,5 @@
 // @ts-check
-// Where the cells of a long grid are, pure.
+// Where the cells of a long grid are: pure functions.
 
 /**
  * @typedef {object} Layout
@@ -34,7 +34,7 @@ export function layoutOf({ count, width, size }) {
   return { count, columns, cell, pitch, rows, full, height: Math.min(full, MOST_PX) };
 }
 
-/** How far down the grid one is. @param {Layout} layout @param {number} scrollTop @param {number} view px */
+/** The offset of the visible part in the whole grid, px. It differs from `scrollTop` where the grid is higher than a browser allows an element to be. @param {Layout} layout @param {number} scrollTop @param {number} view px */
 export function offsetAt({ full, height }, scrollTop, view) {
   if (height === full) return scrollTop;
   return (scrollTop * Math.max(0, full - view)) / Math.max(1, height - view);
@@ -53,7 +53,7 @@ export function rowsInSight({ pitch, rows }, offset, view, spare) {
   return { first: Math.max(0, Math.min(first, rows)), end: Math.max(0, Math.min(end, rows)) };
 }
 
-/** The offset, as near as possible, at which a cell is wholly in sight. @param {Layout} layout @param {number} index @param {number} offset @param {number} view px */
+/** The nearest offset at which a cell is wholly visible. @param {Layout} layout @param {number} index @param {number} offset @param {number} view px */
 export function offsetToShow({ columns, pitch, full }, index, offset, view) {
   const top = Math.floor(index / columns) * pitch;
   const most = Math.max(0, full - view);
@@ -91,7 +91,7 @@ export const WAYS = /** @type {const} */ (["left", "right", "up", "down", "pageU
 /** @typedef {(typeof WAYS)[number]} Way  by the names of the keymap */
 
 /**
- * Where a key leads from a cell.
+ * The index of the cell that a key moves to.
  * @param {Layout} layout @param {number} index @param {Way} way @param {number} page rows of one
  */
 export function moved({ count, columns }, index, way, page) {

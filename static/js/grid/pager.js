@@ -1,5 +1,5 @@
 // @ts-check
-// A long list read by cursor as if it lay there whole: ids, kept for whoever comes back.
+// A long list of boxes, read page by page with a cursor and addressed by index. Lists that were left are kept for a while.
 
 import { seenRevision } from "../boxes/box.js";
 import { selectionOf, sortOf } from "../boxes/filters.js";
@@ -14,9 +14,9 @@ import { NOTHING } from "./selection.js";
  * @property {number} start  index of the first
  * @property {readonly number[]} ids
  * @property {readonly number[]} revisions  of these boxes, as they were shown
- * @property {string | undefined} cursor  that brings them again
- * @property {ReadonlySet<number> | null} found  those that came when it was read last; null: let go of
- * @property {() => void} giveBack  they are held no longer
+ * @property {string | undefined} cursor  with which they can be requested again
+ * @property {ReadonlySet<number> | null} found  those that the last request returned; null: not in memory
+ * @property {() => void} giveBack  release the boxes, so that the store may drop them
  */
 
 /** @typedef {Pick<import("../core/openapi.js").BoxPage, "items" | "next_cursor"> & {total?: number | null, snapshot?: string | null}} BoxPage */
@@ -25,10 +25,10 @@ import { NOTHING } from "./selection.js";
 const PAGE = 200;
 const LARGE_PAGE = 1000;
 
-/** Places shown before anything is known. */
+/** Empty cells shown before the first answer. */
 const FIRST_SIGHT = 60;
 
-/** Boxes kept in memory besides those in sight. */
+/** How many boxes outside the visible part are kept in memory. */
 const KEPT = 6000;
 
 /** @param {import("../boxes/store.js").Boxes} boxes @param {(request: BoxRequest) => Promise<BoxPage>} load */
@@ -37,13 +37,13 @@ export function createPager(boxes, load) {
   const parts = [];
   /** Of this list. @type {Set<number>} */
   const listed = new Set();
-  /** Boxes that are others by now than when they were listed, and how they are given back. @type {Map<number, () => void>} */
+  /** Boxes that have changed since they were listed, each with the function that releases it. @type {Map<number, () => void>} */
   const changed = new Map();
   /** @type {Set<() => void>} */
   const observers = new Set();
   let wanted = { first: 0, end: PAGE };
   let total = /** @type {number | null} */ (null);
-  /** Stands for all boxes of the list as they were when it was read first. */
+  /** The server's identifier of the list's state at the first request. */
   let snapshot = "";
   let next = /** @type {string | null | undefined} */ (undefined);
   let error = /** @type {Error | null} */ (null);
@@ -88,7 +88,7 @@ export function createPager(boxes, load) {
     while (await step());
   }
 
-  /** One request, if something in sight is missing. @returns {Promise<boolean>} was there one? */
+  /** Make one request, if boxes of the visible part are missing. @returns {Promise<boolean>} whether a request was made */
   async function step() {
     const missing = parts.find((part) => part.found === null && isInSight(part));
     if (missing) await again(missing);
@@ -126,7 +126,7 @@ export function createPager(boxes, load) {
     parts[parts.indexOf(part)] = { ...part, revisions, found, giveBack: boxes.hold(ids) };
   }
 
-  /** Forget the boxes farthest away; their ids and cursors stay. */
+  /** Release the boxes farthest from the visible part; their ids and cursors stay. */
   function letGo() {
     const middle = (wanted.first + wanted.end) / 2;
     const full = parts.filter((part) => part.found && !isInSight(part));
@@ -147,7 +147,7 @@ export function createPager(boxes, load) {
     snapshot: () => snapshot,
     error: () => error,
 
-    /** How many cells the list has, as far as one can tell. */
+    /** How many cells to show: the exact number once it is known. */
     count() {
       if (isWhole()) return known();
       return parts.length === 0 ? FIRST_SIGHT : Math.max(total ?? 0, known() + 1);
@@ -159,13 +159,13 @@ export function createPager(boxes, load) {
       return part?.ids[index - part.start];
     },
 
-    /** The place of a box; -1: it is not in this list, as far as that is read. @param {number} boxId */
+    /** The place of a box; -1: it is not in the part of the list that has been read. @param {number} boxId */
     indexOf(boxId) {
       const part = listed.has(boxId) ? parts.find(({ ids }) => ids.includes(boxId)) : undefined;
       return part ? part.start + part.ids.indexOf(boxId) : -1;
     },
 
-    /** The box at a place; null: still to come; undefined: the filter does not find it any more. @param {number} index @returns {Decision | null | undefined} */
+    /** The box at a place; null: not loaded yet; undefined: it no longer matches the filter. @param {number} index @returns {Decision | null | undefined} */
     at(index) {
       const part = partAt(index);
       if (!part) return null;
@@ -174,7 +174,7 @@ export function createPager(boxes, load) {
       return part.found ? undefined : null;
     },
 
-    /** Ids of places that were reached, both ends included. @param {number} a @param {number} b */
+    /** The known ids between two indices, both included. @param {number} a @param {number} b */
     idsBetween(a, b) {
       const [first, last] = a < b ? [a, b] : [b, a];
       return parts
@@ -182,7 +182,7 @@ export function createPager(boxes, load) {
         .flatMap((part) => part.ids.slice(Math.max(0, first - part.start), last + 1 - part.start));
     },
 
-    /** The revision of every box that was shown, those that are not kept in memory included. */
+    /** The revision of every box that was shown, including boxes no longer in memory. */
     revisions() {
       const shown = new Map(parts.flatMap(({ ids, revisions }) => ids.map((id, i) => /** @type {const} */ ([id, revisions[i] ?? 0]))));
       for (const box of boxes.all([...changed.keys()])) shown.set(box.box_id, seenRevision(box));
@@ -191,7 +191,7 @@ export function createPager(boxes, load) {
 
     allIds: () => parts.flatMap(({ ids }) => ids),
 
-    /** These places are looked at. @param {number} first @param {number} end */
+    /** Load the boxes of these indices, which are visible now. @param {number} first @param {number} end */
     want(first, end) {
       if (first === wanted.first && end === wanted.end && parts.length > 0) return;
       wanted = { first, end };
@@ -200,10 +200,10 @@ export function createPager(boxes, load) {
 
     retry: () => void work(),
 
-    /** Boxes that are others by now than when they were listed: answered, mostly. */
+    /** Boxes that have changed since they were listed, mostly by an answer. */
     changed: () => boxes.all([...changed.keys()]),
 
-    /** Nobody looks at this list any more. */
+    /** Stop observing and release all boxes. */
     end() {
       stop();
       for (const { giveBack } of parts) giveBack();
@@ -226,13 +226,13 @@ export function createPager(boxes, load) {
  * @property {string} key
  * @property {Pager} pager
  * @property {import("../core/observable.js").Value<import("./selection.js").Selection>} selection
- * @property {{offset: number, seen: number}} scroll  how far down, and when one left
- * @property {(index: number) => void} show  moves the focus there and into sight; given by the view that shows the place
+ * @property {{offset: number, seen: number}} scroll  how far down it is scrolled, and when it was left
+ * @property {(index: number) => void} show  moves the focus to that cell and scrolls to it; set by the view that shows the list
  */
 
 const KEPT_PLACES = 4;
 
-/** Others may be answering: a list that was left longer ago is read again. */
+/** A list that was left longer ago is read again: others may have answered. */
 const FRESH_MS = 10 * 60_000;
 
 /** @type {Map<string, Place>} the one used last comes last */
@@ -256,7 +256,7 @@ export function placeOf(app, dataset, query, key) {
   return place;
 }
 
-/** Forget a list: it is read anew when it is wanted. @param {string} key */
+/** Forget a list, so that it is read again the next time. @param {string} key */
 export function leave(key) {
   places.get(key)?.pager.end();
   places.delete(key);

@@ -1,11 +1,11 @@
 // @ts-check
-// Which are selected, and what clicks, keys and the lasso make of it.
+// Which boxes of the grid are selected, and how clicks, keys and the lasso change that.
 
 /** @typedef {import("./layout.js").Rect} Rect */
 
 /**
  * @typedef {object} Selection
- * @property {boolean} all  everything that the filters select, however much of it was seen
+ * @property {boolean} all  all boxes that match the filters, whether loaded or not
  * @property {ReadonlySet<number>} ids  of boxes
  * @property {number} focus  index of the cell that the keys act on
  * @property {number} anchor  index from which a range is spanned

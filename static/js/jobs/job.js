@@ -1,5 +1,5 @@
 // @ts-check
-// A run or an export while somebody looks: told by events, drawn as bar and badge, started, cancelled.
+// Runs and exports while they are on the page: followed by server-sent events, shown as bar and badge, cancelled.
 
 import { ApiError, get, post, send, url } from "../core/api.js";
 import { useTask } from "../core/hooks.js";
@@ -37,7 +37,7 @@ export function JobBar({ job, label }) {
 }
 
 /**
- * A job as it is now, for as long as somebody looks.
+ * The current state of a job, kept up to date while the component is on the page.
  * @template {Job & {id: number}} J
  * @param {(id: number) => Watched<J>} watchedOf @param {J | null} job @param {(job: J) => void} [onOver]
  * @returns {J | null}
@@ -57,7 +57,7 @@ export function useWatched(watchedOf, job, onOver) {
 
 const LOOK_AGAIN_MS = 5000;
 
-/** Others start jobs, too: look now and then, and at once when somebody comes back. @param {() => void} reload */
+/** Other people start jobs, too: reload every few seconds, and when the browser tab becomes visible. @param {() => void} reload */
 export function useLookAgain(reload) {
   useEffect(() => {
     const look = () => document.visibilityState === "visible" && reload();
@@ -73,7 +73,7 @@ export function useLookAgain(reload) {
 /** @param {{app: import("../core/app.js").App, run: Run}} props */
 export const CancelButton = ({ app, run }) => html`<${Canceller} app=${app} what=${`run ${run.id}`} cancel=${() => post("/api/v1/runs/{run_id}/cancel", { path: { run_id: run.id } })} />`;
 
-/** Asked for once; the state of the job says when it is so. @param {{app: import("../core/app.js").App, what: string, cancel: () => Promise<unknown>}} props */
+/** A button that cancels a job. It stays disabled until the job's state says that it is cancelled. @param {{app: import("../core/app.js").App, what: string, cancel: () => Promise<unknown>}} props */
 export function Canceller({ app, what, cancel }) {
   const [isAsked, setAsked] = useState(false);
   const { run } = useTask(async () => {
@@ -86,7 +86,7 @@ export function Canceller({ app, what, cancel }) {
   return html`<button class="button button--small" disabled=${isAsked} onClick=${run}>${isAsked ? "Cancelling…" : "Cancel"}<span class="sr-only"> ${what}</span></button>`;
 }
 
-/** States, as an EventSource numbers them. */
+/** Values of `readyState`, as those of an EventSource. */
 const CONNECTING = 0;
 const OPEN = 1;
 const CLOSED = 2;
@@ -122,7 +122,7 @@ export class EventStream extends EventTarget {
     }
   }
 
-  /** @returns {Promise<boolean>} true: there is nothing to ask for again */
+  /** @returns {Promise<boolean>} true: the server refused the stream, and reconnecting is useless */
   async #listen() {
     /** @type {Record<string, string>} */
     const headers = { Accept: "text/event-stream" };
@@ -134,7 +134,7 @@ export class EventStream extends EventTarget {
       await this.#read(answer.body);
       return false;
     } catch (error) {
-      // What breaks off in the middle is no refusal either.
+      // Only an answer of the server is a refusal; a broken connection is tried again.
       return error instanceof ApiError;
     }
   }
@@ -153,7 +153,7 @@ export class EventStream extends EventTarget {
     }
   }
 
-  /** @param {string} line @param {Told} told @returns {Told} what is told so far */
+  /** @param {string} line @param {Told} told @returns {Told} the event received so far */
   #hear(line, told) {
     if (line === "") {
       if (told.data && this.readyState !== CLOSED) this.dispatchEvent(new MessageEvent(told.event, { data: told.data.slice(0, -1) }));
@@ -180,10 +180,10 @@ export function RunStrip({ app, dataset, run, onClose }) {
 
 /** @param {Run} run */
 function wordsOf(run) {
-  const what = run.kind === "measure" ? "measures every frame again" : "decides again from the stored numbers";
+  const what = run.kind === "measure" ? "measures every frame again" : "decides again from the stored measurements";
   switch (run.state) {
     case "queued":
-      return `Run ${run.id} waits for its turn.`;
+      return `Run ${run.id} is queued.`;
     case "running":
       return `Run ${run.id} ${what}: ${countText(run.done)} of ${countOf(run.total, "frame")}.`;
     case "done":
@@ -210,7 +210,7 @@ export function percentDone({ state, done = 0, total = 0 }) {
   return total > 0 ? Math.min(100, Math.floor((100 * done) / total)) : 0;
 }
 
-/** @template {Job} J @typedef {{events: string, load: () => Promise<J>}} Watched  where a job is told of, and how it is asked for where it is not */
+/** @template {Job} J @typedef {{events: string, load: () => Promise<J>}} Watched  the address of a job's events, and how its state is loaded if events are refused */
 
 /** @param {number} id @returns {Watched<Run>} */
 export const runEvents = (id) => ({
@@ -225,7 +225,7 @@ export const exportEvents = (id) => ({
 });
 
 /**
- * Tell of a job until it is over. `onJob` may be told the same state twice.
+ * Follow a job until it has ended. `onJob` may be called twice with the same state.
  * @template {Job} J
  * @param {Watched<J>} watched
  * @param {(job: J) => void} onJob

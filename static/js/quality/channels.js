@@ -1,5 +1,5 @@
 // @ts-check
-// Kinds of evidence side by side, and the run that measures them.
+// The kinds of evidence compared, and the run that measures them.
 
 import { listQuery } from "../boxes/filters.js";
 import { CHANNELS, channelText } from "../boxes/wording.js";
@@ -40,7 +40,7 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
   const isCounted = found !== null && found.boxes > 0;
   return html`<section class="panelbox quality__wide" aria-labelledby="channels-title" aria-busy=${loaded.state === "loading"}>
     <header class="panelbox__head"><h2 id="channels-title">Channels compared</h2>
-      <span class="faint">${truth === "people" ? "visible is what people kept" : "visible is what has a pixel in the instance image"}</span>
+      <span class="faint">${truth === "people" ? "visible: people kept it" : "visible: it has a pixel in the instance image"}</span>
       <span class="panelbox__tools">
         ${isCounted && html`<${Segments} label="Compare channels by" value=${by} choices=${BY} onChange=${setBy} />`}
         <${Segments} label="Compare with" value=${truth} choices=${TRUTHS} onChange=${onTruth} />
@@ -55,11 +55,11 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
 
 /** @param {{dataset: string, found: Evaluation, by: string, active: string}} props */
 const Compared = ({ dataset, found, by, active }) => html`<${ChannelTable} dataset=${dataset} found=${found} by=${by} active=${active} />
-  <p class="faint channels__note">${countOf(found.boxes, "box", "boxes")} of ${countOf(found.frames, "frame")}; dot: measured, line: 95 % interval. Where a channel has no number for a box, the segmentation judges.
-    ${found.truth === "instances" && found.channels.instance ? " The instance channel reads the image that says what is visible, so it is the ceiling rather than a rival." : ""}
+  <p class="faint channels__note">${countOf(found.boxes, "box", "boxes")} of ${countOf(found.frames, "frame")}; dot: measured, line: 95 % interval. Boxes that a channel could not measure are decided by the segmentation.
+    ${found.truth === "instances" && found.channels.instance ? " The instance channel reads the same images that define what is visible, so its score is an upper bound." : ""}
     ${found.not_measured.length > 0 ? ` Not measured: ${found.not_measured.map((name) => channelText(name)).join(", ")}.` : ""}</p>`;
 
-/** Why there is nothing to compare, and what would change that. @param {{dataset: string, found: Evaluation, measuring: Measuring, onTruth: (truth: string) => void}} props */
+/** Why there is nothing to compare, and what to do about it. @param {{dataset: string, found: Evaluation, measuring: Measuring, onTruth: (truth: string) => void}} props */
 function Nothing({ dataset, found, measuring, onTruth }) {
   if (found.truth === "people") {
     return html`<p class="panelbox__empty">Nobody has kept or rejected a box yet, so there is nothing to compare with. <a href=${linkTo("queue", { dataset })}>Answer boxes</a></p>`;
@@ -77,7 +77,7 @@ function Nothing({ dataset, found, measuring, onTruth }) {
 /** @param {{measuring: Measuring}} props */
 const MeasureButton = ({ measuring: { start, isBusy } }) => html`<button class="button" disabled=${isBusy} onClick=${start}><${Icon} name="play" />Measure every channel</button>`;
 
-/** The run that measures: asked for here, or already at work when one comes. @param {App} app @param {string} dataset @param {() => void} onDone @returns {Measuring} */
+/** The run that measures all channels: started here, or already running when the view is opened. @param {App} app @param {string} dataset @param {() => void} onDone @returns {Measuring} */
 function useMeasuring(app, dataset, onDone) {
   const [asked, setAsked] = useState(/** @type {Run | null} */ (null));
   /** @param {Run} run */
@@ -93,7 +93,7 @@ function useMeasuring(app, dataset, onDone) {
       const open = items.find((one) => one.kind === "measure" && !isOver(one));
       if (open) setAsked((now) => now ?? open);
     };
-    // Without an answer the button is still there; who presses it is told what is wrong.
+    // If this fails the button is still there; pressing it shows what is wrong.
     look().catch(() => {});
     return () => stop.abort();
   }, [dataset]);
@@ -144,7 +144,7 @@ const Whole = ({ dataset, channels, boxes, active }) => html`<div class="tablewr
   </tr>`)}</tbody>
 </table></div>`;
 
-/** What a channel got wrong most visibly, one after the other. @param {{dataset: string, name: string, worst: ChannelScore["worst"]}} props */
+/** A link to the boxes that a channel got most clearly wrong. @param {{dataset: string, name: string, worst: ChannelScore["worst"]}} props */
 function WorstLink({ dataset, name, worst }) {
   if (worst.length === 0) return html`<span class="faint">none</span>`;
   const link = linkTo("queue", { dataset }, listQuery(worst.map(({ box_id }) => box_id)));

@@ -1,5 +1,5 @@
 // @ts-check
-// Confusion as a matrix and by group, with whiskers.
+// The filter compared with the truth: the confusion matrix, scores with confidence intervals, and both by class or distance.
 
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
@@ -136,7 +136,7 @@ export function Whisker({ measure, name }) {
   </span>`;
 }
 
-/** The number, its interval in words, and the drawing. @param {{measure: Measure | null, name: string}} props */
+/** A score as number, drawing and interval. @param {{measure: Measure | null, name: string}} props */
 export function MeasureCell({ measure, name }) {
   return html`<div class="measure">
     <span class="measure__value num">${measure ? shareText(measure.value) : "–"}</span>

@@ -1,14 +1,14 @@
 // @ts-check
-// Shares, intervals and truths in words; links to the boxes counted. Pure.
+// Texts for scores, intervals and truths, and links to the boxes that were counted. Pure functions.
 
 import { countOf } from "../core/numbers.js";
 import { linkTo } from "../core/router.js";
 
-/** @typedef {"kept_keep" | "kept_reject" | "rejected_keep" | "rejected_reject"} Cell  the filter's word, then a person's */
+/** @typedef {"kept_keep" | "kept_reject" | "rejected_keep" | "rejected_reject"} Cell  the filter's verdict, then the truth */
 /** @typedef {import("../core/openapi.js").Measure} Measure */
 /** @typedef {import("../core/openapi.js").Quality["truth"]} Truth */
 
-/** With fewer answers than this an interval is wider than most differences. */
+/** With fewer answers, intervals are wider than most differences. */
 export const FEW_ANSWERS = 100;
 
 /** @type {readonly {cell: Cell, filter: "kept" | "rejected", person: "keep" | "reject", isAgreed: boolean, text: string}[]} */
@@ -28,7 +28,7 @@ export const shareOf = (confusion, cell) => confusion[cell] / Math.max(1, answer
 /** Which boxes a cell counts, as filters of the grid. @param {"kept" | "rejected"} filter @param {"keep" | "reject"} person @returns {Record<string, string>} */
 export const cellQuery = (filter, person) => ({ verdict: filter, review: person });
 
-/** 0.947 as 94.7; nothing is certain with a finite number of answers. @param {number} share */
+/** 0.947 as 94.7. @param {number} share */
 export const percentOf = (share) => Math.round(1000 * share) / 10;
 
 /** @param {number | null | undefined} share */
@@ -37,7 +37,7 @@ export const shareText = (share) => (share === null || share === undefined ? "â€
 /** @param {Measure | null} measure */
 export const intervalText = (measure) => (measure ? `${percentOf(measure.low)}â€“${percentOf(measure.high)} %` : "too few answers");
 
-/** How people speak of kappa (Landis and Koch). @param {number | null} kappa */
+/** The usual words for values of kappa (Landis and Koch). @param {number | null} kappa */
 export function kappaText(kappa) {
   if (kappa === null) return "not known";
   const bounds = /** @type {const} */ ([[0, "poor"], [0.2, "slight"], [0.4, "fair"], [0.6, "moderate"], [0.8, "substantial"]]);
@@ -59,7 +59,7 @@ export function bandQuery(band) {
 }
 
 /**
- * Which suggestions are worth a change: another value that scores better, or that holds what was asked for.
+ * The suggestions that are worth a change: another value with a better F1, or, for the target "recall", any other value.
  * @template {{current: number, suggested: number, f1_current: number | null, f1_suggested: number | null}} T
  * @param {readonly T[]} suggested @param {string} [target] @returns {T[]}
  */
@@ -73,15 +73,15 @@ export const worthTrying = (suggested, target = "f1") =>
  * @property {(n: number) => string} head  after "the filter against"
  * @property {string} all  heading of the comparison as a whole
  * @property {(n: number) => string} counted  what was counted for it
- * @property {(n: number) => string} some  so many, in few words
+ * @property {(n: number) => string} some  the same number, in fewer words
  * @property {string} column  heading of their number
- * @property {string} keep  the truth's own words
+ * @property {string} keep  heading of what should be kept
  * @property {string} reject
- * @property {string} said  what the columns are, spoken
- * @property {string} precision  what it is a part of
+ * @property {string} said  what the columns are, for screen readers
+ * @property {string} precision  what it is a share of
  * @property {string} recall
  * @property {Record<string, string>} goals  what is suggested, by target
- * @property {string} both  without which nothing is suggested
+ * @property {string} both  what is needed before anything can be suggested
  */
 
 export const TRUTHS = [
@@ -122,7 +122,7 @@ export const WORDS = {
 };
 
 /**
- * The boxes that a field counts. The grid knows what people said; what instances show it does not.
+ * A link to the boxes that a cell of the matrix counts; null if the truth is instances, for which the grid has no filter.
  * @param {string} dataset @param {Truth} truth @param {CellAbout} cell @param {Record<string, string>} [more]
  */
 export const boxesOf = (dataset, truth, { filter, person }, more = {}) =>

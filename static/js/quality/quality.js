@@ -1,5 +1,5 @@
 // @ts-check
-// The view, and people against people.
+// The quality view, and how far people agree with each other.
 
 import { get } from "../core/api.js";
 import { useHead, useLoaded } from "../core/hooks.js";
@@ -22,13 +22,13 @@ export const queueLink = (dataset, query = {}) => linkTo(ROUTES.some(({ name }) 
 /** @param {{app: App, route: import("../core/router.js").Route}} props */
 export const QualityView = ({ app, route }) => html`<${QualityOf} key=${route.params.dataset} app=${app} route=${route} />`;
 
-/** One dataset: nothing of another one is left over. @param {{app: App, route: import("../core/router.js").Route}} props */
+/** The view of one dataset; its key makes sure that no state of another dataset is kept. @param {{app: App, route: import("../core/router.js").Route}} props */
 function QualityOf({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Quality · ${name}`, dataset: name });
   const target = route.query.target === "recall" ? "recall" : "f1";
   const against = route.query.against === "instances" ? "instances" : "people";
-  /** @param {Record<string, string>} some  an empty value is the usual one, which links leave out */
+  /** @param {Record<string, string>} some  an empty value means the default, which addresses leave out */
   const change = (some) => app.router.replace(linkTo("quality", { dataset: name }, { ...route.query, ...some }));
   const loaded = useLoaded(async (signal) => {
     const [quality, active] = await Promise.all([
@@ -68,14 +68,14 @@ function QualityOf({ app, route }) {
 
 /** @param {{dataset: string, answers: number}} props */
 const Few = ({ dataset, answers }) => html`<p class="fewanswers"><${Icon} name="warn" />
-  <span><strong>${countOf(answers, "answer")} say little.</strong> Read the intervals rather than the numbers; from about ${FEW_ANSWERS} answers on they become narrow.</span>
+  <span><strong>${countOf(answers, "answer")} ${answers === 1 ? "is" : "are"} too few for a reliable result.</strong> Look at the intervals rather than the numbers. With about ${FEW_ANSWERS} answers the intervals become narrow.</span>
   <a class="button button--small" href=${queueLink(dataset)}>Answer more</a></p>`;
 
 /** @param {{dataset: string, truth: string, unsure: number, onInstances: () => void}} props */
 const Empty = ({ dataset, truth, unsure, onInstances }) =>
   truth === "instances"
     ? html`<${Notice} icon="question" title="No instances have been measured">
-  <p>Instance images that came with frames say what is visible. "Measure every channel" below reads them.</p>
+  <p>Instance images show what is visible. "Measure every channel" below reads those that were uploaded with the frames.</p>
 <//>`
     : html`<${Notice} icon="question" title="Nobody has answered yet"
   actions=${html`<a class="button button--primary" href=${queueLink(dataset)}>Answer boxes</a><button class="button" onClick=${onInstances}>Compare with instances</button>`}>
@@ -103,7 +103,7 @@ export function Reviewers({ agreement, reviewers }) {
 /** @param {{agreement: Agreement}} props */
 function Together({ agreement }) {
   const { boxes, percent, kappa, interval, pairs } = agreement;
-  if (boxes === 0) return html`<p class="panelbox__empty">No box has been answered by two people. When some are, this says how far they agree.</p>`;
+  if (boxes === 0) return html`<p class="panelbox__empty">No box has been answered by two people yet. Once some have, this shows how far people agree.</p>`;
   return html`<div class="together">
     <dl class="together__figures">
       <div><dt>agree on</dt><dd class="num">${percent === null ? "–" : `${Math.round(10 * percent) / 10} %`}</dd><dd class="faint">of ${countOf(boxes, "box", "boxes")} answered twice</dd></div>

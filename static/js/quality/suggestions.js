@@ -1,5 +1,5 @@
 // @ts-check
-// Better thresholds, how sure that is, their curves.
+// Suggested thresholds, how certain they are, and the scores over all thresholds as curves.
 
 import { post } from "../core/api.js";
 import { drawChart } from "../core/chart.js";
@@ -142,7 +142,7 @@ function paintMarks(plot, ink, { current, suggested, interval }) {
   ctx.restore();
 }
 
-/** The drawing in numbers, for whoever cannot see it. @param {{suggestion: Suggestion}} props */
+/** The curve as numbers, for screen readers. @param {{suggestion: Suggestion}} props */
 function CurveTable({ suggestion }) {
   const step = Math.max(1, Math.ceil(suggestion.curve.length / TABLE_ROWS));
   return html`<table class="sr-only">

@@ -1,11 +1,11 @@
 // @ts-check
-// Order, filters, progress, and the strip of boxes before and after.
+// Above the queue's stage: order, filters, progress, and the strip with the boxes before and after the current one.
 
 import { veiled } from "../boxes/box.js";
 import { Picture } from "../boxes/crops.js";
-import { REVIEW_CHOICES, VERDICT_CHOICES, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
+import { REASON_CHOICES, REVIEW_CHOICES, VERDICT_CHOICES, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
 import { AnswerSign } from "../boxes/signs.js";
-import { REASONS, spokenText } from "../boxes/wording.js";
+import { spokenText } from "../boxes/wording.js";
 import { useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
@@ -18,8 +18,6 @@ import { ORDERS, orderOf } from "./session.js";
 /** @typedef {import("./line.js").Line} Line */
 /** @typedef {import("../core/router.js").Query} Query */
 /** @typedef {import("./session.js").Sitting} Sitting */
-
-const REASON_CHOICES = Object.entries(REASONS).map(([value, text]) => ({ value, text }));
 
 /** @param {{app: App, sitting: Sitting, classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
 export function QueueHead({ app, sitting, classes, query, onChange }) {
@@ -38,7 +36,7 @@ export function QueueHead({ app, sitting, classes, query, onChange }) {
   </div>`;
 }
 
-/** Which boxes, and which first. @param {{classes: readonly string[], query: Query, set: (key: string) => (value: string) => void, onChange: (query: Query) => void}} props */
+/** The order and the filters of the queue. @param {{classes: readonly string[], query: Query, set: (key: string) => (value: string) => void, onChange: (query: Query) => void}} props */
 function Choices({ classes, query, set, onChange }) {
   const [isOpen, setOpen] = useState(false);
   return html`<${Segments} label="Order" value=${orderOf(query)} choices=${ORDERS} onChange=${set("order")} />

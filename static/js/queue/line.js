@@ -1,5 +1,5 @@
 // @ts-check
-// The line of ids one goes through, pure; and how a blind answer compares.
+// The boxes of the queue in order, with the current position: pure functions; and how a blind answer compares with earlier ones.
 
 import { answerOf } from "../boxes/box.js";
 
@@ -9,9 +9,9 @@ import { answerOf } from "../boxes/box.js";
 
 /**
  * @typedef {object} Line
- * @property {readonly number[]} ids  in the order in which they are looked at
- * @property {number} at  index of the one looked at; `ids.length` past the last
- * @property {ReadonlySet<number>} answered  in this sitting
+ * @property {readonly number[]} ids  of the boxes, in the order of the queue
+ * @property {number} at  index of the current box; `ids.length` past the last
+ * @property {ReadonlySet<number>} answered  in this session
  */
 
 /** @type {Line} */
@@ -23,22 +23,22 @@ export const currentOf = ({ ids, at }) => ids[at] ?? null;
 /** The next ones to be looked at, the current one not included. @param {Line} line @param {number} count */
 export const ahead = ({ ids, at, answered }, count) => ids.slice(at + 1).filter((id) => !answered.has(id)).slice(0, count);
 
-/** Boxes that were passed over without an answer. @param {Line} line */
+/** Boxes that were skipped without an answer. @param {Line} line */
 export const passed = ({ ids, at, answered }) => ids.slice(0, at).filter((id) => !answered.has(id));
 
-/** The server gave more; those in the line already keep their place. @param {Line} line @param {readonly number[]} more @returns {Line} */
+/** Append boxes that the server sent; boxes already in the line keep their place. @param {Line} line @param {readonly number[]} more @returns {Line} */
 export function joined(line, more) {
   const known = new Set(line.ids);
   return { ...line, ids: [...line.ids, ...more.filter((id) => !known.has(id))] };
 }
 
-/** An answer leads on to the next box without one. @param {Line} line @param {number} id @returns {Line} */
+/** After an answer on the current box, the next box without an answer is current. @param {Line} line @param {number} id @returns {Line} */
 export function answered(line, id) {
   const done = { ...line, answered: new Set([...line.answered, id]) };
   return currentOf(line) === id ? nextOpen(done) : done;
 }
 
-/** The answer was taken back: the box is looked at again. @param {Line} line @param {number} id @returns {Line} */
+/** The answer was undone: the box is current again. @param {Line} line @param {number} id @returns {Line} */
 export function takenBack(line, id) {
   const rest = new Set(line.answered);
   rest.delete(id);
@@ -62,14 +62,14 @@ export function lookedAt(line, id) {
   return at < 0 ? line : { ...line, at };
 }
 
-/** Those passed over come again, after all that were seen. @param {Line} line @returns {Line} */
+/** Put the skipped boxes after the answered ones, and make the first of them current. @param {Line} line @returns {Line} */
 export function again(line) {
   const open = passed(line);
   const seen = line.ids.slice(0, line.at).filter((id) => line.answered.has(id));
   return { ...line, ids: [...seen, ...open, ...line.ids.slice(line.at)], at: seen.length };
 }
 
-/** What the server need not give again, the newest last. @param {Line} line @param {number} most */
+/** The newest boxes of the line, which the server is asked not to send again. @param {Line} line @param {number} most */
 export const inHand = ({ ids }, most) => ids.slice(-most);
 
 const PACE_OVER = 20;
@@ -83,13 +83,13 @@ export function paceOf(times) {
 
 /** @typedef {{boxId: number, words: string, agrees: boolean}} Comparison */
 
-/** An audit is blind unless one wants to see; elsewhere as one prefers. @param {Query} query @param {{blind?: boolean}} prefs */
+/** Whether the review is blind: as the address says; otherwise an audit is blind, and other orders follow the preference. @param {Query} query @param {{blind?: boolean}} prefs */
 export function isBlind(query, prefs) {
   if (query.blind) return query.blind === "on";
   return query.order === "audit" || prefs.blind === true;
 }
 
-/** What was hidden, beside what was answered. @param {Decision} before @param {Answer} answer @returns {Comparison | null} null: nothing to compare with */
+/** Compare a blind answer with the earlier answer, or else with the filter's verdict. @param {Decision} before @param {Answer} answer @returns {Comparison | null} null: nothing to compare with */
 export function compared(before, answer) {
   if (answer !== "keep" && answer !== "reject") return null;
   const earlier = answerOf(before);

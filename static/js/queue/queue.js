@@ -1,5 +1,5 @@
 // @ts-check
-// The view: stage, panel, and the states in which there is no box.
+// The queue view: stage, panel, and what is shown when there is no box.
 
 import { answerOf, veiled } from "../boxes/box.js";
 import { cycleVerdict, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
@@ -102,7 +102,7 @@ function NoBox({ app, sitting, query, actions, isEmpty, onQuery }) {
   return html`<${AllDone} app=${app} sitting=${sitting} query=${query} actions=${actions} onAll=${() => onQuery(withoutList(withoutFilters(query)))} />`;
 }
 
-/** Boxes, frames and pictures are here before they are looked at. @param {App} app @param {Sitting} sitting @param {import("../stage/media.js").MediaCache} media */
+/** Load boxes, frames and pictures before they are shown. @param {App} app @param {Sitting} sitting @param {import("../stage/media.js").MediaCache} media */
 function useSupply(app, sitting, media) {
   const line = useValue(sitting.line);
   const { lit, mask } = useValue(app.prefs);
@@ -239,7 +239,7 @@ export function AllDone({ app, sitting, query, actions, onAll }) {
       <p>${doneText(verdicts) || (order === "audit" ? "Nobody has answered any of the boxes that match these filters yet." : "All boxes that match these filters have an answer.")}</p>
       ${waiting.size > 0 && html`<p>${countOf(waiting.size, "answer is", "answers are")} kept in this browser and will be sent.</p>`}
       ${open > 0 && html`<p>You skipped ${countOf(open, "box", "boxes")}.</p>`}
-      ${elsewhere > 0 && html`<p>${countOf(elsewhere, "box is", "boxes are")} with somebody else at the moment.</p>`}
+      ${elsewhere > 0 && html`<p>${countOf(elsewhere, "box is", "boxes are")} being reviewed by somebody else at the moment.</p>`}
     <//>
   </div>`;
 }
@@ -248,7 +248,7 @@ export const NoBoxesYet = () => html`<div class="queue__message"><${Notice} icon
 
 /** What one can do now. @param {{dataset: string, order: string, query: Query, open: number, elsewhere: number, sitting: Sitting, actions: QueueActions, onAll: () => void}} props */
 function Ways({ dataset, order, query, open, elsewhere, sitting, actions, onAll }) {
-  return html`${open > 0 && html`<button class="button button--primary" onClick=${actions.again}>Go through ${open === 1 ? "it" : "them"}</button>`}
+  return html`${open > 0 && html`<button class="button button--primary" onClick=${actions.again}>Review ${open === 1 ? "it" : "them"} now</button>`}
     ${elsewhere > 0 && html`<button class="button" onClick=${sitting.lookAgain}>Look again</button>`}
     ${(isFiltered(query) || sitting.listed.length > 0) && html`<button class="button" onClick=${onAll}>${sitting.listed.length > 0 ? "The whole queue" : "Without the filters"}</button>`}
     ${order !== "audit" && html`<a class="button" href=${linkTo("queue", { dataset }, { order: "audit" })}>Audit the answers</a>`}
@@ -264,7 +264,7 @@ function doneText(verdicts) {
   return `You answered ${countOf(verdicts.size, "box", "boxes")}: ${parts.join(", ")}.`;
 }
 
-/** Somebody was first: their answer stands, and one goes on where one is. @param {{app: App, sitting: Sitting, onShow: (line: import("./line.js").Line) => void}} props */
+/** Notices for boxes that somebody else answered first. @param {{app: App, sitting: Sitting, onShow: (line: import("./line.js").Line) => void}} props */
 export function Conflicts({ app, sitting, onShow }) {
   const conflicts = [...useValue(app.conflicts).values()].flatMap((item) => {
     const box = sitting.line.get().ids.includes(item.boxId) ? app.boxes.get(item.boxId) : undefined;

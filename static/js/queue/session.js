@@ -1,5 +1,5 @@
 // @ts-check
-// One session at the queue: supply, place, counts, pace; lives on while one looks elsewhere.
+// A review session in the queue: its boxes, position, counts and pace. It is kept for a while when another view is opened.
 
 import { isUndecided } from "../boxes/box.js";
 import { listedOf, selectionOf } from "../boxes/filters.js";
@@ -15,9 +15,9 @@ import { EMPTY, ahead, answered, compared, inHand, joined, takenBack } from "./l
 
 /**
  * @typedef {object} Counts
- * @property {number | null} left  boxes that nobody has answered, as the server last said, less those answered since
- * @property {number} unsure  that somebody was unsure about; they come last
- * @property {number} elsewhere  with other people at the moment
+ * @property {number | null} left  boxes without an answer: the server's last count, minus those answered since
+ * @property {number} unsure  boxes that somebody was unsure about; they come last
+ * @property {number} elsewhere  boxes that other people are reviewing at the moment
  */
 
 /** @typedef {{state: "loading" | "ready" | "error", error: Error | null, isEnd: boolean}} Supply */
@@ -29,7 +29,7 @@ export const ORDERS = /** @type {const} */ ([
   { value: "audit", text: "Audit", title: "Look again at what people have answered" },
 ]);
 
-/** Boxes that have a place in the image: the others cannot be looked at. */
+/** All reasons except those of boxes outside the image or without an area, which nobody can judge by eye. */
 const LOOKABLE = Object.keys(REASONS).filter((reason) => reason !== "outside_image" && reason !== "degenerate").join(",");
 
 const BATCH = 12;
@@ -48,7 +48,7 @@ export function createSitting(app, dataset, query) {
   const counts = createValue(/** @type {Counts} */ ({ left: null, unsure: 0, elsewhere: 0 }));
   const supply = createValue(/** @type {Supply} */ ({ state: "loading", error: null, isEnd: false }));
   const comparisons = createValue(/** @type {readonly import("./line.js").Comparison[]} */ ([]));
-  /** Times of the answers, ms; what was answered. */
+  /** The times of the answers (ms), and the answers by box. */
   const tally = createValue({ times: /** @type {number[]} */ ([]), verdicts: /** @type {ReadonlyMap<number, Answer>} */ (new Map()) });
   const order = orderOf(query);
   const listed = listedOf(query);
@@ -78,14 +78,14 @@ export function createSitting(app, dataset, query) {
     supply.set({ state: "ready", error: null, isEnd: items.length === 0 || listed.length > 0 });
   }
 
-  /** Boxes of this session, kept as long as it lasts. @param {readonly Decision[]} items @returns {number[]} their ids */
+  /** Keep these boxes in the store as long as the session lasts. @param {readonly Decision[]} items @returns {number[]} their ids */
   function take(items) {
     const ids = boxes.receive(items);
     held.push(boxes.hold(ids));
     return ids;
   }
 
-  /** Answers that the server did not have yet when it counted. */
+  /** How many answers the server had not received when it counted. */
   function unsent() {
     const { waiting } = app.outbox.state.get();
     return order === "audit" ? 0 : [...tally.get().verdicts.keys()].filter((id) => waiting.has(id)).length;
@@ -126,10 +126,10 @@ export function createSitting(app, dataset, query) {
       this.show(answered(line.get(), box.box_id));
     },
 
-    /** A comment alone leaves one where one is. @param {Decision} box @param {Answer} verdict @param {string} comment */
+    /** Save a comment without going on to the next box. @param {Decision} box @param {Answer} verdict @param {string} comment */
     comment: (box, verdict, comment) => app.answer(box.box_id, verdict, comment),
 
-    /** The answer on a box was taken back: it is looked at again. @param {Decision} box */
+    /** The answer on a box was undone: the box is current again. @param {Decision} box */
     takenBack(box) {
       const { box_id: id } = box;
       held.push(boxes.hold([id]));
@@ -140,16 +140,16 @@ export function createSitting(app, dataset, query) {
       line.set(takenBack(line.get(), id));
     },
 
-    /** Look again what there is: others may have let go of theirs. */
+    /** Ask for boxes again: others may have released theirs. */
     lookAgain() {
       supply.set({ ...supply.get(), isEnd: false });
       void refill();
     },
 
-    /** Keep the claims on what is in hand. */
+    /** Renew the claims on the boxes of this session. */
     renew: () => (isAsking || supply.get().isEnd ? Promise.resolve() : ask(1)),
 
-    /** Its boxes are needed no longer. */
+    /** Release the boxes of this session. */
     end: () => held.splice(0).forEach((giveBack) => giveBack()),
   };
 }
@@ -159,10 +159,10 @@ export function createSitting(app, dataset, query) {
 /** @type {WeakMap<App, {key: string, sitting: Sitting, seen: number}>} */
 const sittings = new WeakMap();
 
-/** After so long, claims are gone and others have answered. */
+/** After such a pause the claims have expired, and others may have answered: a new session begins. */
 const PAUSE_MS = 5 * 60_000;
 
-/** The sitting of these filters, gone on with if one was away for a moment. @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query */
+/** The session of these filters; the last one is continued after a short pause. @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query */
 export function sittingOf(app, dataset, query) {
   const key = JSON.stringify([dataset, orderOf(query), selectionOf(query), listedOf(query)]);
   const last = sittings.get(app);
@@ -182,7 +182,7 @@ export function touch(app) {
 /** @param {number} id */
 const boxOf = (id) => get("/api/v1/boxes/{box_id}", { path: { box_id: id } });
 
-/** Boxes by their ids, claimed for nobody; those that are gone are left out. @param {readonly number[]} ids */
+/** Boxes by their ids, without claiming them; those that no longer exist are left out. @param {readonly number[]} ids */
 async function listedBoxes(ids) {
   const found = await Promise.all(ids.map((id) => boxOf(id).catch(ignoreMissing)));
   const items = found.filter((box) => box !== null);

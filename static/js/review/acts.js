@@ -1,5 +1,5 @@
 // @ts-check
-// What a person can do with the chosen boxes by the keymap, the bar that shows it, and the notice of a conflict.
+// The bars with buttons for answers, on one box and on many, and the notice of a conflict.
 
 import { answerOf } from "../boxes/box.js";
 import { html } from "../core/html.js";
@@ -61,14 +61,14 @@ export function GridBar({ app, selected, isAll, actions, onNone }) {
   </div>`;
 }
 
-/** Somebody else has answered meanwhile: nothing was overwritten, and this person may insist. @param {{app: import("./answers.js").ReviewApp, box: Decision, item: import("./outbox.js").QueuedAnswer, isNamed?: boolean, children?: unknown}} props  `isNamed`: the box is not the one on show */
+/** Somebody else has answered first: their answer is kept, and this person can replace it. @param {{app: import("./answers.js").ReviewApp, box: Decision, item: import("./outbox.js").QueuedAnswer, isNamed?: boolean, children?: unknown}} props  `isNamed`: the box is not the one on show */
 export function ConflictNotice({ app, box, item, isNamed = false, children }) {
   const { reviewer = "", verdict = "clear" } = box.review ?? {};
-  const theirs = verdict === "clear" ? "took the answer back" : `answered ${verdict}`;
+  const theirs = verdict === "clear" ? "undid the answer" : `answered ${verdict}`;
   return html`<section class="conflict" role="alert">
-    <p>${isNamed && html`<${Icon} name="warn" /> ${box.class} ${box.id}: `}<b>${reviewer || "Somebody else"} ${theirs}</b> while you answered ${item.verdict}. Yours is not stored.</p>
+    <p>${isNamed && html`<${Icon} name="warn" /> ${box.class} ${box.id}: `}<b>${reviewer || "Somebody else"} ${theirs}</b> while you answered ${item.verdict}. Your answer was not saved.</p>
     <div class="conflict__actions">
-      <button class="button button--small" onClick=${() => app.settle(box.box_id)}>Leave it</button>
+      <button class="button button--small" onClick=${() => app.settle(box.box_id)}>Keep theirs</button>
       <button class="button button--small button--primary" onClick=${() => app.insist(item)}>Use mine: ${item.verdict}</button>
       ${children}
     </div>

@@ -1,5 +1,5 @@
 // @ts-check
-// The only one who changes what people said: answer one, answer many, undo, insist, give up.
+// All changes of answers go through here: answer one box or many, undo, replace somebody else's answer, discard.
 
 import { answerTo, seenRevision, withAnswer, withStored } from "../boxes/box.js";
 import { createFrames } from "../boxes/store.js";
@@ -24,7 +24,7 @@ const MOST_LOOKS = 20;
 const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", clear: "without an answer again" };
 
 /**
- * What people's answers need for the whole page: giving and taking back answers, those that wait, and conflicts.
+ * Answers, for the whole page: giving and undoing them, those not saved yet, and conflicts.
  * @param {import("../core/app.js").App} app @param {Boxes} boxes @param {Storage} storage
  * @param {{tab: string, openTabs: ReadonlySet<string>}} tabs  this one, and all that are open: another one sends its answers itself
  */
@@ -33,7 +33,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   const items = createOutbox(storage, tab, app.owner);
   const frames = createFrames();
   const steps = createSteps(boxes);
-  /** Boxes that were answered last: what was read of them before is older, and may still come. @type {(() => void)[]} */
+  /** The boxes that were answered last are held in the store, so that an older answer of the server, still on its way, does not replace them. @type {(() => void)[]} */
   const answered = [];
 
   /** @param {readonly number[]} ids */
@@ -41,10 +41,10 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     answered.push(boxes.hold(ids));
     if (answered.length > DEPTH) answered.shift()?.();
   }
-  /** Answers that met somebody else's. */
+  /** Answers that were not saved because somebody else had answered first. */
   const conflicts = createValue(/** @type {ReadonlyMap<number, QueuedAnswer>} */ (new Map()));
 
-  /** Others have answered these boxes: shown as they are now. @param {readonly number[]} boxIds */
+  /** Load boxes again that others have answered. @param {readonly number[]} boxIds */
   async function lookAgain(boxIds) {
     if (boxIds.length > MOST_LOOKS) return acts.sweeps.set(acts.sweeps.get() + 1);
     for (const id of boxIds) {
@@ -64,28 +64,28 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
       steps.forget(item.boxId);
       conflicts.set(new Map(conflicts.get()).set(item.boxId, item));
       if (current) boxes.receive([current]);
-      // The box on show says it itself, and so does the queue.
+      // The view of this box shows the conflict itself, and so does the queue.
       const { name, query } = app.router.route.get();
       if (name === "queue" || query.box === String(item.boxId)) return;
-      toasts.show(`Somebody else has answered a box. Yours (${item.verdict}) is not stored.`, {
+      toasts.show(`Somebody else has answered a box first. Your answer (${item.verdict}) was not saved.`, {
         kind: "error",
         action: { text: "Show box", href: `#/frames/${item.frameId}?box=${item.boxId}` },
       });
     },
     onRefused(item, error) {
       steps.forget(item.boxId);
-      toasts.show(`Not stored: ${error.message}`, { kind: "error" });
+      toasts.show(`Not saved: ${error.message}`, { kind: "error" });
       void lookAgain([item.boxId]);
     },
     onDone: acts.done,
     onGivenUp: acts.givenUp,
     onSignedOut: app.endSession,
   });
-  // Whatever changes in the outbox, it says so by its state.
+  // The state changes with every change of the outbox.
   sender.state.observe(() => boxes.layOver(items.given()));
   sender.adopt(openTabs);
 
-  /** Send what waits. */
+  /** Send answers that are not saved yet. */
   function resume() {
     sender.adopt(openTabs);
     void sender.resume();
@@ -93,12 +93,12 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   app.isSignedIn.observe((isIn) => isIn && (offerUnowned(), resume()));
   addEventListener("online", resume);
 
-  /** Answers that are kept since before they had a name on them. */
+  /** Offer to send answers of an earlier version of the page, which did not store who gave them. */
   function offerUnowned() {
     const count = unowned(storage).length;
     const name = app.owner();
     if (count === 0 || !name) return;
-    toasts.show(`${countOf(count, "answer")} kept in this browser ${count === 1 ? "has" : "have"} no name.`, {
+    toasts.show(`${countOf(count, "unsent answer")} in this browser ${count === 1 ? "does" : "do"} not say who gave ${count === 1 ? "it" : "them"}.`, {
       action: { text: `Send as ${name}`, run: () => (own(storage, name), app.startAnew()) },
     });
   }
@@ -140,13 +140,13 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     /** A conflict that the person has seen. */
     settle,
 
-    /** An answer that lost against another one, given again on top of it. @param {QueuedAnswer} item */
+    /** Replace somebody else's answer with one that was not saved because of it. @param {QueuedAnswer} item */
     insist: ({ boxId, verdict, comment }) => answer(boxId, verdict, comment),
 
-    /** Take back what this person did last. @param {(box: Decision) => void} show  the box whose answer it was; not called for an act on many boxes */
+    /** Undo what this person did last. @param {(box: Decision) => void} show  the box whose answer it was; not called for an act on many boxes */
     undo(show) {
       const last = steps.last();
-      if (!last) return void toasts.show("Nothing to take back.");
+      if (!last) return void toasts.show("Nothing to undo.");
       if (last.batchId) return void acts.undo(last.batchId);
       const [{ boxId, verdict, comment } = { boxId: 0, verdict: /** @type {Answer} */ ("clear"), comment: "" }] = last.before;
       const box = boxes.get(boxId);
@@ -154,7 +154,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
       if (!box) return;
       give(box, verdict, comment);
       show(boxes.get(boxId) ?? box);
-      app.announcement.set(`${box.class} ${box.id}: taken back`);
+      app.announcement.set(`${box.class} ${box.id}: answer undone`);
     },
   };
 }
@@ -162,21 +162,21 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 /** @typedef {import("../core/app.js").App & ReturnType<typeof createAnswers>} ReviewApp  what views are given in which people answer */
 
 /**
- * Acts on many boxes as the person sees them: shown at once, told when they are stored, taken back as one.
+ * Answers on many boxes ("acts"): shown at once, reported when they are stored, undone as a whole.
  * @param {{boxes: Boxes, frames: import("../boxes/store.js").Frames, toasts: import("../core/app.js").App["toasts"], steps: Steps,
  *   remember: (boxIds: readonly number[]) => void, lookAgain: (boxIds: readonly number[]) => Promise<void>,
  *   start: (act: import("./outbox.js").WantedAct, key: string) => void}} page
  */
 function createActs({ boxes, frames, toasts, steps, remember, lookAgain, start }) {
-  /** What was said of its boxes before an act that is not stored. @type {Map<string, readonly Given[]>} */
+  /** The earlier answers on the boxes of each act that is not stored yet. @type {Map<string, readonly Given[]>} */
   const before = new Map();
   /** The messages that offer to undo an act, by its batch. @type {Map<number, number>} */
   const offers = new Map();
   const report = createValue(/** @type {Report | null} */ (null));
-  /** Counts what has changed on the server by acts on a whole filter: lists are read again. */
+  /** Increases when an act on all boxes of a filter was stored or undone, so that lists are read again. */
   const sweeps = createValue(0);
 
-  /** Whatever boxes were left out, and why. @param {number[]} skipped @param {number[]} stale @returns {Report | null} */
+  /** Which boxes were left out, and why. @param {number[]} skipped @param {number[]} stale @returns {Report | null} */
   function leftOut(skipped, stale) {
     const why = [];
     if (stale.length) why.push(`${countOf(stale.length, "box was", "boxes were")} left out: somebody has answered since.`);
@@ -184,7 +184,7 @@ function createActs({ boxes, frames, toasts, steps, remember, lookAgain, start }
     return why.length ? { text: why.join(" "), boxes: [...stale, ...skipped] } : null;
   }
 
-  /** The server has stored one more answer on each of these boxes. @param {readonly Given[]} given @param {readonly number[]} but  of which it has not */
+  /** The server has stored these answers. @param {readonly Given[]} given @param {readonly number[]} but  boxes whose answer it has not stored */
   function stored(given, but) {
     const left = new Set(but);
     remember(given.map(({ boxId }) => boxId));
@@ -203,7 +203,7 @@ function createActs({ boxes, frames, toasts, steps, remember, lookAgain, start }
       undone(step, await undoBulk(batchId));
       steps.drop(step);
     } catch (error) {
-      if (!(error instanceof ApiError)) return void toasts.show("Not taken back: the server could not be asked.", { kind: "error" });
+      if (!(error instanceof ApiError)) return void toasts.show("Not undone: the server could not be reached.", { kind: "error" });
       if (NEVER_UNDONE.has(error.problem.code ?? "")) steps.drop(step);
       toasts.show(error.message, { kind: "error" });
     }
@@ -215,7 +215,7 @@ function createActs({ boxes, frames, toasts, steps, remember, lookAgain, start }
     stored(given, skipped);
     frames.forgetAll();
     if (given.length === 0) sweeps.set(sweeps.get() + 1);
-    toasts.show(`${countOf(count, "answer")} taken back`);
+    toasts.show(`${countOf(count, "answer")} undone`);
     report.set(skipped.length ? { text: `${countOf(skipped.length, "answer was", "answers were")} left as ${skipped.length === 1 ? "it is" : "they are"}: somebody has answered since.`, boxes: skipped } : null);
   }
 
@@ -223,7 +223,7 @@ function createActs({ boxes, frames, toasts, steps, remember, lookAgain, start }
     report,
     sweeps,
 
-    /** It is stored. @param {import("./outbox.js").DoneAct} done */
+    /** An act was stored. @param {import("./outbox.js").DoneAct} done */
     done({ batchId, act, skipped, stale }) {
       frames.forgetAll();
       const left = new Set([...stale, ...skipped]);
@@ -240,7 +240,7 @@ function createActs({ boxes, frames, toasts, steps, remember, lookAgain, start }
       report.set(leftOut(skipped, stale));
     },
 
-    /** It will not be stored. @param {import("./outbox.js").Act} act */
+    /** An act was discarded. @param {import("./outbox.js").Act} act */
     givenUp: (act) => void before.delete(act.key),
 
     /** One answer on these boxes, shown at once. @param {string} dataset @param {Answer} verdict @param {readonly number[]} boxIds @param {ReadonlyMap<number, number>} revisions  as the person saw them */
@@ -253,7 +253,7 @@ function createActs({ boxes, frames, toasts, steps, remember, lookAgain, start }
     /** One answer on all that a filter selected when the list was read. @param {string} dataset @param {Answer} verdict @param {import("./outbox.js").Filter} filter @param {{total: number, snapshot: string}} list */
     answerAll: (dataset, verdict, filter, { total, snapshot }) => start({ dataset, verdict, filter, snapshot, count: total }, crypto.randomUUID()),
 
-    /** Take back an act, all of it. @param {number} batchId */
+    /** Undo a whole act. @param {number} batchId */
     async undo(batchId) {
       const step = steps.ofBatch(batchId);
       if (step) await takeBack(step);
@@ -261,12 +261,12 @@ function createActs({ boxes, frames, toasts, steps, remember, lookAgain, start }
   };
 }
 
-/** @typedef {{boxId: number, verdict: Answer, comment: string, revision?: number}} Given  an answer; `revision`: that it has seen, where the box on show may have another */
-/** @typedef {{before: readonly Given[], batchId?: number}} Step  what was said of boxes before; `batchId`: of an act on many boxes, which is taken back as one */
+/** @typedef {{boxId: number, verdict: Answer, comment: string, revision?: number}} Given  an answer; `revision`: the one it was given on, if the box may have a newer one by now */
+/** @typedef {{before: readonly Given[], batchId?: number}} Step  the earlier answers on some boxes; `batchId`: of an act on many boxes, which is undone as a whole */
 
 const DEPTH = 500;
 
-/** What this person can take back, the newest last; its boxes are kept. @param {Boxes} boxes */
+/** What this person can undo, the newest last. Its boxes are held in the store. @param {Boxes} boxes */
 export function createSteps(boxes) {
   /** @type {{step: Step, giveBack: () => void}[]} */
   const steps = [];
@@ -288,7 +288,7 @@ export function createSteps(boxes) {
       if (steps.length > DEPTH) steps.shift()?.giveBack();
     },
 
-    /** The one to take back next. @returns {Step | null} */
+    /** The one to undo next. @returns {Step | null} */
     last: () => steps.at(-1)?.step ?? null,
 
     /** @param {number} batchId */
@@ -297,7 +297,7 @@ export function createSteps(boxes) {
     /** @param {Step} step */
     drop: (step) => remove((one) => one === step),
 
-    /** Somebody else's answer stands now: what this person said of the box is no longer theirs to take back. @param {number} boxId */
+    /** Somebody else has answered the box: this person can no longer undo their own earlier answer. @param {number} boxId */
     forget: (boxId) => remove(({ batchId, before }) => batchId === undefined && before.some((one) => one.boxId === boxId)),
   };
 }

@@ -1,5 +1,5 @@
 // @ts-check
-// All boxes of a frame as a list.
+// The boxes of a frame as a list, with filters.
 
 import { FILTER_KEYS, REVIEW_CHOICES, countsBy } from "../boxes/filters.js";
 import { AnswerSign, StrokeSwatch } from "../boxes/signs.js";

@@ -1,5 +1,5 @@
 // @ts-check
-// One frame: stage in the middle, list on its left, the selected box on its right.
+// The view of one frame: the stage in the middle, the list of boxes on the left, the selected box on the right.
 
 import { isUndecided, seen } from "../boxes/box.js";
 import { cycleVerdict, filtersOf, isShown, neighbour, nextUndecided, shownBoxes } from "../boxes/filters.js";
@@ -90,17 +90,17 @@ function FrameReview({ app, frame, query }) {
     </main>`;
 }
 
-/** In the sender's order, but what cannot be looked at comes last. @param {readonly Decision[]} boxes */
+/** In the order of the upload, but boxes outside the image come last. @param {readonly Decision[]} boxes */
 const visibleFirst = (boxes) => [...boxes.filter((box) => box.xyxy), ...boxes.filter((box) => !box.xyxy)];
 
-/** The address may ask for "the first box": do it once and write the result. @param {App} app @param {FrameActions} actions @param {import("../core/router.js").Query} query */
+/** The address may ask for the first, last or next unanswered box: select it, and put its id into the address. @param {App} app @param {FrameActions} actions @param {import("../core/router.js").Query} query */
 function useArrival(app, actions, query) {
   useEffect(() => {
     if (query.box && !Number(query.box)) actions.select(actions.resolve(query.box));
   }, [actions]);
 }
 
-/** On a narrow screen, list and box take turns. @param {{tab: string, count: number, onChange: (tab: string) => void}} props */
+/** Tabs that switch between list and box on a narrow screen. @param {{tab: string, count: number, onChange: (tab: string) => void}} props */
 function Tabs({ tab, count, onChange }) {
   return html`<div class="review__tabs segments segments--wide" role="group" aria-label="Panel">
     <button class="segments__item" aria-pressed=${tab === "box"} onClick=${() => onChange("box")}>Selected box</button>
@@ -149,7 +149,7 @@ export function createFrameActions(app, frame, ids, page) {
 
   /** @param {number | null} id @param {string} box  which one there: first, last, undecided */
   function goToFrame(id, box) {
-    if (id === null) return app.toasts.show("There is no further frame.");
+    if (id === null) return app.toasts.show("There are no more frames.");
     app.router.go(linkTo("frame", { id }, { ...query(), box }));
   }
 
@@ -184,7 +184,7 @@ export function createFrameActions(app, frame, ids, page) {
     select,
     answer,
 
-    /** What the address asks for instead of a box's number. @param {string} which @returns {number | null} */
+    /** The id of the box that the address asks for by a word (first, last, undecided). @param {string} which @returns {number | null} */
     resolve(which) {
       const shown = shownBoxes(boxes(), query());
       if (which === "first") return shown[0]?.box_id ?? null;

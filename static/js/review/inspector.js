@@ -1,5 +1,5 @@
 // @ts-check
-// Everything about one box: verdict, sentence, numbers, comment, neighbours, history.
+// Everything about one box: verdict, explanation, numbers, comment, overlapping boxes, history.
 
 import { answerOf, isVeiled, seenRevision } from "../boxes/box.js";
 import { AnswerSign, StrokeSwatch, VerdictBadge } from "../boxes/signs.js";
@@ -41,7 +41,7 @@ function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
     </header>
     ${mine && html`<${ConflictNotice} app=${app} box=${box} item=${mine} />`}
     <${AnswerLine} box=${box} isWaiting=${isWaiting} />
-    <p class="inspector__sentence">${isVeiled(box) ? "Blind re-check: what the filter says is shown once you have answered." : unbroken(box.explanation || labelText(box))}</p>
+    <p class="inspector__sentence">${isVeiled(box) ? "Blind re-check: the filter's verdict is shown once you have answered." : unbroken(box.explanation || labelText(box))}</p>
     <${MatchBar} box=${box} />
     <${HiddenBy} box=${box} />
     <${Comment} box=${box} onSave=${(/** @type {string} */ text) => actions.answer(answerOf(box) ?? "unsure", text)} fieldRef=${commentRef} />
@@ -62,7 +62,7 @@ function AnswerLine({ box, isWaiting }) {
   </p>`;
 }
 
-/** What decided: how much matched, against what was needed, or another channel. @param {{box: Decision}} props */
+/** What decided: the share of matching pixels and the threshold, or another channel. @param {{box: Decision}} props */
 function MatchBar({ box }) {
   const { match_percent: match, threshold } = box;
   if (!isByShare(box) && !isVeiled(box)) return html`<${OtherChannel} box=${box} />`;
@@ -75,11 +75,11 @@ function MatchBar({ box }) {
       ${threshold !== null && html`<span class="match__tick" style=${{ left: `${Math.min(100, threshold)}%` }} />`}
     </div>
     ${threshold !== null && html`<div class="match__scale"><span style=${{ left: `${Math.min(92, Math.max(0, threshold))}%` }}>${percentText(threshold)} needed</span></div>`}
-    ${box.toss_up && html`<p class="match__note"><${Icon} name="warn" />A toss-up: too few pixels to tell from the threshold.</p>`}
+    ${box.toss_up && html`<p class="match__note"><${Icon} name="warn" />A toss-up: too few pixels to be certain on which side of the threshold the box is.</p>`}
   </div>`;
 }
 
-/** Another channel decided; what it says is the sentence above, and the share is beside the point. @param {{box: Decision}} props */
+/** Another channel decided; the share of matching pixels is shown as a side note. @param {{box: Decision}} props */
 function OtherChannel({ box }) {
   const { match_percent: match, visible_pixels: seen } = box;
   return html`<div class="match match--other">
@@ -121,7 +121,7 @@ function FrameDetails({ app, frame, boxes, onStart }) {
   return html`
     <header class="inspector__head"><h2>This frame</h2></header>
     <p class="inspector__sentence">${undecided ? `${countText(undecided)} of ${countText(boxes.length)} boxes have no answer yet.` : "Every box here has an answer."}</p>
-    ${undecided > 0 && html`<button class="button button--primary" onClick=${onStart}>Go to the next undecided<${Keys} app=${app} keys=${keys} /></button>`}
+    ${undecided > 0 && html`<button class="button button--primary" onClick=${onStart}>Go to the next undecided box<${Keys} app=${app} keys=${keys} /></button>`}
     <dl class="facts">${facts.map(([name, value]) => value && html`<div><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
     ${segmentation?.notes?.map((note) => html`<p class="faint">${note}</p>`)}`;
 }

@@ -1,6 +1,6 @@
 // @ts-check
-// What people said and the server has not confirmed: answers on one box and acts on many, in one
-// line, kept in localStorage, sent one after the other in the order in which they were given.
+// Answers that the server has not stored yet: on one box, and on many ("acts"). They are kept in
+// localStorage and sent one after the other, in the order in which they were given.
 
 import { seenRevision } from "../boxes/box.js";
 import { ApiError, NoAnswer, post } from "../core/api.js";
@@ -21,7 +21,7 @@ import { createValue } from "../core/observable.js";
  * @property {Answer} verdict
  * @property {string} comment
  * @property {number} seenRevision
- * @property {boolean} attempted  may have reached the server: to be repeated word for word
+ * @property {boolean} attempted  may have reached the server: a retry must send exactly the same
  */
 
 /** @typedef {import("../core/openapi.js").BoxSelection} Filter */
@@ -36,8 +36,8 @@ import { createValue } from "../core/observable.js";
  * @property {Answer} verdict
  * @property {number[]} [boxIds]
  * @property {number[]} [seen]  the revision of each of these boxes that the person saw
- * @property {Filter} [filter]  all that it selects, as long as they are as in the snapshot
- * @property {string} [snapshot]  of the list that the person saw
+ * @property {Filter} [filter]  instead of `boxIds`: all boxes that match it, if they have not changed since the snapshot
+ * @property {string} [snapshot]  identifies the state of the list that the person saw
  * @property {number} count
  */
 
@@ -56,7 +56,7 @@ const isAct = (item) => "count" in item;
 /** @param {Item} item */
 const nameOf = (item) => (isAct(item) ? ACT_PREFIX : ANSWER_PREFIX) + item.key;
 
-/** May this act answer the box? Of a filter nobody knows here which boxes it selects. @param {Act} act @param {number} boxId */
+/** Whether this act may answer the box: the page does not know which boxes a filter selects. @param {Act} act @param {number} boxId */
 const mayAnswer = (act, boxId) => act.boxIds === undefined || act.boxIds.includes(boxId);
 
 /** @param {Storage} storage @param {string} tab @param {() => string} who  answers now @param {() => string} [newKey] */
@@ -72,10 +72,10 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
   const nextOrder = (waiting) => Math.max(0, ...waiting.map((item) => item.order)) + 1;
 
   return {
-    /** What this person said in this tab, in the order in which it was said. */
+    /** The answers that this person gave in this tab and that are not stored yet, in their order. */
     items: mine,
 
-    /** What was said of each box last. Of an act on a whole filter nobody knows here which boxes it selects. @returns {Map<number, {verdict: Answer, comment: string}>} */
+    /** The last answer on each box. Acts on a filter are left out: the page does not know which boxes they select. @returns {Map<number, {verdict: Answer, comment: string}>} */
     given() {
       /** @type {Map<number, {verdict: Answer, comment: string}>} */
       const last = new Map();
@@ -91,7 +91,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
 
     /**
      * An answer that has not been sent is replaced, unless the box was part of an act since; one that may have arrived is followed.
-     * @param {{boxId: number, frameId: number, verdict: Answer, comment: string, seenRevision: number}} answer  of whoever answers now
+     * @param {{boxId: number, frameId: number, verdict: Answer, comment: string, seenRevision: number}} answer  of the person who is signed in
      */
     add(answer) {
       const waiting = mine();
@@ -118,7 +118,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     /** @param {QueuedAnswer} item */
     markAttempted: (item) => write({ ...item, attempted: true }),
 
-    /** It was not stored: once more, having seen this revision. @param {QueuedAnswer} item @param {number} revision */
+    /** Queue an answer again that was not stored, now for this revision. @param {QueuedAnswer} item @param {number} revision */
     again(item, revision) {
       storage.removeItem(nameOf(item));
       write({ ...item, key: newKey(), seenRevision: revision, attempted: false });
@@ -127,7 +127,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     /** @param {Item} item */
     remove: (item) => storage.removeItem(nameOf(item)),
 
-    /** What was said of this box later has now seen that revision. @param {Item} than @param {number} boxId @param {number} revision */
+    /** Set the revision that later answers on this box have seen. @param {Item} than @param {number} boxId @param {number} revision */
     rebase(than, boxId, revision) {
       for (const item of mine()) {
         if (item.order <= than.order) continue;
@@ -140,7 +140,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
       }
     },
 
-    /** Take over what closed tabs have left behind. @param {ReadonlySet<string>} openTabs */
+    /** Take over unsent answers of closed tabs. @param {ReadonlySet<string>} openTabs */
     adopt(openTabs) {
       for (const item of everyone()) if (item.tab !== tab && !openTabs.has(item.tab)) write({ ...item, tab });
     },
@@ -185,7 +185,7 @@ export async function nameThisTab() {
   return { tab, openTabs: new Set(names.map((name) => name.slice(TAB_LOCK.length))) };
 }
 
-/** @param {string} name @returns {Promise<boolean>} true without locks, too: there they cannot be asked for */
+/** @param {string} name @returns {Promise<boolean>} true also in browsers without locks */
 function holdLock(name) {
   if (!navigator.locks) return Promise.resolve(true);
   return new Promise((resolve) => {
@@ -217,33 +217,33 @@ function holdLock(name) {
  * @property {(item: QueuedAnswer, error: Error) => void} onRefused  will never be stored
  * @property {(done: DoneAct) => void} onDone
  * @property {(act: Act) => void} onGivenUp
- * @property {() => void} onSignedOut  the server takes nothing before somebody signs in
+ * @property {() => void} onSignedOut  the server stores nothing until somebody signs in
  */
 
 const FIRST_RETRY_S = 1;
 const LONGEST_RETRY_S = 30;
 
 /**
- * Sends what is in the outbox, oldest first, one at a time. An act that the person has to decide about
- * steps aside; everything else waits until what is before it is stored.
+ * Sends what is in the outbox, oldest first, one at a time. An act that needs a decision of the person
+ * is set aside; everything else waits until what is before it is stored.
  * @param {Outbox} outbox @param {SenderCalls} calls @param {SenderEvents} events
  * @param {(run: () => void, delayMs: number) => void} [later]
  */
 export function createSender(outbox, calls, events, later = (run, delayMs) => void setTimeout(run, delayMs)) {
-  /** What became of acts that are not stored, by their keys. @type {Map<string, {state: ActState, text: string}>} */
+  /** The state of acts that are not stored, by their keys. @type {Map<string, {state: ActState, text: string}>} */
   const told = new Map();
   const open = createValue(/** @type {readonly OpenAct[]} */ ([]));
   /** @type {import("../core/observable.js").Value<SenderState>} */
   const state = createValue(stateNow("saved"));
   let isSending = false;
-  /** Somebody said that it may work now, while an attempt from before was still failing. */
+  /** `resume` was called while an earlier attempt was still running: retry at once if that fails. */
   let isWorthTrying = false;
   let retryS = FIRST_RETRY_S;
   let retries = 0;
   /** The place in the line of the last act on all of a filter that was stored. */
   let filterActs = 0;
 
-  /** Is it the person's turn? @param {Item} item */
+  /** Whether it was set aside, until the person decides. @param {Item} item */
   function isAside(item) {
     return ["changed", "refused"].includes(told.get(item.key)?.state ?? "");
   }
@@ -262,7 +262,7 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     open.set(outbox.acts().map((act) => ({ act, ...(told.get(act.key) ?? { state: "sending", text: "" }) })));
   }
 
-  /** Acts wait as well, and say why. @param {string} text */
+  /** Set why acts are waiting. @param {string} text */
   function sayWaiting(text) {
     for (const act of outbox.acts()) if (!isAside(act)) told.set(act.key, { state: "waiting", text });
   }
@@ -343,12 +343,12 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     return true;
   }
 
-  /** Was it this person's own act, on all of a filter, that was faster? Which boxes it answers, the page did not know. @param {QueuedAnswer} item @param {Decision} current */
+  /** Whether the conflicting answer came from this person's own earlier act on a filter: the page did not know which boxes that act answered. @param {QueuedAnswer} item @param {Decision} current */
   function isOwn(item, current) {
     return filterActs > 0 && item.order > filterActs && current.review?.reviewer === item.person;
   }
 
-  /** It is not stored, so what was said later of its boxes has seen no more than it had. @param {Item} item */
+  /** It was not stored, so later answers on its boxes get the revision that it had seen. @param {Item} item */
   function leftOut(item) {
     if (!isAct(item)) return outbox.rebase(item, item.boxId, item.seenRevision);
     return item.boxIds?.forEach((boxId, i) => outbox.rebase(item, boxId, item.seen?.[i] ?? 0));
@@ -366,7 +366,7 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     return false;
   }
 
-  /** Something more waits: try, unless nobody is signed in. */
+  /** Something was added: send it, unless nobody is signed in. */
   function more() {
     const { phase } = state.get();
     if (phase === "signed-out") sayWaiting("you are signed out");
@@ -401,13 +401,13 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
       more();
     },
 
-    /** An act that stood aside, once more. @param {string} key */
+    /** Send an act again that was set aside or is waiting. @param {string} key */
     retry(key) {
       told.delete(key);
       return resume();
     },
 
-    /** Forget an act. @param {string} key */
+    /** Discard an act. @param {string} key */
     giveUp(key) {
       const act = outbox.acts().find((one) => one.key === key);
       if (!act) return;
@@ -421,7 +421,7 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     /** Boxes of acts that are not stored. */
     waitingIds: () => new Set(open.get().flatMap(({ act }) => act.boxIds ?? [])),
 
-    /** Take up what this person has left behind, in this tab or in closed ones; `resume` sends it. @param {ReadonlySet<string>} openTabs */
+    /** Take over this person's unsent answers, of this tab and of closed ones; `resume` sends them. @param {ReadonlySet<string>} openTabs */
     adopt(openTabs) {
       outbox.adopt(openTabs);
       for (const act of outbox.acts()) {
@@ -445,7 +445,7 @@ export const undoBulk = (batchId) => post("/api/v1/review-batches/{batch_id}/und
 
 /** @typedef {{name: string, item: {person?: string}}} Kept */
 
-/** @param {Storage} storage @returns {Kept[]} */
+/** Answers of an earlier version of the page, which do not say who gave them. @param {Storage} storage @returns {Kept[]} */
 export function unowned(storage) {
   const names = Array.from({ length: storage.length }, (_, i) => storage.key(i) ?? "");
   return names
@@ -460,7 +460,7 @@ export function unowned(storage) {
     });
 }
 
-/** @param {Storage} storage @param {string} person  who says so */
+/** Store answers of an earlier version of the page under this person's name. @param {Storage} storage @param {string} person */
 export function own(storage, person) {
   for (const { name, item } of unowned(storage)) storage.setItem(name, JSON.stringify({ ...item, person }));
 }

@@ -1,5 +1,5 @@
 // @ts-check
-// Exports: ask, watch, download, check; words for options. Those of formats come from the API.
+// Exports: start, follow, download; texts for options. Those for formats come from the API.
 
 import { get, post } from "../core/api.js";
 import { AskField, describeApi, fieldsOf, optionsOf } from "../core/form.js";
@@ -66,7 +66,7 @@ function ExportRow({ app, listed, form, onOver }) {
   </article>`;
 }
 
-/** By the browser itself, however large it is: nothing of it passes through the page. @param {number} id */
+/** Let the browser download the file by a link, so that a large file does not pass through the page's memory. @param {number} id */
 async function download(id) {
   const { url } = await post("/api/v1/exports/{export_id}/download-links", { path: { export_id: id } });
   const link = document.createElement("a");
@@ -75,7 +75,7 @@ async function download(id) {
   link.click();
 }
 
-/** What the archive's own manifest counts; what there is none of is not said. @param {{counts: Record<string, unknown>}} props */
+/** The counts of the archive's manifest; zeros are left out. @param {{counts: Record<string, unknown>}} props */
 function Books({ counts }) {
   const { lines, classes } = booksOf(counts);
   return html`<dl class="books num">
@@ -129,7 +129,7 @@ export function exportForm(openapi) {
 /** A format's title, or its name where the form is not there yet. @param {string} format @param {ExportForm | null | undefined} form */
 export const formatText = (format, form) => form?.formats.find(({ value }) => value === format)?.text ?? format;
 
-/** What an export was asked for, without what is as always. @param {Record<string, unknown>} options @param {readonly Field[]} fields */
+/** The options of an export that differ from the defaults. @param {Record<string, unknown>} options @param {readonly Field[]} fields */
 export function optionsText(options, fields) {
   const special = fields.filter(({ key, initial }) => key in options && JSON.stringify(options[key]) !== JSON.stringify(initial));
   const words = special.map((field) => wordsOf(field, options[field.key]));
@@ -157,7 +157,7 @@ const BOOKS = [
   ["boxes", "clipped", "clipped"],
 ];
 
-/** What an archive's manifest counts, for people. @param {Schema} counts */
+/** The counts of an archive's manifest, with texts. @param {Schema} counts */
 export function booksOf(counts) {
   const lines = BOOKS.map(([part, key, text]) => ({ text, count: Number(counts[part]?.[key] ?? 0) }));
   const classes = Object.entries(counts.classes ?? {}).map(([name, row]) => ({

@@ -1,5 +1,5 @@
 // @ts-check
-// The view: runs, and what lies between two of them.
+// The view of runs and exports, and the difference between two runs.
 
 import { VerdictBar } from "../boxes/signs.js";
 import { get } from "../core/api.js";
@@ -25,7 +25,7 @@ const MOST = 1000;
 /** @param {{app: App, route: Route}} props */
 export const RunsView = ({ app, route }) => html`<${RunsOf} key=${route.params.dataset} app=${app} route=${route} />`;
 
-/** One dataset: nothing of another one is left over. @param {{app: App, route: import("../core/router.js").Route}} props */
+/** The view of one dataset; its key makes sure that no state of another dataset is kept. @param {{app: App, route: import("../core/router.js").Route}} props */
 function RunsOf({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Runs and exports · ${name}`, dataset: name });
@@ -55,7 +55,7 @@ function Runs({ app, dataset, runs, active, shown, onOver }) {
   return html`<section class="panelbox" aria-labelledby="runs-title">
     <header class="panelbox__head">
       <h2 id="runs-title">Runs</h2>
-      <span class="faint">${open ? `${open} at work or waiting` : "a configuration applied to the whole dataset"}</span>
+      <span class="faint">${open ? `${open} running or queued` : "a configuration applied to the whole dataset"}</span>
       <span class="panelbox__tools"><a class="button" href=${linkTo("thresholds", { dataset })}>Try thresholds</a></span>
     </header>
     ${runs === null && html`<div aria-hidden="true">${[0, 1, 2].map(() => html`<div class="bone bone--row shimmer"></div>`)}</div><p class="sr-only" role="status">Loading runs</p>`}
@@ -162,7 +162,7 @@ export function RunRow({ app, dataset, run: loaded, isActive, isShown, onOver })
     <div class="run__what">
       <span class="run__name">Run ${run.id}</span><${StateBadge} state=${run.state} />
       ${isActive && html`<span class="tagword">active</span>`}
-      ${!run.activate && html`<span class="faint run__note">tried, not made active</span>`}
+      ${!run.activate && html`<span class="faint run__note">not activated</span>`}
     </div>
     <p class="run__about faint"><code title=${run.config}>${run.config.slice(0, 8)}</code> · ${KINDS[run.kind] ?? run.kind} · ${run.created_by}, ${agoText(run.created_at)}${tookOf(run)}</p>
     <div class="run__how"><${How} run=${run} /></div>
@@ -185,7 +185,7 @@ function How({ run }) {
   if (run.state === "cancelled") return html`<p class="faint">Stopped at ${countText(run.done)} of ${countOf(run.total, "frame")}; nothing was changed.</p>`;
   if (!isOver(run)) {
     return html`<${JobBar} job=${run} label=${`Run ${run.id}`} />
-      <p class="faint num">${run.state === "queued" ? "waits for its turn" : `${countText(run.done)} of ${countOf(run.total, "frame")}, ${percentDone(run)} %`}</p>`;
+      <p class="faint num">${run.state === "queued" ? "queued" : `${countText(run.done)} of ${countOf(run.total, "frame")}, ${percentDone(run)} %`}</p>`;
   }
   const { kept = 0, rejected = 0, unmeasured = 0 } = run.counts;
   const boxes = kept + rejected + unmeasured;

@@ -1,5 +1,5 @@
 // @ts-check
-// The frame around every view: routes to views (the large ones fetched when asked for), messages, sign-in.
+// The frame around every view: which view a route shows (most are loaded when first opened), messages, sign-in.
 
 import { NO_TOKEN_LINKS } from "../boxes/wording.js";
 import { useActions, useHead, useTask, useTitle, useValue } from "../core/hooks.js";
@@ -18,7 +18,7 @@ import { TopBar, hasTabs } from "./topbar.js";
 /** @typedef {import("../core/router.js").Route} Route */
 /** @typedef {(props: {app: App, route: Route}) => unknown} View */
 
-/** The views that people arrive at; the others come when they are asked for. @type {Record<string, View>} */
+/** The views that are part of the first load; the others are loaded when they are opened. @type {Record<string, View>} */
 const VIEWS = { datasets: DatasetsView, frames: FramesView };
 
 /** @type {Record<string, () => Promise<View>>} */
@@ -31,7 +31,7 @@ const LATER = {
   quality: async () => (await import("../quality/quality.js")).QualityView,
 };
 
-/** Their styles, once they are wanted. @type {Promise<unknown> | null} */
+/** The styles of those views, once they were requested. @type {Promise<unknown> | null} */
 let styles = null;
 
 /** Fetch the styles of these views: they stand in the page in their order, disabled until then. */
@@ -86,7 +86,7 @@ function skipToMain(event) {
   document.getElementById("main")?.focus();
 }
 
-/** After a move to another view, reading starts there. @param {Route} route */
+/** After a change of view, move the focus to it, for keyboards and screen readers. @param {Route} route */
 function useFocusOnMove(route) {
   const isFirst = useRef(true);
   const place = `${route.name} ${Object.values(route.params).join(" ")}`;
@@ -99,10 +99,10 @@ function useFocusOnMove(route) {
   }, [place]);
 }
 
-/** Those that have come. @type {Record<string, View>} */
+/** The views that have been loaded. @type {Record<string, View>} */
 const arrived = {};
 
-/** A view whose modules come when it is asked for. @param {{app: App, route: Route}} props */
+/** A view whose modules are loaded when it is opened. @param {{app: App, route: Route}} props */
 function LateView({ app, route }) {
   const { name } = route;
   const [error, setError] = useState(/** @type {Error | null} */ (null));
@@ -146,7 +146,7 @@ export function Newcomer({ app }) {
   return html`<dialog class="dialog dialog--question" ref=${dialog} aria-labelledby="newcomer-title" onCancel=${() => app.admit(false)}>
     <div class="dialog__body">
       <header class="dialog__head"><h2 id="newcomer-title">Sign in as ${newcomer.name} instead of ${now}?</h2></header>
-      <p>You opened a login link of <b>${newcomer.name}</b> (${newcomer.role}). Answers that you give from then on are stored under that name.</p>
+      <p>You opened a login link of <b>${newcomer.name}</b> (${newcomer.role}). If you sign in, your answers are stored under that name.</p>
       <p>If you did not ask for this link, stay ${now}. Answers of ${now} that are not saved yet stay in this browser until ${now} is back.</p>
       <footer class="dialog__foot">
         <button class="button" onClick=${() => app.admit(true)}>Sign in as ${newcomer.name}</button>
@@ -181,7 +181,7 @@ export function SignIn({ app, linkError }) {
       <h1>Sign in to Unghost</h1>
       ${ended && html`<p class="signin__note" role="status">${ended}</p>`}
       <p>Open a login link, or paste it or a token here. <code>unghost login</code> prints a link; so does the server when it starts.</p>
-      ${kept.map(([name, count]) => html`<p key=${name} class="signin__note" role="status">${countOf(count, "answer")} of ${name} kept in this browser will be saved once ${name} is in.</p>`)}
+      ${kept.map(([name, count]) => html`<p key=${name} class="signin__note" role="status">${countOf(count, "answer")} of ${name} kept in this browser will be saved when ${name} signs in.</p>`)}
       <label class="field">
         <span>Token or login link</span>
         <input name="token" type="password" autocomplete="current-password" spellcheck=${false} aria-invalid=${refusal !== ""} aria-describedby="token-error" autofocus />
@@ -193,7 +193,7 @@ export function SignIn({ app, linkError }) {
   </main>`;
 }
 
-/** People paste the whole link, too; null: one of those that are no longer used. @param {string} text @returns {import("../core/openapi.js").LogIn | null} */
+/** The credential in a pasted token, code or link; null: a link with a token, which is no longer accepted. @param {string} text @returns {import("../core/openapi.js").LogIn | null} */
 function credentialIn(text) {
   const login = loginOf(text.slice(Math.max(0, text.indexOf("#"))));
   if (login?.kind === "token") return null;

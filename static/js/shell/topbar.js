@@ -1,5 +1,5 @@
 // @ts-check
-// Where one is, whether all is saved, tabs of the dataset, menu. Drawn once, told by useHead.
+// The top bar: breadcrumb, tabs of the dataset, whether all answers are saved, menu. Views set its content by useHead.
 
 import { filtersOf } from "../boxes/filters.js";
 import { useClosing, useValue } from "../core/hooks.js";
@@ -98,10 +98,10 @@ function MenuPanel({ app, close }) {
   </div>`;
 }
 
-/** Does this view have the tabs above it? @param {import("../core/router.js").Route} route */
+/** Whether the tabs of the dataset are shown above this view. @param {import("../core/router.js").Route} route */
 export const hasTabs = (route) => ROUTES.some(({ name, nav }) => nav && name === route.name);
 
-/** The filters go along: what was looked at as frames can be looked at as a queue. @param {{app: import("../review/answers.js").ReviewApp}} props */
+/** The tabs of a dataset. Their links keep the filters. @param {{app: import("../review/answers.js").ReviewApp}} props */
 export function DatasetTabs({ app }) {
   const route = useValue(app.router.route);
   const list = useRef(/** @type {HTMLUListElement | null} */ (null));

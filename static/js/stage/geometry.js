@@ -1,5 +1,5 @@
 // @ts-check
-// Pure geometry: view transform, hit test, stacks, overlaps.
+// Geometry of the stage, pure functions: view transform, hit test, stacked boxes, overlaps.
 
 /** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
 /** @typedef {{width: number, height: number}} Size */
@@ -35,7 +35,7 @@ export function cropView(xyxy, stage) {
   return centredOn({ x: (x0 + x1) / 2, y: (y0 + y1) / 2 }, scale, stage);
 }
 
-/** Move, without zooming, until a box is wholly on the stage; centre it if it was not. @param {View} view @param {Xyxy} xyxy @param {Size} stage @returns {View} */
+/** The same view if a box is wholly on the stage; otherwise one with the same zoom that centres the box. @param {View} view @param {Xyxy} xyxy @param {Size} stage @returns {View} */
 export function revealView(view, xyxy, stage) {
   const [x0, y0, x1, y1] = toStage(view, xyxy);
   if (x0 >= 0 && y0 >= 0 && x1 <= stage.width && y1 <= stage.height) return view;
@@ -96,7 +96,7 @@ export function isOnStage([x0, y0, x1, y1], stage) {
 export const areaOf = ([x0, y0, x1, y1]) => Math.max(0, x1 - x0) * Math.max(0, y1 - y0);
 
 /**
- * Everything under a point, the smallest first: the box that is hardest to reach otherwise.
+ * All boxes under a point, the smallest first, because it is the hardest to click otherwise.
  * @template {{xyxy: Xyxy | null}} B
  * @param {readonly B[]} boxes @param {Point} at image px @param {number} slack image px
  * @returns {B[]}

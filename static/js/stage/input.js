@@ -1,5 +1,5 @@
 // @ts-check
-// Pointers and wheel as pan, zoom, hover, click.
+// Translates pointer and wheel events into pan, zoom, hover and click.
 
 /** @typedef {import("./geometry.js").Point} Point */
 

@@ -1,5 +1,5 @@
 // @ts-check
-// Frames with picture and segmentation, fetched ahead, the last eight kept.
+// Frames with their picture and segmentation, loaded in advance for the queue; the eight used last are kept.
 
 import { blob, get } from "../core/api.js";
 import { fileUrl, imageAt, paintedUrl } from "../core/pictures.js";
@@ -11,7 +11,7 @@ import { canvasOf, isPaintedAlready } from "./pixels.js";
  * @typedef {object} Media
  * @property {Frame} frame
  * @property {HTMLImageElement | null} picture  null: there is none, or it cannot be shown
- * @property {HTMLCanvasElement | null} segmentation  once it was asked for
+ * @property {HTMLCanvasElement | null} segmentation  null until it was requested
  */
 
 const KEPT = 8;

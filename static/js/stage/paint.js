@@ -1,5 +1,5 @@
 // @ts-check
-// What the two layers look like; hundreds of boxes drawn once while one pans.
+// Paints the two layers of the stage. While one pans, the boxes are painted once and then copied.
 
 import { answerOf } from "../boxes/box.js";
 import { labelText } from "../boxes/wording.js";
@@ -29,10 +29,10 @@ const VERDICTS = ["veiled", "unmeasured", "rejected", "kept"];
 /** @type {Record<Verdict, number[]>} solid, dashed, dotted */
 const DASHES = { kept: [], rejected: [7, 4], unmeasured: [2, 3], veiled: [] };
 
-/** With a box selected, those that overlap it stay closer to the eye than the rest. */
+/** Opacity of the other boxes while one is selected: those that overlap it are dimmed less. */
 const DIMMED = { neighbours: 0.62, others: 0.28 };
 
-/** Closer than this one looks at pixels, not at the scene. */
+/** From this scale on, pixels are drawn as sharp squares. */
 const CRISP_FROM = 8;
 
 /** The canvas takes its colours from the style sheet. @param {HTMLElement} host @returns {Inks} */
@@ -126,7 +126,7 @@ function paintLit(ctx, { canvas, bounds }, view) {
   ctx.drawImage(canvas, bounds.x * scale + x, bounds.y * scale + y, bounds.width * scale, bounds.height * scale);
 }
 
-/** A box in front of the others, with everything that is known about it. @param {CanvasRenderingContext2D} ctx @param {Decision} box @param {Scene} scene */
+/** A box in front of the others, with its full label. @param {CanvasRenderingContext2D} ctx @param {Decision} box @param {Scene} scene */
 function paintForward(ctx, box, { view, size, inks, snapshot }) {
   if (!box.xyxy) return;
   const rect = toStage(view, box.xyxy);
@@ -214,7 +214,7 @@ export function createDrawnBoxes(paint) {
     drawn = scene;
   }
 
-  /** The boxes of a scene that moves, on whole pixels. @param {CanvasRenderingContext2D} ctx @param {Scene} scene */
+  /** Copy the boxes of a moving scene, shifted by whole pixels. @param {CanvasRenderingContext2D} ctx @param {Scene} scene */
   return function copy(ctx, scene) {
     const density = ctx.getTransform().a;
     if (!holds(scene, density)) draw(scene, density);

@@ -1,5 +1,5 @@
 // @ts-check
-// Stored pixels of a segmentation, and the lit ones of a box.
+// The stored pixels of a segmentation, and the highlighted ("lit") matching pixels of a box.
 
 import { pixelBounds } from "./geometry.js";
 
@@ -10,7 +10,7 @@ import { pixelBounds } from "./geometry.js";
 /** @typedef {{x: number, y: number, width: number, height: number}} Bounds */
 /** @typedef {{canvas: HTMLCanvasElement, bounds: Bounds, count: number}} Lit */
 
-/** On the image: a light that no CARLA scene has, and a shade that makes it stand out. */
+/** RGBA of highlighted pixels, a colour that no CARLA scene has; and below, a shade for all other pixels of the box. */
 const LIT = [255, 221, 51, 168];
 
 const UNLIT = [8, 10, 14, 96];
@@ -35,7 +35,7 @@ function contextOf(canvas) {
 }
 
 /**
- * The matching pixels of a box; null when nothing can be lit.
+ * A drawing of the matching pixels of a box; null if there is nothing to highlight.
  * @param {HTMLCanvasElement} segmentation @param {SegmentationReport} form @param {Decision} box
  * @returns {Lit | null}
  */
@@ -51,7 +51,7 @@ export function litPixels(segmentation, form, box) {
   return { canvas, bounds, count };
 }
 
-/** Can the file itself be shown as the mask? Raw tags and swapped colours must be painted. @param {SegmentationReport} form */
+/** Whether the file itself can be shown as the mask; raw tags and swapped colours must be painted by the server. @param {SegmentationReport} form */
 export const isPaintedAlready = (form) => form.encoding === "palette" && form.channel_order === "rgb";
 
 /** @typedef {{encoding: string, channel_order: string, lossy: boolean}} PixelForm */

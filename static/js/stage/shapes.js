@@ -1,5 +1,5 @@
 // @ts-check
-// Outlines, signs and labels, cheaply. Owns the types Inks and Placed.
+// Draws outlines, signs of answers, and labels on the canvas, fast enough for hundreds of boxes.
 
 import { VERDICT_SIGN, shortText } from "../boxes/wording.js";
 
@@ -9,11 +9,11 @@ import { VERDICT_SIGN, shortText } from "../boxes/wording.js";
 /** @typedef {{color: string, casing: string, dash: readonly number[]}} Pen  whole px; dash: on, off */
 /** @typedef {{across: ImageBitmap, down: ImageBitmap}} Strips */
 
-/** The ink, and with the casing on both sides of it. */
+/** Width of a line, without and with the casing on both sides. */
 const INK_PX = 2;
 export const LINE_PX = 4;
 
-/** Longer edges go on with the next piece; a multiple of every dash. */
+/** Length of a prepared piece of a dashed line, a multiple of every dash; longer edges repeat it. */
 const STRIP_PX = 2 * 3 * 5 * 11 * 4;
 
 /** @type {Map<string, Strips>} */
@@ -102,7 +102,7 @@ const SHORT = { height: 16, font: "600 11px" };
 const MOST_SHORT_LABELS = 80;
 const SMALLEST_SIDE_PX = 18;
 
-/** From here on labels would hide the scene: only boxes with room for theirs get one. */
+/** With more boxes than this, only boxes wide enough for their label get one. */
 const CROWDED = 50;
 
 /**
@@ -163,7 +163,7 @@ function paintPlate(ctx, at, fill, outline) {
 }
 
 /**
- * Short labels of the largest boxes first, each only where no other is already.
+ * Short labels, of the largest boxes first, each only where it covers no other label.
  * @param {CanvasRenderingContext2D} ctx @param {readonly import("./paint.js").Placed[]} placed
  * @param {{inks: Inks, size: {width: number, height: number}}} scene
  */
@@ -216,7 +216,7 @@ const DENSITY = 3;
 /** @type {Map<string, HTMLCanvasElement>} */
 const signs = new Map();
 
-/** On the top right corner. @param {CanvasRenderingContext2D} ctx @param {Given | null} answer @param {import("../boxes/box.js").Xyxy} rect @param {Inks} inks */
+/** The sign of an answer, on the top right corner of its box. @param {CanvasRenderingContext2D} ctx @param {Given | null} answer @param {import("../boxes/box.js").Xyxy} rect @param {Inks} inks */
 export function paintMark(ctx, answer, [, y0, x1], inks) {
   if (!answer) return;
   ctx.imageSmoothingEnabled = true;

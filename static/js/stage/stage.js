@@ -1,5 +1,5 @@
 // @ts-check
-// Two layers of canvas, drawn by requestAnimationFrame from a snapshot and a view; the view glides.
+// The stage: two layers of canvas, drawn in requestAnimationFrame from a snapshot and a view. Changes of the view are animated.
 
 import { boxesAt, clampView, cropView, fitView, nextOfStack, overlapping, panBy, revealView, toImage, zoomAt } from "./geometry.js";
 import { listen } from "./input.js";
@@ -22,7 +22,7 @@ import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "
  * @property {boolean} edges
  * @property {boolean} crop  show the selected box's surroundings rather than the frame
  * @property {boolean} [dim]  darken all but the selected box
- * @property {number} [scene]  another number: something else is looked at, with no way from here to there
+ * @property {number} [scene]  a changed number means another scene: the view jumps there without an animation
  */
 
 /**
@@ -34,7 +34,7 @@ import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "
 
 const CLICK_SLACK_PX = 4;
 
-/** A pan that pauses for so long is drawn as it will stay. */
+/** After such a pause of a pan, the boxes are painted again in full quality. */
 const REST_MS = 100;
 
 /** @param {HTMLElement} host @param {StageEvents} events */
@@ -50,7 +50,7 @@ export function createStage(host, events) {
   let hovered = null;
   /** What overlaps the selected box. @type {ReadonlySet<Decision>} */
   let neighbours = new Set();
-  /** What a resize, and another selection, restore. @type {"fit" | "crop" | "free"} */
+  /** What a resize or another selection restores: the whole frame, the box, or the person's own view. @type {"fit" | "crop" | "free"} */
   let mode = "fit";
   let inks = readInks(host);
   let dirty = { base: false, top: false };
@@ -103,7 +103,7 @@ export function createStage(host, events) {
     glide.to(cropView(xyxy, size), smoothly);
   }
 
-  /** Again what the mode says: to the box in crop mode, the whole image in fit mode. @param {boolean} smoothly */
+  /** Show again what the mode says: the box in crop mode, the whole image in fit mode. @param {boolean} smoothly */
   function restore(smoothly) {
     const xyxy = snapshot?.selected?.xyxy;
     if (mode === "free") show(view);
@@ -111,7 +111,7 @@ export function createStage(host, events) {
     else fit(smoothly);
   }
 
-  /** The eye follows the selection. @param {Snapshot} before @param {Snapshot} next */
+  /** Move the view when another box is selected or the crop is switched. @param {Snapshot} before @param {Snapshot} next */
   function follow(before, next) {
     const isMove = before.selected?.box_id !== next.selected?.box_id;
     if (before.crop !== next.crop || (isMove && mode === "crop" && next.selected)) {

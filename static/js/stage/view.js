@@ -1,5 +1,5 @@
 // @ts-check
-// The stage as a component (frame and queue use the same), its look bar and look actions.
+// The stage as a component, for the frame (StageView) and for the queue (QueueStage), with the bars and actions of viewing.
 
 import { isVeiled } from "../boxes/box.js";
 import { spokenText } from "../boxes/wording.js";
@@ -87,7 +87,7 @@ function usePicture(url) {
   return found;
 }
 
-/** The segmentation's stored pixels, loaded once they are wanted. @param {App} app @param {Frame} frame @param {boolean} isWanted */
+/** The segmentation's stored pixels, loaded when they are first needed. @param {App} app @param {Frame} frame @param {boolean} isWanted */
 function useSegmentation(app, frame, isWanted) {
   const [found, setFound] = useState(/** @type {{canvas: HTMLCanvasElement | null, error: string}} */ ({ canvas: null, error: "" }));
   useEffect(() => {
@@ -207,7 +207,7 @@ export function QueueStage({ app, box, media, view, isBlind, actions, stageRef }
 /** Twice what it is wide on the page, for sharp screens. */
 const MINIMAP_PX = 336;
 
-/** Where in its frame the box is. @param {{frame: import("../core/openapi.js").Frame, picture: HTMLImageElement | null, box: Decision, mode: string, onClick: (() => void) | undefined}} props */
+/** A small picture of the frame that shows where the box is. @param {{frame: import("../core/openapi.js").Frame, picture: HTMLImageElement | null, box: Decision, mode: string, onClick: (() => void) | undefined}} props */
 function Minimap({ frame, picture, box, mode, onClick }) {
   const { width, height } = frame;
   if (!width || !height || !box.xyxy || !picture || mode === "frame") return null;
@@ -218,7 +218,7 @@ function Minimap({ frame, picture, box, mode, onClick }) {
   </button>`;
 }
 
-/** The picture once more, drawn: its address has ended. @param {{picture: HTMLImageElement}} props */
+/** The picture, drawn smaller on a canvas: its blob address is no longer valid. @param {{picture: HTMLImageElement}} props */
 function SmallPicture({ picture }) {
   const canvas = useRef(/** @type {HTMLCanvasElement | null} */ (null));
   useLayoutEffect(() => {
@@ -265,7 +265,7 @@ function useMaskAhead(media, found) {
   return found && painted?.frameId === found.frame.id ? painted.mask : null;
 }
 
-/** From an answer to the next box on the screen, for whoever measures. @param {number} boxId @param {boolean} isHere */
+/** Measure the time from an answer until the next box is on the screen (performance entry "queue:next"). @param {number} boxId @param {boolean} isHere */
 function useMeasure(boxId, isHere) {
   useLayoutEffect(() => {
     if (!isHere || performance.getEntriesByName("queue:answer").length === 0) return;

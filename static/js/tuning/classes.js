@@ -1,5 +1,5 @@
 // @ts-check
-// One histogram for all, one for each class, reasons now and then.
+// The histogram of all classes, one for each class, and the reasons before and after a change.
 
 import { reasonText } from "../boxes/wording.js";
 import { html } from "../core/html.js";
@@ -54,7 +54,7 @@ const histogramsOf = ({ preview, baseline }) => (preview?.histograms ?? baseline
 
 /** @param {number} following @param {readonly string[]} own */
 function followText(following, own) {
-  if (own.length === 0) return `${countOf(following, "class", "classes")}, boxes by the share of their pixels that match`;
+  if (own.length === 0) return `${countOf(following, "class", "classes")}, boxes by their share of matching pixels`;
   const shown = own.length > 3 ? `${own.length} others` : own.join(", ");
   return `${countOf(following, "class", "classes")} together; ${shown} ${own.length === 1 ? "has its own" : "have their own"}`;
 }

@@ -1,15 +1,15 @@
 // @ts-check
-// A configuration that is tried: edits, differences, link, YAML. Pure.
+// A configuration that is tried out: edits, differences, link, YAML. Pure functions.
 
 /** @typedef {import("../core/openapi.js").FilterConfigIn} ConfigBody */
 /** @typedef {string | number | null | readonly (string | number)[]} ConfigValue */
 /** @typedef {Readonly<Record<string, ConfigValue | undefined>>} Values  by their keys */
-/** @typedef {Record<string, ConfigValue | undefined>} Edits  by path; undefined takes a class's own value away */
+/** @typedef {Record<string, ConfigValue | undefined>} Edits  by path; undefined removes a class's own value */
 /** @typedef {{path: string, before: ConfigValue | undefined, after: ConfigValue | undefined}} Difference */
 
 export const THRESHOLD = "threshold_small_box";
 
-/** In a link: the class follows what holds for all. */
+/** The value in a link for a class whose own value is removed. */
 const FOLLOW = "follow";
 
 /** Names that mean the same class. @type {Record<string, string>} */
@@ -21,10 +21,10 @@ const canonical = (name) => ALIASES[name] ?? name;
 /** @param {string} name @param {string} [key] */
 export const classPath = (name, key = THRESHOLD) => `classes.${canonical(name)}.${key}`;
 
-/** What holds for all classes. @param {ConfigBody} config @returns {Values} */
+/** The values for all classes. @param {ConfigBody} config @returns {Values} */
 const globalsOf = ({ classes: _, ...values }) => values;
 
-/** What single classes do differently, by their names. @param {ConfigBody} config @returns {Readonly<Record<string, Values>>} */
+/** The values of single classes that differ, by the names of the classes. @param {ConfigBody} config @returns {Readonly<Record<string, Values>>} */
 const overridesOf = ({ classes }) => classes ?? {};
 
 /** Class names may have dots, keys have none. @param {string} path @returns {{name: string | null, key: string}} */
@@ -39,13 +39,13 @@ export function valueOf(config, path) {
   return (name === null ? globalsOf(config) : overridesOf(config)[name])?.[key];
 }
 
-/** The value of a key; a version from before there was such a key has its default. @param {ConfigBody} config @param {{key: string, initial: unknown}} field @returns {ConfigValue | undefined} */
+/** The value of a key, or its default if the version is older than the key. @param {ConfigBody} config @param {{key: string, initial: unknown}} field @returns {ConfigValue | undefined} */
 export function keyValue(config, { key, initial }) {
   const own = valueOf(config, key);
   return own === undefined ? /** @type {ConfigValue} */ (initial) : own;
 }
 
-/** What holds for a class: its own, or the one for all. @param {ConfigBody} config @param {string} name @param {string} [key] @returns {ConfigValue | undefined} */
+/** The value that applies to a class: its own, or the one for all classes. @param {ConfigBody} config @param {string} name @param {string} [key] @returns {ConfigValue | undefined} */
 export function appliesTo(config, name, key = THRESHOLD) {
   const own = valueOf(config, classPath(name, key));
   return own === undefined ? valueOf(config, key) : own;
@@ -76,7 +76,7 @@ export const effectiveEdits = (config, edits) =>
 /** @param {ConfigValue | undefined} a @param {ConfigValue | undefined} b */
 const isSame = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
-/** What lies between two configurations, keys for all classes first. @param {ConfigBody} before @param {ConfigBody} after @returns {Difference[]} */
+/** The keys in which two configurations differ, those for all classes first. @param {ConfigBody} before @param {ConfigBody} after @returns {Difference[]} */
 export function differences(before, after) {
   const paths = new Set([...pathsOf(before), ...pathsOf(after)]);
   return [...paths]
@@ -90,11 +90,11 @@ function pathsOf(config) {
   return [...Object.keys(globalsOf(config)), ...own];
 }
 
-/** From one configuration to another, as edits. @param {ConfigBody} before @param {ConfigBody} after @returns {Edits} */
+/** The edits that turn one configuration into another. @param {ConfigBody} before @param {ConfigBody} after @returns {Edits} */
 export const editsBetween = (before, after) =>
   Object.fromEntries(differences(before, after).map((row) => [row.path, row.after]));
 
-/** What of an address is about the configuration. @param {ConfigBody} config @param {Record<string, string>} query @returns {Record<string, string>} */
+/** The parts of an address that are about the configuration. @param {ConfigBody} config @param {Record<string, string>} query @returns {Record<string, string>} */
 export const configQuery = (config, query) =>
   Object.fromEntries(Object.entries(query).filter(([path]) => parsePath(path).name !== null || (path in config && path !== "classes")));
 
@@ -124,7 +124,7 @@ export function valueText(value) {
   return Array.isArray(value) ? value.join(", ") : String(value);
 }
 
-/** The whole configuration as a file one can keep. @param {ConfigBody} config */
+/** The whole configuration as YAML. @param {ConfigBody} config */
 export function toYaml(config) {
   const lines = Object.entries(globalsOf(config)).map(([key, value]) => `${key}: ${yamlValue(value ?? null)}`);
   const classes = Object.entries(overridesOf(config));

@@ -1,5 +1,5 @@
 // @ts-check
-// Boxes that change sides: counts, tabs, cards. Runs shows them, too.
+// Boxes whose verdict changes ("flips"): counts, tabs, cards. The view of runs shows them, too.
 
 import { NearPicture, cropUrl } from "../boxes/crops.js";
 import { reasonText } from "../boxes/wording.js";
@@ -13,7 +13,7 @@ import { linkTo } from "../core/router.js";
 /** @typedef {import("./preview.js").Tuning} Tuning */
 /** @typedef {"lost" | "won"} WayOf */
 
-/** With some of what is around the box. */
+/** The crop of a card: its height in px, and how much around the box it shows. */
 const CROP = { height: 144, pad: 0.6 };
 
 export const WAYS = /** @type {const} */ ({
@@ -100,11 +100,11 @@ function More({ tuning, shown, wanted }) {
   </p>`;
 }
 
-/** How much more or less than now. @param {{count: number | undefined, before: number | undefined}} props */
+/** The difference to the active configuration. @param {{count: number | undefined, before: number | undefined}} props */
 export function Delta({ count, before }) {
   const by = count === undefined || before === undefined ? 0 : count - before;
   return html`<span class="delta num ${by === 0 ? "is-none" : ""}">${by === 0 ? "±0" : `${by > 0 ? "+" : "−"}${countText(Math.abs(by))}`}</span>`;
 }
 
-/** The sign of a flip: what it leaves and what it becomes. @param {{way: "lost" | "won"}} props */
+/** The sign of a flip's new verdict. @param {{way: "lost" | "won"}} props */
 export const Way = ({ way }) => html`<span class="way way--${way}" aria-hidden="true"><${Icon} name=${way === "lost" ? "cross" : "check"} /></span>`;

@@ -1,5 +1,5 @@
 // @ts-check
-// Matches as bars with a threshold that one drags, types or moves by keys.
+// A histogram of shares of matching pixels, with a threshold that can be dragged or moved by keys.
 
 import { drawChart } from "../core/chart.js";
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
@@ -176,7 +176,7 @@ export function together(perClass) {
   return Array.from({ length: bins }, (_, bin) => sum(perClass.map((counts) => counts[bin] ?? 0)));
 }
 
-/** As many bins as there is room for bars one can see. @param {number} width px @param {number} most  a multiple of 4 */
+/** The number of bins for which bars are wide enough to be seen. @param {number} width px @param {number} most  a multiple of 4 */
 export function binsFor(width, most) {
   if (width >= most * 4) return most;
   return width >= most * 2 ? most / 2 : most / 4;
@@ -251,7 +251,7 @@ export function valueAt(x, left, width) {
   return clampPercent(Math.round((100 * share) / STEP) * STEP);
 }
 
-/** What was typed, or null when it is no percentage. @param {string} text */
+/** The typed text as a percentage; null if it is none. @param {string} text */
 export function typedPercent(text) {
   const value = Number(text.replace(",", ".").replace("%", "").trim() || NaN);
   return Number.isFinite(value) && value >= 0 && value <= 100 ? value : null;
@@ -297,7 +297,7 @@ function barShape(plot, heights) {
   return shape;
 }
 
-/** What lies between the active threshold and the one being tried. @param {UPlot} plot @param {Ink} ink @param {number} from @param {number} to */
+/** Paint the range between the active threshold and the one that is tried. @param {UPlot} plot @param {Ink} ink @param {number} from @param {number} to */
 function paintChange({ ctx, bbox }, ink, from, to) {
   ctx.save();
   ctx.globalAlpha = 0.12;

@@ -1,5 +1,5 @@
 // @ts-check
-// What the server says of it: one question at a time, the address follows.
+// Previews of a configuration that is tried out: requested from the server one at a time; the address is updated to match.
 
 import { FILTER_KEYS } from "../boxes/filters.js";
 import { post } from "../core/api.js";
@@ -11,15 +11,15 @@ import { configQuery, editsOf, effectiveEdits, queryOf, withEdits } from "./conf
 /** @typedef {import("./config.js").Edits} Edits */
 /** @typedef {import("../core/openapi.js").Preview} Preview */
 
-/** How long nothing may move before boxes are listed and the address is written. */
+/** How long nothing may change before boxes are listed and the address is updated. */
 const SETTLE_MS = 220;
 const FEW = 60;
 const MANY = 1000;
 
-/** Parts of the address that are about looking, not about the configuration. */
+/** Parts of the address that are about what is shown, not about the configuration. */
 const VIEW_KEYS = ["class", "scale", "flips", ...FILTER_KEYS];
 
-/** The same for the same content. @param {Record<string, string>} query */
+/** A text that is equal for equal queries, whatever their order. @param {Record<string, string>} query */
 const textOf = (query) => JSON.stringify(Object.entries(query).sort(([a], [b]) => (a < b ? -1 : 1)));
 
 /** @param {import("../core/router.js").Query} query */
@@ -48,7 +48,7 @@ export function useTuning(app, dataset, active, query) {
 /** @typedef {ReturnType<typeof useTuning>} Tuning */
 
 /**
- * The address follows the edits after a pause; an address from elsewhere is obeyed at once.
+ * The address follows the edits after a pause; if the address is changed from outside, the edits follow it at once.
  * @param {import("../core/app.js").App} app @param {string} dataset @param {import("../core/router.js").Query} query
  * @param {ConfigVersion} active @param {Edits} edits @param {(edits: Edits) => void} setEdits
  */
@@ -79,7 +79,7 @@ const BINS = 200;
 const previewOf = (dataset, question, signal) => post("/api/v1/datasets/{dataset}/preview", { path: { dataset }, body: { ...question, bins: BINS }, signal });
 
 /**
- * Counts at once, the list of flips when nothing moves any more.
+ * Requests counts at once, and the list of flips when nothing has changed for a moment.
  * @param {string} dataset @param {ConfigVersion} active
  * @param {import("../core/openapi.js").FilterConfigIn} tried @param {number} limit
  */
@@ -157,7 +157,7 @@ export function createLatest(ask, { onAnswer, onError, onBusy = () => {} }) {
   };
 
   return {
-    /** What was asked before and has not been sent is forgotten. @param {Q} question */
+    /** Ask next. An earlier question that has not been sent is dropped. @param {Q} question */
     ask(question) {
       waiting = { question };
       if (!isBusy) void work();

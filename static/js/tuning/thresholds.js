@@ -1,5 +1,5 @@
 // @ts-check
-// The view and its summary.
+// The thresholds view, and its summary of what a tried configuration would decide.
 
 import { StrokeSwatch, VerdictBar } from "../boxes/signs.js";
 import { get } from "../core/api.js";
@@ -26,7 +26,7 @@ import { ConfigPanel, SaveDialog, Versions } from "./versions.js";
 /** @param {{app: App, route: Route}} props */
 export const ThresholdsView = ({ app, route }) => html`<${ThresholdsOf} key=${route.params.dataset} app=${app} route=${route} />`;
 
-/** One dataset: nothing of another one is left over. @param {{app: App, route: import("../core/router.js").Route}} props */
+/** The view of one dataset; its key makes sure that no state of another dataset is kept. @param {{app: App, route: import("../core/router.js").Route}} props */
 function ThresholdsOf({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Thresholds · ${name}`, dataset: name });
@@ -87,7 +87,7 @@ function Tuner({ app, route, dataset, active, onApplied }) {
     ${isSaving && html`<${SaveDialog} dataset=${dataset} tuning=${tuning} onClose=${() => setSaving(false)} onSaved=${onSaved} onRun=${setStarted} />`}`;
 }
 
-/** Somebody may have started a run before. @param {string} dataset @param {(run: Run) => void} onFound */
+/** Find a run that is already running. @param {string} dataset @param {(run: Run) => void} onFound */
 function useOpenRun(dataset, onFound) {
   useEffect(() => {
     const stop = new AbortController();
@@ -99,7 +99,7 @@ function useOpenRun(dataset, onFound) {
   }, [dataset]);
 }
 
-const Empty = () => html`<${Notice} icon="layers" title="No boxes yet"><p>Histograms are drawn as soon as frames with boxes have been pushed to this dataset.</p><//>`;
+const Empty = () => html`<${Notice} icon="layers" title="No boxes yet"><p>Histograms are shown once frames with boxes have been uploaded to this dataset.</p><//>`;
 
 const Skeleton = () => html`<div aria-hidden="true">
     <div class="bone bone--row shimmer"></div><div class="bone bone--chart shimmer"></div>
@@ -107,14 +107,14 @@ const Skeleton = () => html`<div aria-hidden="true">
   </div>
   <p class="sr-only" role="status">Loading thresholds</p>`;
 
-/** Which keys decide where the segmentation does not. @param {{config: import("../core/openapi.js").FilterConfigIn, keys: readonly import("../core/form.js").Field[]}} props */
+/** Says which channel decides, and by which keys, if it is not the segmentation. @param {{config: import("../core/openapi.js").FilterConfigIn, keys: readonly import("../core/form.js").Field[]}} props */
 function ChannelLine({ config, keys }) {
   const channel = config.evidence ?? "semantic";
   const own = keys.filter(({ evidence }) => evidence.includes(channel));
   if (channel === "semantic" || own.length === 0) return null;
   return html`<p class="tuning__channel">The channel <code>${channel}</code> decides, by ${own.map(
     (field, at) => html`${at > 0 ? (at === own.length - 1 ? " and " : ", ") : ""}<code>${field.key}</code> (${valueText(keyValue(config, field))})`,
-  )}; match thresholds only decide boxes that it has no number for.</p>`;
+  )}; match thresholds only decide boxes that it could not measure.</p>`;
 }
 
 /** @param {{tuning: Tuning, onReset: () => void, onSave: () => void, isRunning: boolean}} props */
@@ -128,7 +128,7 @@ export function Summary({ tuning, onReset, onSave, isRunning }) {
         <${Flips} flips=${preview?.flips ?? null} />`}
     </div>
     <div class="summary__actions">
-      <span class="summary__state">${changed ? `${countOf(changed, "change")} tried, nothing is stored` : "The active configuration"}</span>
+      <span class="summary__state">${changed ? `${countOf(changed, "change")}, not saved` : "The active configuration"}</span>
       <button class="button button--quiet" disabled=${changed === 0} onClick=${onReset}><${Icon} name="undo" />Reset</button>
       <button class="button button--primary" disabled=${changed === 0 || isRunning} onClick=${onSave}>Save as new config version…</button>
     </div>
@@ -137,7 +137,7 @@ export function Summary({ tuning, onReset, onSave, isRunning }) {
 
 function NeedsPixels() {
   return html`<p class="summary__pixels"><${Icon} name="image" /><span><strong>This change requires reading the images again.</strong>${" "}
-    What it would decide cannot be told from the stored numbers. Applying it measures every frame anew, in the background.</span></p>`;
+    Its effect cannot be computed from the stored measurements. Applying it measures all frames again, in the background.</span></p>`;
 }
 
 /** @param {{counts: import("../core/openapi.js").VerdictCounts | null, before: import("../core/openapi.js").VerdictCounts | null}} props */

@@ -51,10 +51,10 @@ export function Versions({ app, dataset, tuning, saved, isRunning, onRun }) {
 
 /** @param {ConfigVersion} active @param {ConfigVersion} version */
 function differenceText(active, version) {
-  if (version.digest === active.digest) return "decides now";
+  if (version.digest === active.digest) return "in use";
   const rows = differences(active.config, version.config);
   const [first] = rows;
-  if (!first) return "the same values";
+  if (!first) return "same values as the active version";
   const words = `${first.path.replace("classes.", "")}: ${valueText(first.after)}`;
   return rows.length > 1 ? `${words}, and ${countOf(rows.length - 1, "more key")}` : words;
 }
@@ -64,13 +64,13 @@ export function ConfigPanel({ tuning, keys }) {
   const { tried, active } = tuning;
   const ofClasses = differences({ ...tried, classes: {} }, tried);
   return html`<section class="panelbox" aria-labelledby="config-title">
-    <header class="panelbox__head"><h2 id="config-title">Configuration</h2><span class="faint">all keys; what can be answered from stored numbers can be changed here</span></header>
+    <header class="panelbox__head"><h2 id="config-title">Configuration</h2><span class="faint">all keys; those that do not require measuring again can be changed here</span></header>
     ${keys.error && html`<p class="panelbox__empty" role="alert">${keys.error.message} <button class="button button--small" onClick=${keys.reload}>Try again</button></p>`}
     <div class="tablewrap"><table class="table table--keys" aria-busy=${keys.state === "loading"}>
       <thead><tr><th scope="col">Key</th><th scope="col">Value</th><th scope="col">Active</th><th class="table__text" scope="col">Meaning</th></tr></thead>
       <tbody>
         ${keys.value?.map((field) => html`<tr key=${field.key}><th scope="row"><code><${Words} text=${field.key} /></code></th><td><${Value} tuning=${tuning} field=${field} /></td><td class="num faint">${valueText(keyValue(active.config, field))}</td><td class="table__text faint">${field.help}</td></tr>`)}
-        ${ofClasses.map((row) => html`<tr key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th><td class="num">${valueText(row.after)}</td><td class="num faint">${valueText(valueOf(active.config, row.path))}</td><td class="table__text faint">this class alone</td></tr>`)}
+        ${ofClasses.map((row) => html`<tr key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th><td class="num">${valueText(row.after)}</td><td class="num faint">${valueText(valueOf(active.config, row.path))}</td><td class="table__text faint">for this class only</td></tr>`)}
       </tbody>
     </table></div>
     <${Yaml} text=${toYaml(tried)} />
@@ -128,10 +128,10 @@ export function SaveDialog({ dataset, tuning, onClose, onSaved, onRun }) {
 
 /** @param {Tuning} tuning */
 function whatText({ preview }) {
-  if (preview?.needs_pixels) return "Applying it measures every frame again, in the background. Until that is done nothing changes.";
+  if (preview?.needs_pixels) return "Applying it measures all frames again, in the background. Nothing changes until that is done.";
   const flips = preview?.flips;
   if (!flips) return "";
-  return `Applying it flips ${countText(flips.total)} boxes: ${countText(flips.kept_to_rejected)} from kept to rejected, ${countText(flips.rejected_to_kept)} from rejected to kept. Answers of people stay as they are.`;
+  return `Applying it flips ${countText(flips.total)} boxes: ${countText(flips.kept_to_rejected)} from kept to rejected, ${countText(flips.rejected_to_kept)} from rejected to kept. People's answers are not changed.`;
 }
 
 /** @param {{rows: readonly import("./config.js").Difference[], names?: readonly string[]}} props */

@@ -1,5 +1,5 @@
 // @ts-check
-// What the server found in the names and labels of a drop, and the dataset that it shall go to.
+// The dialog of an upload: what the server found in the dropped files, and the dataset that they are uploaded to.
 
 import { ApiError, get } from "../core/api.js";
 import { useLoaded } from "../core/hooks.js";
@@ -25,12 +25,12 @@ const LAYOUT_NAMES = {
   pairs: "Images and segmentations",
 };
 
-/** From here on the command line is the better way. */
+/** With more frames than this, the dialog recommends the command line. */
 const MANY_FRAMES = 2000;
 
 const NAME = /^[a-z0-9](?:[a-z0-9._-]{0,98}[a-z0-9])?$/;
 
-const NAME_RULE = "Small letters, digits, dots, dashes and underscores; it begins and ends with a letter or digit.";
+const NAME_RULE = "Use small letters, digits, dots, dashes and underscores; begin and end with a letter or digit.";
 
 /** @param {{app: App, dropped: Promise<Entry[]>}} props */
 export function UploadDialog({ app, dropped }) {
@@ -52,7 +52,7 @@ export function UploadDialog({ app, dropped }) {
  * @property {Plan | null} plan
  * @property {Reading | null} reading
  * @property {Error | null} error
- * @property {(layout: import("./folder.js").Layout) => void} read  once more, as this layout
+ * @property {(layout: import("./folder.js").Layout) => void} read  read the files again, as this layout
  * @property {() => void} retry
  */
 
@@ -66,7 +66,7 @@ function useFound(dropped) {
   useEffect(() => {
     dropped.then((all) => {
       const entries = visibleEntries(all);
-      if (entries.length === 0) throw new Error("There is nothing in it.");
+      if (entries.length === 0) throw new Error("There are no files in it.");
       setFiles({ entries, top: topOf(entries) });
     }).catch(setError);
   }, [dropped]);
@@ -103,14 +103,14 @@ function Progress({ found: { entries, reading }, close }) {
 
 /** @param {readonly Entry[] | null} entries @param {Reading | null} reading */
 function progressText(entries, reading) {
-  if (!entries || !reading) return "Looking at the files";
+  if (!entries || !reading) return "Listing the files";
   const files = countOf(entries.length, "file");
   if (reading.step === "labels") return `Collecting the labels of ${files}`;
-  if (reading.step === "waiting") return `The server reads ${files}; nothing is stored yet`;
+  if (reading.step === "waiting") return `The server is reading ${files}; nothing is stored yet`;
   return `${countOf(reading.done, "frame")} found`;
 }
 
-/** Why nothing was read, and what can be done. @param {{found: Found, error: Error, close: () => void}} props */
+/** Why the files could not be read, and what to do about it. @param {{found: Found, error: Error, close: () => void}} props */
 function NotRead({ found: { entries, top, read, retry }, error, close }) {
   const isUnknown = error instanceof ApiError && error.problem.code === "bad_layout";
   const isTooLarge = error instanceof ApiError && error.status === 413;
@@ -134,7 +134,7 @@ const commandOf = (top, name) => `unghost push ${top || "FOLDER"} --dataset ${na
 function Review({ app, found, plan, typed, setTyped, close }) {
   const datasets = useLoaded((signal) => get("/api/v1/datasets", { query: { limit: 500 }, signal }), []);
   const known = datasets.value?.items ?? [];
-  // Until then nobody knows whether the name is that of a dataset which is there.
+  // Until the list is loaded it is not known whether a dataset of this name exists.
   const isKnown = datasets.state !== "loading";
   const name = typed ?? (app.head.get().dataset || slugOf(found.top));
   const [lossy, setLossy] = useState(false);
@@ -170,7 +170,7 @@ function Review({ app, found, plan, typed, setTyped, close }) {
         onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => (setTyped(event.currentTarget.value.trim()), setRefusal(""))} />
       <datalist id="upload-datasets">${known.map((dataset) => html`<option value=${dataset.name} />`)}</datalist>
     </label>
-    <p id="upload-where" class="faint">${!isKnown ? "Loading the list of datasets …" : there ? `Adds to a dataset that has ${countOf(there.counts.frames, "frame")}. What is there already is not stored twice.` : "A new dataset is made."}</p>
+    <p id="upload-where" class="faint">${!isKnown ? "Loading the list of datasets …" : there ? `Adds to a dataset that has ${countOf(there.counts.frames, "frame")}. Frames that are already stored are not stored again.` : "A new dataset will be created."}</p>
     <p id="upload-error" class="field__error" role="alert">${refusal}</p>
     ${there
       ? html`<label class="switch"><input type="checkbox" checked=${replace} onChange=${() => setReplace(!replace)} /><span>Replace frames whose content has changed</span></label>`
@@ -190,8 +190,8 @@ function Hints({ plan, name, top }) {
   const bare = plan.frames.filter(({ files }) => !files.segmentation).length;
   const empty = plan.frames.filter(({ annotation }) => !(/** @type {unknown[]} */ (annotation.boxes)?.length)).length;
   return html`
-    ${bare > 0 && html`<p class="upload__hint"><${Icon} name="warn" />${countOf(bare, "frame")} without a segmentation: nothing can be measured there, the boxes will be unmeasured.</p>`}
-    ${empty > 0 && html`<p class="upload__hint"><${Icon} name="warn" />${countOf(empty, "frame")} without a box.</p>`}
+    ${bare > 0 && html`<p class="upload__hint"><${Icon} name="warn" />${countOf(bare, "frame")} without a segmentation: their boxes cannot be measured and will be "unmeasured".</p>`}
+    ${empty > 0 && html`<p class="upload__hint"><${Icon} name="warn" />${countOf(empty, "frame")} without boxes.</p>`}
     ${plan.frames.length > MANY_FRAMES && html`<p class="upload__hint"><${Icon} name="warn" />For this many frames the command line is faster, and resumes where it stopped:</p><${Command} text=${commandOf(top, name)} />`}`;
 }
 
@@ -202,7 +202,7 @@ function summary({ frames }) {
   return [countOf(frames.length, "frame"), countOf(boxes, "box", "boxes"), sizeText(files.reduce((sum, { size }) => sum + size, 0))].join(" · ");
 }
 
-/** A fault that names its place says it once. @param {string} why @param {string} name */
+/** A problem without the name of its frame, which the list shows already. @param {string} why @param {string} name */
 const withoutName = (why, name) => (why.startsWith(`${name}: `) ? why.slice(name.length + 2) : why);
 
 /** @param {string} text */

@@ -1,5 +1,5 @@
 // @ts-check
-// What was dropped, as the server reads it: names and labels go there, frames come back. No DOM.
+// Reads dropped files: their names and labels are sent to the server, which answers with the frames it found. No DOM.
 
 import { ask } from "../core/api.js";
 import { contentOf } from "./sender.js";
@@ -32,10 +32,10 @@ import { contentOf } from "./sender.js";
 
 /** @typedef {{step: "labels" | "waiting" | "frames", done: number, of: number | null}} Reading  labels read here, then frames read by the server */
 
-/** What the server's readers look into; of other files they need the names alone. */
+/** Files whose content the server needs; of all others it needs only the names. */
 const TEXT = /\.(txt|xml|jsonl?|ya?ml|names)$/i;
 
-/** KITTI's cameras need the size of each picture, which its first bytes say. */
+/** For KITTI the server needs the size of each picture, which is in its first bytes. */
 const SIZED = /(^|\/)image_2\/[^/]*$/;
 const PNG_SIZE_BYTES = 24;
 const JPEG_SIZE_BYTES = 64 * 1024;
@@ -45,7 +45,7 @@ const IMAGE = /\.(png|jpe?g)$/i;
 /** @param {readonly Entry[]} entries */
 export const hasImages = (entries) => entries.some(({ path }) => IMAGE.test(path));
 
-/** Without what readers pass over anyway: hidden files, and what macOS puts into archives. @param {readonly Entry[]} entries */
+/** Without files that readers ignore: hidden ones, and those that macOS adds to archives. @param {readonly Entry[]} entries */
 export const visibleEntries = (entries) => entries.filter(({ path }) => !path.split("/").some((part) => part.startsWith(".") || part === "__MACOSX"));
 
 /** The name of the one folder that holds everything, or "". @param {readonly Entry[]} entries */
@@ -55,9 +55,9 @@ export function topOf(entries) {
 }
 
 /**
- * Ask the server what frames these files are. It stores nothing.
+ * Ask the server which frames these files make up. The server stores nothing.
  * @param {readonly Entry[]} entries @param {Layout} layout
- * @param {AbortSignal} signal @param {(reading: Reading) => void} tell  how far it is
+ * @param {AbortSignal} signal @param {(reading: Reading) => void} tell  called with the progress
  * @returns {Promise<Plan>}
  */
 export async function readFolder(entries, layout, signal, tell) {
@@ -145,7 +145,7 @@ export async function archiveOf(entries, signal, tell) {
 
 const PIECE_BYTES = 4 * 1024 * 1024;
 
-/** Small parts put together: a browser takes long to send tens of thousands of them. @param {readonly Uint8Array<ArrayBuffer>[]} parts */
+/** Join small parts into larger ones: a browser is slow at sending a body of tens of thousands of parts. @param {readonly Uint8Array<ArrayBuffer>[]} parts */
 function* inPieces(parts) {
   for (let first = 0; first < parts.length; ) {
     let end = first;

@@ -1,5 +1,5 @@
 // @ts-check
-// Frames sent a few at a time: pause, cancel, go on, try the refused again.
+// Uploads frames, a few at a time: pause, resume, cancel, retry refused frames.
 
 import { ApiError, NoAnswer, ask, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
@@ -26,7 +26,7 @@ const WORKERS = 4;
 const FIRST_RETRY_S = 1;
 const LONGEST_RETRY_S = 30;
 
-/** One frame's refusal says that every other would be refused as well. */
+/** Statuses that mean that every other frame would be refused as well. */
 const HOPELESS = [403, 404];
 
 /**
@@ -81,7 +81,7 @@ export function createSender(frames, put, later = (run, delayMs) => void setTime
     change({ refused: [...state.get().refused, refusalOf(frame, error)] });
   }
 
-  /** To be sent once more: after a while, or when somebody says so. @param {ReadFrame} frame @param {Phase} phase @param {number | null} seconds */
+  /** Queue a frame again; sending resumes after `seconds`, or, if null, when `resume` is called. @param {ReadFrame} frame @param {Phase} phase @param {number | null} seconds */
   function again(frame, phase, seconds) {
     queue.unshift(frame);
     if (state.get().phase !== "sending") return;
@@ -111,7 +111,7 @@ export function createSender(frames, put, later = (run, delayMs) => void setTime
     pause: () => change({ phase: "paused" }),
     cancel: () => end(""),
 
-    /** What was refused, once more: somebody may have mended its cause. */
+    /** Send refused frames again: the cause may have been fixed. */
     retry() {
       queue.push(...refusedFrames.values());
       refusedFrames.clear();
@@ -133,18 +133,18 @@ function refusalOf({ key }, error) {
   return { key, why: error.message, more: faults.length > 1 ? faults : [] };
 }
 
-/** Frames that are done with, one way or the other. @param {Progress} progress */
+/** How many frames were stored, were there already, or were refused. @param {Progress} progress */
 export const doneOf = ({ stored, same, refused }) => stored + same + refused.length;
 
 /** @param {Phase} phase */
 export const isOver = (phase) => phase === "done" || phase === "stopped";
 
-/** A file as it is now; one that has gone or changed since it was picked is refused here, not by the network. @param {import("./folder.js").Entry} entry */
+/** The content of a file. Throws if the file has been changed or removed since it was picked. @param {import("./folder.js").Entry} entry */
 export async function contentOf({ blob, path }) {
   try {
     return new Uint8Array(await blob.arrayBuffer());
   } catch {
-    throw new Error(`${path} can no longer be read: it was changed or taken away`);
+    throw new Error(`${path} can no longer be read: it was changed or removed`);
   }
 }
 
@@ -183,9 +183,9 @@ export const uploadCalls = {
  */
 export function createUploads(calls, isSignedIn) {
   const job = createValue(/** @type {Job | null} */ (null));
-  /** What was dropped or picked, until it is sent or put away. */
+  /** Files that were dropped or picked, until the upload starts or the dialog is closed. */
   const dropped = createValue(/** @type {Promise<Entry[]> | null} */ (null));
-  /** Grows when an upload ends: what is counted then is no longer true. */
+  /** Increases when an upload ends, so that views load their counts again. */
   const ended = createValue(0);
 
   const isRunning = () => job.get() !== null && !isOver(/** @type {Job} */ (job.get()).sender.state.get().phase);
@@ -219,7 +219,7 @@ export function createUploads(calls, isSignedIn) {
       sender.resume();
     },
 
-    /** Take the finished one off the screen. */
+    /** Close the panel of a finished upload. */
     dismiss: () => job.set(null),
   };
 }

@@ -1,5 +1,5 @@
 // @ts-check
-// Files dropped or picked, folders included, and how far the upload is.
+// Files and folders that are dropped or picked, and the progress of their upload.
 
 import { useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
@@ -13,7 +13,7 @@ import { doneOf, isOver } from "./sender.js";
 /** @typedef {import("./folder.js").Entry} Entry */
 /** @typedef {import("./sender.js").Progress} Progress */
 
-/** What uploads show over whatever view is on. @param {{app: App}} props */
+/** The parts of uploads that are shown over any view: drop zone, dialog, panel. @param {{app: App}} props */
 export function Uploads({ app }) {
   const dropped = useValue(app.uploads.dropped);
   const job = useValue(app.uploads.job);
@@ -24,12 +24,12 @@ export function Uploads({ app }) {
     ${job && html`<${UploadPanel} key=${job} app=${app} job=${job} />`}`;
 }
 
-/** Listens on the whole window. @param {App} app @returns {boolean} files hang over it */
+/** Accept drops on the whole window. @param {App} app @returns {boolean} whether files are being dragged over it */
 function useDrop(app) {
   const [isOver, setOver] = useState(false);
   useEffect(() => {
     const stop = new AbortController();
-    /** Entering a child comes before leaving its parent: only the balance tells. */
+    /** "dragenter" of a child comes before "dragleave" of its parent, so both are counted. */
     let depth = 0;
     /** @template {keyof WindowEventMap} K @param {K} type @param {(event: WindowEventMap[K]) => void} handle */
     const on = (type, handle) => addEventListener(type, handle, { signal: stop.signal });
@@ -52,7 +52,7 @@ function useDrop(app) {
   return isOver;
 }
 
-/** What reads folders and asks comes when something was dropped: most people only look. @param {{app: App, dropped: Promise<Entry[]>}} props */
+/** The upload dialog, whose module is loaded only when something was dropped. @param {{app: App, dropped: Promise<Entry[]>}} props */
 function LateDialog({ app, dropped }) {
   const [late, setLate] = useState(/** @type {typeof import("./dialog.js") | null} */ (null));
   useEffect(() => {
@@ -64,7 +64,7 @@ function LateDialog({ app, dropped }) {
   return late && html`<${late.UploadDialog} app=${app} dropped=${dropped} />`;
 }
 
-/** One at a time: what runs is not thrown away by a second drop. @param {App} app @param {Promise<import("./folder.js").Entry[]>} files */
+/** Start an upload, unless one is running: a second drop must not end it. @param {App} app @param {Promise<import("./folder.js").Entry[]>} files */
 function offer(app, files) {
   if (app.uploads.isRunning()) app.toasts.show("An upload is in progress. Wait for it, or cancel it first.");
   else app.uploads.take(files);
@@ -93,20 +93,20 @@ function Picker({ app, text, icon, isFolder = false, isPrimary = false }) {
   </span>`;
 }
 
-/** More than this is no small set; walking on would only freeze the page. */
+/** With more files than this the page would be too slow. */
 export const MOST_FILES = 60_000;
 
-/** What was dropped goes beyond what a page should read. */
+/** Too many files were dropped or picked. */
 export class TooMany extends Error {
   constructor() {
-    super(`More than ${MOST_FILES} files: use the command line for these.`);
+    super(`These are more than ${MOST_FILES} files: use the command line for them.`);
   }
 }
 
-/** Do files hang on the pointer? @param {DataTransfer | null} transfer */
+/** Whether files are being dragged. @param {DataTransfer | null} transfer */
 export const hasFiles = (transfer) => transfer?.types.includes("Files") ?? false;
 
-/** All files of a drop. To be called while the event is on: what it holds is gone afterwards. @param {DataTransfer} transfer @returns {Promise<Entry[]>} */
+/** All files of a drop. Must be called within the event's handler: its content is not available later. @param {DataTransfer} transfer @returns {Promise<Entry[]>} */
 export function filesOfDrop(transfer) {
   const items = [...transfer.items].filter(({ kind }) => kind === "file");
   const found = items.map((item) => item.webkitGetAsEntry?.() ?? item.getAsFile());
@@ -184,7 +184,7 @@ export function UploadPanel({ app, job: { dataset, sender } }) {
     <footer class="upload-panel__foot">
       ${!isEnd && html`<button class="button" onClick=${sender.cancel}>Cancel</button>`}
       ${phase === "sending" && html`<button class="button" onClick=${sender.pause}>Pause</button>`}
-      ${!isEnd && phase !== "sending" && html`<button class="button button--primary" onClick=${sender.resume}>Go on</button>`}
+      ${!isEnd && phase !== "sending" && html`<button class="button button--primary" onClick=${sender.resume}>Resume</button>`}
       ${phase === "done" && refused.length > 0 && html`<button class="button" onClick=${sender.retry}>Retry refused frames</button>`}
       ${isEnd && done > refused.length && html`<a class="button button--primary" href=${linkTo("frames", { dataset })} onClick=${app.uploads.dismiss}>Open the frames</a>`}
     </footer>

@@ -76,6 +76,15 @@ def test_a_file_that_is_known_is_not_sent_again(anybody):
     assert again.headers["etag"] == etag
 
 
+def test_the_description_of_the_api_that_is_known_is_not_sent_again(admin):
+    first = admin.get("/openapi.json")
+
+    again = admin.get("/openapi.json", headers={"If-None-Match": first.headers["etag"]})
+
+    assert first.headers["content-type"] == "application/json"
+    assert (again.status_code, again.content) == (304, b"")
+
+
 @pytest.mark.parametrize(
     "name",
     [

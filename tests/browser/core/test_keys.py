@@ -79,7 +79,7 @@ def test_page_keys_go_from_frame_to_frame_and_say_where_the_end_is(scene, ada):
     ada.press("PageDown")
     expect(page.locator("h1")).to_have_text("run/000002")
     ada.press("PageDown")
-    expect(page.locator(".toast")).to_have_text("There is no further frame.")
+    expect(page.locator(".toast")).to_have_text("There are no more frames.")
     ada.press("PageUp")
 
     expect(page.locator("h1")).to_have_text("run/000001")
@@ -261,7 +261,7 @@ def test_key_that_is_taken_from_another_action_is_said(scene, ada):
     ada.press("m")
 
     taken = page.get_by_role("dialog").get_by_role("status")
-    expect(taken).to_have_text("M no longer stands for: Segmentation over the image")
+    expect(taken).to_have_text("M is no longer a key for: Segmentation over the image")
 
 
 def test_single_key_shortcuts_can_be_switched_off(scene, ada):

@@ -85,12 +85,12 @@ def test_one_undo_takes_the_whole_act_back_and_only_that(many, ada, page):
 
     ada.press("z")
 
-    expect(toast(page)).to_contain_text("4 answers taken back")
+    expect(toast(page)).to_contain_text("4 answers undone")
     assert answers(many) == {"b0": "reject", "b1": "reject"}
     expect(page.locator(".sign--keep")).to_have_count(0)
     expect(page.locator(".sign--reject")).to_have_count(2)
     ada.press("z")
-    expect(toast(page)).to_contain_text("2 answers taken back")
+    expect(toast(page)).to_contain_text("2 answers undone")
     assert answers(many) == {}
 
 
@@ -99,10 +99,10 @@ def test_message_takes_the_act_back_as_long_as_it_can_be(many, ada, page):
     ada.press("x")
     page.get_by_role("button", name="Undo").click()
 
-    expect(toast(page)).to_contain_text("2 answers taken back")
+    expect(toast(page)).to_contain_text("2 answers undone")
     expect(page.get_by_role("button", name="Undo")).to_have_count(0)
     ada.press("z")
-    expect(toast(page)).to_contain_text("Nothing to take back")
+    expect(toast(page)).to_contain_text("Nothing to undo")
 
 
 def test_undo_leaves_alone_and_lists_what_somebody_answered_since(many, ada, page):
@@ -162,7 +162,7 @@ def test_all_of_a_filter_are_answered_by_their_number_and_undone(many, ada):
     assert set(answers(many).values()) == {"keep"}
     expect(page.locator(".sign--keep")).to_have_count(15)
     ada.press("z")
-    expect(toast(page)).to_contain_text("15 answers taken back")
+    expect(toast(page)).to_contain_text("15 answers undone")
     expect(page.locator(".sign")).to_have_count(0)
     assert answers(many) == {}
 
@@ -229,7 +229,7 @@ def test_what_somebody_else_answered_since_it_was_seen_is_left_and_shown(
     expect(cell(hers, 1).locator(".sign--keep")).to_be_visible()
     assert answers(many) == {"b0": "reject", "b1": "keep", "b2": "reject"}
     ada.press("z")
-    expect(toast(hers)).to_contain_text("2 answers taken back")
+    expect(toast(hers)).to_contain_text("2 answers undone")
     expect(cell(hers, 1).locator(".sign--keep")).to_be_visible()
     expect(hers.locator(".sign--reject")).to_have_count(0)
     assert answers(many) == {"b1": "keep"}

@@ -156,4 +156,4 @@ def test_a_range_across_thousands_is_selected_and_answered_as_one(page, api):
     counts = api.get("/boxes?dataset=million&review=reject&count=true&limit=1").json()
     assert counts["total"] == index + 1
     page.keyboard.press("z")
-    expect(page.locator(".toast").last).to_contain_text("answers taken back")
+    expect(page.locator(".toast").last).to_contain_text("answers undone")

@@ -93,7 +93,9 @@ def test_scores_have_intervals_per_class_and_per_distance(ada, answered):
 def test_few_answers_are_said_to_say_little(ada, answered):
     page = quality_page(ada, answered)
 
-    expect(page.get_by_text("18 answers say little.")).to_be_visible()
+    expect(
+        page.get_by_text("18 answers are too few for a reliable result.")
+    ).to_be_visible()
     page.get_by_role("link", name="Answer more").click()
     expect(page).to_have_url(re.compile(f"/{answered.dataset}/queue$"))
 

@@ -223,7 +223,7 @@ def test_all_done_says_what_was_done_and_what_next(scene, ada):
 
     expect(page.get_by_role("heading", name="All done")).to_be_visible()
     expect(page.locator(".notice")).to_contain_text("1 kept, 1 rejected, 1 unsure")
-    page.get_by_role("button", name="Go through it").click()
+    page.get_by_role("button", name="Review it now").click()
     ada.press("x")
     expect(page.locator(".notice")).to_contain_text("You answered 4 boxes")
     ada.saved()

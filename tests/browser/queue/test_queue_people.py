@@ -66,7 +66,7 @@ def test_after_a_conflict_one_may_insist_or_leave_it(many, visit: Visit):
 
     mine = page.locator(".conflict", has_text=f"car {names[0]}:")
     mine.get_by_role("button", name="Use mine: keep").click()
-    page.get_by_role("button", name="Leave it").click()
+    page.get_by_role("button", name="Keep theirs").click()
 
     expect(page.locator(".conflict")).to_have_count(0)
     bo.saved()

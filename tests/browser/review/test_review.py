@@ -216,7 +216,9 @@ def test_history_says_of_a_run_that_its_numbers_are_gone(scene, ada):
 
     page = ada.open(scene.link("hidden"))
 
-    expect(page.locator(".history__item")).to_contain_text("its measurements are no longer stored")
+    expect(page.locator(".history__item")).to_contain_text(
+        "its measurements are no longer stored"
+    )
 
 
 def test_refused_answer_is_said_and_the_box_shown_as_it_is(scene, ada):
@@ -228,7 +230,7 @@ def test_refused_answer_is_said_and_the_box_shown_as_it_is(scene, ada):
     ada.press("a")
 
     expect(page.get_by_role("alert")).to_have_text(
-        re.compile("Not stored: viewers cannot review")
+        re.compile("Not saved: viewers cannot review")
     )
     expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
 

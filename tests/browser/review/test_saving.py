@@ -148,11 +148,11 @@ def test_one_may_leave_it_after_a_conflict(scene, ada):
     answer_at_the_server(scene, "ghost", "reject")
     ada.press("a")
 
-    page.get_by_role("button", name="Leave it").click()
+    page.get_by_role("button", name="Keep theirs").click()
 
     expect(page.locator(".conflict")).to_have_count(0)
     ada.press("z")
-    expect(page.locator(".toast", has_text="Nothing to take back.")).to_be_visible()
+    expect(page.locator(".toast", has_text="Nothing to undo.")).to_be_visible()
     assert scene.review("ghost")["verdict"] == "reject"
 
 
@@ -170,7 +170,7 @@ def test_conflict_on_another_frame_leads_there(scene, ada):
     page.get_by_role("link", name="Show box").click()
 
     expect(page.locator("h1")).to_have_text("run/000001")
-    expect(page.locator(".conflict")).to_contain_text("Yours is not stored")
+    expect(page.locator(".conflict")).to_contain_text("Your answer was not saved")
 
 
 def test_answers_of_a_closed_tab_are_sent_by_the_next_one(scene, visit):

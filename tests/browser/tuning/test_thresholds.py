@@ -163,7 +163,7 @@ def test_applying_runs_to_the_end_and_becomes_what_is_active(ada, street):
 def test_an_older_version_can_be_tried_and_made_active_again(ada, street):
     street.decide(threshold_small_box=60)
     page = opened(ada, street)
-    expect(page.locator(".version.is-active")).to_contain_text("decides now")
+    expect(page.locator(".version.is-active")).to_contain_text("in use")
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
 
     page.get_by_role("button", name="Try").click()
@@ -180,9 +180,11 @@ def test_what_needs_pixels_is_said_and_not_guessed(ada, street):
 
     page.evaluate("location.hash += '?profile=carlasimu'")
 
-    expect(page.get_by_text("This change requires reading the images again.")).to_be_visible()
+    expect(
+        page.get_by_text("This change requires reading the images again.")
+    ).to_be_visible()
     expect(figure(page, "kept")).to_have_count(0)
-    expect(page.locator(".summary__pixels")).to_contain_text("again. What it would")
+    expect(page.locator(".summary__pixels")).to_contain_text("again. Its effect")
     expect(page.get_by_role("heading", name="Configuration")).to_be_visible()
     for name in ("All classes", "Reasons", "Would flip"):
         expect(page.get_by_role("heading", name=name)).to_have_count(0)
@@ -204,7 +206,7 @@ def test_another_channel_that_decides_is_named_with_its_own_keys(ada, street):
     expect(line).to_have_text(
         "The channel ordered decides, by min_visible_pixels (1) and "
         "ordered_min_pixels (3); match thresholds only decide boxes "
-        "that it has no number for."
+        "that it could not measure."
     )
     expect(figure(page, "kept")).to_be_visible()
 
@@ -250,7 +252,7 @@ def test_a_number_that_a_key_does_not_allow_is_not_tried(ada, street):
     expect(page.locator(".summary__state")).to_have_text("The active configuration")
 
     share.fill("70.5")
-    expect(page.locator(".summary__state")).to_contain_text("1 change tried")
+    expect(page.locator(".summary__state")).to_contain_text("1 change, not saved")
 
 
 def test_reasons_and_flips_can_be_those_of_one_class(ada, street):

@@ -132,7 +132,9 @@ def test_nothing_is_sent_before_one_knows_whether_the_dataset_is_there(scene, ad
     page.evaluate(DROP, encoded({"9.png": scenes.picture()}))
     button = page.get_by_role("button", name="Upload 1 frame")
 
-    expect(page.locator("#upload-where")).to_contain_text("Loading the list of datasets")
+    expect(page.locator("#upload-where")).to_contain_text(
+        "Loading the list of datasets"
+    )
     expect(button).to_be_disabled()
     held[0].continue_()
 
@@ -245,7 +247,7 @@ def test_a_server_that_is_away_is_asked_again_and_reading_can_be_cancelled(town,
     page.route("**/api/v1/folders?*", lambda route: held.append(route))
 
     page.get_by_role("button", name="Try again").click()
-    expect(page.locator(".upload__reading")).to_contain_text("reads 12 files")
+    expect(page.locator(".upload__reading")).to_contain_text("is reading 12 files")
     page.get_by_role("button", name="Cancel").click()
 
     expect(page.get_by_role("dialog", name="Upload")).to_have_count(0)
@@ -279,7 +281,7 @@ def test_upload_waits_while_the_server_is_away_and_goes_on(town, ada, api):
     send(page)
     expect_phase.to_contain_text("The server does not answer")
     page.unroute(re.compile("/frames/"))
-    page.get_by_role("button", name="Go on").click()
+    page.get_by_role("button", name="Resume").click()
 
     expect(page.locator(".upload-panel__text")).to_have_text("3 frames stored")
     assert scenes.get(api, f"/datasets/{town.name}")["counts"]["frames"] == 3
@@ -321,7 +323,7 @@ def test_bad_name_and_no_frames_are_said_before_anything_is_sent(town, ada, tmp_
     page = pick(ada, town)
     page.get_by_label("Dataset", exact=True).fill("Town Ten")
     send(page)
-    expect(page.locator("#upload-error")).to_contain_text("Small letters")
+    expect(page.locator("#upload-error")).to_contain_text("small letters")
 
     (tmp_path / "notes").mkdir()
     (tmp_path / "notes" / "a.md").write_text("no frame")

@@ -60,7 +60,7 @@ test("steps respect the filters in the address, and keep them", () => {
 
 test("there is nothing before the first frame", () => {
   actions.byName.previousFrame();
-  assert.deepEqual(said, ["There is no further frame."]);
+  assert.deepEqual(said, ["There are no more frames."]);
 });
 
 test("an answer needs a selected box", () => {
@@ -74,7 +74,7 @@ test("the same answer twice is one answer", () => {
   actions.byName.keep();
   actions.byName.undo();
   actions.byName.undo();
-  assert.deepEqual([answers(), said], [[null, null, null], ["Nothing to take back."]]);
+  assert.deepEqual([answers(), said], [[null, null, null], ["Nothing to undo."]]);
 });
 
 test("undo goes back step by step and selects what it changes", () => {
@@ -89,7 +89,7 @@ test("undo goes back step by step and selects what it changes", () => {
   assert.deepEqual([answers(), query().box], [["keep", null, null], "1"]);
   actions.byName.undo();
   actions.byName.undo();
-  assert.deepEqual([answers(), said], [[null, null, null], ["Nothing to take back."]]);
+  assert.deepEqual([answers(), said], [[null, null, null], ["Nothing to undo."]]);
 });
 
 test("undo of an answer on another frame takes it back, and goes there", () => {
