@@ -73,7 +73,7 @@ def add(
 def answered(
     session: Session, box_ids: Iterable[int] = (), *, batch_id: int | None = None
 ) -> None:
-    """Show the answers that follow on what is shown, and count them in the tallies.
+    """Copy answers that are one revision newer into `decisions` and the tallies.
 
     They are rows of `reviews` by now: those on some boxes, or those of an act on many.
     """

@@ -22,7 +22,7 @@ class Turns:
     SQLite gives it to whoever tries at the right moment, and those who wait try less
     and less often: some waited for seconds while others were let in again and again.
     Here nobody tries. Whoever gives the turn back hands it to the one who has waited
-    longest: to a person first, then to work in front of which nobody sits, such as
+    longest: to a person first, then to work that no person waits for, such as
     uploads and runs.
     """
 

@@ -354,8 +354,8 @@ def committed(request: Request, response: Response) -> Response:
     nobody else could write until then. For routes that are called very often.
     """
     _keep(request, response)
-    # Whoever opens a session ends it, but for this one: `write_session` would end it
-    # later, in another thread, and nobody else could write until then.
+    # This is the one session that is not ended by who opened it: `write_session` would
+    # end it later, in another thread, and nobody else could write until then.
     request.state.write_session.commit()
     return response
 

@@ -90,7 +90,7 @@ def prepare_frame(
     Returns
     -------
     ReadyFrame
-        To be given to `store_frames`, like a `RefusedFrame`, or its drafts to
+        Pass it to `store_frames`, like a `RefusedFrame`; otherwise pass its drafts to
         `storage.discard`.
     StoredFrame
         The dataset has this frame already.
@@ -296,7 +296,8 @@ def _write(
         ended[frame.key] = end
     if not all(frame.is_measured_for(active) for frame in new):
         raise _MeasuredOtherwise
-    # Who collects garbage has its turn as a writer: what is there now stays there.
+    # Garbage collection waits for its turn to write, so files that are there now stay
+    # until this transaction ends.
     context.storage.require(
         file.sha256 for frame in new for file in frame.checked.files
     )

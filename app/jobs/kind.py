@@ -186,7 +186,7 @@ class Task(Generic[Row]):
             self._looked_at = time.monotonic()
 
     def check_wanted(self) -> None:
-        """As `check`, but also a service that stops wants to keep what is done."""
+        """As `check`, but goes on while the service stops, so that work is kept."""
         self.context.engine.check_wanted(self.job)
 
     def stored(self, session: Session) -> None:

@@ -1,7 +1,8 @@
 """One driver per job: the process that holds its lease, and renews it while it lives.
 
-A lease is taken in the transaction that begins the job, and given back in the one that
-ends it. A process that was too slow loses it to another one, and cannot end the job.
+A lease is taken in the transaction that begins the job. A process that was too slow
+loses it to another one, and notices when it renews the lease or plans chunks. If two
+processes reach the end of a job, the first one ends it, and the second finds it over.
 """
 
 from __future__ import annotations
@@ -65,7 +66,13 @@ class JobLease:
             raise LeaseLost(self.job)
 
     def end(self, session: Session) -> None:
-        """Give the lease back in the transaction that ends the job; LeaseLost."""
+        """Give the lease back in the transaction in which the job fails.
+
+        Raises
+        ------
+        LeaseLost
+            Another process has taken it already.
+        """
         self.require(session)
         LeaseRepository(session).end(self.job, self._holder)
         once_committed(session, self._forget)

@@ -41,7 +41,7 @@ from app.settings import Settings
 
 LOOK_EVERY_S: Final = 2.0
 NOBODYS_AFTER_S: Final = 10.0
-"""So many seconds the service that was asked for a job has to begin with it."""
+"""Seconds that the service which was asked for a job has to begin it."""
 _RETRY_S: Final = 10
 
 log = logging.getLogger(__name__)

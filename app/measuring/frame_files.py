@@ -84,7 +84,7 @@ def measure_files(
     app.engine.children.GivenUp
         `given_up` was set before the child was done.
     """
-    # The child gets what it reads, and not what exports give back as it came.
+    # The child gets only what it reads: what is kept for exports stays here.
     needed = replace(annotation, raw={}, extra={}, weather={})
     work = measure, plan, needed, files
     if is_simple(plan, needed, files):

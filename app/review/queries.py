@@ -42,7 +42,7 @@ class SeenBoxes(NamedTuple):
 
 
 class Standing(NamedTuple):
-    """Boxes on which an act counts: later answers are none, or were taken back.
+    """Boxes whose answer by this act stands: later ones are none, or were undone.
 
     `revision` is that of the boxes now, `before` that of the answer before the act.
     """
@@ -321,7 +321,7 @@ class ReviewBatches:
 
 
 def _standing(batch_id: int) -> CTE:
-    """The batch's boxes with every revision of which the latest answer is a repetition.
+    """Each box of the batch, with every revision that its latest answer repeats.
 
     An undo says again what was said before, so it stands for the revision before the
     one that it takes back: acts that lie on each other come off one by one.

@@ -269,9 +269,9 @@ def carry_reviews(
         The repeated answers.
     set_aside : Counter of str
         How many answers stay behind, by reviewer: their boxes are gone or are others
-        now, or have no answer in force. Those count that somebody else cleared or
-        answered over, in any revision: else who does so first could do away with other
-        people's answers. Those that people took back themselves do not.
+        now, or have no answer in force. An answer that another person cleared or
+        replaced, in any revision, is counted: clearing first must not be a way to get
+        rid of other people's answers. One that its own author took back is not.
     """
     reviews = ReviewRepository(session)
     answered = reviews.answered_boxes(old.id)

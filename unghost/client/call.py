@@ -82,7 +82,7 @@ class Call(Generic[T]):
     retried
         Whether to try again if the server does not answer or is busy.
     patience
-        How many times as often as the `RetryPolicy` says it is tried.
+        A factor: multiplies the `RetryPolicy`'s number of attempts.
     """
 
     method: str

@@ -67,7 +67,7 @@ class Attempts:
     policy
         How often to try, and how long to wait.
     patience
-        How many times as often as the policy says it is tried.
+        A factor: multiplies the policy's number of attempts.
     """
 
     def __init__(self, policy: RetryPolicy, patience: int = 1) -> None:
