@@ -94,13 +94,13 @@ def _look_up(request: Request, secret: str) -> Principal:
 class RecentCallers:
     """Principals by the hash of what they showed, for a second.
 
-    What is taken back in this process counts at once; in another, within a second.
+    What is revoked in this process counts at once; in another, within a second.
     """
 
     def __init__(self) -> None:
         self._held: dict[str, tuple[float, Principal]] = {}
         self.taken_back = 0
-        """How often something was taken back; whoever looks up notes it before."""
+        """How often something was revoked; read before a token is looked up."""
 
     def find(self, shown: str) -> Principal | None:
         """Who showed this within the last second."""

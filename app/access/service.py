@@ -1,4 +1,4 @@
-"""Who may do what: tokens given and taken back, logging in and out, others' answers."""
+"""Who may do what: tokens created and revoked, logging in and out, others' answers."""
 
 from __future__ import annotations
 
@@ -251,7 +251,7 @@ def _refused(token: Token | None, now: datetime, otherwise: str = "") -> Unautho
         return Unauthorised(_NO_ENTRY)
     if token.revoked_at is not None:
         return Unauthorised(
-            "this token was taken back; ask an admin for another one",
+            "this token was revoked; ask an admin for a new one",
             code="token_revoked",
         )
     if token.expires_at is not None and token.expires_at <= now:

@@ -101,7 +101,7 @@ async def _lines(
     async with aclosing(events):
         async for event in events:
             now = time.monotonic()
-            # A token may be taken back while its stream is open.
+            # A token may be revoked while its stream is open.
             if now - checked >= pause:
                 checked = now
                 if not await _may_read(request):

@@ -5,7 +5,8 @@ Besides:
 
 * If it is written, its name is a word of `ExportFormat` in ``unghost/wire/words.py``,
   and tests/pins has a digest of each of its files.
-* If it is read, its name for people is in ``static/js/upload/dialog.js``.
+* If it is read, its name is a word of `FolderLayout` in ``unghost/wire/words.py``, and
+  its name for people is in ``static/js/upload/dialog.js``.
 
 Nothing else lists formats: the service puts `Format.title` and `Format.brief` into the
 OpenAPI document, from which the page takes them, and ``make docs`` writes the row of

@@ -63,7 +63,7 @@ def test_the_notebook_of_the_client_runs(demo, tmp_path):
 
     assert "2 frames, " in said
     assert said.count("image/jpeg") == 3
-    assert "5 answers, 5 taken back" in said
+    assert "5 answers, 5 undone" in said
     assert "files, such as " in said
 
 

@@ -1,4 +1,4 @@
-"""Tokens are given and taken back by admins, shown once, stored as hashes."""
+"""Tokens are created and revoked by admins, shown once, stored as hashes."""
 
 from __future__ import annotations
 

@@ -170,7 +170,7 @@ def test_description_of_the_api_is_shown_to_who_is_signed_in(visit, server):
     ("change", "words"),
     [
         ("expires_at = '2001-01-01 00:00:00'", "this token expired on 2001-01-01"),
-        ("revoked_at = '2001-01-01 00:00:00'", "this token was taken back"),
+        ("revoked_at = '2001-01-01 00:00:00'", "this token was revoked"),
     ],
 )
 def test_login_link_of_a_token_that_is_over_says_why(visit, server, api, change, words):

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from typing import get_args
 
 import pytest
+from sqlalchemy import CheckConstraint
 
+from app.db import tables
+from app.db.tables import access
 from app.verdicts import REVIEW_STATES
 from filter_core.config.keys import EvidenceName
 from filter_core.decisions.record import OcclusionLevel
@@ -15,6 +19,9 @@ from filter_core.formats.registry import EXPORT_FORMATS, LAYOUTS
 from filter_core.segmentation import reading
 from filter_core.types import Answer, ReasonLabel, Verdict
 from unghost.wire import runs, words
+
+JOB_STATES = get_args(words.JobState)
+IN_FORCE = [answer for answer in get_args(words.Answer) if answer != "clear"]
 
 
 @pytest.mark.parametrize(
@@ -44,6 +51,27 @@ from unghost.wire import runs, words
 )
 def test_words_are_those_of_the_table(hint, table):
     assert get_args(hint) == tuple(table)
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "taken"),
+    [
+        (access.Token, "role", get_args(words.Role)),
+        (tables.Run, "kind", get_args(words.RunKind)),
+        (tables.Run, "state", JOB_STATES),
+        (tables.Export, "state", JOB_STATES),
+        (tables.Review, "verdict", get_args(words.Answer)),
+        (tables.Decision, "review", IN_FORCE),
+    ],
+)
+def test_words_are_those_that_the_database_takes(table, column, taken):
+    checks = {
+        str(check.name).rpartition("_")[2]: str(check.sqltext)
+        for check in table.__table__.constraints
+        if isinstance(check, CheckConstraint)
+    }
+
+    assert re.findall(r"'(\w+)'", checks[column]) == list(taken)
 
 
 def test_an_export_has_as_many_bands_as_the_library_takes():
