@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import sys
 import tracemalloc
@@ -102,6 +103,7 @@ def test_memory_does_not_grow_with_the_dataset(name, tmp_path):
     options = ExportOptions.from_mapping(chosen)
 
     def peak(count):
+        gc.collect()  # what other tests left behind is not ended while this one counts
         tracemalloc.start()
         write_export(name, street(count), swallow, head, options)
         used = tracemalloc.get_traced_memory()[1]
