@@ -17,22 +17,22 @@ import { ORDERS, orderOf } from "./session.js";
 /** @typedef {import("../review/answers.js").ReviewApp} App */
 /** @typedef {import("./line.js").Line} Line */
 /** @typedef {import("../core/router.js").Query} Query */
-/** @typedef {import("./session.js").Sitting} Sitting */
+/** @typedef {import("./session.js").Session} Session */
 
-/** @param {{app: App, sitting: Sitting, classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
-export function QueueHead({ app, sitting, classes, query, onChange }) {
+/** @param {{app: App, session: Session, classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
+export function QueueHead({ app, session, classes, query, onChange }) {
   const prefs = useValue(app.prefs);
   /** @param {string} key */
   const set = (key) => (/** @type {string} */ value) => onChange({ ...query, [key]: value });
   return html`<div class="queue__head">
-    ${sitting.listed.length > 0
-      ? html`<p class="queue__listed">${countOf(sitting.listed.length, "chosen box", "chosen boxes")} <button class="button button--small" onClick=${() => onChange(withoutList(query))}>The whole queue</button></p>`
+    ${session.listed.length > 0
+      ? html`<p class="queue__listed">${countOf(session.listed.length, "chosen box", "chosen boxes")} <button class="button button--small" onClick=${() => onChange(withoutList(query))}>The whole queue</button></p>`
       : html`<${Choices} classes=${classes} query=${query} set=${set} onChange=${onChange} />`}
     <label class="switch queue__blind" title="Hide the filter's verdict and earlier answers until you have answered">
       <input type="checkbox" checked=${isBlind(query, prefs)} onChange=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => set("blind")(event.currentTarget.checked ? "on" : "off")} /><span>Blind</span>
     </label>
     <span class="queue__middle"></span>
-    <${Progress} sitting=${sitting} />
+    <${Progress} session=${session} />
   </div>`;
 }
 
@@ -50,17 +50,17 @@ function Choices({ classes, query, set, onChange }) {
     </div>`;
 }
 
-/** @param {{sitting: Sitting}} props */
-function Progress({ sitting }) {
-  const { left } = useValue(sitting.counts);
-  const { times, verdicts } = useValue(sitting.tally);
-  const comparisons = useValue(sitting.comparisons);
+/** @param {{session: Session}} props */
+function Progress({ session }) {
+  const { left } = useValue(session.counts);
+  const { times, verdicts } = useValue(session.tally);
+  const comparisons = useValue(session.comparisons);
   const pace = paceOf(times);
   const done = verdicts.size;
-  const all = sitting.order === "audit" ? (left ?? 0) : done + (left ?? 0);
+  const all = session.order === "audit" ? (left ?? 0) : done + (left ?? 0);
   const percent = all ? Math.floor((100 * done) / all) : 0;
   return html`<div class="queue__progress">
-    <p role="status"><b class="num">${countText(done)}</b> answered${left !== null && html` · <b class="num">${countText(left)}</b> ${sitting.order === "audit" ? "to audit" : "left"}`}
+    <p role="status"><b class="num">${countText(done)}</b> answered${left !== null && html` · <b class="num">${countText(left)}</b> ${session.order === "audit" ? "to audit" : "left"}`}
       ${pace !== null && html`<span class="faint"> · ${countText(Math.round(pace))} per minute</span>`}
       ${comparisons.length > 0 && html`<span class="faint"> · agreed on ${countText(comparisons.filter(({ agrees }) => agrees).length)} of ${countText(comparisons.length)}</span>`}</p>
     <div class="progress__track" role="progressbar" aria-label="answered" aria-valuemin="0" aria-valuemax="100" aria-valuenow=${percent}><span class="progress__fill" style=${{ width: `${percent}%` }} /></div>
@@ -71,11 +71,11 @@ const BEHIND = 3;
 const AHEAD = 6;
 const SIZE_PX = 56;
 
-/** @param {{app: import("../review/answers.js").ReviewApp, sitting: import("./session.js").Sitting, line: Line, isHidden: boolean, onShow: (line: Line) => void}} props */
-export function QueueStrip({ app, sitting, line, isHidden, onShow }) {
+/** @param {{app: import("../review/answers.js").ReviewApp, session: import("./session.js").Session, line: Line, isHidden: boolean, onShow: (line: Line) => void}} props */
+export function QueueStrip({ app, session, line, isHidden, onShow }) {
   const { waiting } = useValue(app.outbox.state);
   const list = useRef(/** @type {HTMLOListElement | null} */ (null));
-  const { verdicts } = useValue(sitting.tally);
+  const { verdicts } = useValue(session.tally);
   const here = currentOf(line);
   useEffect(() => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" }), [here]);
   const ids = [...line.ids.slice(Math.max(0, line.at - BEHIND), line.at), ...(here === null ? [] : [here]), ...ahead(line, AHEAD)];

@@ -19,12 +19,12 @@ import { createMedia } from "../stage/media.js";
 import { QueueStage, createLookActions } from "../stage/view.js";
 import { QueueHead, QueueStrip } from "./head.js";
 import { again, ahead, currentOf, isBlind, lookedAt, nextOpen, passed, stepped } from "./line.js";
-import { sittingOf, touch } from "./session.js";
+import { sessionOf, touch } from "./session.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../review/answers.js").ReviewApp} App */
 /** @typedef {import("../core/router.js").Query} Query */
-/** @typedef {import("./session.js").Sitting} Sitting */
+/** @typedef {import("./session.js").Session} Session */
 
 const AHEAD = 3;
 const RENEW_MS = 4 * 60_000;
@@ -34,7 +34,7 @@ export function QueueView({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Queue · ${name}`, dataset: name });
   const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
-  const sitting = sittingOf(app, name, route.query);
+  const session = sessionOf(app, name, route.query);
   /** @param {Query} query */
   const setQuery = (query) => app.router.replace(linkTo("queue", { dataset: name }, query));
   const failed = dataset.state === "error" && !dataset.value;
@@ -42,13 +42,13 @@ export function QueueView({ app, route }) {
       <h1 class="sr-only">Queue of ${name}</h1>
       ${failed
         ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
-        : html`<${QueueHead} app=${app} sitting=${sitting} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
-            <${Sitter} key=${sitting} app=${app} sitting=${sitting} query=${route.query} isEmpty=${dataset.value?.counts.boxes === 0} onQuery=${setQuery} />`}
+        : html`<${QueueHead} app=${app} session=${session} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
+            <${SessionView} key=${session} app=${app} session=${session} query=${route.query} isEmpty=${dataset.value?.counts.boxes === 0} onQuery=${setQuery} />`}
     </main>`;
 }
 
-/** @param {{app: App, sitting: Sitting, query: Query, isEmpty: boolean, onQuery: (query: Query) => void}} props */
-function Sitter({ app, sitting, query, isEmpty, onQuery }) {
+/** @param {{app: App, session: Session, query: Query, isEmpty: boolean, onQuery: (query: Query) => void}} props */
+function SessionView({ app, session, query, isEmpty, onQuery }) {
   const media = useMemo(() => createMedia(), []);
   const stage = useRef(/** @type {import("../stage/stage.js").Stage | null} */ (null));
   const comment = useRef(/** @type {HTMLTextAreaElement | null} */ (null));
@@ -57,63 +57,63 @@ function Sitter({ app, sitting, query, isEmpty, onQuery }) {
   now.current = query;
   const actions = useMemo(
     () =>
-      createQueueActions(app, sitting, {
+      createQueueActions(app, session, {
         stage: () => stage.current,
         openComment: () => comment.current?.focus(),
         isBlind: () => isBlind(now.current, app.prefs.get()),
         view,
       }),
-    [app, sitting],
+    [app, session],
   );
   useActions(app, actions.byName);
-  useSupply(app, sitting, media);
+  useSupply(app, session, media);
 
-  const line = useValue(sitting.line);
+  const line = useValue(session.line);
   useBoxes(app.boxes, line.ids);
   const { waiting } = useValue(app.outbox.state);
   const prefs = useValue(app.prefs);
-  const verdicts = useValue(sitting.tally).verdicts;
+  const verdicts = useValue(session.tally).verdicts;
   const box = app.boxes.get(currentOf(line) ?? 0) ?? null;
   const isHidden = box !== null && isBlind(query, prefs) && !verdicts.has(box.box_id);
   const shown = isHidden && box ? veiled(box) : box;
   const isWaiting = box !== null && waiting.has(box.box_id);
 
   return html`<div class="queue__body ${box ? "" : "is-empty"}">
-    <${QueueStrip} app=${app} sitting=${sitting} line=${line} isHidden=${isHidden} onShow=${actions.show} />
+    <${QueueStrip} app=${app} session=${session} line=${line} isHidden=${isHidden} onShow=${actions.show} />
     ${box && shown
       ? html`<div class="review__stage queue__stage">
             <${QueueStage} app=${app} box=${shown} media=${media} view=${view} isBlind=${isHidden} actions=${actions.byName} stageRef=${stage} />
-            <${Conflicts} app=${app} sitting=${sitting} onShow=${actions.show} />
+            <${Conflicts} app=${app} session=${session} onShow=${actions.show} />
             <${AnswerBar} app=${app} box=${shown} isWaiting=${isWaiting} actions=${actions.byName} />
           </div>
           ${isHidden
-            ? html`<${BlindPanel} key=${box.box_id} box=${shown} sitting=${sitting} onSee=${() => onQuery({ ...query, blind: "off" })} />`
+            ? html`<${BlindPanel} key=${box.box_id} box=${shown} session=${session} onSee=${() => onQuery({ ...query, blind: "off" })} />`
             : html`<${Inspector} app=${app} frame=${media.ready(box.frame_id)?.frame ?? null} box=${box} boxes=${[]} actions=${actions} commentRef=${comment} isWaiting=${isWaiting} />`}`
-      : html`<${NoBox} app=${app} sitting=${sitting} query=${query} actions=${actions} isEmpty=${isEmpty} onQuery=${onQuery} />`}
+      : html`<${NoBox} app=${app} session=${session} query=${query} actions=${actions} isEmpty=${isEmpty} onQuery=${onQuery} />`}
   </div>`;
 }
 
-/** @param {{app: App, sitting: Sitting, query: Query, actions: QueueActions, isEmpty: boolean, onQuery: (query: Query) => void}} props */
-function NoBox({ app, sitting, query, actions, isEmpty, onQuery }) {
-  const { state, error, isEnd } = useValue(sitting.supply);
-  if (state === "error" && error) return html`<div class="queue__message"><${Failure} error=${error} onRetry=${() => void sitting.refill()} /></div>`;
+/** @param {{app: App, session: Session, query: Query, actions: QueueActions, isEmpty: boolean, onQuery: (query: Query) => void}} props */
+function NoBox({ app, session, query, actions, isEmpty, onQuery }) {
+  const { state, error, isEnd } = useValue(session.supply);
+  if (state === "error" && error) return html`<div class="queue__message"><${Failure} error=${error} onRetry=${() => void session.refill()} /></div>`;
   if (!isEnd) return html`<${Fetching} />`;
   if (isEmpty) return html`<${NoBoxesYet} />`;
-  return html`<${AllDone} app=${app} sitting=${sitting} query=${query} actions=${actions} onAll=${() => onQuery(withoutList(withoutFilters(query)))} />`;
+  return html`<${AllDone} app=${app} session=${session} query=${query} actions=${actions} onAll=${() => onQuery(withoutList(withoutFilters(query)))} />`;
 }
 
-/** Load boxes, frames and pictures before they are shown. @param {App} app @param {Sitting} sitting @param {import("../stage/media.js").MediaCache} media */
-function useSupply(app, sitting, media) {
-  const line = useValue(sitting.line);
+/** Load boxes, frames and pictures before they are shown. @param {App} app @param {Session} session @param {import("../stage/media.js").MediaCache} media */
+function useSupply(app, session, media) {
+  const line = useValue(session.line);
   const { lit, mask } = useValue(app.prefs);
   useEffect(() => {
-    void sitting.refill();
-    const renewing = setInterval(() => document.visibilityState === "visible" && void sitting.renew(), RENEW_MS);
+    void session.refill();
+    const renewing = setInterval(() => document.visibilityState === "visible" && void session.renew(), RENEW_MS);
     return () => {
       clearInterval(renewing);
       touch(app);
     };
-  }, [sitting]);
+  }, [session]);
   useEffect(() => {
     const frames = new Set(ahead(line, AHEAD).flatMap((id) => app.boxes.get(id)?.frame_id ?? []));
     for (const frame of frames) (lit || mask ? media.wantAll(frame) : media.want(frame)).catch(() => {});
@@ -121,12 +121,12 @@ function useSupply(app, sitting, media) {
 }
 
 /**
- * @param {App} app @param {Sitting} sitting
+ * @param {App} app @param {Session} session
  * @param {{stage: () => import("../stage/stage.js").Stage | null, openComment: () => void, isBlind: () => boolean,
  *   view: import("../core/observable.js").Value<"crop" | "frame">}} page
  */
-export function createQueueActions(app, sitting, page) {
-  const { line } = sitting;
+export function createQueueActions(app, session, page) {
+  const { line } = session;
   const current = () => app.boxes.get(currentOf(line.get()) ?? 0) ?? null;
 
   function say() {
@@ -137,7 +137,7 @@ export function createQueueActions(app, sitting, page) {
   /** @param {import("./line.js").Line} next */
   function show(next) {
     page.view.set("crop");
-    sitting.show(next);
+    session.show(next);
     say();
   }
 
@@ -146,19 +146,19 @@ export function createQueueActions(app, sitting, page) {
     const box = current();
     if (!box) return;
     performance.mark("queue:answer");
-    const isOwn = sitting.tally.get().verdicts.has(box.box_id);
+    const isOwn = session.tally.get().verdicts.has(box.box_id);
     const words = comment ?? (page.isBlind() && !isOwn ? "" : (box.review?.comment ?? ""));
     const isSame = box.review?.verdict === verdict && (box.review.comment ?? "") === words;
     page.view.set("crop");
-    if (isOwn && isSame) sitting.show(nextOpen(line.get()));
-    else sitting.answer(box, verdict, words, page.isBlind() && !isOwn);
+    if (isOwn && isSame) session.show(nextOpen(line.get()));
+    else session.answer(box, verdict, words, page.isBlind() && !isOwn);
     say();
   }
 
   function undo() {
     app.undo((box) => {
       page.view.set("crop");
-      sitting.takenBack(box);
+      session.takenBack(box);
     });
   }
 
@@ -175,7 +175,7 @@ export function createQueueActions(app, sitting, page) {
     answer(verdict, comment) {
       const box = current();
       if (comment === undefined || !box) return answer(verdict, comment);
-      sitting.comment(box, answerOf(box) ?? verdict, comment);
+      session.comment(box, answerOf(box) ?? verdict, comment);
     },
 
     again: () => show(again(line.get())),
@@ -190,7 +190,7 @@ export function createQueueActions(app, sitting, page) {
       next: () => show(stepped(line.get(), 1)),
       previous: () => show(stepped(line.get(), -1)),
       nextUndecided: () => show(nextOpen(line.get())),
-      grid: () => app.router.go(linkTo("grid", { dataset: sitting.dataset }, { ...sitting.query, order: "", blind: "" })),
+      grid: () => app.router.go(linkTo("grid", { dataset: session.dataset }, { ...session.query, order: "", blind: "" })),
       ...createLookActions(app, page.stage),
       cycleVerdict: () => cycleVerdict(app),
       blind() {
@@ -209,9 +209,9 @@ export function createQueueActions(app, sitting, page) {
 
 /** @typedef {ReturnType<typeof createQueueActions>} QueueActions */
 
-/** @param {{box: import("../boxes/box.js").Decision, sitting: import("./session.js").Sitting, onSee: () => void}} props */
-export function BlindPanel({ box, sitting, onSee }) {
-  const last = useValue(sitting.comparisons).at(-1);
+/** @param {{box: import("../boxes/box.js").Decision, session: import("./session.js").Session, onSee: () => void}} props */
+export function BlindPanel({ box, session, onSee }) {
+  const last = useValue(session.comparisons).at(-1);
   return html`<aside class="panel panel--inspector" aria-label="Selected box">
     <header class="inspector__head"><h2>${box.class} <span class="faint">${box.id}</span></h2></header>
     <p class="inspector__sentence">Is a ${box.class.replaceAll("_", " ")} visible in the box? The filter's verdict and earlier answers are hidden until you have answered.</p>
@@ -226,16 +226,16 @@ export function BlindPanel({ box, sitting, onSee }) {
 
 export const Fetching = () => html`<div class="queue__message" aria-busy="true"><div class="queue__wait shimmer"></div><p class="sr-only" role="status">Loading the next boxes</p></div>`;
 
-/** @param {{app: App, sitting: Sitting, query: Query, actions: QueueActions, onAll: () => void}} props */
-export function AllDone({ app, sitting, query, actions, onAll }) {
-  const { verdicts } = useValue(sitting.tally);
-  const { elsewhere } = useValue(sitting.counts);
+/** @param {{app: App, session: Session, query: Query, actions: QueueActions, onAll: () => void}} props */
+export function AllDone({ app, session, query, actions, onAll }) {
+  const { verdicts } = useValue(session.tally);
+  const { elsewhere } = useValue(session.counts);
   const { waiting } = useValue(app.outbox.state);
-  const open = passed(useValue(sitting.line)).length;
-  const { dataset, order } = sitting;
+  const open = passed(useValue(session.line)).length;
+  const { dataset, order } = session;
   const title = verdicts.size ? "All done" : order === "audit" ? "Nothing to audit" : "Nothing to review";
   return html`<div class="queue__message">
-    <${Notice} icon="check" title=${title} actions=${html`<${Ways} dataset=${dataset} order=${order} query=${query} open=${open} elsewhere=${elsewhere} sitting=${sitting} actions=${actions} onAll=${onAll} />`}>
+    <${Notice} icon="check" title=${title} actions=${html`<${Ways} dataset=${dataset} order=${order} query=${query} open=${open} elsewhere=${elsewhere} session=${session} actions=${actions} onAll=${onAll} />`}>
       <p>${doneText(verdicts) || (order === "audit" ? "Nobody has answered any of the boxes that match these filters yet." : "All boxes that match these filters have an answer.")}</p>
       ${waiting.size > 0 && html`<p>${countOf(waiting.size, "answer is", "answers are")} kept in this browser and will be sent.</p>`}
       ${open > 0 && html`<p>You skipped ${countOf(open, "box", "boxes")}.</p>`}
@@ -246,11 +246,11 @@ export function AllDone({ app, sitting, query, actions, onAll }) {
 
 export const NoBoxesYet = () => html`<div class="queue__message"><${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//></div>`;
 
-/** What one can do now. @param {{dataset: string, order: string, query: Query, open: number, elsewhere: number, sitting: Sitting, actions: QueueActions, onAll: () => void}} props */
-function Ways({ dataset, order, query, open, elsewhere, sitting, actions, onAll }) {
+/** What one can do now. @param {{dataset: string, order: string, query: Query, open: number, elsewhere: number, session: Session, actions: QueueActions, onAll: () => void}} props */
+function Ways({ dataset, order, query, open, elsewhere, session, actions, onAll }) {
   return html`${open > 0 && html`<button class="button button--primary" onClick=${actions.again}>Review ${open === 1 ? "it" : "them"} now</button>`}
-    ${elsewhere > 0 && html`<button class="button" onClick=${sitting.lookAgain}>Look again</button>`}
-    ${(isFiltered(query) || sitting.listed.length > 0) && html`<button class="button" onClick=${onAll}>${sitting.listed.length > 0 ? "The whole queue" : "Without the filters"}</button>`}
+    ${elsewhere > 0 && html`<button class="button" onClick=${session.lookAgain}>Look again</button>`}
+    ${(isFiltered(query) || session.listed.length > 0) && html`<button class="button" onClick=${onAll}>${session.listed.length > 0 ? "The whole queue" : "Without the filters"}</button>`}
     ${order !== "audit" && html`<a class="button" href=${linkTo("queue", { dataset }, { order: "audit" })}>Audit the answers</a>`}
     <a class="button" href=${linkTo("grid", { dataset })}>Grid</a>
     <a class="button" href=${linkTo("frames", { dataset })}>Frames</a>`;
@@ -264,17 +264,17 @@ function doneText(verdicts) {
   return `You answered ${countOf(verdicts.size, "box", "boxes")}: ${parts.join(", ")}.`;
 }
 
-/** Notices for boxes that somebody else answered first. @param {{app: App, sitting: Sitting, onShow: (line: import("./line.js").Line) => void}} props */
-export function Conflicts({ app, sitting, onShow }) {
+/** Notices for boxes that somebody else answered first. @param {{app: App, session: Session, onShow: (line: import("./line.js").Line) => void}} props */
+export function Conflicts({ app, session, onShow }) {
   const conflicts = [...useValue(app.conflicts).values()].flatMap((item) => {
-    const box = sitting.line.get().ids.includes(item.boxId) ? app.boxes.get(item.boxId) : undefined;
+    const box = session.line.get().ids.includes(item.boxId) ? app.boxes.get(item.boxId) : undefined;
     return box ? [{ item, box }] : [];
   });
   if (conflicts.length === 0) return null;
   return html`<div class="queue__conflicts">
     ${conflicts.map(
       ({ item, box }) => html`<${ConflictNotice} key=${box.box_id} app=${app} box=${box} item=${item} isNamed=${true}>
-        <button class="button button--small button--quiet" onClick=${() => onShow(lookedAt(sitting.line.get(), box.box_id))}>Look at it</button>
+        <button class="button button--small button--quiet" onClick=${() => onShow(lookedAt(session.line.get(), box.box_id))}>Look at it</button>
       <//>`,
     )}
   </div>`;

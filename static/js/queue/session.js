@@ -40,7 +40,7 @@ const MOST_EXCLUDED = 1000;
 export const orderOf = (query) => ORDERS.find(({ value }) => value === query.order)?.value ?? "doubt";
 
 /** @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query */
-export function createSitting(app, dataset, query) {
+export function createSession(app, dataset, query) {
   const { boxes } = app;
   /** @type {(() => void)[]} */
   const held = [];
@@ -154,28 +154,28 @@ export function createSitting(app, dataset, query) {
   };
 }
 
-/** @typedef {ReturnType<typeof createSitting>} Sitting */
+/** @typedef {ReturnType<typeof createSession>} Session */
 
-/** @type {WeakMap<App, {key: string, sitting: Sitting, seen: number}>} */
-const sittings = new WeakMap();
+/** @type {WeakMap<App, {key: string, session: Session, seen: number}>} */
+const sessions = new WeakMap();
 
 /** After such a pause the claims have expired, and others may have answered: a new session begins. */
 const PAUSE_MS = 5 * 60_000;
 
 /** The session of these filters; the last one is continued after a short pause. @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query */
-export function sittingOf(app, dataset, query) {
+export function sessionOf(app, dataset, query) {
   const key = JSON.stringify([dataset, orderOf(query), selectionOf(query), listedOf(query)]);
-  const last = sittings.get(app);
-  if (last?.key === key && Date.now() - last.seen < PAUSE_MS) return last.sitting;
-  last?.sitting.end();
-  const sitting = createSitting(app, dataset, query);
-  sittings.set(app, { key, sitting, seen: Date.now() });
-  return sitting;
+  const last = sessions.get(app);
+  if (last?.key === key && Date.now() - last.seen < PAUSE_MS) return last.session;
+  last?.session.end();
+  const session = createSession(app, dataset, query);
+  sessions.set(app, { key, session, seen: Date.now() });
+  return session;
 }
 
 /** @param {App} app */
 export function touch(app) {
-  const last = sittings.get(app);
+  const last = sessions.get(app);
   if (last) last.seen = Date.now();
 }
 
