@@ -13,11 +13,13 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-FORMATS: Final = ("yolo", "coco", "kitti", "voc", "cvat")
+NOT_READ: Final = frozenset({"label-studio"})
+"""Formats of labels that none of the three programs reads."""
 PARTS: Final = ("train", "val")
 Found = tuple[str, int, int]
 
@@ -27,16 +29,27 @@ def main() -> None:
     python = sys.argv[1] if len(sys.argv) > 1 else sys.executable
     with tempfile.TemporaryDirectory(prefix="readers-") as name:
         root = Path(name)
-        _make(python, root)
-        books = json.loads((root / "yolo" / "manifest.json").read_text("utf-8"))
-        frames, boxes = (books["counts"][what] for what in ("frames", "boxes"))
+        forms = _label_formats(python)
+        _make(python, root, forms)
+        manifest = json.loads((root / "yolo" / "manifest.json").read_text("utf-8"))
+        frames, boxes = (manifest["counts"][what] for what in ("frames", "boxes"))
         expected = frames["in"], boxes["out"]
-        wrong = [one for one in _read(root) if not _is_right(one, expected)]
+        wrong = [one for one in _read(root, forms) if not _is_right(one, expected)]
     if wrong:
         sys.exit(f"expected {expected}, found otherwise by {wrong}")
 
 
-def _make(python: str, root: Path) -> None:
+def _label_formats(python: str) -> list[str]:
+    """The formats of labels that others read, as the product's registry lists them."""
+    ask = (
+        "from filter_core.formats.registry import FORMATS; "
+        "print(*(one.name for one in FORMATS.values() if 'boxes' in one.options))"
+    )
+    listed = subprocess.run([python, "-c", ask], check=True, capture_output=True)
+    return [name for name in listed.stdout.decode().split() if name not in NOT_READ]
+
+
+def _make(python: str, root: Path, forms: Sequence[str]) -> None:
     """A small street, filtered, in every format that others read."""
     render = (
         "import sys; from pathlib import Path; "
@@ -45,17 +58,17 @@ def _make(python: str, root: Path) -> None:
     )
     subprocess.run([python, "-c", render, str(root / "street")], check=True)
     convert = [python, "-m", "unghost.cli", "convert", str(root / "street"), "--filter"]
-    for form in FORMATS:
+    for form in forms:
         subprocess.run([*convert, "--to", form, "-o", str(root / form)], check=True)
 
 
-def _read(root: Path) -> Iterator[Found]:
+def _read(root: Path, forms: Sequence[str]) -> Iterator[Found]:
     os.environ["YOLO_CONFIG_DIR"] = str(root / "settings")
     os.environ["YOLO_OFFLINE"] = "true"
     readers: tuple[Callable[[Path], Iterator[Found]], ...] = (
         _ultralytics,
         _supervision,
-        _datumaro,
+        partial(_datumaro, forms=forms),
     )
     for reader in readers:
         for found in reader(root):
@@ -105,10 +118,11 @@ def _supervision(root: Path) -> Iterator[Found]:
         yield f"supervision {form}", sum(map(len, parts)), boxes
 
 
-def _datumaro(root: Path) -> Iterator[Found]:
+def _datumaro(root: Path, forms: Sequence[str]) -> Iterator[Found]:
     import datumaro
 
-    for form in FORMATS:
+    # It calls these formats as we do.
+    for form in forms:
         dataset = datumaro.Dataset.import_from(str(root / form), form)
         items = list(dataset)
         kind = datumaro.AnnotationType.bbox

@@ -173,6 +173,12 @@ def format_table() -> Iterator[str]:
         yield f"| `{one.name}` | {one.title} | {one.holds} | {read} | {written} |"
 
 
+def label_formats() -> Iterator[str]:
+    """The formats that hold labels: those in which a box is one of its rectangles."""
+    names = (f"`{one.name}`" for one in FORMATS.values() if "boxes" in one.options)
+    yield f"*Labels* are {', '.join(names)}."
+
+
 PARTS: Final[dict[str, tuple[Path, Callable[[], Iterator[str]]]]] = {
     "configuration": (DOCS / "configuration.md", configuration_table),
     "channels": (DOCS / "configuration.md", channel_table),
@@ -182,6 +188,7 @@ PARTS: Final[dict[str, tuple[Path, Callable[[], Iterator[str]]]]] = {
     "keys": (DOCS / "review.md", key_table),
     "routes": (DOCS / "api.md", route_table),
     "formats": (DOCS / "formats.md", format_table),
+    "formats of labels": (DOCS / "formats.md", label_formats),
     "numbers": (DOCS / "library.md", number_table),
 }
 

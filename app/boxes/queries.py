@@ -215,8 +215,10 @@ class FrameRepository:
             rows = rows.where(_has_box(wanted.boxes))
         return list(self._session.scalars(rows))
 
-    def chunk(self, dataset_id: int, *, after: str, limit: int) -> list[FrameHead]:
-        """The next current frames by key, for work on all of them."""
+    def next_frames(
+        self, dataset_id: int, *, after: str, limit: int
+    ) -> list[FrameHead]:
+        """Up to `limit` current frames whose keys come after `after`, by key."""
         rows = (
             select(Frame.id, Frame.key, Frame.width, Frame.height, Frame.map)
             .where(

@@ -13,7 +13,7 @@ from app.context import ServiceContext
 from app.db import tables
 from app.db.tables import Chunk, Dataset
 from app.errors import Conflict
-from app.exports.writer import write_chunk
+from app.exports.writer import write_archive
 from app.jobs.kind import Task
 from app.jobs.queries import ChunkRepository, Span, job_of
 from app.jobs.service import ask
@@ -123,7 +123,7 @@ class ExportKind:
 
     def work(self, task: Task[tables.Export]) -> None:
         """Write the file, and end the export."""
-        write_chunk(task)
+        write_archive(task)
 
     def finish(self, task: Task[tables.Export]) -> None:
         """Does nothing: the only chunk of an export ends it."""

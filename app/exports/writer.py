@@ -41,7 +41,9 @@ from filter_core.formats.registry import format_of, write_export
 from filter_core.formats.tally import Counts
 from filter_core.types import DecidedBoxes, DecisionColumns
 
-_AT_A_TIME: Final = 200
+_FRAMES_AT_A_TIME: Final = 200
+"""Frames whose rows are read together."""
+
 _NO_ROWS: Final = slice(0, 0)
 
 _CROWD: Final = '"iscrowd"'
@@ -53,8 +55,11 @@ _PACKED: Final = (".png", ".jpg")
 _READABLE: Final = 0o644 << 16
 
 
-def write_chunk(task: Task[Export]) -> None:
-    """Write an export: it is the only chunk of its job, and ends it."""
+def write_archive(task: Task[Export]) -> None:
+    """Write the zip file of an export and store it; this ends the export's job.
+
+    An export is a job of one chunk, so this is all of its work.
+    """
     context = task.context
     task.check()
     with _empty_folder(context, task.job.id) as folder:
@@ -71,7 +76,8 @@ def write_chunk(task: Task[Export]) -> None:
     except Unsure as unsure:
         task.retry_unavailable(partial(context.storage.make_sure, unsure.digests))
         _end(task, stored)
-    # Whoever writes the same one beside us is told that it is over.
+    # A process that still writes the same export finds at its next `check` that the
+    # job has ended, so its folder can go as well.
     _clear(context, task.job.id)
 
 
@@ -175,15 +181,17 @@ class ExportFrames:
     def __iter__(self) -> Iterator[ExportFrame]:
         frames = FrameRepository(self._session)
         after = ""
-        while chunk := frames.chunk(self._dataset.id, after=after, limit=_AT_A_TIME):
-            content = self._content(chunk)
-            for frame in chunk:
-                yield self._frame(frame, content)
-            after = chunk[-1].key
+        while heads := frames.next_frames(
+            self._dataset.id, after=after, limit=_FRAMES_AT_A_TIME
+        ):
+            content = self._content(heads)
+            for head in heads:
+                yield self._frame(head, content)
+            after = heads[-1].key
 
-    def _content(self, chunk: Sequence[FrameHead]) -> _Content:
+    def _content(self, heads: Sequence[FrameHead]) -> _Content:
         frames = FrameRepository(self._session)
-        ids = [frame.id for frame in chunk]
+        ids = [head.id for head in heads]
         boxes = self._reader.read_frames(ids)
         content = _Content(boxes.frames, boxes.labels, boxes.rows_by_frame())
         if "annotation" in self._needs:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from filter_core.errors import JsonError, LayoutError
-from filter_core.formats.format import Format, Likeness, Source
+from filter_core.formats.format import Format, Recognition, Source
 from filter_core.formats.reading import (
     FrameSet,
     ReadOptions,
@@ -38,8 +38,8 @@ CARLASIMU: Final = Format(
 )
 
 
-@CARLASIMU.detector
-def _likeness(source: Source) -> Likeness:
+@CARLASIMU.recogniser
+def _recognise(source: Source) -> Recognition:
     return "none" if _camera_folder(source.path) is None else "certain"
 
 

@@ -28,7 +28,7 @@ from filter_core.formats.format import (
     LABEL_NEEDS,
     LABEL_OPTIONS,
     Format,
-    Likeness,
+    Recognition,
     Source,
 )
 from filter_core.formats.reading import (
@@ -68,8 +68,8 @@ COCO: Final = Format(
 )
 
 
-@COCO.detector
-def _likeness(source: Source) -> Likeness:
+@COCO.recogniser
+def _recognise(source: Source) -> Recognition:
     if source.path.is_file():
         return "certain" if source.path.suffix.lower() == ".json" else "none"
     return "possible" if _coco_files(source.path) else "none"
@@ -330,7 +330,7 @@ class CocoWriter:
     its 3D box. Regions to ignore are crowds.
     """
 
-    traits: ClassVar[Traits] = Traits(crowds=True)
+    traits: ClassVar[Traits] = Traits(holds_crowds=True)
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context

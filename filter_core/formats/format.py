@@ -22,19 +22,20 @@ from filter_core.formats.reading import FrameSet, ReadOptions, walk
 from filter_core.formats.tally import Counts
 from filter_core.formats.writing import NewWriter, write_labels
 
-Likeness: TypeAlias = Literal["certain", "possible", "otherwise", "none"]
-"""How sure a format is that a folder is its own.
+Recognition: TypeAlias = Literal["certain", "possible", "otherwise", "none"]
+"""How sure a format is that a source is in it.
 
 ``certain``: it is, and no format after this one is asked. ``possible``: it may be; if
-several formats say so, a person has to choose. ``otherwise``: it may be if no format
-says ``certain`` or ``possible``; of several, the first counts. ``none``: it is not.
+several formats say so, a person has to choose. ``otherwise``: it is taken for this
+format only if no format says ``certain`` or ``possible``; if several say
+``otherwise``, for the first of them. ``none``: it is not.
 """
 
-FRAME_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
-"""The `ExportOptions` that say which boxes and images are written."""
+SELECTION_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
+"""The `ExportOptions` that select what is written: which boxes, and images or none."""
 
-LABEL_OPTIONS: Final = FRAME_OPTIONS | {"boxes", "split"}
-"""Those that nearly every format of labels has."""
+LABEL_OPTIONS: Final = SELECTION_OPTIONS | {"boxes", "split"}
+"""The `ExportOptions` of a format of labels; some have more, or not all of these."""
 
 Need: TypeAlias = Literal["annotation", "image", "decisions", "decision_columns"]
 """What of a frame not every format writes.
@@ -84,7 +85,7 @@ class Write(Protocol):
         """Read frames once, one at a time; returns the counts."""
 
 
-_Detector = TypeVar("_Detector", bound=Callable[[Source], Likeness])
+_Recogniser = TypeVar("_Recogniser", bound=Callable[[Source], Recognition])
 
 _Reader = TypeVar("_Reader", bound=Callable[[Path, ReadOptions], FrameSet])
 
@@ -99,9 +100,9 @@ _Requirement = TypeVar("_Requirement", bound=Callable[[], object])
 class Format:
     """A format of annotated frames, declared at the head of its module.
 
-    What it can do follows in the module, each function under a decorator: `detector`,
-    `reader`, `writer` (or `label_writer`) and `requirement`. What it cannot do stays
-    None.
+    What it can do follows in the module, each function under a decorator:
+    `recogniser`, `reader`, `writer` (or `label_writer`) and `requirement`. What it
+    cannot do stays None.
 
     Attributes
     ----------
@@ -110,18 +111,19 @@ class Format:
     title : str
         As people call it.
     holds : str
-        What its files hold, as the documentation says it, in Markdown.
+        The row of docs/formats.md: its files and what is in them, in Markdown.
     brief : str
-        The same in a few words, for people who choose a format to write.
+        A few words below the title, where people choose the format of an export;
+        empty if it cannot be written.
     recognised_by : str
-        What `likeness` looks for, in words.
+        The files that `recognise` looks for, in words.
     options : frozenset of str
         The names of the `ExportOptions` that `write` uses; any other must keep its
         default.
     needs : frozenset of `Need`
         What of a frame `write` needs besides the columns of its boxes.
-    likeness : callable or None
-        Whether a source is in this format, told without reading its labels.
+    recognise : callable or None
+        Tells whether a source is in this format, without reading its labels.
     read : callable or None
         Gives the frames of a folder or a file.
     write : callable or None
@@ -136,17 +138,17 @@ class Format:
     recognised_by: str = ""
     options: frozenset[str] = frozenset()
     needs: frozenset[Need] = frozenset()
-    likeness: Callable[[Source], Likeness] | None = field(default=None, init=False)
+    recognise: Callable[[Source], Recognition] | None = field(default=None, init=False)
     read: Callable[[Path, ReadOptions], FrameSet] | None = field(
         default=None, init=False
     )
     write: Write | None = field(default=None, init=False)
     require: Callable[[], object] | None = field(default=None, init=False)
 
-    def detector(self, likeness: _Detector) -> _Detector:
-        """Decorates the function that is `likeness`."""
-        self.likeness = likeness
-        return likeness
+    def recogniser(self, recognise: _Recogniser) -> _Recogniser:
+        """Decorates the function that is `recognise`."""
+        self.recognise = recognise
+        return recognise
 
     def reader(self, read: _Reader) -> _Reader:
         """Decorates the function that is `read`."""

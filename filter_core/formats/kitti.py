@@ -29,7 +29,7 @@ from filter_core.formats.format import (
     LABEL_NEEDS,
     LABEL_OPTIONS,
     Format,
-    Likeness,
+    Recognition,
     Source,
 )
 from filter_core.formats.reading import (
@@ -83,8 +83,8 @@ _CALIBRATIONS: Final = "calib"
 _PLACES: Final = ("", "training")
 
 
-@KITTI.detector
-def _likeness(source: Source) -> Likeness:
+@KITTI.recogniser
+def _recognise(source: Source) -> Recognition:
     return "none" if _kitti_folder(source.path) is None else "certain"
 
 
@@ -352,7 +352,7 @@ class KittiWriter:
     numbers for unknown.
     """
 
-    traits: ClassVar[Traits] = Traits(keys=True)
+    traits: ClassVar[Traits] = Traits(needs_key_list=True)
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context

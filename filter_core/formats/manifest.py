@@ -15,10 +15,10 @@ import numpy as np
 from filter_core.errors import FilterError, JsonError, LayoutError
 from filter_core.formats.files import json_bytes
 from filter_core.formats.format import (
-    FRAME_OPTIONS,
     LABEL_NEEDS,
+    SELECTION_OPTIONS,
     Format,
-    Likeness,
+    Recognition,
     Source,
 )
 from filter_core.formats.reading import (
@@ -58,12 +58,12 @@ MANIFEST: Final = Format(
     brief="the annotations as they came in, minus the rejected boxes",
     recognised_by=MANIFEST_NAME,
     needs=LABEL_NEEDS,
-    options=FRAME_OPTIONS,
+    options=SELECTION_OPTIONS,
 )
 
 
-@MANIFEST.detector
-def _likeness(source: Source) -> Likeness:
+@MANIFEST.recogniser
+def _recognise(source: Source) -> Recognition:
     path = source.path
     if path.is_file():
         return "none" if path.suffix.lower() == ".json" else "certain"
@@ -192,7 +192,7 @@ class ManifestWriter:
     boxes, cameras and every unknown key. Nothing is clipped.
     """
 
-    traits: ClassVar[Traits] = Traits(crowds=True, unplaced=True)
+    traits: ClassVar[Traits] = Traits(holds_crowds=True, holds_unplaced=True)
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from filter_core.errors import FilterError, JsonError, LayoutError
-from filter_core.formats.format import Format, Likeness, Source
+from filter_core.formats.format import Format, Recognition, Source
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FileIndex,
@@ -43,8 +43,8 @@ PAIRS: Final = Format(
 )
 
 
-@PAIRS.detector
-def _likeness(source: Source) -> Likeness:
+@PAIRS.recogniser
+def _recognise(source: Source) -> Recognition:
     root = source.path
     # Labels of a kind that cannot be told are not to be left out in silence.
     if root.is_file() or any(map(holds_boxes, source.label_files)):

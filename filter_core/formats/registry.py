@@ -1,16 +1,20 @@
 """The list of all formats, and the functions that read and write any of them.
 
-A new format is a module that declares its `Format`, and a line of `FORMATS` here.
-Besides:
+A new format is a module that declares its `Format`, and a line of `FORMATS` here. Its
+name is repeated in these places, each of which a check compares with this list:
 
-* If it is written, its name is a word of `ExportFormat` in ``unghost/wire/words.py``,
-  and tests/pins has a digest of each of its files.
-* If it is read, its name is a word of `FolderLayout` in ``unghost/wire/words.py``, and
-  its name for people is in ``static/js/upload/dialog.js``.
+* ``unghost/wire/words.py``: `ExportFormat` if it is written, `FolderLayout` if it is
+  read.
+* ``static/js/upload/dialog.js``, if it is read: its name for people.
+* ``tests/pins``, if it is written: a digest of each of its files.
 
-Nothing else lists formats: the service puts `Format.title` and `Format.brief` into the
-OpenAPI document, from which the page takes them, and ``make docs`` writes the row of
-docs/formats.md. The recipe is in ARCHITECTURE.md.
+The service puts `Format.title` and `Format.brief` into the OpenAPI document, from which
+the page takes them, and ``make docs`` writes what the tables of docs/formats.md say of
+it. Sentences of README.md and of docs/ that name formats are for people to keep. The
+recipe is in ARCHITECTURE.md.
+
+A *layout* is a format as a folder shows it: the name of a format that can be read, or
+``auto`` for the one that the folder's files are recognised to be in.
 """
 
 from __future__ import annotations
@@ -70,12 +74,12 @@ EXPORT_FORMATS: Final = tuple(name for name, one in FORMATS.items() if one.write
 """What `write_export` takes."""
 
 LAYOUTS: Final = ("auto", *(name for name, one in FORMATS.items() if one.read))
-"""What `read_source` takes."""
+"""The formats that `read_source` can read, and ``auto``."""
 
 _ASKED_FIRST: Final = (MANIFEST, KITTI, CARLASIMU, VOC)
 """A folder may have the files of several: the first that is certain is taken."""
 
-_RECOGNITION: Final = dict.fromkeys((*_ASKED_FIRST, *FORMATS.values()))
+_IN_ORDER_OF_ASKING: Final = dict.fromkeys((*_ASKED_FIRST, *FORMATS.values()))
 
 
 def read_source(
@@ -88,7 +92,7 @@ def read_source(
     source : Path
         A folder in a recognised layout, a ``.jsonl`` file, or COCO's ``.json`` file.
     layout : str
-        One of `LAYOUTS`.
+        One of `LAYOUTS`: the format to read it in.
     options : ReadOptions, optional
 
     Returns
@@ -135,7 +139,7 @@ def detect_layout(source: Path) -> str:
         raise LayoutError(
             f"{source.name}: could be {' or '.join(found)}; name the layout"
         )
-    *first, last = (one.recognised_by for one in _RECOGNITION if one.likeness)
+    *first, last = (one.recognised_by for one in _IN_ORDER_OF_ASKING if one.recognise)
     raise LayoutError(
         f"{source.name}: no layout recognised; expected {', '.join(first)}, or {last}"
     )
@@ -149,13 +153,13 @@ def possible_layouts(source: Path) -> tuple[str, ...]:
     asked = Source(source)
     found: list[str] = []
     otherwise: list[str] = []
-    for one in _RECOGNITION:
-        likeness = one.likeness(asked) if one.likeness else "none"
-        if likeness == "otherwise":
+    for one in _IN_ORDER_OF_ASKING:
+        recognition = one.recognise(asked) if one.recognise else "none"
+        if recognition == "otherwise":
             otherwise.append(one.name)
-        elif likeness != "none":
+        elif recognition != "none":
             found.append(one.name)
-        if likeness == "certain":
+        if recognition == "certain":
             break
     return tuple(found or otherwise[:1])
 

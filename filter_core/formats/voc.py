@@ -27,7 +27,7 @@ from filter_core.formats.format import (
     LABEL_NEEDS,
     LABEL_OPTIONS,
     Format,
-    Likeness,
+    Recognition,
     Source,
 )
 from filter_core.formats.reading import (
@@ -66,8 +66,8 @@ VOC: Final = Format(
 )
 
 
-@VOC.detector
-def _likeness(source: Source) -> Likeness:
+@VOC.recogniser
+def _recognise(source: Source) -> Recognition:
     found = any(name.lower().endswith(".xml") for name in source.label_files)
     return "possible" if found else "none"
 
@@ -296,7 +296,7 @@ class VocWriter:
     truncated. Boxes to ignore are difficult, which VOC's scoring leaves out.
     """
 
-    traits: ClassVar[Traits] = Traits(keys=True, flat=True)
+    traits: ClassVar[Traits] = Traits(needs_key_list=True, needs_flat_names=True)
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context

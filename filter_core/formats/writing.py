@@ -105,26 +105,27 @@ class LabelBoxes:
 
 @dataclass(frozen=True)
 class Traits:
-    """What sets a format of labels apart from others.
+    """What a format of labels can hold, and what its readers need besides.
 
     Attributes
     ----------
-    crowds : bool
-        It can say that a box stands for many objects at once. In other formats a crowd
-        is no object to learn from, and is left out.
-    unplaced : bool
+    holds_crowds : bool
+        It can say that a box stands for many objects at once. From other formats
+        crowds are left out, since a model would learn each as one object.
+    holds_unplaced : bool
         It can hold a box without a rectangle in the image.
-    keys : bool
-        Its own files do not tell the keys of frames, so ``frames.jsonl`` is written as
-        well.
-    flat : bool
-        Its readers do not look into sub-folders.
+    needs_key_list : bool
+        Its own files do not hold the keys of frames, so ``frames.jsonl`` is written
+        with them: it gives the key of each file.
+    needs_flat_names : bool
+        Its readers do not look into sub-folders, so the sub-folders in a frame's key
+        become part of the file's name.
     """
 
-    crowds: bool = False
-    unplaced: bool = False
-    keys: bool = False
-    flat: bool = False
+    holds_crowds: bool = False
+    holds_unplaced: bool = False
+    needs_key_list: bool = False
+    needs_flat_names: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,8 +279,8 @@ class _Run:
     ) -> None:
         self.context, self.writer, self.tally = context, writer, tally
         self.chooser = _BoxChooser(context.options, tally, writer.traits)
-        self.names = FileNames(flat=writer.traits.flat)
-        self.keys = context.spool()
+        self.names = FileNames(flat=writer.traits.needs_flat_names)
+        self.key_list = context.spool()
         self.count = 0
 
     def write(self, frame: ExportFrame) -> None:
@@ -295,8 +296,8 @@ class _Run:
         self._copy_image(out)
 
     def finish(self) -> Counts:
-        if self.writer.traits.keys:
-            self.context.sink(KEYS_NAME, self.keys.pieces())
+        if self.writer.traits.needs_key_list:
+            self.context.sink(KEYS_NAME, self.key_list.pieces())
         manifest = self.tally.manifest(self._facts())
         self.context.sink("manifest.json", manifest)
         return self.tally.counts()
@@ -310,9 +311,9 @@ class _Run:
         frame, file = out.frame, self.writer.image(out)
         if out.stem != frame.key:
             self.tally.renamed(frame.key, file)
-        if self.writer.traits.keys:
+        if self.writer.traits.needs_key_list:
             line = {"file": file, "key": frame.key, "map": frame.map, "part": out.part}
-            self.keys.write(json_bytes(line) + b"\n")
+            self.key_list.write(json_bytes(line) + b"\n")
 
     def _write_band(self, band: int, out: OutFrame) -> None:
         name = band_name(band)
@@ -359,7 +360,7 @@ class _BoxChooser:
         whole, used = _rectangles(boxes, options.boxes)
         inside = clipped(np.where(np.isnan(whole), 0.0, whole), frame.wh)
         placed = np.minimum(*(inside[:, 2:] - inside[:, :2]).T) >= _LEAST_SIDE
-        out = wanted & placed | wanted & self._traits.unplaced
+        out = wanted & placed | wanted & self._traits.holds_unplaced
         ignored = ignorable & placed & (options.rejected == "dontcare")
         row = np.flatnonzero(out | ignored)
         chosen = LabelBoxes(
@@ -391,7 +392,7 @@ class _BoxChooser:
 
     def _crowd(self, frame: ExportFrame) -> BoolArray:
         """(N,): boxes that stand for many objects, where a format cannot say so."""
-        if self._traits.crowds:
+        if self._traits.holds_crowds:
             return np.zeros(len(frame.boxes), np.bool_)
         return frame.given.is_crowd(len(frame.boxes))
 

@@ -25,7 +25,7 @@ from filter_core.formats.format import (
     LABEL_NEEDS,
     LABEL_OPTIONS,
     Format,
-    Likeness,
+    Recognition,
     Source,
 )
 from filter_core.formats.reading import (
@@ -67,8 +67,8 @@ YOLO: Final = Format(
 )
 
 
-@YOLO.detector
-def _likeness(source: Source) -> Likeness:
+@YOLO.recogniser
+def _recognise(source: Source) -> Recognition:
     labels = (name for name in source.label_files if name.lower().endswith(".txt"))
     labelled = any(map(holds_boxes, labels))
     return "possible" if labelled and _class_list(source.path) else "none"
@@ -309,7 +309,7 @@ class YoloWriter:
     folder of the user's settings.
     """
 
-    traits: ClassVar[Traits] = Traits(keys=True, flat=True)
+    traits: ClassVar[Traits] = Traits(needs_key_list=True, needs_flat_names=True)
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context

@@ -81,7 +81,7 @@ def test_frames_are_answered_run_undone_and_exported(api, street):
 
 
 def labels_of(api, name):
-    """The label files of an export, checked against its own books."""
+    """The label files of an export, checked against the counts of its manifest.json."""
     accepted = api.post(f"/datasets/{name}/exports", {"format": "yolo", "options": {}})
     export = api.finished(accepted)
     assert export["state"] == "done", export

@@ -7,7 +7,7 @@ from typing import get_args
 
 import pytest
 
-from filter_core.formats.registry import FORMATS, LAYOUTS
+from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, LAYOUTS
 from tests.support.documents import read
 from tools.reference import part_pattern
 from unghost.wire.runs import ExportIn, ExportOptions
@@ -62,3 +62,28 @@ def test_every_export_option_is_described_with_its_default(option):
     assert f"`{str(default).lower()}`" in row[1]
     for choice in get_args(ExportOptions.model_fields[option].annotation):
         assert not isinstance(choice, str) or f"`{choice}`" in row[1]
+
+
+@pytest.mark.parametrize("option", ExportOptions.model_fields)
+def test_every_export_option_names_the_formats_that_have_it(option):
+    row = re.search(rf"^\| `{option}` \|.*\| (.*?) \|$", GOING_OUT, re.MULTILINE)
+
+    assert row is not None
+    has_it = {name for name in EXPORT_FORMATS if option in FORMATS[name].options}
+    assert named(row[1]) == has_it
+
+
+def named(text: str) -> set[str]:
+    """The formats that a cell means: "`yolo`, `coco`", or "labels but `cvat`"."""
+    some, _, others = text.partition(" but ")
+    return members(some) - members(others)
+
+
+def members(text: str) -> set[str]:
+    """The formats of a group by its name, or those that are listed."""
+    groups = {
+        "all": EXPORT_FORMATS,
+        "labels": [name for name in FORMATS if "boxes" in FORMATS[name].options],
+        "decisions": [name for name in FORMATS if name.startswith("decisions-")],
+    }
+    return set(groups.get(text, re.findall("`(.*?)`", text)))

@@ -168,5 +168,5 @@ def unpacked(folder, files):
 
 
 def labels_of(files):
-    """All but the books, which tell where the boxes came from."""
+    """All but manifest.json, which says where the boxes came from."""
     return {name: one for name, one in files.items() if name != "manifest.json"}

@@ -204,13 +204,11 @@ def convert(options: ConvertOptions) -> None:
     """
     if options.config is not None and not options.filter:
         raise typer.BadParameter("--config is for --filter")
-    from filter_core.formats.registry import format_of
-
-    # Before the folder is read, which may take long.
-    format_of(options.to, _label_options(options))
+    # Before the folder is read, which may take long: this refuses an unknown format.
+    labels = _label_options(options)
     found = open_source(options.source, options)
     progress = _Progress(options.screen)
-    counts = _write_labels(options, found, progress)
+    counts = _write_labels(options, labels, found, progress)
     for file in found.unmatched:
         options.screen.note(not_matched(file))
     boxes = {name: counts["boxes"][name] for name in ("in", "out", "dropped")}
@@ -226,15 +224,18 @@ def convert(options: ConvertOptions) -> None:
 
 def _label_options(options: ConvertOptions) -> LabelOptions:
     from filter_core.formats.export import ExportOptions as LabelOptions
+    from filter_core.formats.registry import format_of
 
+    given = LabelOptions.from_mapping(options.given)
+    selects_boxes = "include" in format_of(options.to, given).options
+    if options.filter or not selects_boxes:
+        return given
     # Without the filter nothing is decided, and so nothing is left out.
-    taken_over = not options.filter and not options.to.startswith("decisions")
-    include = {"include": "all"} if taken_over else {}
-    return LabelOptions.from_mapping({**include, **options.given})
+    return LabelOptions.from_mapping({"include": "all", **options.given})
 
 
 def _write_labels(
-    options: ConvertOptions, found: FrameSet, progress: _Progress
+    options: ConvertOptions, labels: LabelOptions, found: FrameSet, progress: _Progress
 ) -> Counts:
     from filter_core.formats.export import ExportHead
     from filter_core.formats.files import folder_sink
@@ -246,7 +247,6 @@ def _write_labels(
     options.screen.note(f"classes in this order: {', '.join(classes)}")
     decided = {"config": config.digest} if options.filter else {}
     facts = {"source": options.source.name, "layout": found.layout, **decided}
-    labels = _label_options(options)
     needs = format_of(options.to, labels).needs
     frames = export_sources(found, config, measure=options.filter, needs=needs)
     with folder_sink(options.output) as sink:

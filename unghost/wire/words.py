@@ -68,9 +68,9 @@ EdgeKind: TypeAlias = Literal["2d", "3d"]
 FolderLayout: TypeAlias = Literal[
     "yolo", "coco", "kitti", "voc", "manifest", "carlasimu", "pairs"
 ]
-"""How the files of a folder of frames are arranged."""
+"""The formats that a folder of frames can be read in."""
 Layout: TypeAlias = Literal["auto", FolderLayout]
-"""How a folder is to be read; `auto`: by the layout that it seems to have."""
+"""The format to read a folder in; `auto`: the one that its files show."""
 
 # Segmentations
 Palette: TypeAlias = Literal[

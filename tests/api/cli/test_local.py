@@ -265,8 +265,8 @@ def test_convert_with_the_filter_leaves_out_what_is_rejected(unghost, tmp_path):
         assert "refused: run/000001" in answer.err
         labels = sorted((target / "labels").rglob("*.txt"))
         assert sum(len(one.read_text().splitlines()) for one in labels) == kept
-        books = json.loads((target / "manifest.json").read_text("utf-8"))
-        assert [row["reason"] for row in books["boxes"]] == ["no_visible_pixels"] * 2
+        manifest = json.loads((target / "manifest.json").read_text("utf-8"))
+        assert [row["reason"] for row in manifest["boxes"]] == ["no_visible_pixels"] * 2
 
 
 @pytest.mark.parametrize(

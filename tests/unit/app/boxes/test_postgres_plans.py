@@ -192,7 +192,7 @@ def test_frames_are_found_by_their_keys(session, dataset):
         for by_key in (True, False):
             frames.page(FrameFilter(dataset.id), FramePage(by_key, False, None, PAGE))
         frames.page(FrameFilter(dataset.id, keys[30]), FramePage(True, False, "", PAGE))
-        frames.chunk(dataset.id, after=keys[3], limit=PAGE)
+        frames.next_frames(dataset.id, after=keys[3], limit=PAGE)
         frames.neighbours(some)
         assert len(known_frames(session, dataset.id, keys)) == 50
         assert len(key_rows(session, dataset.id, keys)) == 50

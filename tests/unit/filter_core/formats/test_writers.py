@@ -1,4 +1,4 @@
-"""What is exported: YOLO that trains as it is, decisions, and books that add up."""
+"""What is exported: YOLO that trains as it is, decisions, and counts that add up."""
 
 from __future__ import annotations
 
