@@ -2,7 +2,7 @@
 
     python -m benchmarks.bench_batch [--frames 1000] [--without-image] [--carla]
     python -m benchmarks.bench_batch --memory    peaks at 1,000 and 10,000 frames
-    python -m benchmarks.bench_batch --filled    the rate beside a million stored boxes
+    python -m benchmarks.bench_batch --filled    the rate with a million boxes stored
 
 A real server on a port takes one archive of frames: a 1.3 MB image of their own, a
 segmentation and 30 boxes each. The client packs and sends from this process, on the

@@ -29,7 +29,7 @@ from app.datasets.service import NewDataset, create_dataset
 from app.db.tables import Run
 from app.engine import Job, LocalEngine
 from app.engine.chunk import DONE, ChunkWork
-from app.jobs.driver import carry_out
+from app.jobs.driver import drive_job
 from app.jobs.kind import Task, register
 from app.jobs.queries import Span, job_of
 from app.measuring.plan import DatasetReading
@@ -174,7 +174,7 @@ def drive(context: ServiceContext, chunks: int) -> None:
         session.add(run)
         session.flush()
         job = job_of(run)
-    carry_out(context, job)
+    drive_job(context, job)
 
 
 def submit_at_once(chunks: int) -> None:

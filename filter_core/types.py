@@ -58,7 +58,7 @@ ReasonLabel: TypeAlias = Literal[
     "too_few_lidar_points",
     "visible",
 ]
-"""The names of each `Reason` on the wire, by its number from 1."""
+"""The names of reasons on the wire, in the order of `Reason`."""
 
 UNKNOWN_TAG: Final = 255
 """The tag of a pixel whose colour or number is no tag of its family."""

@@ -73,9 +73,10 @@ def add(
 def answered(
     session: Session, box_ids: Iterable[int] = (), *, batch_id: int | None = None
 ) -> None:
-    """Copy answers that are one revision newer into `decisions` and the tallies.
+    """Copy answers from `reviews` into `decisions` and the tallies.
 
-    They are rows of `reviews` by now: those on some boxes, or those of an act on many.
+    Those on `box_ids`, or those of the act on many boxes `batch_id`: each answer whose
+    revision is one above `decisions.revision` of its box.
     """
     if batch_id is None:
         for chunk in chunks(box_ids):

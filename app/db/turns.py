@@ -1,4 +1,7 @@
-"""Whose transaction writes next: one at a time, in the order in which they asked."""
+"""Whose transaction writes next: one at a time, those of people first.
+
+Among transactions of people, and among all others, the one that asked first is first.
+"""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 _Result = TypeVar("_Result")
 
-_LOOK_S: Final = 0.05
+_POLL_S: Final = 0.05
 """How often somebody who may give up is asked whether they have."""
 _END_S: Final = 1.0
 """How long a process that was told to end, or has closed its pipe, is waited for."""
@@ -116,7 +116,7 @@ class PixelPool:
     seconds : float
         Wall time that one piece of work may take.
     memory_bytes : int
-        Address space that a child may use beside that of its program.
+        Address space that a child may use besides that of its program.
     preload : names of modules
         Imported once for all children, where the system can fork.
     subject : Subject
@@ -268,7 +268,7 @@ class PixelPool:
             if given_up.is_set():
                 raise GivenUp
             with suppress(Empty):
-                return self._free.get(timeout=_LOOK_S)
+                return self._free.get(timeout=_POLL_S)
         return self._free.get()
 
     def _start(self) -> _Child:
@@ -324,7 +324,7 @@ class _Child:
                 raise _TooSlow
             return
         until = time.monotonic() + seconds
-        while not self._pipe.poll(_LOOK_S):
+        while not self._pipe.poll(_POLL_S):
             if given_up.is_set():
                 raise GivenUp
             if time.monotonic() > until:

@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from typing import Final, NamedTuple
 
 DONE: Final = "done"
-GIVEN_BACK: Final = "given back"
+RETURNED: Final = "returned"
 """The process that worked on it stops: somebody else is to go on."""
 FAILED: Final = "failed"
 """Why is in the chunk's row."""
 UNWANTED: Final = "unwanted"
-GIVEN_UP: Final = "given up"
+QUARANTINED: Final = "quarantined"
 """It has ended its process too often: nobody is to try it again."""
 ELSEWHERE: Final = "elsewhere"
 """Whoever was asked looks at another database."""

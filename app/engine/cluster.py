@@ -92,7 +92,7 @@ class ClusterEngine(LocalEngine):
         executor = client.get_executor(pure=False)
         try:
             sent: Future[str] = executor.submit(
-                work_on, job.kind, job.id, number, self._scheduler.installation
+                run_on_worker, job.kind, job.id, number, self._scheduler.installation
             )
         except Exception as exc:
             raise EngineAway(str(exc)) from exc
@@ -172,8 +172,12 @@ def work_with(work: RemoteWork) -> None:
     _WORK[:] = [work]
 
 
-def work_on(kind: str, job_id: int, number: int, installation: str) -> str:
-    """Work on a chunk of a job in the database of an installation; how it ended."""
+def run_on_worker(kind: str, job_id: int, number: int, installation: str) -> str:
+    """What a worker is sent: work on a chunk with the function of `work_with`.
+
+    `installation` is the id of the database that the job is in. The result is a word of
+    `app.engine.chunk`.
+    """
     if not _WORK:
         raise RuntimeError("this process is no worker of Unghost")
     return _WORK[0](kind, job_id, number, installation)

@@ -43,7 +43,7 @@ class LocalEngine:
         self._done: dict[Job, int] = {}
 
     def start(self, work: Callable[[_Item], _Result], item: _Item) -> Future[_Result]:
-        """Work on one item beside everything else that is measured."""
+        """Work on one item at the same time as others are measured."""
         return self._pixels.submit(self._worked, work, item)
 
     @property

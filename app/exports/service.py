@@ -128,11 +128,13 @@ class ExportKind:
     def finish(self, task: Task[tables.Export]) -> None:
         """Does nothing: the only chunk of an export ends it."""
 
-    def left(self, _session: Session, _row: tables.Export, _chunk: Chunk) -> list[int]:
+    def unfinished(
+        self, _session: Session, _row: tables.Export, _chunk: Chunk
+    ) -> list[int]:
         """Empty: it cannot be said which frame of an export has ended a process."""
         return []
 
-    def name_left(
+    def name_unfinished(
         self, _session: Session, _row: tables.Export, _chunks: Sequence[Chunk]
     ) -> str:
         """All of it."""

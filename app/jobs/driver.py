@@ -1,4 +1,4 @@
-"""Driving a job: its chunks are planned bit by bit, sent out, and looked after.
+"""Driving a job: planning its chunks bit by bit, sending them out, and ending it.
 
 Chunks may be done more than once and in any order; what counts is what the database
 says of them.
@@ -21,9 +21,9 @@ from app.context import ServiceContext
 from app.db.tables import JobRow
 from app.db.transient import in_a_line, is_transient
 from app.engine import EngineAway, Job, JobStopped, WorkerDied
-from app.engine.chunk import DONE, ELSEWHERE, FAILED, GIVEN_BACK, GIVEN_UP, UNWANTED
+from app.engine.chunk import DONE, ELSEWHERE, FAILED, QUARANTINED, RETURNED, UNWANTED
 from app.errors import AppError
-from app.jobs.kind import LOOK_AT_ROW_S, AnyKind, kind_of
+from app.jobs.kind import READ_ROW_EVERY_S, AnyKind, kind_of
 from app.jobs.leases import JobLease, Leases
 from app.jobs.queries import (
     OPEN,
@@ -33,12 +33,13 @@ from app.jobs.queries import (
     is_final,
     open_job,
 )
-from app.jobs.work import MOST_ATTEMPTS, stored_error, unexpected_error, work_here
+from app.jobs.work import MOST_ATTEMPTS, stored_error, unexpected_error, work_in_driver
 from filter_core.errors import FilterError
 
-LOOK_S: Final = 0.1
+WAIT_S: Final = 0.1
+"""How long the driver waits for a chunk to end before it checks all else."""
 LONGEST_PAUSE_S: Final = 8.0
-QUARANTINED: Final = "quarantined"
+"""The longest pause between two attempts to reach an engine that is away."""
 
 log = logging.getLogger(__name__)
 
@@ -51,8 +52,8 @@ class ChunkFailed(Exception):
         self.error = dict(error)
 
 
-def carry_out(context: ServiceContext, job: Job) -> bool:
-    """Drive one job from its row to its end; safe to call again after a crash.
+def drive_job(context: ServiceContext, job: Job) -> bool:
+    """Drive one job to its end; also one that a process that died has begun.
 
     Nothing happens if another process drives it, or if another job has to end first.
     True if the job is over.
@@ -76,7 +77,7 @@ def carry_out(context: ServiceContext, job: Job) -> bool:
             if _fail(context, lease, unexpected_error(job)):
                 raise
             # Somebody cancelled it, or deleted its dataset, between two statements.
-            log.info("%s %d ended: nobody wants it any more", *job)
+            log.info("%s %d ended: it was cancelled or deleted", *job)
         finally:
             context.engine.clear_progress(job)
     return True
@@ -105,19 +106,28 @@ def _fail(
 
 @dataclass
 class JobDriver:
-    """Carries out one job."""
+    """Drives one job.
+
+    `_to_send` are numbers of chunks that wait for room in the engine, `_suspects` those
+    in which a process has died, and `_in_flight` those that the engine works on. A
+    suspect is sent when nothing else is in flight, and nothing is sent until it ends
+    (`_suspect_in_flight`).
+
+    Chunks of `_frames_per_chunk` frames are planned up to the frame with the id
+    `_planned_up_to`; `_is_planned` if there are no frames behind it.
+    """
 
     context: ServiceContext
     lease: JobLease
     kind: AnyKind
-    _again: deque[int] = field(default_factory=deque)
+    _to_send: deque[int] = field(default_factory=deque)
     _suspects: deque[int] = field(default_factory=deque)
     _in_flight: dict[Future[str], int] = field(default_factory=dict)
-    _after: int = 0
-    _frames: int = 0
+    _suspect_in_flight: bool = False
+    _frames_per_chunk: int = 0
+    _planned_up_to: int = 0
     _is_planned: bool = False
-    _is_alone: bool = False
-    _looked_at: float = 0.0
+    _row_read_at: float = 0.0
 
     def drive(self) -> None:
         """Begin or go on, until nothing is left to do.
@@ -160,17 +170,17 @@ class JobDriver:
 
     def _drive_chunks(self, row: JobRow) -> None:
         """Until every chunk is done."""
-        self._frames = self.context.engine.chunk_frames(row.total - row.done)
-        self._is_planned, self._after = False, 0
+        self._frames_per_chunk = self.context.engine.chunk_frames(row.total - row.done)
+        self._is_planned, self._planned_up_to = False, 0
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
-            self._again = deque(chunks.waiting(self.lease.job))
+            self._to_send = deque(chunks.waiting(self.lease.job))
             # What is in quarantine is not planned once more, under another number.
-            if self._again or chunks.quarantined(self.lease.job):
-                self._after = chunks.last_frame(self.lease.job)
+            if self._to_send or chunks.quarantined(self.lease.job):
+                self._planned_up_to = chunks.last_frame(self.lease.job)
         try:
             while self._send(row):
-                self._look()
+                self._take_ended()
         finally:
             self.context.engine.release(list(self._in_flight))
         self._check_quarantine()
@@ -178,15 +188,15 @@ class JobDriver:
     def _drive_final(self) -> None:
         """The final step, in this thread whatever the engine is.
 
-        It is not done where it had to be given back: look, and begin again.
+        If it could not be done now, `drive` goes on with the chunks and comes back.
         """
         with self.context.database.write() as session:
             self.lease.require(session)
             row = self._row(session)
             number = ChunkRepository(session).plan_final(self.lease.job, row.total)
         self._check()
-        outcome = work_here(self.context, *self.lease.job, number)
-        if outcome == GIVEN_UP:
+        outcome = work_in_driver(self.context, *self.lease.job, number)
+        if outcome == QUARANTINED:
             self._check_quarantine()
         elif outcome != DONE:
             self._ended(number, outcome)
@@ -199,41 +209,46 @@ class JobDriver:
                 self._start(number)
         except EngineAway:
             self._reconnect()
-        return bool(self._in_flight or self._again or self._suspects)
+        return bool(self._in_flight or self._to_send or self._suspects)
 
     def _next(self, row: JobRow) -> int | None:
-        self._is_alone = self._is_alone and bool(self._in_flight)
-        if self._suspects or self._is_alone:
-            # Alone: if the process dies once more, this chunk and no other one did it.
+        self._suspect_in_flight = self._suspect_in_flight and bool(self._in_flight)
+        if self._suspects or self._suspect_in_flight:
+            # Sent alone, so that if a process dies again, this chunk is to blame.
             return None if self._in_flight else self._suspects[0]
         room = self.context.engine.window - len(self._in_flight)
-        if room > 0 and not self._again and not self._is_planned:
+        if room > 0 and not self._to_send and not self._is_planned:
             self._plan(row, room)
-        return self._again[0] if room > 0 and self._again else None
+        return self._to_send[0] if room > 0 and self._to_send else None
 
     def _start(self, number: int) -> None:
-        here = partial(work_here, self.context)
+        here = partial(work_in_driver, self.context)
         engine = self.context.engine
         future = engine.start_chunk(here, self.lease.job, number)
-        self._is_alone = bool(self._suspects)
-        (self._suspects or self._again).popleft()
+        self._suspect_in_flight = bool(self._suspects)
+        (self._suspects or self._to_send).popleft()
         self._in_flight[future] = number
 
     def _plan(self, row: JobRow, most: int) -> None:
-        limits = {"after": self._after, "most": most, "frames": self._frames}
+        limits = {
+            "after": self._planned_up_to,
+            "most": most,
+            "frames": self._frames_per_chunk,
+        }
         with self.context.database.read() as session:
             spans = self.kind.plan(session, row, **limits)
         self._is_planned = len(spans) < most
         if not spans:
             return
-        self._after = spans[-1].last_frame_id
+        self._planned_up_to = spans[-1].last_frame_id
         with self.context.database.write() as session:
             self.lease.require(session)
             self._row(session)
-            self._again.extend(ChunkRepository(session).plan(self.lease.job, spans))
+            self._to_send.extend(ChunkRepository(session).plan(self.lease.job, spans))
 
-    def _look(self) -> None:
-        done, _ = wait(self._in_flight, LOOK_S, FIRST_COMPLETED)
+    def _take_ended(self) -> None:
+        """Wait a moment for chunks that end, and deal with how they ended."""
+        done, _ = wait(self._in_flight, WAIT_S, FIRST_COMPLETED)
         for future in done:
             number = self._in_flight.pop(future)
             try:
@@ -241,7 +256,7 @@ class JobDriver:
             except WorkerDied as died:
                 self._suspect(number, died)
             except EngineAway:
-                self._again.append(number)
+                self._to_send.append(number)
         if not self.context.engine.is_connected():
             self._reconnect()
 
@@ -254,12 +269,12 @@ class JobDriver:
                 "same UNGHOST_DATABASE_URL"
             )
             raise ChunkFailed({"code": "worker_elsewhere", "detail": detail})
-        if outcome in (GIVEN_BACK, UNWANTED):
-            # If it is the job that nobody wants, its row says so.
-            self._looked_at = 0.0
+        if outcome in (RETURNED, UNWANTED):
+            # If the job is over, its row says so, which is read at once.
+            self._row_read_at = 0.0
             self._check()
-            self._again.append(number)
-            self.context.engine.stopping.wait(LOOK_S)
+            self._to_send.append(number)
+            self.context.engine.stopping.wait(WAIT_S)
 
     def _error_of(self, number: int) -> Mapping[str, object]:
         with self.context.database.read() as session:
@@ -278,16 +293,16 @@ class JobDriver:
     def _check(self) -> None:
         self.context.engine.check(self.lease.job)
         self.lease.check()
-        if time.monotonic() - self._looked_at >= LOOK_AT_ROW_S:
+        if time.monotonic() - self._row_read_at >= READ_ROW_EVERY_S:
             with self.context.database.read() as session:
                 self._row(session)
-            self._looked_at = time.monotonic()
+            self._row_read_at = time.monotonic()
 
     def _reconnect(self) -> None:
         """Wait for the engine as long as it takes, and send again what is not done."""
-        self._again.extendleft(self._in_flight.values())
+        self._to_send.extendleft(self._in_flight.values())
         self._in_flight.clear()
-        pause = LOOK_S
+        pause = WAIT_S
         while True:
             self._check()
             try:
@@ -301,20 +316,20 @@ class JobDriver:
         # Workers go on without it, and note what they have done.
         with self.context.database.read() as session:
             waiting = set(ChunkRepository(session).waiting(self.lease.job))
-        self._again = deque(number for number in self._again if number in waiting)
+        self._to_send = deque(number for number in self._to_send if number in waiting)
 
     def _check_quarantine(self) -> None:
         with self.context.database.read() as session:
-            given_up = ChunkRepository(session).quarantined(self.lease.job)
-            if not given_up:
+            chunks = ChunkRepository(session).quarantined(self.lease.job)
+            if not chunks:
                 return
-            if is_final(given_up[0].number):
+            if is_final(chunks[0].number):
                 what = self.kind.final_step
             else:
-                what = self.kind.name_left(session, self._row(session), given_up)
+                what = self.kind.name_unfinished(session, self._row(session), chunks)
         if what:
             detail = (
                 f"{what} ended the process that was at it {MOST_ATTEMPTS} times; the "
                 "log of the process may say why"
             )
-            raise ChunkFailed({"code": QUARANTINED, "detail": detail})
+            raise ChunkFailed({"code": "quarantined", "detail": detail})

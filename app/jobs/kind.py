@@ -28,8 +28,8 @@ from app.jobs.queries import (
     tell_done,
 )
 
-LOOK_AT_ROW_S: Final = 0.5
-"""How often a task asks the database whether its job is still wanted."""
+READ_ROW_EVERY_S: Final = 0.5
+"""How often a task reads its job's row, to notice that the job has ended."""
 TELL_EVERY_S: Final = 0.5
 """How often a task writes down how far it is."""
 PAUSES_S: Final = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 15.0)
@@ -37,7 +37,7 @@ PAUSES_S: Final = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 15.0)
 
 A job goes on after the store was away for half a minute; requests do not wait so long.
 """
-_LOOK_S: Final = 0.25
+_CHECK_EVERY_S: Final = 0.25
 _T = TypeVar("_T")
 
 
@@ -109,14 +109,16 @@ class JobKind(Protocol[Row]):
             It is cancelled, or the service stops.
         """
 
-    def left(self, session: Session, row: Row, chunk: Chunk) -> list[int]:
+    def unfinished(self, session: Session, row: Row, chunk: Chunk) -> list[int]:
         """Ids of the frames of a chunk that have no result; none if it has no frames of
         its own."""
 
-    def name_left(self, session: Session, row: Row, chunks: Sequence[Chunk]) -> str:
-        """What of these chunks has no result, as the subject of a sentence.
+    def name_unfinished(
+        self, session: Session, row: Row, chunks: Sequence[Chunk]
+    ) -> str:
+        """The frames of these chunks without a result, as the subject of a sentence.
 
-        Empty if other processes have made all of it meanwhile.
+        Empty if other processes have stored all results meanwhile.
         """
 
     def describe(
@@ -161,7 +163,7 @@ class Task(Generic[Row]):
     number: int
     on_stored: Callable[[Session], None] = _ignore
     _is_over: threading.Event = field(default_factory=threading.Event)
-    _looked_at: float = field(default_factory=time.monotonic)
+    _row_read_at: float = field(default_factory=time.monotonic)
     _told_at: float = field(default_factory=time.monotonic)
 
     def row(self, session: Session) -> Row:
@@ -181,9 +183,9 @@ class Task(Generic[Row]):
         if self._is_over.is_set():
             raise JobStopped(self.job)
         self.context.engine.check(self.job)
-        if time.monotonic() - self._looked_at >= LOOK_AT_ROW_S:
-            self._look()
-            self._looked_at = time.monotonic()
+        if time.monotonic() - self._row_read_at >= READ_ROW_EVERY_S:
+            self._require_open()
+            self._row_read_at = time.monotonic()
 
     def check_wanted(self) -> None:
         """As `check`, but goes on while the service stops, so that work is kept."""
@@ -197,7 +199,7 @@ class Task(Generic[Row]):
         """Say how many frames are done, for those who watch.
 
         Rows that the final step writes are seen by nobody until it commits. On
-        PostgreSQL the number is written in a transaction beside it; on SQLite only the
+        PostgreSQL the number is written in a separate transaction; on SQLite only the
         memory of this process can tell it.
         """
         final = is_final(self.number)
@@ -237,7 +239,7 @@ class Task(Generic[Row]):
         """Nobody waits for this task any more: its threads are to end."""
         self._is_over.set()
 
-    def _look(self) -> None:
+    def _require_open(self) -> None:
         with self.context.database.read() as session:
             if not is_final(self.number):
                 self.row(session)
@@ -249,7 +251,7 @@ class Task(Generic[Row]):
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0:
             self.check()
-            self.context.engine.stopping.wait(min(left, _LOOK_S))
+            self.context.engine.stopping.wait(min(left, _CHECK_EVERY_S))
 
 
 AnyTask: TypeAlias = Task[Any]

@@ -86,8 +86,8 @@ def close(
 ) -> None:
     """End a job for ever.
 
-    Its chunks are forgotten; those in quarantine are kept of a job that failed, for who
-    wants to know.
+    Its chunks are removed. Of a job that failed, those in quarantine stay, so that it
+    can be found out why it failed.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def close(
     if error is not None:
         row.error = dict(error)
     session.flush()
-    ChunkRepository(session).forget(job_of(row), quarantined=state != "failed")
+    ChunkRepository(session).forget(job_of(row), keep_quarantined=state == "failed")
 
 
 class Span(NamedTuple):
@@ -193,7 +193,7 @@ class ChunkRepository:
             return False
         chunk.attempts += 1
         if chunk.attempts >= most_attempts:
-            self.give_up(chunk)
+            self.quarantine(chunk)
         self._session.flush()
         return chunk.state == "waiting"
 
@@ -211,22 +211,23 @@ class ChunkRepository:
             .values(attempts=0)
         )
 
-    def give_up(self, chunk: Chunk) -> None:
-        """Put a chunk into quarantine."""
+    def quarantine(self, chunk: Chunk) -> None:
+        """Mark a chunk as one that nobody tries again."""
         chunk.state, chunk.finished_at = "quarantined", utc_now()
         self._session.flush()
 
-    def set_aside(self, chunk: Chunk, frame_id: int, left: int) -> None:
-        """Put the first frame of what is left of a chunk into quarantine, alone.
+    def quarantine_frame(self, chunk: Chunk, frame_id: int, unfinished: int) -> None:
+        """Put one frame of a chunk into quarantine, and let the others be tried again.
 
-        It becomes a chunk of its own; the other one goes on behind it.
+        The frame is the first of `unfinished` frames that have no result yet. It
+        becomes a chunk of its own, and the chunk begins behind it.
         """
         job = Job(chunk.kind, chunk.job_id)
         (number,) = self.plan(job, [Span(frame_id, frame_id, 1)])
         alone = self._session.get_one(Chunk, (*job, number))
         alone.attempts, chunk.attempts = chunk.attempts, 0
-        chunk.first_frame_id, chunk.frames = frame_id + 1, left - 1
-        self.give_up(alone)
+        chunk.first_frame_id, chunk.frames = frame_id + 1, unfinished - 1
+        self.quarantine(alone)
 
     def begin_again(self, job: Job) -> None:
         """A new driver tries again what an earlier one did not come to report."""
@@ -236,10 +237,10 @@ class ChunkRepository:
             .values(error=None)
         )
 
-    def forget(self, job: Job, *, quarantined: bool = True) -> None:
-        """Remove the chunks of a job that is over; those in quarantine on request."""
+    def forget(self, job: Job, *, keep_quarantined: bool) -> None:
+        """Remove the chunks of a job that is over."""
         rows = delete(Chunk).where(*_chunks_of(job))
-        if not quarantined:
+        if keep_quarantined:
             rows = rows.where(Chunk.state != "quarantined")
         self._session.execute(rows)
 
@@ -277,8 +278,23 @@ def _chunks_of(job: Job) -> list[ColumnElement[bool]]:
     return [Chunk.kind == job.kind, Chunk.job_id == job.id]
 
 
-LASTS: Final = timedelta(seconds=8)
-"""For how long a process that says nothing more is taken to be alive."""
+LEASE_LASTS: Final = timedelta(seconds=8)
+"""How long a lease holds after it was taken or renewed."""
+
+
+class LeasedJobs(NamedTuple):
+    """Jobs that have a lease.
+
+    Attributes
+    ----------
+    driven : set of Job
+        Their lease holds: a process drives them.
+    void : set of Job
+        Their lease has run out, or the process that holds it has ended.
+    """
+
+    driven: set[Job]
+    void: set[Job]
 
 
 class LeaseRepository:
@@ -293,11 +309,11 @@ class LeaseRepository:
             return utc_now()
         return self._session.scalar(select(func.clock_timestamp())) or utc_now()
 
-    def take(self, job: Job, holder: str, is_void: Callable[[str], bool]) -> bool:
+    def take(self, job: Job, holder: str, has_ended: Callable[[str], bool]) -> bool:
         """Make `holder` the process that drives a job; False if another one does.
 
-        A lease can be taken over once it has run out, or if `is_void` says that the
-        process which holds it is gone.
+        A lease can be taken over once it has run out, or if `has_ended` says that the
+        process which holds it has ended.
         """
         now = self.now()
         # Whoever is storing the job's end holds its row: not to be waited for.
@@ -305,13 +321,13 @@ class LeaseRepository:
         lease = self._session.scalar(rows)
         if lease is None:
             row = {"kind": job.kind, "job_id": job.id, "holder": holder}
-            new = upsert(self._session, Lease).values(**row, until=now + LASTS)
+            new = upsert(self._session, Lease).values(**row, until=now + LEASE_LASTS)
             added = new.on_conflict_do_nothing().returning(Lease.holder)
             return self._session.execute(added).first() is not None
         is_anothers = lease.holder != holder and lease.until > now
-        if is_anothers and not is_void(lease.holder):
+        if is_anothers and not has_ended(lease.holder):
             return False
-        lease.holder, lease.until = holder, now + LASTS
+        lease.holder, lease.until = holder, now + LEASE_LASTS
         self._session.flush()
         return True
 
@@ -320,7 +336,7 @@ class LeaseRepository:
         rows = select(Lease.holder).where(*_lease_of(job)).with_for_update()
         if self._session.scalar(rows) != holder:
             return False
-        until = self.now() + LASTS
+        until = self.now() + LEASE_LASTS
         self._session.execute(update(Lease).where(*_lease_of(job)).values(until=until))
         return True
 
@@ -334,21 +350,21 @@ class LeaseRepository:
         mine = delete(Lease).where(*_lease_of(job), Lease.holder == holder)
         self._session.execute(mine)
 
-    def clear(self, job: Job, is_void: Callable[[str], bool]) -> None:
-        """Remove a lease that is nobody's any more; its job is over."""
+    def clear(self, job: Job, has_ended: Callable[[str], bool]) -> None:
+        """Remove the lease of a job that is over, unless a living process holds it."""
         rows = select(Lease).where(*_lease_of(job)).with_for_update(skip_locked=True)
         lease = self._session.scalar(rows)
-        if lease is not None and (lease.until <= self.now() or is_void(lease.holder)):
+        if lease is not None and (lease.until <= self.now() or has_ended(lease.holder)):
             self._session.delete(lease)
             self._session.flush()
 
-    def live(self, is_void: Callable[[str], bool]) -> tuple[set[Job], set[Job]]:
-        """Jobs that somebody drives, and jobs whose lease is nobody's any more."""
-        now, driven, void = self.now(), set[Job](), set[Job]()
+    def leased_jobs(self, has_ended: Callable[[str], bool]) -> LeasedJobs:
+        """All jobs that have a lease, told apart by whether it still holds."""
+        now, jobs = self.now(), LeasedJobs(set(), set())
         for lease in self._session.scalars(select(Lease)):
-            gone = lease.until <= now or is_void(lease.holder)
-            (void if gone else driven).add(Job(lease.kind, lease.job_id))
-        return driven, void
+            is_void = lease.until <= now or has_ended(lease.holder)
+            (jobs.void if is_void else jobs.driven).add(Job(lease.kind, lease.job_id))
+        return jobs
 
     def installation(self) -> str:
         """What tells this database from every other one."""

@@ -23,7 +23,7 @@ from app.db.engine import once_committed
 from app.db.tables import JobRow
 from app.engine import Job
 from app.errors import Conflict, NotFound, TooManyRequests
-from app.jobs.driver import carry_out
+from app.jobs.driver import drive_job
 from app.jobs.kind import JobKind, kind_of, kinds
 from app.jobs.leases import Leases, has_ended
 from app.jobs.queries import (
@@ -39,9 +39,13 @@ from app.jobs.queries import (
 )
 from app.settings import Settings
 
-LOOK_EVERY_S: Final = 2.0
-NOBODYS_AFTER_S: Final = 10.0
-"""Seconds that the service which was asked for a job has to begin it."""
+WATCHDOG_EVERY_S: Final = 2.0
+"""How often the watchdog looks for jobs that this process should drive."""
+UNDRIVEN_FOR_S: Final = 10.0
+"""Seconds that an open job may be without a driver before any service drives it.
+
+The service that was asked for the job has this time to begin it.
+"""
 _RETRY_S: Final = 10
 
 log = logging.getLogger(__name__)
@@ -86,22 +90,22 @@ def require_place(session: Session, settings: Settings, author: str) -> None:
 
 
 def start(
-    context: ServiceContext, jobs: Iterable[Job], *, driven_too: bool = False
+    context: ServiceContext, jobs: Iterable[Job], *, even_if_driven: bool = False
 ) -> None:
     """Let this process drive jobs, after those that wait here already.
 
-    A job that this process drives already is left out; with `driven_too` it is driven
-    once more afterwards. Jobs that are over, or that another process drives, may be
-    among them: they are found out later.
+    A job that this process drives already is left out; with `even_if_driven` it is
+    driven once more afterwards. Jobs that are over or that another process drives may
+    be among them: `drive_job` finds that out.
     """
-    here = frozenset() if driven_too else context.one(Leases).driven
+    here = frozenset() if even_if_driven else context.one(Leases).driven
     for job in jobs:
         if job not in here and not context.engine.stopping.is_set():
             context.engine.submit(partial(_drive, context, job), job)
 
 
 def _drive(context: ServiceContext, job: Job) -> None:
-    if carry_out(context, job):
+    if drive_job(context, job):
         start_waiting(context, job)
 
 
@@ -154,19 +158,19 @@ def _interrupt(context: ServiceContext, session: Session, job: Job) -> None:
     """Tell a job that it is being cancelled, before the session runs a statement.
 
     The session's first statement waits for whoever writes, and that may be the final
-    step of this very job. On PostgreSQL the final step is withdrawn in a transaction
-    beside it, so that a job in another process notices as well. On SQLite, where
+    step of this very job. On PostgreSQL the final step is withdrawn in a separate
+    transaction, so that a job in another process notices as well. On SQLite, where
     nothing can be written meanwhile, a flag in this process tells it.
     """
     context.engine.interrupt(job)
     if not context.database.has_one_writer:
-        # A session beside that of the caller, which has run no statement yet: its first
+        # Not the session of the caller, which has run no statement yet: its first
         # one will wait for this row.
         with context.database.write_beside() as beside:
             ChunkRepository(beside).withdraw_final(job)
     clear = partial(context.engine.clear_cancel, job)
     event.listen(session, "after_transaction_end", lambda *_: clear())
-    again = partial(start, context, [job], driven_too=True)
+    again = partial(start, context, [job], even_if_driven=True)
     event.listen(session, "after_rollback", lambda _: again())
 
 
@@ -182,13 +186,15 @@ def end_all(session: Session, dataset_id: int) -> None:
 
 
 @contextmanager
-def watching(context: ServiceContext) -> Iterator[None]:
+def running_watchdog(context: ServiceContext) -> Iterator[None]:
     """Start unfinished jobs now, and look for more until the block ends."""
     with context.database.read() as session:
         unfinished = _unfinished(session)
     start(context, unfinished)
     ends = threading.Event()
-    watchdog = threading.Thread(target=_watch, args=(context, ends), name="watchdog")
+    watchdog = threading.Thread(
+        target=_run_watchdog, args=(context, ends), name="watchdog"
+    )
     watchdog.start()
     try:
         yield
@@ -202,9 +208,9 @@ def _unfinished(session: Session) -> list[Job]:
     return [job for kind in kinds() for job in open_jobs(session, kind.table)]
 
 
-def _watch(context: ServiceContext, ends: threading.Event) -> None:
+def _run_watchdog(context: ServiceContext, ends: threading.Event) -> None:
     watchdog = Watchdog(context)
-    while not ends.wait(LOOK_EVERY_S) and not context.engine.stopping.is_set():
+    while not ends.wait(WATCHDOG_EVERY_S) and not context.engine.stopping.is_set():
         try:
             start(context, watchdog.abandoned())
         except SQLAlchemyError as exc:  # it may be away for a while
@@ -222,27 +228,27 @@ class Watchdog:
         self, context: ServiceContext, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._context, self._clock = context, clock
-        self._alone_since: dict[Job, float] = {}
+        self._undriven_since: dict[Job, float] = {}
 
     def abandoned(self) -> list[Job]:
         """The unfinished jobs that this process should drive now.
 
-        Those are jobs whose driver has died, and jobs that nobody has begun for
-        `NOBODYS_AFTER_S` seconds. Leases of dead processes on jobs that are over are
-        deleted.
+        Those are jobs whose lease is void, since their driver has died, and jobs that
+        have been without a lease for `UNDRIVEN_FOR_S` seconds. Void leases of jobs that
+        are over are deleted.
         """
         with self._context.database.read() as session:
             unfinished = _unfinished(session)
-            driven, void = LeaseRepository(session).live(has_ended)
-        if of_jobs_that_are_over := void.difference(unfinished):
+            leased = LeaseRepository(session).leased_jobs(has_ended)
+        if of_jobs_that_are_over := leased.void.difference(unfinished):
             self._clear(of_jobs_that_are_over)
-        now, before = self._clock(), self._alone_since
-        alone = [job for job in unfinished if job not in driven]
-        self._alone_since = {job: before.get(job, now) for job in alone}
+        now, before = self._clock(), self._undriven_since
+        undriven = [job for job in unfinished if job not in leased.driven]
+        self._undriven_since = {job: before.get(job, now) for job in undriven}
         return [
             job
-            for job in alone
-            if job in void or now - self._alone_since[job] >= NOBODYS_AFTER_S
+            for job in undriven
+            if job in leased.void or now - self._undriven_since[job] >= UNDRIVEN_FOR_S
         ]
 
     def _clear(self, jobs: Iterable[Job]) -> None:

@@ -4,7 +4,7 @@ Errors are written into the chunk's row. The answer is only a word: one of
 `app.engine.chunk`.
 
 If the process that drives the job works on the chunk itself and dies, nobody is left to
-note that. So it writes the attempt into the row before it begins, and takes it back as
+note that. So it writes the attempt into the row before it begins, and removes it as
 soon as it has stored a part of the result. Only attempts that stored nothing count
 against the chunk.
 """
@@ -23,7 +23,7 @@ from app.db.engine import once_committed
 from app.db.tables import Chunk
 from app.db.transient import in_a_line, is_transient
 from app.engine import Job, JobStopped
-from app.engine.chunk import DONE, ELSEWHERE, FAILED, GIVEN_BACK, GIVEN_UP, UNWANTED
+from app.engine.chunk import DONE, ELSEWHERE, FAILED, QUARANTINED, RETURNED, UNWANTED
 from app.errors import AppError
 from app.jobs.kind import AnyTask, Task, kind_of
 from app.jobs.queries import (
@@ -41,23 +41,27 @@ _PAUSE_S: Final = 0.5
 log = logging.getLogger(__name__)
 
 
-def work_on(context: ServiceContext, kind: str, job_id: int, number: int) -> str:
-    """Work on a chunk; a word of `app.engine.chunk` says how it ended."""
+def work_on_chunk(context: ServiceContext, kind: str, job_id: int, number: int) -> str:
+    """Work on a chunk, in whichever process; how it ended.
+
+    `work_in_driver` and `work_in_worker` add what their process needs.
+    """
     task = _task(context, Job(kind, job_id), number)
     return _outcome(task, lambda: _do(task))
 
 
-def work_here(context: ServiceContext, kind: str, job_id: int, number: int) -> str:
-    """As `work_on`, in the process that drives the job.
+def work_in_driver(context: ServiceContext, kind: str, job_id: int, number: int) -> str:
+    """As `work_on_chunk`, in the process that drives the job.
 
     The attempt is written into the chunk's row before the work begins, since nobody is
-    left to note it if this process dies. A chunk with too many attempts is given up.
+    left to note it if this process dies. A chunk with too many attempts is put into
+    quarantine.
     """
     task = _task(context, Job(kind, job_id), number)
     attempt = Attempt(context, task.job, number)
     task.on_stored = attempt.forget
-    outcome = _outcome(task, lambda: _do(task) if attempt.begin() else GIVEN_UP)
-    if outcome not in (DONE, GIVEN_UP):
+    outcome = _outcome(task, lambda: _do(task) if attempt.begin() else QUARANTINED)
+    if outcome not in (DONE, QUARANTINED):
         attempt.end()
     return outcome
 
@@ -81,13 +85,13 @@ def _outcome(task: AnyTask, work: Callable[[], str]) -> str:
     try:
         return work()
     except JobStopped:
-        return GIVEN_BACK if task.context.engine.stopping.is_set() else UNWANTED
+        return RETURNED if task.context.engine.stopping.is_set() else UNWANTED
     except (AppError, FilterError) as error:
         return _failed(task, stored_error(error))
     except Exception as error:
         if is_transient(error):
             log.warning("%s: %s", _named(task), in_a_line(error))
-            return GIVEN_BACK
+            return RETURNED
         outcome = _failed(task, unexpected_error(task.job))
         # Somebody may have cancelled it, or deleted its dataset, meanwhile.
         if outcome == FAILED:
@@ -95,23 +99,24 @@ def _outcome(task: AnyTask, work: Callable[[], str]) -> str:
         return outcome
 
 
-def work_remotely(
+def work_in_worker(
     context: ServiceContext, asked: tuple[str, int, int], installation: str
 ) -> str:
-    """As `work_on`, if this process looks at the database that is meant.
+    """As `work_on_chunk`, in a worker, if it uses the database that is meant.
 
-    A worker that cannot reach it gives the chunk back: the frames are not to blame.
+    A worker that cannot reach the database returns the chunk: it is to be tried again,
+    and its frames are not to blame.
     """
     try:
         with context.database.read() as session:
             found = LeaseRepository(session).installation()
         if found == installation:
-            return work_on(context, *asked)
+            return work_on_chunk(context, *asked)
     except Exception as error:
         if not is_transient(error):
             raise
         log.warning("the database cannot be reached: %s", in_a_line(error))
-        return GIVEN_BACK
+        return RETURNED
     log.error("asked to work for another database than UNGHOST_DATABASE_URL's")
     return ELSEWHERE
 
@@ -167,20 +172,20 @@ class Attempt:
                     "chunk %d of %s %d ended its process %d times",
                     *(self._number, *self._job, chunk.attempts),
                 )
-                _give_up(session, self._job, chunk)
+                _quarantine(session, self._job, chunk)
             if chunk.state == "quarantined":
                 return False
             chunks.attempt(chunk)
         return True
 
     def forget(self, session: Session) -> None:
-        """Take the attempt back: a part of the result is stored."""
+        """Remove the attempt from the row: a part of the result is stored."""
         if self._is_noted:
             ChunkRepository(session).forget_attempts(self._job, self._number)
             once_committed(session, self._forgotten)
 
     def end(self) -> None:
-        """Take the attempt back: the work has ended, and the process still lives.
+        """Remove the attempt from the row: the work ended, and the process still lives.
 
         Otherwise the next try in this process would count twice. A database that is
         away is waited for, until the service stops.
@@ -200,16 +205,18 @@ class Attempt:
         self._is_noted = False
 
 
-def _give_up(session: Session, job: Job, chunk: Chunk) -> None:
-    """Put the frame that ends processes into quarantine; here, the first that is left.
+def _quarantine(session: Session, job: Job, chunk: Chunk) -> None:
+    """Put the frame that ends processes into quarantine: the first without a result.
 
-    If the frame before it is in quarantine already, the whole chunk goes there: in a
-    row of such frames, each one would cost as many processes again.
+    After its first attempt a chunk is worked on frame by frame, so this is the frame at
+    which the process died. If the frame before it is in quarantine already, the whole
+    chunk goes there: otherwise each of many such frames in a row would end
+    `MOST_ATTEMPTS` processes.
     """
     chunks, kind = ChunkRepository(session), kind_of(job)
-    left = kind.left(session, open_job(session, kind.table, job.id), chunk)
-    beside = {one.last_frame_id + 1 for one in chunks.quarantined(job)}
-    if len(left) < 2 or left[0] in beside:
-        chunks.give_up(chunk)
+    unfinished = kind.unfinished(session, open_job(session, kind.table, job.id), chunk)
+    after_quarantined = {one.last_frame_id + 1 for one in chunks.quarantined(job)}
+    if len(unfinished) < 2 or unfinished[0] in after_quarantined:
+        chunks.quarantine(chunk)
     else:
-        chunks.set_aside(chunk, left[0], len(left))
+        chunks.quarantine_frame(chunk, unfinished[0], len(unfinished))

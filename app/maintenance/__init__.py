@@ -1,1 +1,1 @@
-"""Data folders beside the service: backup, restore, doctor, clearing away."""
+"""Commands that work on a data folder: backup, restore, doctor, clearing away."""

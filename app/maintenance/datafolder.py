@@ -1,4 +1,4 @@
-"""The data folder and its files as commands beside the server find them."""
+"""The data folder and its files, as commands other than the server find them."""
 
 from __future__ import annotations
 

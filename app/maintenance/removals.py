@@ -105,7 +105,7 @@ BOXES_AT_A_TIME: Final = 2_000
 """Some tens of milliseconds; a frame is not divided."""
 FEW_BOXES: Final = 200
 """Where there is hardly any room to write down what is changed."""
-LOOK_EVERY_S: Final = 5.0
+LOOK_FOR_WORK_EVERY_S: Final = 5.0
 """Seconds between two looks without a signal: another process may have died."""
 
 log = logging.getLogger(__name__)
@@ -170,4 +170,4 @@ def _watch(context: ServiceContext, over: threading.Event) -> None:
             text = str(exc).partition("\n")[0]
             log.warning("deleted datasets are not removed yet: %s", text)
         if not over.is_set():
-            signal.wait(LOOK_EVERY_S)
+            signal.wait(LOOK_FOR_WORK_EVERY_S)

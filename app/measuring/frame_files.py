@@ -32,7 +32,7 @@ from filter_core.types import Mask
 MEASURED: Final = ("segmentation", "ignore_mask")
 """The kinds of files that every measurement reads."""
 SENSORS: Final = files_for(CHANNELS)
-"""Those that channels beside the segmentation read."""
+"""Those that channels besides the segmentation read."""
 SIMPLE_PIXELS: Final = 1 << 21
 """A picture of 1920 x 1080 has fewer. The worst takes some tenths of a second."""
 SIMPLE_BOXES: Final = 1000

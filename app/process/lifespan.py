@@ -22,7 +22,7 @@ from app.http.idempotency import forget_old_answers
 from app.incoming import OpenBodies
 from app.jobs.kind import register
 from app.jobs.queries import LeaseRepository
-from app.jobs.service import watching
+from app.jobs.service import running_watchdog
 from app.maintenance.datafolder import (
     check_moved,
     check_same_version,
@@ -81,7 +81,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
         )
         try:
             with (
-                watching(services),
+                running_watchdog(services),
                 removing(services),
                 checking_pages(services),
                 keeping_tokens(services),

@@ -43,7 +43,7 @@ from app.settings import Settings
 
 LAST_S: Final = 15
 """Seconds after those of the requests; then the process ends, whatever it does."""
-_LOOK_S: Final = 0.05
+_POLL_S: Final = 0.05
 
 
 class GracefulServer(uvicorn.Server):
@@ -78,7 +78,7 @@ class GracefulServer(uvicorn.Server):
         _end_after(self._wait_s + LAST_S)
         self._stopping()
         while _goes_on(begun) and time.monotonic() < until:
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(_POLL_S)
         cut_off = _goes_on(begun)
         if cut_off:
             server_log.warning("%d requests are cut off: they took too long", cut_off)

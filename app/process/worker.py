@@ -34,7 +34,7 @@ from app.engine.dask import (
     security,
     when_told_to_stop,
 )
-from app.jobs.work import work_remotely
+from app.jobs.work import work_in_worker
 from app.logs import configure_logging, server_log
 from app.maintenance.datafolder import CannotMaintain
 from app.memory import keep_freed_memory, settle
@@ -53,7 +53,7 @@ LOST: Final = 75
 _SHORT_LIFE_S: Final = 10.0
 _PAUSE_S: Final = 0.25
 _LONGEST_PAUSE_S: Final = 8.0
-_IDLE_LOOK_S: Final = 0.05
+_IDLE_POLL_S: Final = 0.05
 _STDIN: Final = 0
 _KEEP_MEMORY: Final = {
     # As `keep_freed_memory`, from the first allocation on.
@@ -170,14 +170,14 @@ class Work:
             self.running += 1
         try:
             asked = kind, job_id, number
-            return work_remotely(self._services, asked, installation)
+            return work_in_worker(self._services, asked, installation)
         finally:
             with self._counting:
                 self.running -= 1
 
 
 def work(settings: Settings, place: Place) -> int:
-    """Join, and work until told to stop or left alone; the exit status."""
+    """Join, and work until told to stop or the scheduler is gone; the exit status."""
     address = check_engine(settings)
     with attached(settings) as services:
         settle()
@@ -240,7 +240,7 @@ async def _join(
         return LOST
     services.engine.stopping.set()
     while mine.running:
-        await asyncio.sleep(_IDLE_LOOK_S)
+        await asyncio.sleep(_IDLE_POLL_S)
     await worker.close(nanny=False)
     server_log.info("stopped")
     return 0

@@ -1,4 +1,4 @@
-"""Routes of quality: people beside the filter, and kinds of evidence compared."""
+"""Routes of quality: people compared with the filter, and kinds of evidence."""
 
 from __future__ import annotations
 

@@ -35,16 +35,17 @@ from app.measuring.queries import is_deleted, is_there
 
 
 class SeenBoxes(NamedTuple):
-    """Boxes to answer that have the same revision."""
+    """Boxes to answer, and the revision that all of them had when a person saw them."""
 
     box_ids: Sequence[int]
     revision: int
 
 
-class Standing(NamedTuple):
-    """Boxes whose answer by this act stands: later ones are none, or were undone.
+class StandingBoxes(NamedTuple):
+    """Boxes whose answer of one act is in force, so that the act can be undone on them.
 
-    `revision` is that of the boxes now, `before` that of the answer before the act.
+    No answer followed it, or all that followed were undone. `revision` is that of the
+    boxes now, `before` that of the answer before the act.
     """
 
     box_ids: Sequence[int]
@@ -131,8 +132,8 @@ class ReviewRepository:
         self._make_latest((box_id for seen in boxes for box_id in seen.box_ids), by)
         return stored
 
-    def answer_as_before(self, boxes: Sequence[Standing], by: Signature) -> int:
-        """Say again what was said before, where nobody spoke since; on how many."""
+    def answer_as_before(self, boxes: Sequence[StandingBoxes], by: Signature) -> int:
+        """Answer boxes as before the act, where nobody has answered since; how many."""
         earlier = aliased(Review)
         said = (
             func.coalesce(earlier.verdict, "clear"),
@@ -268,7 +269,8 @@ def _answers(
 
 
 def _of(dataset_id: int) -> ColumnElement[bool]:
-    # Said so that the boxes are looked up by their ids and nothing else.
+    # Written with `+ 0` so that the boxes are looked up by their ids alone, and not
+    # by an index on the dataset.
     return Decision.dataset_id + 0 == dataset_id
 
 
@@ -306,7 +308,7 @@ class ReviewBatches:
         rows = select(func.count()).where(Review.batch_id == batch_id)
         return self._session.scalar(rows) or 0
 
-    def standing(self, batch_id: int) -> list[Standing]:
+    def standing(self, batch_id: int) -> list[StandingBoxes]:
         """The boxes on which a batch stands, those alike together."""
         standing = _standing(batch_id)
         rows = (
@@ -317,7 +319,7 @@ class ReviewBatches:
         alike: dict[tuple[int, int], list[int]] = {}
         for box_id, revision, before in self._session.execute(rows):
             alike.setdefault((revision, before), []).append(box_id)
-        return [Standing(ids, *revisions) for revisions, ids in alike.items()]
+        return [StandingBoxes(ids, *revisions) for revisions, ids in alike.items()]
 
 
 def _standing(batch_id: int) -> CTE:
@@ -348,7 +350,7 @@ def _standing(batch_id: int) -> CTE:
         .join(
             taken_back,
             (taken_back.box_id == said.box_id)
-            # Said so that the box is looked up and not all of the batch.
+            # Written with `+ 0` so that the box is looked up, and not all of the batch.
             & (taken_back.batch_id + 0 == ReviewBatch.undoes_id),
         )
     )

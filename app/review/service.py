@@ -28,7 +28,7 @@ from app.review.queries import (
     ReviewRepository,
     SeenBoxes,
     Signature,
-    Standing,
+    StandingBoxes,
 )
 from app.security import Principal
 from app.verdicts import effective_verdict
@@ -203,13 +203,13 @@ def boxes_as_they_are(
     return ChosenBoxes(boxes, stale=[], skipped=[])
 
 
-def standing_boxes(session: Session, batch_id: int) -> list[Standing]:
+def standing_boxes(session: Session, batch_id: int) -> list[StandingBoxes]:
     """What undoing a batch would take back: to be read before the turn to write."""
     return ReviewBatches(session).standing(batch_id)
 
 
 def undo_batch(
-    session: Session, batch_id: int, standing: Sequence[Standing], by: Principal
+    session: Session, batch_id: int, standing: Sequence[StandingBoxes], by: Principal
 ) -> tuple[ReviewBatch, int, list[int]]:
     """Say again what was said before a batch, but where someone spoke since.
 

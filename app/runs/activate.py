@@ -1,8 +1,9 @@
 """The end of a run: one transaction that stores what changed and makes it current.
 
-It is a chunk like those that measure, so that nobody ever sees half a dataset decided:
-what ends its process is tried again, and not for ever. Doing it twice does no harm,
-because whoever comes second finds the run over.
+Because it is one transaction, nobody ever sees half of a dataset decided. It is run as
+a chunk, like the parts that measure, so that it is tried again if its process dies, but
+not more often than a chunk (`MOST_ATTEMPTS` in `app.jobs.work`). Of two processes that
+run it, the second finds the run over and changes nothing.
 """
 
 from __future__ import annotations

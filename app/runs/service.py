@@ -39,7 +39,7 @@ from unghost.wire import runs as wire
 class RunRequest:
     """A run as it was asked for.
 
-    `channels` are to be measured beside those that the configuration decides by.
+    `channels` are to be measured besides those that the configuration decides by.
     """
 
     config: str | FilterConfig
@@ -166,11 +166,13 @@ class RunKind:
         """Decide, and end the run, unless frames have come in meanwhile."""
         decide_all(task)
 
-    def left(self, session: Session, row: Run, chunk: Chunk) -> list[int]:
+    def unfinished(self, session: Session, row: Run, chunk: Chunk) -> list[int]:
         """Frames of a chunk that lack their numbers."""
         return unmeasured_of(session, row, chunk)
 
-    def name_left(self, session: Session, row: Run, chunks: Sequence[Chunk]) -> str:
+    def name_unfinished(
+        self, session: Session, row: Run, chunks: Sequence[Chunk]
+    ) -> str:
         """The frames that lack their numbers, by their keys."""
         left = [unmeasured_of(session, row, chunk) for chunk in chunks]
         ends = sorted({(ids[0], ids[-1]) for ids in left if ids})

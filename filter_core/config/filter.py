@@ -74,11 +74,12 @@ DistanceT = TypeVar("DistanceT")
 
 @dataclass(frozen=True, kw_only=True, init=False, eq=False, repr=False)
 class ClassKeys(Generic[ShareT, CountT, DistanceT]):
-    """The keys that single classes can override.
+    """The keys that single classes can override, declared once for four classes.
 
-    They are declared once, for three classes that differ in the type of the values:
-    one value (`DecideConfig`), one value or `INHERIT` (`ClassConfig`), or an array with
-    one value for each of several classes (`Thresholds`).
+    They differ in the type of the values: `DecideConfig` has the global values,
+    `ClassConfig` those that one class overrides, or `INHERIT`; `ClassLimits` has the
+    values that apply to one class, taken from these two; `Thresholds` has the values
+    that apply to each of several classes, as arrays.
     """
 
     threshold_small_box: ShareT = percent(
@@ -163,7 +164,7 @@ class _TagSet:
 class ClassConfig(
     ClassKeys[Number | Inherit, int | Inherit, Number | Inherit | None],
 ):
-    """The keys that one class overrides; the others are `INHERIT`."""
+    """The values that a configuration overrides for one class, or `INHERIT`."""
 
     accept: tuple[str | int, ...] | Inherit = declared(
         Key(
@@ -218,15 +219,15 @@ _CLASS_KEYS: Final = keys_of(ClassConfig)
 
 @dataclass(frozen=True, kw_only=True)
 class ClassLimits(ClassKeys[Number, int, Number | None]):
-    """The numbers that apply to one class: percent, pixels and metres.
+    """The numbers that apply to one class: its own, else the global ones.
 
-    None is no limit on the distance.
+    Percent, pixels and metres; None is no limit on the distance.
     """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Thresholds(ClassKeys[FloatArray, IntArray, FloatArray]):
-    """The numbers that apply to each of K classes: every attribute is a (K,) array.
+    """`ClassLimits` of K classes: every attribute is a (K,) array.
 
     Percent and metres are float64, pixels int64; no limit on the distance is ``-inf``
     or ``inf``. A box whose match is exactly the threshold passes under profile
@@ -261,7 +262,7 @@ class DecideConfig(ClassKeys[Number, int, Number | None]):
     evidence: EvidenceChoice = choice(
         SEMANTIC,
         get_args(EvidenceChoice),
-        "By what boxes are judged: the segmentation, or a channel beside it.",
+        "By what boxes are judged: the segmentation, or a channel besides it.",
     )
     depth_tolerance: Number = metres(
         0.15,
@@ -292,15 +293,16 @@ class DecideConfig(ClassKeys[Number, int, Number | None]):
 
     def _refuse_crossed_distances(self) -> None:
         names = (None, *self.classes)
-        limits = self.thresholds_for([name or "" for name in names])
-        crossed = limits.min_distance > limits.max_distance
+        thresholds = self.thresholds_for([name or "" for name in names])
+        nearest, farthest = thresholds.min_distance, thresholds.max_distance
+        crossed = nearest > farthest
         if crossed.any():
             index = int(np.argmax(crossed))
             at = f"/classes/{pointer_token(names[index])}" if names[index] else ""
             raise ConfigError(
                 f"{'classes.' + str(names[index]) + ': ' if at else ''}min_distance: "
-                f"expected at most max_distance ({limits.max_distance[index]:.15g}), "
-                f"found {limits.min_distance[index]:.15g}",
+                f"expected at most max_distance ({farthest[index]:.15g}), "
+                f"found {nearest[index]:.15g}",
                 pointer=f"{at}/min_distance",
             )
 

@@ -195,7 +195,7 @@ def percent(
     carlasimu: str | None = None,
     later: bool = False,
 ) -> _Field:
-    """A key from 0 to 100 percent; the parameters are those of `Key`."""
+    """A key from 0 to 100 percent; see `Key` for the parameters."""
     allowed = NumberRange(0, 100, "percent")
     key = Key(allowed, default, sentence, evidence, carlasimu=carlasimu, later=later)
     return declared(key)

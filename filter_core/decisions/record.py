@@ -1,4 +1,4 @@
-"""Decisions as they are written: dicts as in the API, and columns for exports.
+"""Decisions in the form in which others get them: API dicts, and export columns.
 
 `decision_dicts` makes a `Decision` of each box, under the keys of the API, from columns
 of evidence and decisions; it reads no pixels. Exports are written from columns:

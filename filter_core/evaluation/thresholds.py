@@ -403,9 +403,9 @@ def suggest_per_class(
     """
     if config.evidence != "semantic":
         return []
-    limits = config.thresholds_for(list(classes)).threshold_small_box.tolist()
+    present = config.thresholds_for(list(classes)).threshold_small_box.tolist()
     suggestions = []
-    for (name, key), current in zip(classes.items(), limits, strict=True):
+    for (name, key), current in zip(classes.items(), present, strict=True):
         mine = judged.where(judged.class_key == key)
         free, others = mine.where(mine.by_threshold), mine.where(~mine.by_threshold)
         answers = Answers(

@@ -170,7 +170,7 @@ def islands(
 
 
 def _candidates(box: AcceptedPixels, labels: IntArray, stats: IntArray) -> BoolArray:
-    """Which patches are small beside the largest and do not touch the border."""
+    """Which patches are small compared with the largest and do not touch the border."""
     area = stats[:, _AREA]
     own = np.bincount(labels[box.own], minlength=len(stats))
     largest = int(own.argmax())

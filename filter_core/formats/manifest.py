@@ -96,7 +96,7 @@ FRAME_FILES: Final = (
     "radar",
     "ignore_mask",
 )
-"""The files that a line may name, beside its boxes."""
+"""The files that a line may name, besides its boxes."""
 
 
 @MANIFEST.reader

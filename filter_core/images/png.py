@@ -285,11 +285,11 @@ class _Walk:
         self.ancillary_bytes += chunk.length
         if self.ancillary > _MAX_ANCILLARY:
             raise ImageError(
-                f"PNG: more than {_MAX_ANCILLARY} chunks beside its pixels"
+                f"PNG: more than {_MAX_ANCILLARY} chunks besides its pixels"
             )
         if self.ancillary_bytes > _MAX_ANCILLARY_BYTES:
             raise ImageError(
-                f"PNG: {self.ancillary_bytes} bytes beside its pixels, expected at "
+                f"PNG: {self.ancillary_bytes} bytes besides its pixels, expected at "
                 f"most {_MAX_ANCILLARY_BYTES}"
             )
         if kind in _COMPRESSED:

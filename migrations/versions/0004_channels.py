@@ -1,4 +1,4 @@
-"""What channels beside the segmentation measure, packed as the other numbers are."""
+"""What channels besides the segmentation measure, packed as the other numbers are."""
 
 from __future__ import annotations
 

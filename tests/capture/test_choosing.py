@@ -12,7 +12,7 @@ CALM = {"frames": 1, "camera": {"width": 48, "height": 32}, "walkers": {}}
 
 
 def spawned(stage, **vehicles):
-    """The vehicles beside the ego that were spawned."""
+    """The vehicles other than the ego that were spawned."""
     stage.capture(**CALM, vehicles={"count": 3, "filter": "vehicle.*", **vehicles})
     return {one for one in stage.simulator.spawned[2:] if one.startswith("vehicle.")}
 

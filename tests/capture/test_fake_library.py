@@ -19,7 +19,7 @@ from unghost.capture.simulator import (
     WEATHER_PRESETS,
 )
 
-# What the fakes have for the tests alone, beside what the library has.
+# What the fakes have for the tests alone, besides what the library has.
 OWN = {
     *("kind", "pose", "solid", "receive", "heads", "autopilot", "light_state"),
     *("speed", "walking", "attributes", "shared", "solids", "true_pose"),

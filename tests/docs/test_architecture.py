@@ -12,8 +12,8 @@ import pytest
 from app.ingest.batch import LONGEST_WAIT_S, MOST_TOGETHER
 from app.jobs.events import INTERVAL_S
 from app.jobs.leases import RENEW_EVERY_S
-from app.jobs.queries import LASTS
-from app.jobs.service import LOOK_EVERY_S
+from app.jobs.queries import LEASE_LASTS
+from app.jobs.service import WATCHDOG_EVERY_S
 from app.jobs.work import MOST_ATTEMPTS
 from app.runs.measure import COMMIT_EVERY_S
 from tests.support.sources import CHECKOUT, page_sources, python_sources
@@ -147,9 +147,9 @@ def test_commands_that_import_the_service_are_those_of_the_contract():
 @pytest.mark.parametrize(
     ("sentence", "figure", "expected"),
     [
-        ("holds its lease for eight seconds at a time", LASTS.total_seconds(), 8),
+        ("holds its lease for eight seconds at a time", LEASE_LASTS.total_seconds(), 8),
         ("and renews it every two", RENEW_EVERY_S, 2),
-        ("when its watchdog looks next, every two seconds", LOOK_EVERY_S, 2),
+        ("when its watchdog looks next, every two seconds", WATCHDOG_EVERY_S, 2),
         ("is tried three times", MOST_ATTEMPTS, 3),
         ("Evidence is stored four times a second", COMMIT_EVERY_S, 0.25),
         ("means reading its row, five times a second", INTERVAL_S, 0.2),

@@ -209,7 +209,7 @@ def test_frames_that_kill_among_many_cost_no_other_one_its_numbers(data):
     assert failed["error"]["code"] == "quarantined"
     assert failed["error"]["detail"].startswith("frames 'p', 'q' ended the process")
     assert failed["done"] == failed["total"] - 2 == BEFORE + 4
-    # Three for each, beside those of processes that had stored something.
+    # Three for each, besides those of processes that had stored something.
     assert 2 * MOST_DEATHS <= deaths <= 4 * MOST_DEATHS
 
 

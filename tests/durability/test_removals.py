@@ -61,7 +61,7 @@ def data(tmp_path):
 
 
 def fill(api):
-    """Of everything a little, beside the many boxes."""
+    """Of everything a little, besides the many boxes."""
     api.stored(NAME, "one")
     refused = api.put(NAME, "refused", {"boxes": [{"class": "car"}]})
     assert refused.status_code == 422

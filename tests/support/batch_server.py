@@ -26,7 +26,7 @@ class Turn:
     """How one request is answered; without anything said, as it should be.
 
     `lines`: the connection ends after so many. `refusal`: status, code, headers.
-    `decisions`: of each frame. `end`: what the last line says beside its counts.
+    `decisions`: of each frame. `end`: what the last line says besides its counts.
     """
 
     lines: int | None = None

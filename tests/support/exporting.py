@@ -47,7 +47,7 @@ class MadeBox:
 
 
 def box(number, xyxy=(10, 20, 30, 60), verdict="kept", class_name="car", **more):
-    """A box with its decision; `given` is what its annotation has beside."""
+    """A box with its decision; `given` is what else its annotation has."""
     given = more.pop("given", {})
     if not given.keys() & GEOMETRIES:
         given = {"xyxy": list(xyxy or OUTSIDE), **given}
@@ -70,7 +70,7 @@ def black(wh):
 
 
 def frame(key, *boxes, wh=WH, annotation=None, **more):
-    """A frame with a black image; `annotation` is what it has beside its boxes."""
+    """A frame with a black image; `annotation` is what it has besides its boxes."""
     image = black(wh)
     whole = {**(annotation or {}), "boxes": [one.given for one in boxes]}
     return ExportFrame(
@@ -119,7 +119,7 @@ def columns(decisions):
 
 
 def table_columns(decisions):
-    """The same as what tables of decisions have beside those columns."""
+    """The same as what tables of decisions have besides those columns."""
     numbers = ("threshold", "margin", "area_percent", "crowding")
     reviews = [one.get("review") or {} for one in decisions]
     return DecisionColumns(

@@ -23,7 +23,7 @@ from tests.support.databases import settings_of
 
 @dataclass(frozen=True)
 class Live:
-    """A service that answers, and what the tests look at beside its answers."""
+    """A service that answers, and what the tests look at besides its answers."""
 
     app: FastAPI
     settings: Settings

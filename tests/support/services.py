@@ -23,7 +23,7 @@ from app.db.tables import Dataset, Decision, Run
 from app.engine import Job, LocalEngine
 from app.ingest.frame import StoredFrame, UploadedFrame, UploadRequest
 from app.ingest.service import add_frame
-from app.jobs.driver import carry_out
+from app.jobs.driver import drive_job
 from app.measuring.active import active_version, config_of
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository
@@ -166,7 +166,7 @@ class Street:
     ) -> Run:
         """A run from its request to its end."""
         run_id = self.request(config, activate=activate, **reading)
-        carry_out(self.context, run_job(run_id))
+        drive_job(self.context, run_job(run_id))
         with self.context.database.read() as session:
             return RunRepository(session).with_id(run_id)
 

@@ -98,7 +98,7 @@ class TrafficManager(Part):
 
 
 class Vehicles(Part):
-    """The vehicles beside the ego vehicle."""
+    """The vehicles other than the ego vehicle."""
 
     count: Count = 0
     filter: str = "vehicle.*"

@@ -169,7 +169,7 @@ class Actor(Protocol):
 
 @runtime_checkable
 class Vehicle(Protocol):
-    """What an actor of the class `carla.Vehicle` can do beside the others."""
+    """What an actor of the class `carla.Vehicle` can do besides what all actors can."""
 
     def set_autopilot(self, enabled: bool, port: int, /) -> None: ...
     def set_light_state(self, state: object, /) -> None: ...
@@ -347,7 +347,7 @@ class World(Protocol):
 
 @runtime_checkable
 class GlassWorld(Protocol):
-    """What worlds can do beside that from 0.9.16 on."""
+    """What worlds can do besides that from 0.9.16 on."""
 
     def set_annotations_traverse_translucency(self, enabled: bool, /) -> None: ...
 

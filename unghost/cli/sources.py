@@ -164,7 +164,7 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
 
 
 def _count_lines(source: Path) -> int:
-    """Frames of a manifest, for the bar: reading it costs little beside the images."""
+    """Frames of a manifest, for the bar: it is small compared with the images."""
     from filter_core.formats.manifest import manifest_of
 
     with (manifest_of(source) or source).open("rb") as lines:

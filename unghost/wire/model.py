@@ -249,7 +249,7 @@ class Problem(SparseModel):
     )
     more_errors: int = Field(
         default=0,
-        description="How many errors there are beside those listed; absent if there "
+        description="How many errors there are besides those listed; absent if there "
         "are none.",
     )
     current: Json | None = Field(

@@ -2055,7 +2055,7 @@ export interface components {
              */
             max_distance?: number | null;
             /**
-             * @description By what boxes are judged: the segmentation, or a channel beside it.
+             * @description By what boxes are judged: the segmentation, or a channel besides it.
              * @default semantic
              * @enum {string}
              */
@@ -3556,7 +3556,7 @@ export interface components {
             errors: components["schemas"]["Fault"][];
             /**
              * More Errors
-             * @description How many errors there are beside those listed; absent if there are none.
+             * @description How many errors there are besides those listed; absent if there are none.
              */
             more_errors?: number;
             /**

@@ -12,7 +12,7 @@ FRAMES = 4
 
 @pytest.fixture(scope="module")
 def people(api, server):
-    """Two reviewers beside the admin."""
+    """Two reviewers besides the admin."""
     opened = []
     for name in ("ada", "eve"):
         body = {"name": f"{name}-{api.dataset()}", "role": "reviewer"}

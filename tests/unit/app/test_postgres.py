@@ -16,7 +16,7 @@ from app.exports.queries import ExportRepository
 from app.exports.service import ExportRequest, request_export
 from app.ingest.check import MAX_TEXT
 from app.ingest.queries import known_frames
-from app.jobs.driver import carry_out
+from app.jobs.driver import drive_job
 from app.measuring.columns import ColumnCache
 from app.review.service import listed_boxes
 from app.runs.flips import DiffPage, compared_runs, run_diff
@@ -142,7 +142,7 @@ def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services):
     run_id = street.request({"min_visible_pixels": 10**6})
     numbers = CancelledNumbers(services, run_id)
 
-    carry_out(replace(services.context, owned={ColumnCache: numbers}), run_job(run_id))
+    drive_job(replace(services.context, owned={ColumnCache: numbers}), run_job(run_id))
 
     assert [answer.result(10) for answer in numbers.answers] == ["cancelled"]
     assert (street.wait(run_id).state, street.reasons()) == ("cancelled", before)

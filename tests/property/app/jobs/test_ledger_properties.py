@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.engine import WorkerDied
-from app.jobs.driver import carry_out
+from app.jobs.driver import drive_job
 from app.jobs.work import MOST_ATTEMPTS
 from tests.support import chunks as runs
 from tests.support.services import run_job
@@ -71,6 +71,6 @@ def test_whatever_becomes_of_chunks_each_frame_counts_once(services, fates, seed
     run_id = street.request(runs.FROM_PIXELS)
 
     with runs.engine_of(street, Fateful(fates, seed)) as context:
-        carry_out(context, run_job(run_id))
+        drive_job(context, run_job(run_id))
 
     runs.check_whole(street, runs.run_of(street, run_id))

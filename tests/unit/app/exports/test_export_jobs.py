@@ -14,7 +14,7 @@ from app.engine import Job
 from app.exports.queries import ExportRepository
 from app.exports.service import EXPORTS, ExportRequest, request_export
 from app.exports.writer import ExportFrames
-from app.jobs.driver import carry_out
+from app.jobs.driver import drive_job
 from app.jobs.service import cancel, start
 from app.measuring.queries import DatasetRepository
 from filter_core.formats.export import ExportHead, ExportOptions
@@ -54,7 +54,7 @@ def job_of(export_id):
 
 
 def make_export(context, export_id):
-    carry_out(context, job_of(export_id))
+    drive_job(context, job_of(export_id))
 
 
 def settle(street):

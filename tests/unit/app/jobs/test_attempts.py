@@ -10,7 +10,7 @@ from sqlalchemy import event, exc, select
 from app.db.base import utc_now
 from app.db.tables import Chunk, Frame
 from app.engine import LocalEngine
-from app.jobs.driver import carry_out
+from app.jobs.driver import drive_job
 from app.jobs.queries import FINAL, ChunkRepository, Span
 from app.jobs.work import MOST_ATTEMPTS, Attempt
 from app.runs.queries import RunRepository
@@ -72,7 +72,7 @@ def cut_off(street, *spans):
 
 def go_on(street, run_id, look=lambda _engine, _frame_id: None):
     with engine_of(street, Watched(look)) as context:
-        carry_out(context, run_job(run_id))
+        drive_job(context, run_job(run_id))
     return run_of(street, run_id)
 
 
@@ -195,7 +195,7 @@ def cut_off_deciding(street, ended):
 
 def go_on_deciding(street, run_id, look=lambda _engine: None):
     with engine_of(street, Deciding(look)) as context:
-        carry_out(context, run_job(run_id))
+        drive_job(context, run_job(run_id))
     return run_of(street, run_id)
 
 

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 from app.db.engine import Database
 from app.db.tables import Chunk, Lease
-from app.engine.chunk import DONE, ELSEWHERE, GIVEN_BACK
-from app.jobs.driver import carry_out
+from app.engine.chunk import DONE, ELSEWHERE, RETURNED
+from app.jobs.driver import drive_job
 from app.jobs.queries import LeaseRepository
-from app.jobs.work import MOST_ATTEMPTS, work_on, work_remotely
+from app.jobs.work import MOST_ATTEMPTS, work_in_worker, work_on_chunk
 from tests.support.chunks import (
     FRAMES,
     FROM_PIXELS,
@@ -34,7 +34,7 @@ from tests.support.services import run_job
 def run_with(street, engine):
     run_id = street.request(FROM_PIXELS)
     with engine_of(street, engine) as context:
-        carry_out(context, run_job(run_id))
+        drive_job(context, run_job(run_id))
     return run_of(street, run_id)
 
 
@@ -114,7 +114,7 @@ def test_two_drivers_end_a_run_once(street):
     ):
         contexts = [one, replace(two, owned={})]
         drivers = [
-            threading.Thread(target=carry_out, args=(context, run_job(run_id)))
+            threading.Thread(target=drive_job, args=(context, run_job(run_id)))
             for context in contexts
         ]
         for driver in drivers:
@@ -140,14 +140,14 @@ def test_a_driver_whose_lease_is_taken_stops_before_it_ends_the_run(street):
             return super()._work(here, job, number)
 
     with engine_of(street, Robbed()) as context:
-        carry_out(context, run_job(run_id))
+        drive_job(context, run_job(run_id))
     run = run_of(street, run_id)
     assert run.state == "running"
     assert street.reasons() == before
 
     with street.context.database.write() as session:
         LeaseRepository(session).end(run_job(run_id), "somebody/1/2/else")
-    carry_out(street.context, run_job(run_id))
+    drive_job(street.context, run_job(run_id))
     check_whole(street, run_of(street, run_id))
 
 
@@ -155,14 +155,14 @@ def test_a_worker_of_another_installation_is_told(street):
     run_id = street.request(FROM_PIXELS)
     asked = ("run", run_id, 1)
 
-    assert work_remotely(street.context, asked, "another one") == ELSEWHERE
+    assert work_in_worker(street.context, asked, "another one") == ELSEWHERE
 
     class Elsewhere(SmallChunks):
         def start_chunk(self, here, job, number):
             return self._chunks.submit(lambda: ELSEWHERE)
 
     with engine_of(street, Elsewhere()) as context:
-        carry_out(context, run_job(run_id))
+        drive_job(context, run_job(run_id))
     run = run_of(street, run_id)
     assert run.error is not None
     assert (run.state, run.error["code"]) == ("failed", "worker_elsewhere")
@@ -171,13 +171,13 @@ def test_a_worker_of_another_installation_is_told(street):
 def test_a_chunk_of_a_run_that_is_over_is_nobodys(street):
     run = street.run({"threshold_small_box": 99})
 
-    assert work_on(street.context, "run", run.id, 1) == "unwanted"
+    assert work_on_chunk(street.context, "run", run.id, 1) == "unwanted"
 
 
 def test_a_worker_that_cannot_reach_the_database_blames_no_frame(street):
     nowhere = Database("postgresql+psycopg://postgres@127.0.0.1:1/nowhere")
     asked = ("run", 1, 1)
 
-    outcome = work_remotely(replace(street.context, database=nowhere), asked, "one")
+    outcome = work_in_worker(replace(street.context, database=nowhere), asked, "one")
 
-    assert outcome == GIVEN_BACK
+    assert outcome == RETURNED

@@ -8,7 +8,7 @@ from app.db.tables import Chunk, Export, Run
 from app.engine import Job, JobStopped
 from app.errors import Conflict
 from app.exports.service import EXPORTS, ExportKind, ExportRequest, request_export
-from app.jobs.driver import carry_out
+from app.jobs.driver import drive_job
 from app.jobs.kind import register
 from app.jobs.queries import ChunkRepository, LeaseRepository, Span, close
 from app.jobs.service import start
@@ -106,7 +106,7 @@ def test_a_job_of_any_kind_fails_with_the_words_of_an_error(
     registered(kind(error))
     job = queued(street, kind.table.job_kind)
 
-    assert carry_out(street.context, job)
+    assert drive_job(street.context, job)
 
     row = row_of(street, job)
     assert (row.state, row.error["detail"]) == ("failed", "it is so")
@@ -123,7 +123,7 @@ def test_a_job_is_closed_once_and_its_chunks_with_it(street, kind, end, left):
     with street.context.database.write() as session:
         chunks = ChunkRepository(session)
         first, _ = chunks.plan(job, [Span(1, 1, 1), Span(2, 2, 1)])
-        chunks.give_up(session.get_one(Chunk, (*job, first)))
+        chunks.quarantine(session.get_one(Chunk, (*job, first)))
         table = {"run": Run, "export": Export}[kind]
         row = session.get_one(table, job.id)
         close(session, row, end, {"code": "so"} if end == "failed" else None)

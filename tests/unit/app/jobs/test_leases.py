@@ -10,8 +10,8 @@ import pytest
 from app.db.tables import Lease
 from app.engine import Job
 from app.jobs.leases import LeaseLost, Leases, has_ended, this_process
-from app.jobs.queries import LASTS, LeaseRepository
-from app.jobs.service import NOBODYS_AFTER_S, Watchdog, cancel
+from app.jobs.queries import LEASE_LASTS, LeaseRepository
+from app.jobs.service import UNDRIVEN_FOR_S, Watchdog, cancel
 from app.runs.queries import RunRepository
 from app.runs.service import RUNS
 from tests.support.leases import ended_process, nobody
@@ -66,12 +66,12 @@ def test_a_lease_that_ran_out_or_whose_holder_died_is_anybodys(write, job):
     with write() as session:
         leases = LeaseRepository(session)
         assert leases.take(job, dead, nobody)
-        assert leases.live(has_ended)[1] >= {job}
+        assert leases.leased_jobs(has_ended).void >= {job}
         assert leases.take(job, ELSEWHERE, has_ended)
         assert not leases.take(job, "mine", has_ended)
         row = session.get(Lease, (job.kind, job.id))
         assert row is not None
-        assert timedelta(0) < row.until - leases.now() <= LASTS
+        assert timedelta(0) < row.until - leases.now() <= LEASE_LASTS
         row.until = leases.now()
         session.flush()
         assert leases.take(job, "mine", has_ended)
@@ -128,7 +128,7 @@ def test_a_job_that_nobody_begins_is_found_whatever_the_clock_of_who_asked(
         RunRepository(session).with_id(run_id).created_at += ahead
 
     seen = []
-    for seconds in (0, NOBODYS_AFTER_S - 1, 2):
+    for seconds in (0, UNDRIVEN_FOR_S - 1, 2):
         now[0] += seconds
         seen.append(run_job(run_id) in watch.abandoned())
 
@@ -140,7 +140,7 @@ def test_a_job_waits_anew_once_somebody_has_driven_it(services, write):
     watch = Watchdog(services.context, clock=lambda: now[0])
     run_id = services.dataset().request({})
     watch.abandoned()
-    now[0] += NOBODYS_AFTER_S
+    now[0] += UNDRIVEN_FOR_S
 
     with write() as session:
         assert LeaseRepository(session).take(run_job(run_id), ELSEWHERE, has_ended)

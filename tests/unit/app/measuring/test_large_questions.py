@@ -11,7 +11,7 @@ import pytest
 
 from app.boxes.counts import count_boxes
 from app.boxes.filter import BoxFilter
-from app.jobs.driver import carry_out
+from app.jobs.driver import drive_job
 from app.measuring.columns import ColumnCache
 from app.quality.service import evaluation, quality, request_evaluation
 from app.runs.flips import (
@@ -46,7 +46,7 @@ def street(services):
         street.put(str(number), {**ANNOTATION, "boxes": boxes}, **sensors())
     with street.context.database.write() as session:
         run = request_evaluation(street.resting, session, street.row(session), "ada").id
-    carry_out(street.context, run_job(run))
+    drive_job(street.context, run_job(run))
     for place, verdict in enumerate(("keep", "reject", "keep", "unsure")):
         street.review(street.box_ids()[place * 7], verdict)
     return street

@@ -48,7 +48,7 @@ def with_a_note(png):
 
 
 def measured(pool, png, *, wh=WH, boxes=1, plan=PLAN, **files):
-    """The share of matching pixels, and how many processes it took beside this one."""
+    """The share of matching pixels, and how many processes it took besides this one."""
     before = processes()
     found = measure_files(pool, plan, annotation(boxes), FrameFiles(png, wh, **files))
     return float(found.evidence.match_percent[0]), len(processes() - before)

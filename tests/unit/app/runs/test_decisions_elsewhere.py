@@ -7,7 +7,7 @@ from threading import Thread
 
 import pytest
 
-from app.jobs.driver import carry_out
+from app.jobs.driver import drive_job
 from app.jobs.events import INTERVAL_S
 from app.jobs.service import cancel
 from app.runs.queries import RunRepository
@@ -62,7 +62,7 @@ def test_a_decision_is_seen_and_cancelled_from_another_service(services, street)
     one, other = services
     run_id = street.request(NOTHING_VISIBLE)
     before = street.reasons()
-    driver = Thread(target=carry_out, args=(one.context, run_job(run_id)))
+    driver = Thread(target=drive_job, args=(one.context, run_job(run_id)))
     driver.start()
     try:
         state = part_way(other, run_id)

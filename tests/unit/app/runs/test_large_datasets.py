@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from app.jobs.driver import carry_out
+from app.jobs.driver import drive_job
 from app.measuring.columns import ColumnCache
 from app.measuring.queries import frame_ranges
 from app.runs.queries import RunRepository
@@ -44,7 +44,7 @@ def outcome(street, config, most_boxes, *, activate=True):
     """All that a run leaves, with box ids counted from the first one of the dataset."""
     run_id = street.request(config, activate=activate)
     context = replace(street.context, owned={ColumnCache: ColumnCache(most_boxes)})
-    carry_out(context, run_job(run_id))
+    drive_job(context, run_job(run_id))
     with street.context.database.read() as session:
         run = RunRepository(session).with_id(run_id)
     ids = street.box_ids()

@@ -10,7 +10,7 @@ import pytest
 from sqlalchemy import select
 
 from app.db.tables import Blob, Frame, FrameFile, Problem
-from app.jobs.driver import carry_out
+from app.jobs.driver import drive_job
 from app.jobs.service import cancel, start
 from app.measuring.columns import ColumnCache, DatasetColumns
 from app.runs.queries import RunRepository
@@ -48,7 +48,7 @@ def test_a_frame_that_comes_in_before_the_switch_is_part_of_the_run(
     run_id = street.request(wanted["config"])
     numbers = InterruptedNumbers(lambda: put(street, "second"), before=before)
 
-    carry_out(replace(services.context, owned={ColumnCache: numbers}), run_job(run_id))
+    drive_job(replace(services.context, owned={ColumnCache: numbers}), run_job(run_id))
 
     assert len(street.reasons()) == 4
     assert street.tallies() == street.recounted()
@@ -65,7 +65,7 @@ def test_a_decision_by_numbers_needs_no_file(tmp_path):
         decided = street.run({"min_visible_pixels": 10**6})
         recounted = street.run(CARS_ARE_SKY)
         run_id = street.request({"profile": "carlasimu"})
-        carry_out(services.context, run_job(run_id))
+        drive_job(services.context, run_job(run_id))
         measured = street.wait(run_id)
         shutil.move(tmp_path / "elsewhere", blobs)
         again = street.run({"profile": "carlasimu"})
@@ -117,7 +117,7 @@ def test_settings_that_are_still_being_applied_are_not_lost(services):
     fourth = street.change(encoding="palette")
 
     for run_id in (first, second, third, fourth):
-        carry_out(services.context, run_job(run_id))
+        drive_job(services.context, run_job(run_id))
 
     with services.context.database.read() as session:
         row = street.row(session)
@@ -147,7 +147,7 @@ def test_an_interrupted_run_ends_once(services):
     run_id = street.request({"threshold_small_box": 99, "min_visible_pixels": 10**6})
     for _ in range(3):
         start(services.context, [run_job(run_id)])
-    carry_out(services.context, run_job(run_id))
+    drive_job(services.context, run_job(run_id))
 
     street.wait(run_id)
 
@@ -193,7 +193,7 @@ def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services, co
     run_id = street.request(config)
     numbers = CancelledNumbers(services, run_id)
 
-    carry_out(replace(services.context, owned={ColumnCache: numbers}), run_job(run_id))
+    drive_job(replace(services.context, owned={ColumnCache: numbers}), run_job(run_id))
 
     assert [answer.result(10) for answer in numbers.answers] == ["cancelled"]
     assert street.wait(run_id).state == "cancelled"
@@ -225,7 +225,7 @@ def test_a_run_begins_at_once_when_the_one_before_it_is_cancelled(services):
     put(street, "a")
     before = street.request({"min_visible_pixels": 10**6})
     run_id = street.request({"min_visible_pixels": 10**5})
-    assert not carry_out(services.context, run_job(run_id))
+    assert not drive_job(services.context, run_job(run_id))
 
     with services.context.database.write() as session:
         cancel(services.context, session, RUNS, before)
@@ -247,7 +247,7 @@ def test_progress_is_seen_while_the_last_transaction_is_open(services):
                 seen.append(described_run(services.context, elsewhere, run))
             return super().load(session, dataset_id, measurement_id)
 
-    carry_out(
+    drive_job(
         replace(services.context, owned={ColumnCache: Watched()}), run_job(run_id)
     )
 

@@ -1,4 +1,4 @@
-"""What a bucket does beside what every store does: trusting, waiting, keeping quiet."""
+"""What a bucket adds to what every store does: trusting, waiting, keeping quiet."""
 
 from __future__ import annotations
 

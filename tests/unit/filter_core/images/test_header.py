@@ -316,7 +316,7 @@ HEADER = (5, 3, 8, 2)
         ),
         pytest.param([chunk(b"tEXt", b"k\0v")] * 501 + [SOUND], "500 ch", id="notes"),
         pytest.param(
-            [chunk(b"tEXt", bytes(1 << 20))] * 17 + [SOUND], "bytes beside", id="bytes"
+            [chunk(b"tEXt", bytes(1 << 20))] * 17 + [SOUND], "bytes besides", id="bytes"
         ),
         *(
             pytest.param(
