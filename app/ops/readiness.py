@@ -57,7 +57,7 @@ class Readiness:
         async with self._lock:
             if time.monotonic() - self._at >= GOOD_FOR_S:
                 self._found = await to_thread.run_sync(
-                    _look, context, limiter=self._thread
+                    _run_checks, context, limiter=self._thread
                 )
                 self._at = time.monotonic()
             found = self._found
@@ -84,7 +84,7 @@ def _not_ready(faults: list[Fault]) -> NotReady:
     return NotReady(text, retry_after_s=RETRY_S, faults=faults)
 
 
-def _look(context: ServiceContext) -> Found:
+def _run_checks(context: ServiceContext) -> Found:
     checks: Mapping[str, Callable[[ServiceContext], str]] = {
         "database": _database_takes_writes,
         "pages": _pages_can_be_read,

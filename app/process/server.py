@@ -373,8 +373,8 @@ def _has_arrived(descriptor: int) -> bool:
     return bool(looked_at.poll(0))
 
 
-_LOOKS: Final = 4
-"""How often it is looked, in the time after which a connection is cut off."""
+_CHECKS_PER_WAIT: Final = 4
+"""How often progress is checked in the time after which a connection is cut off."""
 _INT: Final = struct.Struct("i")
 _AT_ONCE: Final = struct.pack("ii", 1, 0)
 
@@ -408,7 +408,7 @@ class WatchedTransport:
         self._transport.write(data)
         if self._timer is None:
             self._since = self._loop.time()
-            self._look_later()
+            self._check_later()
 
     def stop(self) -> None:
         """Watch no longer: the connection is gone."""
@@ -416,10 +416,11 @@ class WatchedTransport:
             self._timer.cancel()
             self._timer = None
 
-    def _look_later(self) -> None:
-        self._timer = self._loop.call_later(self._wait_s / _LOOKS, self._look)
+    def _check_later(self) -> None:
+        pause_s = self._wait_s / _CHECKS_PER_WAIT
+        self._timer = self._loop.call_later(pause_s, self._check_progress)
 
-    def _look(self) -> None:
+    def _check_progress(self) -> None:
         self._timer = None
         left = self._left()
         if not left:
@@ -430,7 +431,7 @@ class WatchedTransport:
         if now - self._since >= self._wait_s:
             self._cut_off(left)
         else:
-            self._look_later()
+            self._check_later()
 
     def _left(self) -> int:
         """Bytes that were written and have not arrived."""

@@ -108,7 +108,7 @@ def create_bulk_review(
 ) -> Response:
     """One answer on many boxes: one act, one undo."""
     try:
-        run_id, chosen = _look(body, services)
+        run_id, chosen = _find_boxes(body, services)
     except AppError:
         # A repeated request gets its first answer when the transaction begins.
         begin_as_work(audit.session)
@@ -151,7 +151,7 @@ def create_bulk_review(
     )
 
 
-def _look(
+def _find_boxes(
     body: BulkIn, services: ServiceContext
 ) -> tuple[int | None, reviews.ChosenBoxes]:
     """The run that decided the dataset, and the boxes that a body asks for.

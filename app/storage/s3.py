@@ -138,7 +138,7 @@ class S3Storage:
 
     def whole(self, digest: str, *, size_bytes: int | None) -> Blob:
         """A blob to read from; DamagedFile if it is gone or of another size."""
-        found = self._look(digest)
+        found = self._find(digest)
         if found is None:
             raise self._gone(digest)
         if size_bytes is not None and found.size_bytes != size_bytes:
@@ -169,14 +169,14 @@ class S3Storage:
     def make_sure(self, digests: Iterable[str]) -> None:
         """TryLater if a blob is gone since it was put; sent again, it is put again."""
         asked, begun = list(digests), time.monotonic()
-        if not all(self._asks.map(self._look, asked)):
+        if not all(self._asks.map(self._find, asked)):
             raise TryLater("a file was cleared away meanwhile; send the frame again")
         for digest in asked:
             self._made.add(digest, begun)
 
     def mend(self, blobs: Mapping[str, bytes]) -> None:
         """Put those of stored blobs again that are gone, or of another size."""
-        found = zip(blobs, self._asks.map(self._look, blobs), strict=True)
+        found = zip(blobs, self._asks.map(self._find, blobs), strict=True)
         sizes = {digest: file.size_bytes for digest, file in found if file}
         lost = {
             digest: data
@@ -263,7 +263,7 @@ class S3Storage:
             raise DamagedFile(digest, "was cut short")
         return part.to_bytes()
 
-    def _look(self, digest: str) -> StoredFile | None:
+    def _find(self, digest: str) -> StoredFile | None:
         try:
             with answers(absent=True):
                 found = self._store.head(place_of(digest))
@@ -272,7 +272,7 @@ class S3Storage:
         return StoredFile(digest, found["size"], found["last_modified"].timestamp())
 
     def _remove(self, digest: str, *, until: float) -> int | None:
-        found = self._look(digest)
+        found = self._find(digest)
         if found is None or found.modified_at + CLOCK_S > until:
             return None
         self._made.discard(digest)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _TOKEN_COLUMNS: Final = ("number", "name", "role", "made", "until", "used", "state")
 _AUDIT_COLUMNS: Final = ("when", "who", "what", "on what", "details")
-_LOOK_EVERY_S: Final = 1.0
+_CHECK_EVERY_S: Final = 1.0
 _PAGE_PREFIX: Final = "login-"
 _PAGE_SUFFIX: Final = ".html"
 _PAGE: Final = """<!doctype html>
@@ -112,7 +112,7 @@ def show_login_page(
         if not webbrowser.open(file.resolve().as_uri()):
             return False
         while not stop.is_set() and not is_over():
-            stop.wait(_LOOK_EVERY_S)
+            stop.wait(_CHECK_EVERY_S)
     finally:
         file.unlink(missing_ok=True)
     return True
