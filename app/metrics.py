@@ -22,6 +22,7 @@ from prometheus_client.core import (
     CollectorRegistry,
     Counter,
     CounterMetricFamily,
+    Gauge,
     GaugeMetricFamily,
     Histogram,
     Info,
@@ -93,7 +94,6 @@ PIXEL_PROCESSES_ENDED: Final = Counter(
     registry=WORK,
 )
 
-_STARTED_S: Final = time.time()
 _SELF: Final = Path("/proc/self")
 _RESIDENT_PAGES: Final = 1
 """Which number of /proc/self/statm it is."""
@@ -116,6 +116,10 @@ class RequestMetrics:
             buckets=BUCKETS_S,
             registry=registry,
         )
+        started = Gauge(
+            "process_start_time_seconds", "Start, in Unix time.", registry=registry
+        )
+        started.set_to_current_time()
         self._batch_frames = Counter(
             "unghost_batch_frames_total",
             "Frames of batches answered.",
@@ -141,8 +145,6 @@ def process_facts() -> Iterator[Metric]:
     """Processor time everywhere; memory and files where there is a /proc."""
     text, used = "Processor time of all threads.", time.process_time()
     yield CounterMetricFamily("process_cpu_seconds_total", text, used)
-    text = "Start, in Unix time."
-    yield GaugeMetricFamily("process_start_time_seconds", text, _STARTED_S)
     if sys.platform != "linux":
         return
     pages = int((_SELF / "statm").read_text("ascii").split()[_RESIDENT_PAGES])

@@ -10,6 +10,7 @@ import pytest
 
 from tests.support.cluster import cluster, working_process
 from tests.support.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
+from tests.support.poison import EMPTY, poisoned_files
 from tests.support.servers import STOP_WAIT_S, stop
 from tests.support.totals import asked, begun_run, check_totals, ended, state_of
 from tests.support.waiting import until
@@ -95,7 +96,7 @@ def test_a_frame_that_kills_is_named_and_all_others_are_measured(made):
             made.worker(program=program)
         name = fill(api, FRAMES)
         first = api.json(f"/datasets/{name}/frames", limit=1)["items"][0]
-        api.stored(name, "zz-poison", {"boxes": [], "poison": True})
+        api.stored(name, "zz-poison", EMPTY, **poisoned_files())
         failed = ended(api, asked(api, name))
 
     assert failed["state"] == "failed"

@@ -19,7 +19,7 @@ from tests.support.data_folders import served
 from tests.support.databases import rows_of
 from tests.support.dying_servers import nursery
 from tests.support.long_streets import FROM_PIXELS, fill
-from tests.support.poison import DECISIONS, EXPORTS, FRAMES
+from tests.support.poison import DECISIONS, EMPTY, EXPORTS, FRAMES, poisoned_files
 from tests.support.servers import start, stop, token_of, wait_for_link
 from tests.support.sources import CHECKOUT
 from tests.support.totals import check_totals, ended, state_of
@@ -28,7 +28,6 @@ from tests.support.waiting import until
 MOST_DEATHS = 3
 KILLED = -9
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
-POISON = {"boxes": [], "poison": True}
 BEFORE = 60
 KILLS = 5
 MANY = 240
@@ -67,6 +66,10 @@ def put(api, name, *keys):
         api.stored(name, key, scene.annotation(), **files)
 
 
+def put_poison(api, name, key):
+    api.stored(name, key, EMPTY, **poisoned_files())
+
+
 def asked(api, url, body):
     """Ask for a job of which the server may die before it can answer."""
     try:
@@ -101,7 +104,7 @@ def log_of(data):
 
 
 @contextmanager
-def poisoned(data):
+def poisoned_server(data):
     """A server that is a process of its own, with two threads for pixels."""
     settings = {"PYTHONPATH": str(CHECKOUT), "UNGHOST_WORKERS": "2"}
     process = start(["tests.support.poison"], data, log_of(data), settings)
@@ -125,10 +128,11 @@ def has_gone_on(data, done):
 
 
 def test_a_frame_that_kills_the_service_is_named_and_all_others_are_measured(servers):
-    with client(servers.poisoned(FRAMES)) as api:
+    with alive(servers, servers.server()) as api:
         name = api.dataset()
-        api.stored(name, "m-poison", POISON)
+        put_poison(api, name, "m-poison")
         put(api, name, "a", "b", "x", "y")
+    with client(servers.poisoned(FRAMES)) as api:
         wanted(api, name)
     deaths = [servers.ended(ask=False)]
     deaths += [servers.dies(FRAMES) for _ in range(MOST_DEATHS - 1)]
@@ -189,16 +193,16 @@ def test_frames_that_kill_among_many_cost_no_other_one_its_numbers(data):
     with served(data) as (_, api):
         name = fill(api, BEFORE)
         for key in ("p", "q"):
-            api.stored(name, key, POISON)
+            put_poison(api, name, key)
             put(api, name, f"{key}1", f"{key}2")
-    with poisoned(data) as process:
+    with poisoned_server(data) as process:
         url = wait_for_link(process, log_of(data)).partition("/#")[0]
         with client((url, token_of(data))) as api:
             wanted(api, name)
             assert process.wait(PATIENCE_S) == KILLED
     deaths = 1
     while not over(data):
-        with poisoned(data) as process:
+        with poisoned_server(data) as process:
             until(lambda: process.poll() is not None or over(data), "nothing happens")
             deaths += not over(data)
     with served(data) as (_, api):

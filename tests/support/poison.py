@@ -1,8 +1,9 @@
-"""Frames, decisions and exports of which the process dies that works on them.
+"""Pictures, decisions and exports that kill the process that works on them.
 
-Frames say "poison" in their annotation; of decisions that store something, and of
-exports, it is every one. To be laid in processes of the tests' own, before these begin
-to work.
+The process dies where the service calls a library: when OpenCV decodes one of the
+`poisoned_files`, when SQLAlchemy stores what a run flips, when a zip file is written.
+To be laid in processes of the tests' own, before these begin to work. Who stores a
+picture decodes it, too: let a process without poison store these files.
 """
 
 from __future__ import annotations
@@ -10,52 +11,56 @@ from __future__ import annotations
 import os
 import signal
 import time
+import zipfile
+from collections.abc import Callable
 from typing import Any
 
-from app.measuring.frame_files import measure_files
+import cv2
+import numpy as np
+from sqlalchemy import Engine, event
+
+from tests.support import frames
 
 FRAMES, DECISIONS, EXPORTS = "frames", "decisions", "exports"
+EMPTY = {"boxes": [], "carla_version": "0.9.15"}
+"""The annotation of a poisoned frame: raw tags need a version."""
+_MARK = b"poison"
+
+
+def poisoned_files() -> dict[str, bytes]:
+    """A frame whose segmentation has a mark behind the end of the PNG.
+
+    It is grey, and so decoded by OpenCV.
+    """
+    grey = np.zeros((frames.HEIGHT, frames.WIDTH), np.uint8)
+    png = cv2.imencode(".png", grey)[1].tobytes()
+    return {"image": frames.image(), "segmentation": png + _MARK}
 
 
 def lay_poison(kind: str = FRAMES) -> None:
     """Let this process die where it would do such a thing."""
-    {
-        FRAMES: _lay_in_frames,
-        DECISIONS: _lay_in_decisions,
-        EXPORTS: _lay_in_exports,
-    }[kind]()
+    if kind == FRAMES:
+        _wrap(cv2, "imdecode", lambda content, *_: content.tobytes().endswith(_MARK))
+    elif kind == DECISIONS:
+        event.listen(Engine, "before_cursor_execute", _die_of_flips)
+    else:
+        _wrap(zipfile.ZipFile, "open", lambda _zip, _name, mode="r", *_: mode == "w")
 
 
-def _lay_in_frames() -> None:
-    from app.runs import measure as run_measuring
+def _wrap(owner: Any, name: str, is_deadly: Callable[..., bool]) -> None:
+    call = getattr(owner, name)
 
-    measure = measure_files
-
-    def deadly(pool: Any, plan: Any, annotation: Any, files: Any) -> Any:
-        if "poison" in annotation.raw:
+    def wrapped(*args: Any, **more: Any) -> Any:
+        if is_deadly(*args):
             _die()
-        return measure(pool, plan, annotation, files)
+        return call(*args, **more)
 
-    vars(run_measuring)["measure_files"] = deadly
+    setattr(owner, name, wrapped)
 
 
-def _lay_in_decisions() -> None:
-
-    def deadly(*_: Any) -> Any:
+def _die_of_flips(_connection: Any, _cursor: Any, statement: str, *_: Any) -> None:
+    if statement.startswith("INSERT INTO flips "):
         _die()
-
-    from app.runs.queries import RunRepository
-
-    type.__setattr__(RunRepository, "record_flips", deadly)
-
-
-def _lay_in_exports() -> None:
-    from app.exports import writer as export_writing
-
-    def deadly(*_: Any) -> Any:
-        _die()
-
-    vars(export_writing)["write_export"] = deadly
 
 
 def _die() -> None:

@@ -1,4 +1,4 @@
-"""A worker whose process dies of frames whose annotation says "poison".
+"""A worker whose process dies of poisoned pictures (`tests.support.poison`).
 
 Without arguments it is the one that starts such processes, as `unghost worker` is.
 """

@@ -20,7 +20,6 @@ import selectors
 import signal
 import socket
 import sys
-import time
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -40,8 +39,6 @@ IMPORTED_LATE = (
 """What a server or a command imports of others when it first needs it."""
 FOR_CLUSTERS = "distributed"
 """The same, of nodes of a cluster only; it takes as long as all the rest."""
-START_IS_KNOWN_TO, START = "app.metrics", "_STARTED_S"
-"""The module that remembers when it was imported, and its name for that."""
 
 
 def import_everything() -> None:
@@ -150,7 +147,6 @@ def become(order: dict[str, Any], streams: list[int]) -> None:
     sys.orig_argv = [sys.executable, "-m", *order["words"]]
     signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.modules["numpy"].random.seed()
-    vars(sys.modules[START_IS_KNOWN_TO])[START] = time.time()
 
 
 def folders_given() -> list[str]:
