@@ -8,6 +8,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
 
+import sqlalchemy as sa
 from sqlalchemy import Connection, Engine, create_engine, event, inspect, make_url
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
@@ -257,10 +258,14 @@ def _missing(there: set[str]) -> Iterator[str]:
 
 def _orphans(connection: Connection, keys: list[ForeignKey]) -> Iterator[str]:
     for key in keys:
-        rows = connection.exec_driver_sql(
-            f"SELECT count(*) FROM {key.table} child WHERE {key.column} IS NOT NULL "
-            f"AND NOT EXISTS (SELECT FROM {key.parent} parent "
-            f"WHERE parent.{key.parent_column} = child.{key.column})"
-        ).scalar_one()
+        child = sa.table(key.table, sa.column(key.column)).alias()
+        parent = sa.table(key.parent, sa.column(key.parent_column)).alias()
+        value = child.c[key.column]
+        has_parent = sa.exists().where(parent.c[key.parent_column] == value)
+        rows = connection.scalar(
+            sa.select(sa.func.count())
+            .select_from(child)
+            .where(value.is_not(None), ~has_parent)
+        )
         if rows:
             yield f"{rows} rows of {key.table} have no parent in {key.parent}"

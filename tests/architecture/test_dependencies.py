@@ -7,6 +7,10 @@ import re
 import sys
 from importlib import metadata
 
+import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
+
 from tests.support.sources import PRODUCT, python_sources
 
 MODULE_OF = {
@@ -14,6 +18,13 @@ MODULE_OF = {
     "python-multipart": "python_multipart",
     "pyyaml": "yaml",
     "zlib-ng": "zlib_ng",
+}
+# The first versions without a known hole that somebody could reach from outside.
+FLOORS = {
+    "defusedxml": "0.7.1",
+    "h11": "0.16",  # chunks that are none
+    "python-multipart": "0.0.34",  # headers of parts without end
+    "starlette": "0.49.1",  # ranges in numbers
 }
 EXTRAS = ("parquet", "postgres", "s3", "cluster", "carla")
 # Used by name, never imported: uvicorn serves with them.
@@ -59,3 +70,13 @@ def test_every_import_is_declared():
 
 def test_every_declared_package_is_used():
     assert declared() - imported() - NOT_IMPORTED == set()
+
+
+@pytest.mark.parametrize("name", FLOORS)
+def test_dependencies_with_a_known_hole_are_not_installed(name):
+    declared = map(Requirement, metadata.requires("unghost") or [])
+    (wanted,) = (one for one in declared if one.name == name)
+    lowest = [Version(one.version) for one in wanted.specifier if one.operator == ">="]
+
+    assert lowest >= [Version(FLOORS[name])]
+    assert Version(metadata.version(name)) >= Version(FLOORS[name])

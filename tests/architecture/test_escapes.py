@@ -1,4 +1,4 @@
-"""How often the sources step outside of types and rules: a number that only sinks."""
+"""How often the code steps outside of types and rules: a number that only sinks."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from typing import Final
 
 import pytest
 
-from tests.support.sources import python_sources
+from tests.support.sources import PYTHON, python_sources
 
 MOST: Final = {"app": 27, "filter_core": 11, "unghost": 17}
 """`Any`, `cast`, ``type: ignore`` and ``noqa``: to be lowered when there are fewer."""
 _WORDS: Final = frozenset({"Any", "cast"})
 _REMARK: Final = re.compile(r"\b(?:type: ignore|noqa)\b")
+_WITH_REASON: Final = re.compile(r"(?:# (?:type: ignore\[.+?\]|noqa: [\w, ]+) +)+# \S")
 
 
 @pytest.mark.parametrize("package", MOST)
@@ -37,6 +38,25 @@ def escapes(text: str) -> int:
         elif token.type == tokenize.COMMENT:
             count += len(_REMARK.findall(token.string))
     return count
+
+
+@pytest.mark.parametrize("folder", PYTHON)
+def test_whoever_silences_a_tool_says_why(folder):
+    """That they name what they silence, mypy and ruff see to."""
+    silent = [
+        f"{source.name}: {comment}"
+        for source in python_sources(folder)
+        for comment in comments(source.text)
+        if _REMARK.search(comment) and not _WITH_REASON.match(comment)
+    ]
+
+    assert silent == []
+
+
+def comments(text: str) -> list[str]:
+    """The comments of a module."""
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    return [token.string for token in tokens if token.type == tokenize.COMMENT]
 
 
 def test_what_is_counted():

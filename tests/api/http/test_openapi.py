@@ -35,6 +35,17 @@ def references(node):
             yield from references(value)
 
 
+def formats(node):
+    if isinstance(node, dict):
+        if isinstance(node.get("format"), str):
+            yield node["format"]
+        for value in node.values():
+            yield from formats(value)
+    if isinstance(node, list):
+        for value in node:
+            yield from formats(value)
+
+
 def resolve(schema, reference):
     assert reference.startswith("#/")
     for step in reference[2:].split("/"):
@@ -87,6 +98,13 @@ def test_every_operation_has_a_name_of_its_own_and_says_what_it_does(operations)
     names = [operation["operationId"] for operation in ours]
     assert len(set(names)) == len(names)
     assert [one["operationId"] for one in ours if not one.get("description")] == []
+
+
+def test_no_route_takes_an_address(schema, operations):
+    """The service fetches nothing from an address, and calls none."""
+    assert "webhooks" not in schema
+    assert [where for where, one in operations.items() if "callbacks" in one] == []
+    assert set(formats(schema)) & {"uri", "uri-reference", "iri", "url"} == set()
 
 
 def test_the_one_way_to_show_who_one_is_is_described(schema):

@@ -1,0 +1,23 @@
+"""No file names a folder of the machine or the person that wrote it."""
+
+from __future__ import annotations
+
+import re
+
+from tests.support.sources import page_sources, python_sources, sources
+
+MACHINE_PATH = re.compile(
+    r"""["'(\s](/(home|root|work|Users|mnt|srv)/|/tmp/\w|[A-Z]:\\\\Users)"""
+)
+
+
+def test_no_path_of_somebodys_machine():
+    documents = sources((".ci", "docs"), ".md", ".yaml", ".yml", ".toml")
+    found = [
+        f"{source.name}:{number}"
+        for source in (*python_sources(), *page_sources(), *documents)
+        for number, line in enumerate(source.lines, 1)
+        if MACHINE_PATH.search(line)
+    ]
+
+    assert found == []
