@@ -127,9 +127,3 @@ def visit(
 @pytest.fixture
 def ada(visit: Visit) -> Visitor:
     return visit()
-
-
-@pytest.fixture(params=["light", pytest.param("dark", marks=pytest.mark.long)])
-def scheme(request: pytest.FixtureRequest) -> str:
-    """The appearance: light; dark as well in a long run."""
-    return str(request.param)

@@ -78,7 +78,9 @@ def test_refused_keys_are_named_by_their_variables_and_never_shown(tmp_path):
 
 def test_a_library_that_is_not_installed_is_named(tmp_path, s3, monkeypatch):
     bucket = s3.bucket()
-    monkeypatch.setitem(sys.modules, "app.storage.s3", None)
+    monkeypatch.delitem(sys.modules, "app.storage.s3", raising=False)
+    monkeypatch.setitem(sys.modules, "obstore.store", None)
+    monkeypatch.setitem(sys.modules, "obstore.exceptions", None)
 
     said = refusal(tmp_path / "data", bucket)
 

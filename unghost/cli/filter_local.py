@@ -169,7 +169,11 @@ class FrameLine:
 
 
 def decided_lines(
-    found: FrameSet, config: FilterConfig, workers: int | None
+    found: FrameSet,
+    config: FilterConfig,
+    workers: int | None,
+    *,
+    fewest_frames: int = FEWEST_FRAMES,
 ) -> Generator[FrameLine, None, None]:
     """The lines of all frames, in their order; a bounded number is decided ahead.
 
@@ -183,6 +187,8 @@ def decided_lines(
     config : FilterConfig
     workers : int or None
         Threads or processes; None: one for each core.
+    fewest_frames : int
+        From so many frames on, processes are started.
 
     Yields
     ------
@@ -194,7 +200,7 @@ def decided_lines(
         A process ended while it worked on frames, which are named.
     """
     count = workers or os.cpu_count() or 1
-    is_short = found.count is not None and found.count < FEWEST_FRAMES
+    is_short = found.count is not None and found.count < fewest_frames
     if count < FEWEST_PROCESSES or is_short:
         from filter_core.local import in_order
 

@@ -17,7 +17,6 @@ from filter_core.formats.registry import read_source
 from tests.support.command_line import CommandLine
 from tests.support.frames import write_manifest
 from tests.support.waiting import until
-from unghost.cli import filter_local
 from unghost.cli.filter_local import FEWEST_FRAMES, FEWEST_PROCESSES, decided_lines
 
 DONE, REFUSED = 0, 1
@@ -56,15 +55,14 @@ def many(folder: Path, lines: int) -> Path:
     return folder
 
 
-def test_processes_write_what_threads_write(tmp_path, monkeypatch):
+def test_processes_write_what_threads_write(tmp_path):
     found = read_source(write_manifest(tmp_path / "frames", 30, bad=frozenset({3, 29})))
     (tmp_path / "frames" / "seg" / "000007.png").write_bytes(b"no picture")
     (tmp_path / "frames" / "seg" / "000009.png").unlink()
     config = FilterConfig.from_mapping({"threshold_small_box": 30})
     by_threads = list(decided_lines(found, config, WORKERS))
 
-    monkeypatch.setattr(filter_local, "FEWEST_FRAMES", 1)
-    by_processes = list(decided_lines(found, config, WORKERS))
+    by_processes = list(decided_lines(found, config, WORKERS, fewest_frames=1))
 
     assert by_processes == by_threads
     assert [line.key for line in by_threads if line.fault] == [
@@ -115,16 +113,16 @@ def test_frames_that_end_a_process_are_named(marked, tmp_path):
     until(lambda: not list(processes_of(tmp_path)))
 
 
-def test_who_stops_listening_is_not_worked_for(tmp_path, monkeypatch):
-    monkeypatch.setattr(filter_local, "FEWEST_FRAMES", 1)
-    found, read = read_source(many(tmp_path, 5000)), []
+def test_who_stops_listening_is_not_worked_for(tmp_path):
+    manifest, read = read_source(many(tmp_path, 5000)), []
 
     def frames():
-        for frame in found:
+        for frame in manifest:
             read.append(frame.key)
             yield frame
 
-    lines = decided_lines(replace(found, frames=frames), FilterConfig(), WORKERS)
+    found = replace(manifest, frames=frames)
+    lines = decided_lines(found, FilterConfig(), WORKERS, fewest_frames=1)
 
     first = next(lines)
     lines.close()

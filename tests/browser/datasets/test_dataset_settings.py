@@ -6,7 +6,6 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.support.page import scenes
-from tests.support.page.accessibility import findings
 from tests.support.page.scenes import Scene
 from tests.support.page.windows import Visitor
 from unghost.wire.datasets import DatasetPatch
@@ -90,10 +89,3 @@ def test_dataset_is_deleted_only_with_its_name(scene, ada):
 
     expect(page.get_by_role("heading", name="Datasets", exact=True)).to_be_visible()
     assert scene.api.get(f"/datasets/{scene.dataset}").status_code == 404
-
-
-def test_settings_have_no_serious_finding(scene, visit, scheme):  # same
-    page = opened(visit(color_scheme=scheme), scene)
-    page.get_by_text("Delete this dataset").click()
-
-    assert findings(page) == []

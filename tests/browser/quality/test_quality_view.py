@@ -9,10 +9,9 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.support.page import scenes
-from tests.support.page.accessibility import findings
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import applied_config, car_at
-from tests.support.page.windows import SCHEMES, WIDTHS, Visit, Visitor
+from tests.support.page.windows import Visitor
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
 
@@ -170,19 +169,3 @@ def test_without_answers_the_page_says_how_to_give_some(ada, street):
     page.get_by_role("link", name="Answer boxes").click()
 
     expect(page).to_have_url(re.compile(f"/{street.dataset}/queue$"))
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("width", WIDTHS)
-def test_nothing_is_cut_off_and_nothing_serious_is_found(
-    answered: Scene,
-    visit: Visit,
-    scheme: str,
-    width: int,
-):
-    ada = visit(color_scheme=scheme, viewport={"width": width, "height": 844})
-    page = quality_page(ada, answered)
-    expect(page.locator(".curve__drawing canvas")).to_be_visible()
-
-    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
-    assert findings(page) == []

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.support.page.accessibility import findings
 from tests.support.page.scenes import GREY, Scene
 from tests.support.page.stage import after_drawing, layer
 from tests.support.page.windows import Visitor
@@ -74,11 +73,3 @@ def test_switch_is_remembered_and_can_be_taken_back(ada, blind):
     button.click()
 
     expect(blind.locator(".inspector__head .badge")).to_have_text("rejected")
-
-
-def test_blind_frame_has_no_serious_finding(scene, visit, scheme):  # same
-    ada = visit(color_scheme=scheme)
-    page = ada.open(scene.link("ghost"))
-    ada.press("b")
-
-    assert findings(page) == []

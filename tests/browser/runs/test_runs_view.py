@@ -12,10 +12,9 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from tests.support.page import scenes
-from tests.support.page.accessibility import findings
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import car_at
-from tests.support.page.windows import PHONE, SCHEMES, WIDTHS, Visit, Visitor
+from tests.support.page.windows import PHONE, Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -188,29 +187,6 @@ def test_a_dataset_without_exports_says_so_and_a_missing_one_too(ada, street):
     ada.open("#/datasets/nothing-here/runs")
 
     expect(page.get_by_role("alert")).to_contain_text("nothing-here")
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("width", WIDTHS)
-def test_nothing_is_cut_off_and_nothing_serious_is_found(
-    street: Scene,
-    visit: Visit,
-    scheme: str,
-    width: int,
-):
-    number = apply(street, threshold_small_box=40)
-    street.api.post(f"/datasets/{street.dataset}/exports", json={"format": "yolo"})
-    ada = visit(color_scheme=scheme, viewport={"width": width, "height": 844})
-    page = runs_page(ada, street, f"?run={number}")
-    expect(page.locator(".flip")).to_have_count(1)
-    expect(page.get_by_role("button", name=re.compile("^Download"))).to_be_visible()
-
-    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
-    assert findings(page) == []
-    page.get_by_role("button", name="New export").click()
-    expect(page.locator(".formatcard").first).to_be_visible()
-    assert findings(page) == []
-    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
 
 
 def test_a_long_list_scrolls_by_itself_and_not_the_page_past_its_end(

@@ -11,7 +11,6 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 
 from tests.support.page import scenes
-from tests.support.page.accessibility import findings
 from tests.support.page.windows import Visitor, lose_session
 from tests.support.servers import RunningServer
 
@@ -332,15 +331,3 @@ def test_bad_name_and_no_frames_are_said_before_anything_is_sent(town, ada, tmp_
 
     expect(page.get_by_role("alert")).to_contain_text("No frames were recognised")
     expect(page.get_by_role("dialog")).to_contain_text("notes: no layout recognised")
-
-
-def test_upload_has_no_serious_finding(town, visit, scheme):  # same
-    ada = visit(color_scheme=scheme)
-    page = pick(ada, town)
-    page.get_by_text("Did not match 1").click()
-    assert findings(page) == []
-
-    send(page)
-    page.get_by_role("button", name="Close the upload").wait_for()
-
-    assert findings(page) == []

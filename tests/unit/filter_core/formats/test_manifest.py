@@ -6,8 +6,7 @@ import json
 
 import pytest
 
-from filter_core.formats import manifest
-from filter_core.formats.reading import ReadOptions
+from filter_core.formats.reading import MAX_LABEL_BYTES, ReadOptions
 from filter_core.formats.registry import read_source
 from tests.support.folders import write_files
 
@@ -90,11 +89,11 @@ def test_a_bad_line_is_named_and_the_next_is_read(tmp_path, line, words):
     assert first.problem is last.problem is None
 
 
-def test_a_line_without_end_does_not_fill_the_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr(manifest, "MAX_LABEL_BYTES", 100)
-    path = write(tmp_path, '{"key": "' + "x" * 1000, json.dumps(FRAME))
+def test_a_line_without_end_does_not_fill_the_memory(tmp_path):
+    line = '{"key": "' + "x" * (2 * MAX_LABEL_BYTES)
+    path = write(tmp_path, line, json.dumps(FRAME))
 
     long, good = read_source(path)
 
-    assert "expected at most 100 bytes" in str(long.problem)
+    assert f"expected at most {MAX_LABEL_BYTES} bytes" in str(long.problem)
     assert good.key == "a/0"

@@ -1,0 +1,252 @@
+"""Every view and its states: nothing is cut off, and axe finds nothing serious."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.support.page import crowds, scenes
+from tests.support.page.accessibility import findings
+from tests.support.page.scenes import MakeScene
+from tests.support.page.tuning import car_at
+from tests.support.page.windows import SCHEMES, WIDTHS, Visit, Visitor, lose_session
+from tests.support.sensors import ANNOTATION, sensors
+
+pytestmark = pytest.mark.browser
+
+OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
+CHANNELS = 6
+
+
+@dataclass(frozen=True)
+class Tools:
+    """What a view needs to show its states: a window, data, an empty folder."""
+
+    ada: Visitor
+    make_scene: MakeScene
+    folder: Path
+
+    @property
+    def page(self) -> Page:
+        """The page in the window."""
+        return self.ada.page
+
+
+View = Callable[[Tools], Iterator[str]]
+"""Goes through the states of a view, and names each when it is on show."""
+
+
+def lists_and_menus(tools: Tools) -> Iterator[str]:
+    scene, ada, page = tools.make_scene(), tools.ada, tools.page
+    ada.open("#/datasets")
+    expect(page.get_by_role("heading", name=scene.dataset)).to_be_visible()
+    yield "datasets"
+
+    ada.open(f"#/datasets/{scene.dataset}/frames?verdict=rejected")
+    expect(page.locator("a.thumb")).to_have_count(1)
+    yield "frames"
+
+    page.get_by_role("button", name="Dataset settings").click()
+    page.get_by_text("Delete this dataset").click()
+    yield "settings of a dataset"
+
+    ada.open(scene.link())
+    page.get_by_role("button", name="Settings").click()
+    yield "settings of the page"
+
+    ada.press("Escape", "?")
+    yield "help"
+
+    ada.press("Escape")
+    lose_session(page)
+    page.reload()
+    expect(page.get_by_label("Token")).to_be_visible()
+    yield "sign-in"
+
+
+def upload(tools: Tools) -> Iterator[str]:
+    root = tools.folder / f"town-{tools.folder.name.strip('_').lower()}"
+    for folder in ("images", "labels"):
+        (root / folder).mkdir(parents=True)
+    (root / "data.yaml").write_text("names: [car, walker]\n")
+    for name in ("1", "stray"):
+        (root / "images" / f"{name}.png").write_bytes(scenes.picture())
+    (root / "labels" / "1.txt").write_text("0 0.25 0.694444 0.25 0.277778\n")
+    page = tools.ada.open("#/datasets")
+    page.get_by_label("Upload a folder").last.set_input_files(root)
+    page.get_by_text("Did not match 1").click()
+    yield "what will be sent"
+
+    page.get_by_role("button", name=re.compile(r"^Upload \d+ frame")).click()
+    page.get_by_role("button", name="Close the upload").wait_for()
+    yield "what was sent"
+
+
+def frame(tools: Tools) -> Iterator[str]:
+    scene, ada, page = tools.make_scene(), tools.ada, tools.page
+    ada.open(scene.link("ghost"))
+    ada.press("a", "j", "x", "j", "Space", "ArrowLeft", "m")
+    ada.saved()
+    yield "answers"
+
+    ada.press("b")
+    yield "blind"
+
+    scene = tools.make_scene()
+    ada.open(scene.link("ghost"))
+    crowds.review(scene, scene.box_id("ghost"), "reject")
+    ada.press("a")
+    expect(page.locator(".conflict")).to_be_visible()
+    yield "conflict"
+
+    page.context.set_offline(True)
+    ada.press("j", "a")
+    expect(page.locator(".savestate")).to_contain_text("offline")
+    yield "offline"
+
+
+def grid(tools: Tools) -> Iterator[str]:
+    scene, ada, page = tools.make_scene(), tools.ada, tools.page
+    ada.open(crowds.grid(scene))
+    expect(crowds.cell(page, 0).locator("img")).to_be_visible()
+    ada.press("ArrowRight", "Space")
+    yield "selected"
+
+    page.context.set_offline(True)
+    ada.press("x")
+    expect(page.locator(".strip")).to_be_visible()
+    yield "offline"
+
+    page.context.set_offline(False)
+    ada.open(crowds.grid(scene, distance_min="900"))
+    expect(page.get_by_role("heading", name="No box matches")).to_be_visible()
+    yield "no box"
+
+    ada.open(crowds.grid(scene, **{"class": "car", "toss_up": "true"}))
+    unfold_filters(page)
+    page.get_by_role("button", name="More").click()
+    expect(page.get_by_role("group", name="More filters")).to_be_visible()
+    yield "filters"
+
+
+def queue(tools: Tools) -> Iterator[str]:
+    scene, ada, page = tools.make_scene(), tools.ada, tools.page
+    ada.open(crowds.queue(scene))
+    expect(page.locator(".stage[data-picture=shown]")).to_be_visible()
+    crowds.review(scene, scene.box_id(crowds.queued(page)), "reject")
+    ada.press("a", "x")
+    expect(page.locator(".conflict")).to_be_visible()
+    yield "conflict"
+
+    ada.press("b")
+    yield "blind"
+
+    ada.press("a", "x", "a")
+    expect(page.get_by_role("heading", name="All done")).to_be_visible()
+    yield "all done"
+
+    ada.open(crowds.queue(tools.make_scene(), verdict="rejected"))
+    unfold_filters(page)
+    expect(page.get_by_role("combobox", name="Reason")).to_be_visible()
+    yield "filters"
+
+
+def thresholds(tools: Tools) -> Iterator[str]:
+    boxes = [car_at(share, index) for index, share in enumerate((4, 30, 55, 80))]
+    link = f"#/datasets/{tools.make_scene(boxes=boxes).dataset}/thresholds"
+    page = tools.ada.open(f"{link}?threshold_small_box=60")
+    expect(page.locator(".histogram__drawing canvas").first).to_be_visible()
+    expect(page.locator(".flip")).to_have_count(2)
+    yield "flips"
+
+    page.get_by_role("button", name="Save as new config version").click()
+    expect(page.get_by_role("dialog")).to_be_visible()
+    yield "saving"
+
+    tools.ada.press("Escape")
+    tools.ada.open(f"{link}?profile=carlasimu")
+    expect(page.get_by_text("requires reading the images again")).to_be_visible()
+    yield "pixels needed"
+
+
+def channels(tools: Tools) -> Iterator[str]:
+    scene = tools.make_scene(boxes=[])
+    files = {"annotation": json.dumps(ANNOTATION).encode(), **sensors()}
+    stored = scene.api.put(f"/datasets/{scene.dataset}/frames/a", files=files)
+    assert stored.status_code == 201, stored.text
+    page = tools.ada.open(f"#/datasets/{scene.dataset}/quality")
+    panel = page.get_by_role("region", name="Channels compared")
+    expect(panel).to_be_visible()
+    yield "not measured"
+
+    panel.get_by_role("button", name="Measure every channel").click()
+    expect(panel.locator("tbody tr")).to_have_count(CHANNELS, timeout=20_000)
+    yield "measured"
+
+    page.get_by_role("button", name="Compare with instances").click()
+    expect(page.locator(".field2__count")).to_have_text(["1", "1", "0", "0"])
+    yield "instances"
+
+
+def quality(tools: Tools) -> Iterator[str]:
+    shares = (1, 2, 3, 6, 8, 20, 40, 60, 80)
+    scene = tools.make_scene(boxes=[car_at(share, i) for i, share in enumerate(shares)])
+    listed = scenes.get(scene.api, f"/boxes?dataset={scene.dataset}")["items"]
+    for box in listed:
+        verdict = "keep" if box["match_percent"] >= 5 else "reject"
+        crowds.review(scene, box["box_id"], verdict)
+    page = tools.ada.open(f"#/datasets/{scene.dataset}/quality")
+    expect(page.locator(".matrix")).to_be_visible()
+    expect(page.locator(".curve__drawing canvas")).to_be_visible()
+    yield "people"
+
+
+def runs(tools: Tools) -> Iterator[str]:
+    scene = tools.make_scene(boxes=[car_at(30, 0), car_at(55, 1)])
+    scene.decide(threshold_small_box=40)
+    number = scenes.get(scene.api, f"/datasets/{scene.dataset}/runs")["items"][0]["id"]
+    scene.api.post(f"/datasets/{scene.dataset}/exports", json={"format": "yolo"})
+    page = tools.ada.open(f"#/datasets/{scene.dataset}/runs?run={number}")
+    expect(page.locator(".flip")).to_have_count(1)
+    expect(page.get_by_role("button", name=re.compile("^Download"))).to_be_visible()
+    yield "what a run changed"
+
+    page.get_by_role("button", name="New export").click()
+    expect(page.locator(".formatcard").first).to_be_visible()
+    yield "asking for an export"
+
+
+def unfold_filters(page: Page) -> None:
+    """Show the filters, which narrow windows fold away."""
+    filters = page.get_by_role("button", name="Filters", exact=True)
+    if filters.is_visible():
+        filters.click()
+
+
+VIEWS: list[View] = [
+    *(lists_and_menus, upload, frame, grid, queue),
+    *(thresholds, channels, quality, runs),
+]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("view", VIEWS, ids=lambda view: view.__name__)
+def test_nothing_is_cut_off_and_nothing_serious_is_found(
+    visit: Visit,
+    make_scene: MakeScene,
+    tmp_path: Path,
+    view: View,
+    width: int,
+    scheme: str,
+):
+    ada = visit(color_scheme=scheme, viewport={"width": width, "height": 844})
+    for state in view(Tools(ada, make_scene, tmp_path)):
+        assert ada.page.evaluate(OVERFLOW) <= 0, state
+        assert findings(ada.page) == [], state
