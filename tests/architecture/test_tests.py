@@ -1,11 +1,20 @@
-"""What tests may know: the product's public names, and helpers in `tests/support`."""
+"""What tests may know: the product's public names, and helpers in `tests/support`.
+
+They replace none of the product's names: what they want to go wrong goes wrong in a
+library, in a file or on a connection.
+"""
 
 from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
 
-from tests.support.sources import python_sources
+import pytest
+
+from tests.support.sources import PRODUCT, Source, python_sources
+
+REPLACE = {"setattr", "delattr", "__setattr__", "object"}
+"""Functions whose first argument gets another value for one of its names."""
 
 
 def imported(tree: ast.Module) -> Iterator[tuple[int, str]]:
@@ -54,6 +63,51 @@ def is_own(value: ast.expr) -> bool:
 def is_setattr(function: ast.expr) -> bool:
     name = function.attr if isinstance(function, ast.Attribute) else ""
     return (function.id if isinstance(function, ast.Name) else name) == "setattr"
+
+
+def replaced(tree: ast.Module) -> Iterator[int]:
+    """Lines where a module or a class of the product gets other names."""
+    ours = {
+        name.asname or name.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        and (node.module or "").partition(".")[0] in PRODUCT
+        for name in node.names
+    }
+    for node in ast.walk(tree):
+        changed = ""
+        if isinstance(node, ast.Call) and node.args:
+            if ast.unparse(node.func).rpartition(".")[2] in REPLACE:
+                changed = ast.unparse(node.args[0])
+        elif isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store):
+            changed = ast.unparse(node.value).removeprefix("vars(").removesuffix(")")
+        if changed in ours:
+            yield node.lineno
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        'monkeypatch.setattr(cli, "ROWS", 1)',
+        'type.__setattr__(cli, "ROWS", 1)',
+        'with patch.object(cli, "ROWS", 1): pass',
+        'vars(cli)["ROWS"] = 1',
+    ],
+)
+def test_a_replaced_name_is_noticed(statement):
+    source = Source("tests/test_it.py", f"from unghost import cli\n{statement}")
+
+    assert list(replaced(source.tree)) == [2]
+
+
+def test_tests_replace_no_name_of_the_product():
+    found = [
+        f"{source.name}:{line}"
+        for source in python_sources("tests")
+        for line in replaced(source.tree)
+    ]
+
+    assert found == []
 
 
 def test_tests_know_no_private_names():
