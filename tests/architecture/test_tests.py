@@ -75,13 +75,15 @@ def replaced(tree: ast.Module) -> Iterator[int]:
         for name in node.names
     }
     for node in ast.walk(tree):
-        changed = ""
         if isinstance(node, ast.Call) and node.args:
-            if ast.unparse(node.func).rpartition(".")[2] in REPLACE:
-                changed = ast.unparse(node.args[0])
-        elif isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store):
+            is_change = ast.unparse(node.func).rpartition(".")[2] in REPLACE
+            changed = ast.unparse(node.args[0])
+        elif isinstance(node, ast.Subscript):
+            is_change = isinstance(node.ctx, ast.Store)
             changed = ast.unparse(node.value).removeprefix("vars(").removesuffix(")")
-        if changed in ours:
+        else:
+            continue
+        if is_change and changed in ours:
             yield node.lineno
 
 
