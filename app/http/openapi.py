@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Iterator
 from html import escape
 from http import HTTPStatus
@@ -109,8 +110,19 @@ IDEMPOTENCY_PARAMETER: Final = {
 _LARGEST: Final = 2**63 - 1
 
 
+_MAKING: Final = threading.Lock()
+
+
 def document(app: FastAPI) -> _Object:
-    """The OpenAPI document of the service, made once."""
+    """The OpenAPI document of the service, made once.
+
+    The first call takes about a second: do not make it on the event loop.
+    """
+    with _MAKING:
+        return _document(app)
+
+
+def _document(app: FastAPI) -> _Object:
     if app.openapi_schema is None:
         schema = FastAPI.openapi(app)
         _add_components(schema)

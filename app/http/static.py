@@ -73,9 +73,9 @@ def page_file(folder: Path, name: str) -> PageFile:
 
 @lru_cache(maxsize=4)
 def shell_page(folder: Path) -> PageFile:
-    """The page, naming every module that it starts with.
+    """The page, with a link that preloads every module that it starts with.
 
-    Without that a browser learns of them one import after the other, each a round trip.
+    Otherwise a browser finds them one import after the other, each a round trip.
     """
     page = page_file(folder, "index.html").content
     links = "".join(
@@ -87,7 +87,10 @@ def shell_page(folder: Path) -> PageFile:
 
 
 def started_modules(folder: Path, entry: str) -> list[str]:
-    """What a module imports, directly or not, itself first; nothing that waits."""
+    """All modules that a module imports, directly or not, beginning with itself.
+
+    Those that it loads later, by ``import()``, are not among them.
+    """
     found = {entry: None}
     waiting = [folder / entry]
     while waiting:
@@ -112,7 +115,7 @@ def _etag(content: bytes) -> str:
 
 
 def content_security_policy(index: Path) -> str:
-    """The strict policy: own files only, and just the import map that is in the page.
+    """The Content-Security-Policy: own files only, and the page's import map.
 
     Text never becomes elements or code, except in `docs.js`, which names its exception
     "api-docs". Without the page (an API-only installation) there is no map to allow.
@@ -150,8 +153,8 @@ async def static_file(name: str, request: Request) -> Response:
 
 
 @description.get("/openapi.json", include_in_schema=False)
-async def openapi(request: Request) -> Response:
-    """The API, for machines."""
+def openapi(request: Request) -> Response:
+    """The API, for machines; in a thread, since making it the first time takes long."""
     content = json.dumps(request.app.openapi(), ensure_ascii=False).encode()
     return _answer(request, PageFile(content, MEDIA_TYPES[".json"], _etag(content)))
 
@@ -163,8 +166,8 @@ async def docs(request: Request) -> Response:
 
 
 @description.get("/docs/content", include_in_schema=False)
-async def docs_content(request: Request) -> Response:
-    """The API, for people."""
+def docs_content(request: Request) -> Response:
+    """The API, for people; in a thread, as `openapi`."""
     page = docs_page(request.app.openapi())
     return Response(page, media_type="text/html; charset=utf-8")
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
+import httpx
 import pytest
 
 from app.http.problems import PROBLEM_TYPE
@@ -51,6 +54,20 @@ def resolve(schema, reference):
     for step in reference[2:].split("/"):
         schema = schema[step.replace("~1", "/").replace("~0", "~")]
     return schema
+
+
+def test_other_requests_are_answered_while_it_is_made(start_api):
+    server, api = start_api()
+    waits = []
+
+    with ThreadPoolExecutor(2) as pool, httpx.Client(base_url=server.url) as other:
+        asked = [pool.submit(api.http.get, "/openapi.json") for _ in range(2)]
+        while not all(each.done() for each in asked):
+            waits.append(other.get("/healthz").elapsed)
+
+    first, second = (each.result() for each in asked)
+    assert (first.status_code, first.content) == (200, second.content)
+    assert max(waits) < min(first.elapsed, second.elapsed) / 2
 
 
 def test_it_is_openapi_3_1(schema):
