@@ -1,6 +1,6 @@
-"""Log lines that name their request and that nobody can forge. No secrets.
+"""Logging: records name their request, and contain no tokens and no line breaks.
 
-JSON, a line per record, wherever a program reads; plain text on a terminal.
+One line of JSON per record where a program reads the log, plain text on a terminal.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ server_log: Final = logging.getLogger("unghost.server")
 
 TEXT: Final = "%(asctime)s %(levelname)s %(name)s [%(request_id)s] %(message)s"
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
-# Nothing here logs a token; somebody may put one into an address all the same.
+# The service logs no token by itself, but a client may send one in a path.
 _TOKEN: Final = re.compile(r"(u[gscd]_)[A-Za-z0-9_-]{20,}")
 
 
 @contextmanager
-def known_as(request_id: str) -> Iterator[None]:
-    """What is written within the block belongs to this request."""
+def logged_with(request_id: str) -> Iterator[None]:
+    """Give this request id to everything that is logged within the block."""
     reset = current_request_id.set(request_id)
     try:
         yield
@@ -39,12 +39,12 @@ def known_as(request_id: str) -> Iterator[None]:
 
 
 def one_line(text: str) -> str:
-    """The text with everything escaped that could start a line or move a cursor."""
+    """The text with all control characters escaped: a record stays on one line."""
     return _CONTROL.sub(lambda found: f"\\u{ord(found.group()):04x}", text)
 
 
-def harmless(text: str) -> str:
-    """One line of text without tokens."""
+def sanitised(text: str) -> str:
+    """The text on one line, with tokens left out."""
     return _TOKEN.sub(r"\1...", one_line(text))
 
 
@@ -57,24 +57,24 @@ class OneRecordPerLine(logging.Formatter):
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802  # logging's name
         """The first line of a record."""
         record.request_id = current_request_id.get()
-        record.message = harmless(record.message)
+        record.message = sanitised(record.message)
         return super().formatMessage(record)
 
     def format(self, record: logging.LogRecord) -> str:
-        """A record, and below it the calls that it may name."""
+        """A record, and below it the call stack that it may carry."""
         calls = getattr(record, "facts", {}).get("stack", ())
         return "\n".join(
-            [super().format(record), *(f"  | {harmless(c)}" for c in calls)]
+            [super().format(record), *(f"  | {sanitised(c)}" for c in calls)]
         )
 
     def formatException(self, ei: object) -> str:  # noqa: N802  # logging's name
         """A traceback, each line marked as a continuation."""
         text = super().formatException(ei)  # type: ignore[arg-type]  # as logging has it
-        return "\n".join(f"  | {harmless(line)}" for line in text.splitlines())
+        return "\n".join(f"  | {sanitised(line)}" for line in text.splitlines())
 
 
 class JsonLines(logging.Formatter):
-    """A record as one line of JSON, in ASCII; what a record is about are keys of it."""
+    """A record as one line of ASCII JSON, with a key for each of its `facts`."""
 
     def format(self, record: logging.LogRecord) -> str:
         """The line."""
@@ -84,18 +84,18 @@ class JsonLines(logging.Formatter):
             "level": record.levelname.lower(),
             "logger": record.name,
             "request_id": current_request_id.get(),
-            "message": harmless(record.getMessage()),
+            "message": sanitised(record.getMessage()),
         }
         for name, value in getattr(record, "facts", {}).items():
-            line[name] = harmless(value) if isinstance(value, str) else value
+            line[name] = sanitised(value) if isinstance(value, str) else value
         if record.exc_info and record.exc_info[0] is not None:
             text = "".join(traceback.format_exception(*record.exc_info))
-            line["traceback"] = [harmless(each) for each in text.splitlines()]
+            line["traceback"] = [sanitised(each) for each in text.splitlines()]
         return json.dumps(line, separators=(",", ":"))
 
 
-class Answered(NamedTuple):
-    """A request and what became of it; `status` 0 if nobody waited for the answer."""
+class AccessRecord(NamedTuple):
+    """A request and its outcome; `status` is 0 if no response was begun."""
 
     method: str
     path: str
@@ -106,28 +106,29 @@ class Answered(NamedTuple):
     client: str | None
 
 
-def log_answer(answered: Answered) -> None:
-    """One line per request: no query, no header, no body."""
+def log_access(record: AccessRecord) -> None:
+    """Log one line for a request: no query string, no header, no body."""
     if not access_log.isEnabledFor(logging.INFO):
         return
-    duration_ms = round(1e3 * answered.seconds, 1)
-    facts = {**answered._asdict(), "duration_ms": duration_ms}
+    duration_ms = round(1e3 * record.seconds, 1)
+    facts = {**record._asdict(), "duration_ms": duration_ms}
     del facts["seconds"]
     access_log.info(
         "%s %s %d %.1f ms %s",
-        answered.method,
-        answered.path,
-        answered.status,
+        record.method,
+        record.path,
+        record.status,
         duration_ms,
-        answered.caller or "-",
+        record.caller or "-",
         extra={"facts": facts},
     )
 
 
 def configure_logging(level: str, form: str, stream: TextIO | None = None) -> None:
-    """Send everything to stderr at this level; libraries speak up from warnings on.
+    """Log everything of the service from this level on, and warnings of libraries.
 
     `form` is ``json``, ``text``, or ``auto``: text on a terminal, JSON elsewhere.
+    `stream` is stderr unless given.
     """
     stream = stream or sys.stderr
     if form == "auto":
@@ -135,7 +136,7 @@ def configure_logging(level: str, form: str, stream: TextIO | None = None) -> No
     to_stream = logging.StreamHandler(stream)
     to_stream.setFormatter(JsonLines() if form == "json" else OneRecordPerLine(TEXT))
     logging.basicConfig(level=logging.WARNING, handlers=[to_stream], force=True)
-    # What it would say of failures, we say, without a second traceback.
+    # The service logs these failures itself; uvicorn would add a second traceback.
     logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
     for name in ("unghost", "app"):
         logging.getLogger(name).setLevel(level.upper())

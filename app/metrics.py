@@ -1,7 +1,7 @@
-"""What a process counts of its requests and its work, for Prometheus.
+"""Metrics of this process for Prometheus: its requests and its work.
 
 Names follow Prometheus: base units, ``_total`` for what only grows. No label takes a
-value that somebody outside can make up, so there are never more than so many series.
+value that a client can choose, so the number of series is bounded.
 Counters and histograms are those of `prometheus_client`; the figures about the process
 are our own, because that library's are for Linux alone.
 """
@@ -35,11 +35,11 @@ UNKNOWN: Final = "other"
 _METHODS: Final = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"})
 _ROUTE: Final = ("method", "route", "status")
 
-# Another series beside each of a counter: when it began, which one number says for all.
+# It would be another series for each counter: when that was created.
 disable_created_metrics()
 
 WORK: Final = CollectorRegistry()
-"""Of this process since it started; what is stored counts once it is committed."""
+"""Work of this process since its start; what is stored counts once committed."""
 
 FRAMES: Final = Counter(
     "unghost_frames_stored_total", "Frames stored, revisions too.", registry=WORK
@@ -84,7 +84,7 @@ LOOP_STALLS: Final = Counter(
 )
 LOOP_STALL_SECONDS: Final = Counter(
     "unghost_loop_stall_seconds_total",
-    "How long it stood in all, once it went on.",
+    "Seconds for which the event loop has stood still, stalls that have ended.",
     registry=WORK,
 )
 PIXEL_PROCESSES_ENDED: Final = Counter(
@@ -96,22 +96,24 @@ PIXEL_PROCESSES_ENDED: Final = Counter(
 
 _SELF: Final = Path("/proc/self")
 _RESIDENT_PAGES: Final = 1
-"""Which number of /proc/self/statm it is."""
+"""Index of the resident pages in /proc/self/statm."""
 
 
 class RequestMetrics:
-    """What one service was asked since it started; cheap enough for every request."""
+    """Counts and durations of the requests to one service since its start."""
 
     def __init__(self, version: str) -> None:
         self.registry = registry = CollectorRegistry()
-        info = Info("unghost", "Which version answers.", registry=registry)
+        info = Info(
+            "unghost", "Versions of the service and of Python.", registry=registry
+        )
         info.info({"version": version, "python": platform.python_version()})
         self._requests = Counter(
             "unghost_requests_total", "Requests answered.", _ROUTE, registry=registry
         )
         self._seconds = Histogram(
             "unghost_request_seconds",
-            "Time until an answer was complete.",
+            "Time until the response was complete.",
             _ROUTE,
             buckets=BUCKETS_S,
             registry=registry,
@@ -130,7 +132,7 @@ class RequestMetrics:
     def observe(
         self, method: str, route: str | None, status: int, seconds: float
     ) -> None:
-        """Count one answer, by the pattern of its route and never by its path."""
+        """Count one response, by the pattern of its route and never by its path."""
         known = method if method in _METHODS else UNKNOWN
         key = (known, route or UNKNOWN, str(status))
         self._requests.labels(*key).inc()
@@ -156,14 +158,14 @@ def process_facts() -> Iterator[Metric]:
 
 @dataclass(frozen=True)
 class Scrape:
-    """All that Prometheus is told at once: what was counted, what was looked up."""
+    """All metrics that one request of Prometheus gets."""
 
     metrics: Iterable[Metric]
 
     def collect(self) -> Iterable[Metric]:
-        """What the library asks of whatever it is to write."""
+        """The metrics, under the name by which `prometheus_client` asks for them."""
         return self.metrics
 
     def text(self) -> bytes:
-        """In Prometheus' text format, version 0.0.4."""
+        """The metrics in Prometheus' text format, version 0.0.4."""
         return generate_latest(self)

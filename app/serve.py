@@ -1,4 +1,4 @@
-"""Serving on a port: pick it, run, say where to log in, leave a note, stop cleanly."""
+"""Serves on a port, and tells people and the command line how to log in."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ _HINTS: Final = {
 
 @dataclass(frozen=True)
 class LoginLink:
-    """What a person opens to be let in; it works once, within ten minutes."""
+    """A link that logs a person in; it works once, within ten minutes."""
 
     url: str
     is_over: Callable[[], bool]
-    """Whether it was used, or its time is up."""
+    """Whether it was used or has expired."""
 
 
 OnReady = Callable[[LoginLink], None]
@@ -66,9 +66,7 @@ def serve(
     *,
     on_ready: OnReady | None = None,
 ) -> None:
-    """Serve until interrupted.
-
-    `on_ready` gets a login link as soon as requests are answered.
+    """Serve until interrupted; `on_ready` gets a login link once requests are answered.
 
     Raises
     ------
@@ -107,7 +105,7 @@ def serve(
             wait_s=settings.shutdown_wait_s,
         )
         exit_on_sigterm()
-        # The usual way to end it, and uvicorn's way to say that it never started.
+        # How it usually ends, and how uvicorn reports that it could not start.
         with suppress(KeyboardInterrupt, SystemExit):
             server.run(sockets=[listener])
     if not server.started:
@@ -123,7 +121,7 @@ class ServerNote:
         self.path = note_path(url, os.environ)
 
     def write(self) -> None:
-        """Leave the note; a machine that cannot keep it works without."""
+        """Write the note; if that is impossible, the server runs without it."""
         note = {
             "url": self._url,
             "token_file": str(self._token_file.resolve()),
@@ -133,10 +131,12 @@ class ServerNote:
             self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             write_secret(self.path, json.dumps(note))
         except OSError as exc:
-            sys.stderr.write(f"no note for the command line: {exc.strerror}\n")
+            sys.stderr.write(
+                f"the command line will not find this server: {exc.strerror}\n"
+            )
 
     def remove(self) -> None:
-        """Take the note away, unless it is another server's by now."""
+        """Delete the note, unless another server has replaced it."""
         try:
             if json.loads(self.path.read_text("utf-8"))["pid"] == os.getpid():
                 self.path.unlink()
@@ -164,10 +164,10 @@ def _cannot_start(settings: Settings, reason: Exception) -> CannotServe:
 
 
 def server_config(app: FastAPI) -> uvicorn.Config:
-    """How uvicorn serves the app: quietly, our own access log says it better.
+    """How uvicorn serves the app: without a log of its own.
 
-    Where a request comes from is what its connection says, unless that is a proxy that
-    the settings trust: anybody can write a header.
+    The address of a client is that of its connection. Headers that name another one are
+    believed only of the proxies in the settings, since anybody can send them.
     """
     settings: Settings = app.state.settings
     proxies = settings.trusted_proxies
@@ -179,8 +179,9 @@ def server_config(app: FastAPI) -> uvicorn.Config:
         proxy_headers=bool(proxies),
         forwarded_allow_ips=list(proxies),
         timeout_graceful_shutdown=STOP_WAIT_S,
-        # Not sooner than our own protocol does it. Uvicorn's five seconds are those of
-        # many clients, too: they would send on a connection that is just being closed.
+        # Not sooner than `ProblemProtocol` closes idle connections. After uvicorn's
+        # default of five seconds many clients, which wait as long, would send on a
+        # connection that is just being closed.
         timeout_keep_alive=math.ceil(settings.head_wait_s),
         lifespan="on",
         ws="none",
@@ -191,10 +192,10 @@ def server_config(app: FastAPI) -> uvicorn.Config:
 def listen(
     host: str, port: int, family: socket.AddressFamily = socket.AF_INET
 ) -> socket.socket:
-    """A socket that listens, and that answers at once.
+    """A listening socket whose connections send without delay.
 
-    asyncio only turns off Nagle's algorithm on sockets that say that they are TCP;
-    others wait 40 ms with the second half of each answer.
+    It is created with the protocol TCP: only then asyncio turns off Nagle's algorithm,
+    which would delay the second half of each response by 40 ms.
     """
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
@@ -202,14 +203,14 @@ def listen(
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind((host, port))
         listener.listen(_BACKLOG)
-    except BaseException:  # also what is no address at all
+    except BaseException:  # also for a host that is no address
         listener.close()
         raise
     return listener
 
 
 def check_free(settings: Settings) -> None:
-    """Find out early that somebody else listens where the service is to.
+    """Check that the service can listen on its port, before anything is opened.
 
     Raises
     ------
@@ -237,7 +238,7 @@ def _url(settings: Settings, port: int) -> str:
 
 
 def first_link(services: ServiceContext, url: str) -> LoginLink:
-    """A login link of the token in the data folder."""
+    """A new login link for the token in the data folder."""
     database = services.database
     with database.write() as session:
         code, secret = make_first_code(session, services.settings.token_file)
@@ -255,7 +256,7 @@ def _print_link(link: LoginLink) -> None:
 
 
 def ready_text(link: str) -> str:
-    """What a person is told once requests are answered."""
+    """The text that is printed once requests are answered."""
     return (
         f"Unghost is ready. Log in with\n\n    {link}\n\n"
         "The link works once, within ten minutes; `unghost login` prints another.\n"

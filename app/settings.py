@@ -1,6 +1,6 @@
-"""Everything a deployment can choose, from ``UNGHOST_*`` variables. No thresholds here.
+"""The settings of a deployment: ``UNGHOST_*`` variables, fixed once the service starts.
 
-Frozen after start. What a verdict depends on is a filter configuration, not a setting.
+There are no thresholds here: what a verdict depends on is a filter configuration.
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ class Settings(BaseSettings):
         default=30,
         gt=0,
         le=600,
-        description="Seconds that S3 gets for one answer, and that others are tried "
-        "after the first.",
+        description="Seconds that one request to S3 may take, and for which a failed "
+        "one is tried again.",
     )
     allowed_hosts: Annotated[tuple[str, ...], NoDecode] = Field(
         default=(),
@@ -127,11 +127,9 @@ class Settings(BaseSettings):
     )
     tls_ca: Path | None = Field(
         default=None,
-        description="Certificate of the authority whose nodes are let in by tls://.",
+        description="Certificate of the authority that has signed those of all nodes.",
     )
-    tls_cert: Path | None = Field(
-        default=None, description="Certificate that this node shows to the others."
-    )
+    tls_cert: Path | None = Field(default=None, description="Certificate of this node.")
     tls_key: Path | None = Field(
         default=None, description="Private key of UNGHOST_TLS_CERT."
     )
@@ -151,7 +149,7 @@ class Settings(BaseSettings):
         default=20,
         ge=0,
         le=3600,
-        description="Seconds that requests get to finish when the service is to stop.",
+        description="Seconds that open requests have to finish when the service stops.",
     )
     idempotency_hours: int = Field(
         default=72,
@@ -163,14 +161,14 @@ class Settings(BaseSettings):
     max_connections: int | None = Field(
         default=None,
         ge=1,
-        description="Most connections at the same time; unset: what the limit of open "
+        description="Maximum number of open connections; unset: what the limit of open "
         "files leaves room for, at most 2048.",
     )
     max_connections_per_address: int | None = Field(
         default=None,
         ge=1,
-        description="Most connections of one address, other than a trusted proxy's; "
-        "unset: half of all.",
+        description="Maximum number of open connections from one address, other than a "
+        "trusted proxy's; unset: half of all.",
     )
     max_head_bytes: ByteSize = Field(
         default=ByteSize(64 * 1024),
@@ -185,13 +183,14 @@ class Settings(BaseSettings):
     body_wait_s: float = Field(
         default=300,
         gt=0,
-        description="Seconds that a body may pause before it is given up.",
+        description="Seconds without a byte of the body after which a request is "
+        "refused.",
     )
     answer_wait_s: float = Field(
         default=60,
         gt=0,
-        description="Seconds for which a client may read nothing of its answer before "
-        "it is cut off.",
+        description="Seconds without reading any of its response after which a client "
+        "is disconnected.",
     )
     max_body_bytes: ByteSize = Field(
         default=ByteSize(256 * 1024**2),
@@ -211,13 +210,13 @@ class Settings(BaseSettings):
     max_open_body_bytes: ByteSize = Field(
         default=ByteSize(1024**3),
         ge=1024,
-        description="Most bytes of bodies in memory, of all requests that are being "
+        description="Maximum size in memory of the bodies of all requests that are "
         "received or worked on.",
     )
     max_open_body_bytes_per_token: ByteSize = Field(
         default=ByteSize(512 * 1024**2),
         ge=1024,
-        description="Most bytes of bodies in memory of the requests of one token.",
+        description="Maximum size in memory of the bodies of one token's requests.",
     )
     max_part_bytes: ByteSize = Field(
         default=ByteSize(64 * 1024**2),
@@ -225,24 +224,24 @@ class Settings(BaseSettings):
         description="Largest file of a frame.",
     )
     max_parts: int = Field(
-        default=16, ge=3, le=1000, description="Most parts of one upload."
+        default=16, ge=3, le=1000, description="Maximum number of parts of an upload."
     )
     max_batch_members: int = Field(
         default=1_000_000,
         ge=1,
-        description="Most members of the archive of a batch.",
+        description="Maximum number of members in the archive of a batch.",
     )
     max_open_batches: int = Field(
         default=8,
         ge=1,
-        description="Most batches of frames and dropped folders that may be received "
-        "at the same time.",
+        description="Maximum number of batches of frames and dropped folders that are "
+        "received at the same time.",
     )
     max_open_batches_per_token: int = Field(
         default=4,
         ge=1,
-        description="Most batches of frames and dropped folders that one token may "
-        "send at the same time.",
+        description="Maximum number of batches of frames and dropped folders that one "
+        "token may send at the same time.",
     )
     max_folder_bytes: ByteSize = Field(
         default=ByteSize(256 * 1024**2),
@@ -253,7 +252,7 @@ class Settings(BaseSettings):
     max_folder_files: int = Field(
         default=100_000,
         ge=1,
-        description="Most files and folders of a dropped folder.",
+        description="Maximum number of files and folders in a dropped folder.",
     )
     max_folder_seconds: float = Field(
         default=120,
@@ -265,7 +264,7 @@ class Settings(BaseSettings):
         default=16384, ge=1, description="Longest side of an image."
     )
     max_image_pixels: int = Field(
-        default=64_000_000, ge=1, description="Most pixels of one image."
+        default=64_000_000, ge=1, description="Maximum number of pixels of an image."
     )
     max_pixel_seconds: float = Field(
         default=30,
@@ -281,7 +280,7 @@ class Settings(BaseSettings):
         "reading a dropped folder may take.",
     )
     max_boxes_per_frame: int = Field(
-        default=10_000, ge=1, description="Most boxes in one annotation."
+        default=10_000, ge=1, description="Maximum number of boxes in an annotation."
     )
     max_config_bytes: ByteSize = Field(
         default=ByteSize(1024**2),
@@ -291,30 +290,32 @@ class Settings(BaseSettings):
     max_bulk_boxes: int = Field(
         default=100_000,
         ge=1,
-        description="Most boxes that one bulk review may change.",
+        description="Maximum number of boxes that one bulk review may change.",
     )
     max_open_runs: int = Field(
         default=100,
         ge=1,
-        description="Most runs and exports that may wait or work at the same time.",
+        description="Maximum number of runs and exports that wait or work.",
     )
     max_open_jobs_per_token: int = Field(
         default=20,
         ge=1,
-        description="Most runs and exports of one token that may wait or work.",
+        description="Maximum number of runs and exports of one token that wait or "
+        "work.",
     )
     max_event_streams: int = Field(
-        default=64, ge=1, description="Most progress streams open at the same time."
+        default=64, ge=1, description="Maximum number of open progress streams."
     )
     max_event_streams_per_token: int = Field(
         default=16,
         ge=1,
-        description="Most progress streams that one token may have open.",
+        description="Maximum number of open progress streams of one token.",
     )
     event_heartbeat_s: float = Field(
         default=15,
         gt=0,
-        description="Seconds after which a silent progress stream shows that it lives.",
+        description="Seconds of silence after which a progress stream sends a "
+        "heartbeat.",
     )
 
     @field_validator("allowed_hosts", "trusted_proxies", mode="before")
@@ -326,8 +327,8 @@ class Settings(BaseSettings):
 
     @field_validator("trusted_proxies")
     @classmethod
-    def _known_proxies(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        """Refuse what would be believed of nobody, without a word."""
+    def _check_proxies(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        """Refuse entries that could never match the address of a proxy."""
         if ANY_HOST in value and len(value) > 1:
             raise ValueError(
                 f"expected addresses and networks, or {ANY_HOST} alone, "
@@ -351,8 +352,8 @@ class Settings(BaseSettings):
 
     @field_validator("allowed_hosts")
     @classmethod
-    def _known_hosts(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        """Refuse what stands in no Host header once its port is cut off."""
+    def _check_hosts(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        """Refuse names that no Host header, without its port, can be equal to."""
         for each in value:
             if each != ANY_HOST and not _HOST_NAME.fullmatch(each):
                 raise ValueError(
@@ -364,23 +365,23 @@ class Settings(BaseSettings):
 
     @field_validator("storage")
     @classmethod
-    def _known_storage(cls, value: str) -> str:
+    def _check_storage(cls, value: str) -> str:
         return checked_storage(value)
 
     @field_validator("storage_endpoint")
     @classmethod
-    def _safe_endpoint(cls, value: str | None, info: ValidationInfo) -> str | None:
+    def _check_endpoint(cls, value: str | None, info: ValidationInfo) -> str | None:
         plain = bool(info.data.get("storage_allow_http"))
         return None if value is None else checked_endpoint(value, plain=plain)
 
     @field_validator("database_url")
     @classmethod
-    def _known_database(cls, value: str | None) -> str | None:
+    def _check_database_url(cls, value: str | None) -> str | None:
         return None if value is None else checked_url(value)
 
     @field_validator("engine")
     @classmethod
-    def _safe_engine(cls, value: str, info: ValidationInfo) -> str:
+    def _check_engine(cls, value: str, info: ValidationInfo) -> str:
         return checked_engine(value, insecure=bool(info.data.get("engine_insecure")))
 
     @field_validator("log_level", "log_format", mode="before")
@@ -395,7 +396,7 @@ class Settings(BaseSettings):
 
     @property
     def token_file(self) -> Path:
-        """The first token in the clear, readable by its owner alone."""
+        """File of the first token in plain text, readable by its owner alone."""
         return self.data / "token"
 
     @property
@@ -407,5 +408,5 @@ class Settings(BaseSettings):
 
 
 def bracketed(host: str) -> str:
-    """A host as it stands in a URL: IPv6 addresses carry brackets there."""
+    """A host as it is written in a URL: an IPv6 address in brackets."""
     return f"[{host}]" if ":" in host and not host.startswith("[") else host

@@ -1,8 +1,8 @@
-"""What counts for a box: the filter's verdict, or what a person said of it.
+"""The effective verdict of a box: a person's answer if there is one, else the filter's.
 
-Here it is said twice: in Python, for one box, and in SQL, for lists. For arrays the
-library says it (`DecidedBoxes.effective`). `tests/unit/app/test_verdicts.py` compares
-the three over every reason and answer.
+It is defined twice here: in Python, for one box, and in SQL, for lists. For arrays the
+library defines it (`DecidedBoxes.effective`). `tests/unit/app/test_verdicts.py`
+compares the three for every reason and answer.
 """
 
 from __future__ import annotations
@@ -17,32 +17,35 @@ from filter_core.types import Reason, Verdict
 from unghost.wire import words
 
 NOTHING_TO_SEE: Final = frozenset({Reason.OUTSIDE_IMAGE, Reason.DEGENERATE})
-"""Rejected by geometry alone: a picture could not change anybody's mind."""
-_SAID: Final[Mapping[str, Verdict]] = {"keep": Verdict.KEPT, "reject": Verdict.REJECTED}
-"""The verdict that an answer puts in the place of the filter's; others put none."""
+"""Reasons of boxes that cannot be seen in the image, so that nobody can judge them."""
+_VERDICT_OF_ANSWER: Final[Mapping[str, Verdict]] = {
+    "keep": Verdict.KEPT,
+    "reject": Verdict.REJECTED,
+}
+"""The verdict that an answer puts in the place of the filter's; `unsure` puts none."""
 
 
 def effective_verdict(reason: int, answer: str | None) -> words.Verdict:
-    """A person's keep or reject counts; without one, the filter's verdict."""
+    """The verdict of an answer `keep` or `reject`; without one, the filter's."""
     return with_answer(Reason(reason).verdict.value, answer)
 
 
 def with_answer(verdict: words.Verdict, answer: str | None) -> words.Verdict:
-    """What counts for a box that the filter gave this verdict."""
-    said = said_verdict(answer)
-    return verdict if said is None else said.value
+    """As `effective_verdict`, for the filter's verdict in place of its reason."""
+    answered = verdict_of(answer)
+    return verdict if answered is None else answered.value
 
 
-def said_verdict(answer: str | None) -> Verdict | None:
-    """The verdict that a person gave; None for any answer but keep and reject."""
-    return _SAID.get(answer or "")
+def verdict_of(answer: str | None) -> Verdict | None:
+    """The verdict of an answer; None for any but `keep` and `reject`."""
+    return _VERDICT_OF_ANSWER.get(answer or "")
 
 
 def is_effective(verdict: Verdict) -> ColumnElement[bool]:
-    """Current decisions whose effective verdict is this one."""
+    """SQL condition: the effective verdict of a current decision is this one."""
     by_filter = and_(_undecided(), Decision.reason.in_(reasons_of(verdict)))
-    for answer, said in _SAID.items():
-        if said is verdict:
+    for answer, answered in _VERDICT_OF_ANSWER.items():
+        if answered is verdict:
             return or_(Decision.review == answer, by_filter)
     return by_filter
 
@@ -53,23 +56,24 @@ def reasons_of(verdict: Verdict) -> tuple[int, ...]:
 
 
 def in_conflict(reason: int, answer: str | None) -> bool:
-    """A person's keep or reject says the opposite of the filter.
+    """Whether a person's `keep` or `reject` is the opposite of the filter's verdict.
 
-    An answer on a box that was not measured contradicts nothing.
+    An answer on an unmeasured box is in conflict with nothing.
     """
-    said, verdict = said_verdict(answer), Reason(reason).verdict
-    return verdict in _SAID.values() and said is not None and said is not verdict
+    answered, verdict = verdict_of(answer), Reason(reason).verdict
+    can_conflict = verdict in _VERDICT_OF_ANSWER.values() and answered is not None
+    return can_conflict and answered is not verdict
 
 
 def is_in_conflict() -> ColumnElement[bool]:
-    """Current decisions that a person contradicts."""
-    # Said first and alone, for the index on boxes that were answered.
-    return and_(Decision.review.in_(tuple(_SAID)), or_(*_contradicting()))
+    """SQL condition: a person's answer is in conflict with the current decision."""
+    # This condition comes first, so that the index on answered boxes is used.
+    return and_(Decision.review.in_(tuple(_VERDICT_OF_ANSWER)), or_(*_contradicting()))
 
 
 def is_not_in_conflict() -> ColumnElement[bool]:
-    """Current decisions that nobody contradicts, answered or not."""
-    # Not `not_`: of a box without an answer that would be unknown, and leave it out.
+    """SQL condition: no answer is in conflict with the current decision."""
+    # Not `not_`: for a box without an answer it would be NULL, and leave the box out.
     kept, rejected = reasons_of(Verdict.KEPT), reasons_of(Verdict.REJECTED)
     return or_(
         _undecided(),
@@ -79,21 +83,21 @@ def is_not_in_conflict() -> ColumnElement[bool]:
 
 
 def needs_review(reason: int, toss_up: bool, answer: str | None) -> bool:
-    """Whether a person should look: nobody has decided, and the filter is not sure.
+    """Whether a box counts as `to_review`: undecided, and the filter is not certain.
 
-    It is not sure of a box that it rejected for what the pixels show, that it did not
+    It is not certain of a box that it rejected because of its pixels, that it did not
     measure, or that is a toss-up.
     """
-    if said_verdict(answer) is not None or Reason(reason) in NOTHING_TO_SEE:
+    if verdict_of(answer) is not None or Reason(reason) in NOTHING_TO_SEE:
         return False
     return toss_up or Reason(reason) is not Reason.VISIBLE
 
 
 class ReviewState(NamedTuple):
-    """Boxes by what was said of them last."""
+    """Boxes whose latest answer is one of a few, as a filter of lists."""
 
     answers: tuple[str, ...]
-    """Of such boxes; empty text where nobody said anything, or took it back."""
+    """Their latest answers; empty text for no answer, or one that was undone."""
     condition: Callable[[], ColumnElement[bool]]
     """The same as SQL on current decisions."""
     others: str | None = None
@@ -120,11 +124,11 @@ REVIEW_STATES: Final[Mapping[str, ReviewState]] = {
     "keep": ReviewState(("keep",), lambda: Decision.review == "keep"),
     "reject": ReviewState(("reject",), lambda: Decision.review == "reject"),
     "unsure": ReviewState(("unsure",), lambda: Decision.review == "unsure"),
-    # Said so that SQLite does not take it for what its partial index holds, and that
-    # PostgreSQL still knows how many they are.
+    # Written so that SQLite does not use its partial index of unanswered boxes (see
+    # `BoxFilter.unanswered`), and PostgreSQL can still estimate the number of rows.
     "none": ReviewState(("",), lambda: Decision.review.is_(None).is_(True), "any"),
     "any": ReviewState(
         ("keep", "reject", "unsure"), lambda: Decision.review.is_not(None)
     ),
 }
-"""By the words of the filter `review` of a list."""
+"""By the values of the filter `review` of a list."""

@@ -23,7 +23,7 @@ from app.http.deps import (
     WriteSession,
     make_room,
 )
-from app.http.pages import Cursor, Limit, Newest, page_response, written
+from app.http.pages import Cursor, Limit, Newest, json_response, page_response
 from app.http.routing import ApiRouter, OpenRouter
 from app.security import Principal, comes_from_no_other_page
 from unghost.wire.access import (
@@ -92,7 +92,7 @@ def log_in(
     found = access.by_session(writing, opened)
     services.one(LastUses).note(principal.token_id)
     shown = NewSession(**dict(_session(writing, found)), session=opened)
-    return written(shown, 201, NO_STORE)
+    return json_response(shown, 201, NO_STORE)
 
 
 @inside.get("/session")
@@ -121,7 +121,7 @@ def create_login_code(audit: Audited) -> Response:
     """
     made, secret = access.make_code(audit)
     code = LoginCode.model_validate(made, from_attributes=True)
-    return written(NewLoginCode(**dict(code), code=secret), 201, NO_STORE)
+    return json_response(NewLoginCode(**dict(code), code=secret), 201, NO_STORE)
 
 
 @inside.get("/login-codes/{code_id}")
@@ -171,7 +171,7 @@ def create_token(body: TokenIn, audit: Audited) -> Response:
     token = Token.model_validate(made, from_attributes=True)
     # no-store: neither a cache nor the answer kept for an Idempotency-Key holds it.
     shown = NewToken(**dict(token), token=secret)
-    return written(shown, 201, {"Cache-Control": "no-store"})
+    return json_response(shown, 201, {"Cache-Control": "no-store"})
 
 
 @tokens_router.delete("/tokens/{token_id}", status_code=204)

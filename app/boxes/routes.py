@@ -41,7 +41,7 @@ from app.http.files import (
     is_known,
     known_response,
 )
-from app.http.pages import page_response, written
+from app.http.pages import json_response, page_response
 from app.http.routing import (
     CLIENT_LEFT,
     ApiRouter,
@@ -281,7 +281,7 @@ def get_frame_by_key(
 ) -> Response:
     """The newest revision of the frame under a key."""
     frame_id = frames.frame_id_of(session, dataset, key)
-    return written(frames.describe_frame(session, frame_id))
+    return json_response(frames.describe_frame(session, frame_id))
 
 
 @frames_router.delete("/datasets/{dataset}/frames/{key:any}", status_code=204)
@@ -303,4 +303,4 @@ def delete_frame(
 @frames_router.get("/frames/{frame_id}", response_model=Frame)
 def get_frame(frame_id: RowId, session: ReadSession) -> Response:
     """A frame with its boxes, their evidence, decisions and answers."""
-    return written(frames.describe_frame(session, frame_id))
+    return json_response(frames.describe_frame(session, frame_id))

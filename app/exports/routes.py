@@ -30,7 +30,7 @@ from app.http.deps import (
     WriteSession,
 )
 from app.http.files import RESUMABLE, file_of, file_response
-from app.http.pages import Newest, written
+from app.http.pages import Newest, json_response
 from app.http.routing import ApiRouter, OpenRouter
 from app.jobs.service import cancel
 from app.jobs.stream import LastEventId, events_of, watch
@@ -88,7 +88,7 @@ def stop_export(
 
 def _accepted(export: tables.Export, dataset: str) -> Response:
     where = {"Location": f"/api/v1/exports/{export.id}"}
-    return written(describe_export(export, dataset), 202, where)
+    return json_response(describe_export(export, dataset), 202, where)
 
 
 @inside.get("/exports/{export_id}")
@@ -146,7 +146,7 @@ def create_download_link(
     url = f"/api/v1/exports/{export_id}/file?key={key}"
     # no-store: neither a cache nor the answer kept for an Idempotency-Key holds it.
     link = DownloadLink(url=url, expires_at=ends)
-    return written(link, 201, {"Cache-Control": "no-store"})
+    return json_response(link, 201, {"Cache-Control": "no-store"})
 
 
 @by_address.get(

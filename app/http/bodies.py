@@ -1,8 +1,8 @@
-"""Bodies of requests, read within limits: JSON as a whole, multipart in pieces.
+"""Reads bodies of requests within limits: JSON as a whole, multipart in pieces.
 
 Multipart is read with `python_multipart` itself: Starlette's forms limit the size of
 fields but not of files, and write large files to a temporary file before a limit is
-asked. Here a part that grows too large is refused at the byte at which it does.
+checked. Here a part is refused as soon as it is too large.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from unghost.wire.model import Fault
 Result = TypeVar("Result")
 
 MAX_READERS: Final = 2
-"""Large bodies that are parsed at the same time; the others wait without a thread."""
+"""How many large bodies are parsed at the same time; others wait without a thread."""
 _SMALL_BYTES: Final = 4096
-"""Up to here a thread costs more than the work."""
+"""For bodies up to this size a thread costs more than parsing."""
 _LIMITS: Final = JsonLimits(max_depth=32, max_values=320_000, max_keys=10_000)
 """No schema has more than a few dozen keys; each unknown one would be a fault. A
 dataset's ignore mask of a hundred polygons, of a thousand points each, is 300,000
@@ -37,7 +37,7 @@ values, and nothing else comes near it."""
 
 
 class StrictRequest(Request):
-    """A request whose JSON is read within limits, and beside the event loop."""
+    """A request whose JSON is read within limits, and does not block the event loop."""
 
     async def json(self) -> object:
         """The body as a value.
@@ -45,11 +45,11 @@ class StrictRequest(Request):
         Raises
         ------
         Unprocessable
-            ``invalid_request``: it is not JSON, or more of it than is read.
+            ``invalid_request``: it is not JSON, or exceeds a limit of `_LIMITS`.
         """
         content = await self.body()
         try:
-            return await beside_the_loop(self, content, _read)
+            return await run_off_loop(self, content, _read)
         except JsonError as error:
             code = "json_invalid" if error.kind == JsonError.code else error.kind
             fault = Fault(pointer="", code=code, detail=error.detail)
@@ -58,10 +58,10 @@ class StrictRequest(Request):
             ) from error
 
 
-async def beside_the_loop(
+async def run_off_loop(
     request: Request, content: bytes, work: Callable[[bytes], Result]
 ) -> Result:
-    """What `work` makes of a body; in a thread unless that is small."""
+    """The result of ``work(content)``; in a thread unless the content is small."""
     if len(content) <= _SMALL_BYTES:
         return work(content)
     readers: CapacityLimiter = request.app.state.readers
@@ -77,20 +77,19 @@ RETRY_S: Final = 5
 
 
 def stopping() -> NotReady:
-    """What is said to those who came too late."""
+    """The error for requests that the stopping service does not answer any more."""
     return NotReady("the service stops; try again later", retry_after_s=RETRY_S)
 
 
 class UntilStopped:
-    """Pieces of a body, until there are no more or the service stops.
+    """The pieces of a body, until it ends or the service stops.
 
-    A sender may pause for as long as it likes: who waits for it is woken. Between two
-    pieces this costs next to nothing.
+    `wake` interrupts the task that waits for a piece, however long the sender pauses.
 
     Raises
     ------
     NotReady
-        The service stops. What was read before is not lost.
+        The service stops. The pieces before can be used.
     """
 
     def __init__(self, pieces: AsyncIterator[bytes], stop: Stop) -> None:
@@ -113,13 +112,13 @@ class UntilStopped:
         except asyncio.CancelledError:
             if not self._is_woken:
                 raise
-            _take_back(self._reader)
+            _uncancel(self._reader)
             raise stopping() from None
         finally:
             self._reader = None
 
     def wake(self) -> None:
-        """Let who waits for a piece know that the service stops; from any thread."""
+        """Interrupt the task that waits for a piece; may be called by any thread."""
         self._loop.call_soon_threadsafe(self._interrupt)
 
     def _interrupt(self) -> None:
@@ -128,24 +127,24 @@ class UntilStopped:
             self._reader.cancel()
 
 
-def _take_back(task: asyncio.Task[object] | None) -> None:
-    # From Python 3.11 on a task remembers that it was cancelled until it is told.
+def _uncancel(task: asyncio.Task[object] | None) -> None:
+    # From Python 3.11 on, a task counts as cancelled until this is called.
     uncancel = getattr(task, "uncancel", None)
     if uncancel is not None:
         uncancel()
 
 
-MOST_MEDIA_TYPE: Final = 1024
-"""Characters of a Content-Type; taking apart a long one takes long."""
-MOST_HEADERS: Final = 8
-"""Of one part; forms have two or three."""
-MOST_HEADER_BYTES: Final = 4096
-"""Of one header of a part: its names are read as often as it has any."""
+MAX_MEDIA_TYPE_LENGTH: Final = 1024
+"""Characters of a Content-Type; a longer one would take long to parse."""
+MAX_PART_HEADERS: Final = 8
+"""Headers of one part; usual forms have two or three."""
+MAX_PART_HEADER_BYTES: Final = 4096
+"""Bytes of one header of a part; parsing takes time quadratic in its parameters."""
 
 
 @dataclass(frozen=True)
 class PartLimits:
-    """What a form may be at most."""
+    """How many parts a form may have, and how large each may be."""
 
     max_parts: int
     max_part_bytes: int
@@ -153,7 +152,7 @@ class PartLimits:
 
 @dataclass(frozen=True)
 class Part:
-    """A field or a file of a form; a file's own name says nothing that is needed."""
+    """A field or a file of a form; the names of files are ignored."""
 
     name: str
     content: bytes
@@ -183,8 +182,8 @@ async def read_parts(
         parser = MultipartParser(
             _boundary(media_type),
             form.callbacks(),  # type: ignore[arg-type]  # a dict of just these names
-            max_header_count=MOST_HEADERS,
-            max_header_size=MOST_HEADER_BYTES,
+            max_header_count=MAX_PART_HEADERS,
+            max_header_size=MAX_PART_HEADER_BYTES,
         )
         async for chunk in stream:
             parser.write(chunk)
@@ -196,10 +195,10 @@ async def read_parts(
 
 
 def _boundary(media_type: str) -> bytes:
-    if len(media_type) > MOST_MEDIA_TYPE:
+    if len(media_type) > MAX_MEDIA_TYPE_LENGTH:
         raise _unreadable(
             f"its Content-Type has {len(media_type)} characters; "
-            f"expected at most {MOST_MEDIA_TYPE}"
+            f"expected at most {MAX_MEDIA_TYPE_LENGTH}"
         )
     _, options = parse_options_header(media_type)
     boundary = options.get(b"boundary")
@@ -223,7 +222,7 @@ class _Form:
     is_complete: bool = False
 
     def callbacks(self) -> dict[str, object]:
-        """Under the names that the parser calls them by."""
+        """The callbacks by the names under which the parser takes them."""
         return {
             "on_part_begin": self._begin,
             "on_header_field": self._header_field,

@@ -1,4 +1,4 @@
-"""What routes depend on: sessions, services, who is asking, ids and names in paths."""
+"""Dependencies of routes: sessions, services, the caller, ids and names in paths."""
 
 from __future__ import annotations
 
@@ -28,11 +28,13 @@ Result = TypeVar("Result")
 MAX_WRITERS: Final = 12
 MAX_UPLOADS: Final = 8
 MAX_BATCHES: Final = 4
-"""Together well below the 40 threads that anyio gives to the routes of a process, and
-below the connections that it may have. Frames have places of their own: no answer of a
-person is to wait for them."""
+"""How many requests write, upload a frame, or send a batch at the same time.
+
+Together they stay well below the 40 threads that anyio gives to all routes of a
+process, and below its connections to the database. Uploads have a limit of their own,
+so that people's answers need not wait for them."""
 MAX_FOLDERS: Final = 2
-"""Dropped folders that are read at the same time, each by a child process."""
+"""How many dropped folders are read at the same time, each by a child process."""
 WRITE_WAIT_S: Final = 30
 
 RowId = Annotated[int, Path(ge=1, le=MAX_ID)]
@@ -61,16 +63,17 @@ def services_of(request: Request) -> ServiceContext:
 
 
 class Gate(Protocol):
-    """Who knows who is asking: `app.access.gate.TokenGate`, as `app.main` says."""
+    """Identifies callers. It is `app.access.gate.TokenGate`, which `app.main` sets."""
 
     async def identify(self, request: Request) -> Principal:
-        """Who showed the secret of this request; Unauthorised or Forbidden."""
+        """The caller, by the secret in this request; Unauthorised or Forbidden."""
 
 
 async def authorise(request: Request, needed: Role) -> Principal:
-    """The one place where it is decided who may come in.
+    """Identify the caller and check its role; nothing else does.
 
-    Called for each route by `app.http.routing`, before the body is read.
+    `app.http.routing` calls it for every route that needs a token, before the body is
+    read.
 
     Raises
     ------
@@ -91,7 +94,7 @@ async def authorise(request: Request, needed: Role) -> Principal:
 
 
 def current_principal(request: Request) -> Principal:
-    """Who is asking, as `authorise` found."""
+    """The caller, as `authorise` found it."""
     principal: Principal = request.state.principal
     return principal
 
@@ -112,10 +115,10 @@ def read_session(request: Request) -> Iterator[Session]:
 
 
 async def writers_turn(request: Request) -> AsyncIterator[None]:
-    """A place among the requests that write; the others wait without a thread.
+    """Limit how many requests write at the same time; the others wait without a thread.
 
-    Only one transaction writes at a time. If all threads waited for it, it would not
-    get one itself to make its answer and to commit.
+    Only one transaction writes at a time. If all threads waited for it, none would be
+    left in which it could be committed.
     """
     places: CapacityLimiter = request.app.state.writers
     try:
@@ -140,10 +143,10 @@ WritersTurn = Annotated[None, Depends(writers_turn, scope="function")]
 
 
 async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[Session]:
-    """One transaction per request: commit on return, leave no trace on raise.
+    """One transaction per request: committed on return, rolled back on an exception.
 
-    It begins with the route's first statement. A route that has its answer ready may
-    commit in its own thread; what is left to do here then needs none.
+    It begins with the route's first statement. A route may commit it in its own thread
+    (`app.http.routing.committed`); then nothing is left to be committed here.
     """
     transaction = database_of(request).write(person=True)
     session = transaction.__enter__()
@@ -163,17 +166,17 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
 
 
 def make_room(services: ServiceContext, session: Session) -> None:
-    """Give up the reserve if the disk is too full for what this session deleted.
+    """Give up the reserve if the disk is too full to commit what this session deleted.
 
-    To be called once there was something to delete that may be deleted, and before the
-    commit, which writes it down. The reserve is taken again as soon as there is room.
+    Call it after the statements that delete, and before the commit. The reserve is made
+    again as soon as there is room.
     """
     if Reserve(services.settings.data).give_up(DELETING_BYTES):
         once_committed(session, services.one(DeletionSignal).set)
 
 
 async def _in_own_thread(call: Callable[..., object], *args: object) -> None:
-    # Not one of the shared ones: they may all be waiting for this transaction to end.
+    # Not one of the shared threads: all of them may wait for this transaction to end.
     await to_thread.run_sync(call, *args, limiter=CapacityLimiter(1))
 
 
@@ -190,7 +193,7 @@ BEARER = Depends(
 def _inline(
     read: Callable[[Request], Result],
 ) -> Callable[[Request], Awaitable[Result]]:
-    """A dependency that only looks something up: not worth a thread of its own."""
+    """An asynchronous dependency: FastAPI would run a plain function in a thread."""
 
     async def look_up(request: Request) -> Result:
         return read(request)
@@ -203,7 +206,7 @@ AppServices = Annotated[ServiceContext, Depends(_inline(services_of))]
 AppDatabase = Annotated[Database, Depends(_inline(database_of))]
 CurrentPrincipal = Annotated[Principal, Depends(_inline(current_principal))]
 ReadSession = Annotated[Session, Depends(read_session, scope="function")]
-# scope="function": it ends, and commits, before the answer is sent. 201 means stored.
+# scope="function": the transaction is committed before the response is sent.
 WriteSession = Annotated[Session, Depends(write_session, scope="function")]
 
 DatasetName = Annotated[str, Path(max_length=100)]

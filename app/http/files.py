@@ -18,7 +18,7 @@ _SANDBOX: Final = "default-src 'none'; sandbox"
 
 
 def known_response(request: Request, digest: str) -> Response | None:
-    """304 for a client that has the file already; the file is not looked at."""
+    """A 304 if the client has the file already, else None; no file is opened."""
     headers = blob_headers(digest)
     if not is_known(request, headers["ETag"]):
         return None
@@ -35,7 +35,7 @@ def file_response(
     if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     if request.headers.get("if-range", headers["ETag"]) != headers["ETag"]:
-        # What there is at the other end is a part of another file.
+        # The client has a part of another file: it needs the whole of this one.
         _without_range(request)
     else:
         _check_range(request, blob.size_bytes)
@@ -47,8 +47,8 @@ def file_response(
 def _streamed(
     request: Request, blob: Blob, media_type: str, headers: dict[str, str]
 ) -> Response:
-    """Answers with a blob of a bucket as with a file, some megabytes at a time."""
-    # Read anew: a range that is not to be answered was taken out of them.
+    """A response with a blob of a bucket, read some megabytes at a time."""
+    # Not `request.headers`, which are cached: `_without_range` has changed the scope.
     wanted = Headers(scope=request.scope).get("range", "")
     size, span = blob.size_bytes, wanted.partition("=")[2]
     first, end = 0, size
@@ -67,7 +67,7 @@ def _streamed(
 
 
 def blob_headers(tag: str) -> dict[str, str]:
-    """A blob is data: whatever it claims to be, no browser may run it."""
+    """Headers of a blob, whose content never changes and which no browser may run."""
     return {
         "ETag": f'"{tag}"',
         "Cache-Control": IMMUTABLE,
@@ -76,13 +76,20 @@ def blob_headers(tag: str) -> dict[str, str]:
 
 
 def is_known(request: Request, etag: str) -> bool:
+    """Whether the client says (If-None-Match) that it has this version already."""
     known = request.headers.get("if-none-match", "")
     tags = [tag.strip().removeprefix("W/") for tag in known.split(",")]
     return etag in tags or known.strip() == "*"
 
 
 def _check_range(request: Request, size: int) -> None:
-    """Leave single ranges to the answer; take several as none, as HTTP allows."""
+    """Drop a Range header that is not one valid range: HTTP allows to ignore it.
+
+    Raises
+    ------
+    RangeNotSatisfiable
+        The range begins after the end of the file.
+    """
     wanted = request.headers.get("range", "")
     unit, _, spans = wanted.partition("=")
     if unit.strip().lower() != "bytes" or "," in spans:
@@ -102,7 +109,7 @@ def _check_range(request: Request, size: int) -> None:
 
 
 def _is_offset(text: str) -> bool:
-    # Superscripts are digits as well, and int() refuses thousands of them.
+    # `isdecimal` refuses superscripts; int() refuses texts of thousands of digits.
     return text.isdecimal() and len(text) <= _MAX_DIGITS
 
 
@@ -116,7 +123,7 @@ def _without_range(request: Request) -> None:
 
 
 _UNCHANGED: Final[dict[int | str, dict[str, object]]] = {
-    304: {"description": "What you have is still it."}
+    304: {"description": "Not changed; what you have is up to date."}
 }
 _PARTS: Final[dict[int | str, dict[str, object]]] = {
     **_UNCHANGED,
@@ -131,7 +138,7 @@ _FILE_TYPES: Final = (
 
 
 def _headers(**meanings: str) -> dict[str, object]:
-    """Headers that a route honours, for the OpenAPI document."""
+    """Request headers that a route honours, for the OpenAPI document."""
     described = [
         {
             "name": name.replace("_", "-"),
@@ -146,13 +153,13 @@ def _headers(**meanings: str) -> dict[str, object]:
 
 
 def picture_of(*types: str) -> dict[int | str, dict[str, object]]:
-    """Answers of a route that draws."""
+    """Responses of a route that draws, for the OpenAPI document."""
     content: dict[str, object] = {name: {} for name in types}
     return {200: {"content": content, "description": "The picture."}, **_UNCHANGED}
 
 
 def file_of(*types: str) -> dict[int | str, dict[str, object]]:
-    """Answers of a route that sends a file, or one part of it."""
+    """Responses of a route that sends a file or a part of it, for OpenAPI."""
     content: dict[str, object] = {name: {} for name in types}
     return {
         200: {"content": content, "description": "The file."},

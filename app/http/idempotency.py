@@ -25,7 +25,7 @@ from app.errors import BadRequest, IdempotencyKeyReuse
 
 
 class StoredAnswer(NamedTuple):
-    """What a request was, and what it was answered; status 0: not yet answered."""
+    """The digest of a request, and its response; status 0: there is none yet."""
 
     request_digest: str
     status: int
@@ -93,11 +93,11 @@ class IdempotencyKeys:
         self._connection.execute(statement)
 
     def release(self, key: str) -> None:
-        """Give the key back: such an answer cannot be kept."""
+        """Delete the key: the response of its request is not stored."""
         self._connection.execute(delete(IdempotencyKey).where(*self._is(key)))
 
     def release_if_older(self, key: str, cutoff: datetime) -> None:
-        """Give the key back if its answer is no longer promised."""
+        """Delete the key if its response has been kept long enough."""
         self._connection.execute(
             delete(IdempotencyKey).where(
                 *self._is(key), IdempotencyKey.created_at < cutoff
@@ -109,7 +109,7 @@ class IdempotencyKeys:
 
 
 def forget_answers_before(connection: Connection, cutoff: datetime) -> None:
-    """Drop the answers that are no longer promised."""
+    """Delete stored responses from before a time."""
     connection.execute(delete(IdempotencyKey).where(IdempotencyKey.created_at < cutoff))
 
 
@@ -118,7 +118,7 @@ _STORED_HEADERS: Final = ("location", "etag")
 
 
 class AlreadyAnswered(Exception):
-    """Raised out of the second request; carries what the first was answered."""
+    """Raised in a repeated request; carries the response of the first one."""
 
     def __init__(self, answer: StoredAnswer) -> None:
         super().__init__("this request was answered before")
@@ -127,7 +127,10 @@ class AlreadyAnswered(Exception):
 
 @dataclass(frozen=True)
 class RepeatableRequest:
-    """What makes two requests the same one."""
+    """A request with an Idempotency-Key: the same as another if the digests are equal.
+
+    `keep` is how long its response is stored.
+    """
 
     token_id: int
     key: str
@@ -136,7 +139,7 @@ class RepeatableRequest:
 
 
 def checked_key(key: str) -> str:
-    """The Idempotency-Key, if it can be one."""
+    """The Idempotency-Key; BadRequest if it is malformed."""
     if not _KEY.fullmatch(key):
         raise BadRequest(
             "Idempotency-Key must be 1 to 200 visible ASCII characters",
@@ -146,7 +149,7 @@ def checked_key(key: str) -> str:
 
 
 def request_digest(*parts: bytes) -> str:
-    """SHA-256 over method, target, media type and body, none running into the next."""
+    """SHA-256 over method, target, media type and body, each preceded by its length."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(len(part).to_bytes(8, "big"))
@@ -187,9 +190,9 @@ def store_answer(
     headers: Mapping[str, str],
     body: object,
 ) -> None:
-    """Keep the answer beside the work, in the same transaction.
+    """Store the response in the transaction that did the work.
 
-    One that must not be stored (it shows a secret) is not: the key is free again.
+    A response with a secret (``no-store``) is not stored; the key is deleted instead.
     """
     keys = IdempotencyKeys(session.connection(), request.token_id)
     if not isinstance(body, bytes) or headers.get("cache-control") == "no-store":
@@ -203,5 +206,5 @@ def store_answer(
 
 
 def forget_old_answers(session: Session, keep: timedelta) -> None:
-    """Drop answers that were kept long enough."""
+    """Delete responses that were kept long enough."""
     forget_answers_before(session.connection(), utc_now() - keep)

@@ -1,8 +1,7 @@
-"""What surrounds every request, as plain ASGI: streams stay streams.
+"""Middleware around every request, as plain ASGI, so that streams stay streams.
 
-From the outside in: RequestId, AccessLog, SecurityHeaders, Problems, KnownHosts,
-BodyLimit. All but the first two run inside Problems, so what they raise has the one
-shape of an error as well.
+From the outside in: RequestId, AccessLog, SecurityHeaders, Problems, NoNewWork,
+KnownHosts, BodyLimit. What the last three raise becomes a problem document as well.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from app.errors import (
 from app.http.bodies import stopping
 from app.http.problems import refusal_of
 from app.incoming import HeldBytes
-from app.logs import Answered, current_request_id, error_log, log_answer
+from app.logs import AccessRecord, current_request_id, error_log, log_access
 from app.metrics import RequestMetrics
 from app.security import SAFE_METHODS, host_name
 from app.settings import ANY_HOST
@@ -40,7 +39,7 @@ from app.settings import ANY_HOST
 class NoNewWork:
     """Refuses requests that write once the service stops; those that read are served.
 
-    A request that its time limit ends is told so as well.
+    A request that is cut off at the end of that time gets the same response.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -65,7 +64,7 @@ class NoNewWork:
 BODY_ALLOWANCE: Final = "unghost.body_allowance"
 """Key of the ASGI scope: a `BodyAllowance`, which a route sets for itself."""
 MAX_UNASKED_BYTES: Final = 4096
-"""A body that no route asked for; also one with a token to log in."""
+"""Bytes of a body where no route has set a limit, or the caller is not known yet."""
 
 SECURITY_HEADERS: Final[Mapping[str, str]] = {
     "X-Content-Type-Options": "nosniff",
@@ -79,7 +78,7 @@ _REQUEST_ID: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
 class RequestId:
-    """Gives each request an id: the client's own if it is harmless, else a new one."""
+    """Gives each request an id: the client's if it is well-formed, else a new one."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -105,9 +104,9 @@ class RequestId:
 
 
 class AccessLog:
-    """One line per request: method, path, status, time, who. No query, no header.
+    """Logs a line for each request, and counts it for the metrics.
 
-    What it sees is counted as well.
+    The line has method, path, status, time and caller; no query string and no header.
     """
 
     def __init__(self, app: ASGIApp, metrics: RequestMetrics) -> None:
@@ -138,7 +137,7 @@ class AccessLog:
             principal = scope.get("state", {}).get("principal")
             who = principal.name if principal else None
             client = (scope.get("client") or (None,))[0]
-            log_answer(Answered(method, path, route, status, seconds, who, client))
+            log_access(AccessRecord(method, path, route, status, seconds, who, client))
 
 
 class SecurityHeaders:
@@ -169,7 +168,7 @@ class SecurityHeaders:
 
 
 class Problems:
-    """The last to catch: whatever was raised becomes a problem document."""
+    """Turns every exception into a problem document."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -190,7 +189,7 @@ class Problems:
             await self._app(scope, receive, send_and_note)
         except Exception as exc:
             if started:
-                # Half an answer is out: only cutting it off tells the client.
+                # A part of the response was sent: only a cut connection tells the client.
                 error_log.error("failed while answering", exc_info=exc)
                 raise
             response = refusal_of(exc).response(
@@ -201,7 +200,7 @@ class Problems:
 
 
 class KnownHosts:
-    """Answers only under the names it is meant to have (against DNS rebinding)."""
+    """Refuses requests under unknown host names (against DNS rebinding)."""
 
     def __init__(self, app: ASGIApp, hosts: frozenset[str]) -> None:
         self._app = app
@@ -232,9 +231,9 @@ class KnownHosts:
 class BodyAllowance:
     """How large the body of one request may be, and how long it may take.
 
-    `announced` is the Content-Length; `until` is on the clock of `time.monotonic`.
-    `held` counts what is in memory of it, once somebody has shown a token; a route that
-    streams its body counts by itself what it keeps.
+    `announced` is the Content-Length; `until` is a time of `time.monotonic`. `held`
+    counts the bytes in memory, once the caller is known; a route that streams its body
+    counts by itself what it keeps.
     """
 
     announced: int
@@ -244,7 +243,7 @@ class BodyAllowance:
     is_streamed: bool = False
 
     def count_in(self, held: HeldBytes, *, is_streamed: bool) -> None:
-        """Count the body from now on: all that is announced, unless it is streamed.
+        """Count the whole announced body as held, unless it is streamed.
 
         Raises
         ------
@@ -255,12 +254,12 @@ class BodyAllowance:
         self.hold(0)
 
     def hold(self, received: int) -> None:
-        """So much of the body has come."""
+        """Note that so many bytes of the body have arrived."""
         if self.held is not None and not self.is_streamed:
             self.held.hold(max(received, self.announced))
 
     def let_go(self) -> None:
-        """The request is answered, or has failed: nothing of it is kept."""
+        """The request has ended: none of its body is held any more."""
         if self.held is not None:
             self.held.hold(0)
 
@@ -276,10 +275,10 @@ class BodyAllowance:
 
 
 class BodyLimit:
-    """Stops reading a body that is larger than allowed, whatever it said it was.
+    """Refuses a body that is larger than allowed, whatever its Content-Length says.
 
-    Hardly anything is allowed before a route has said what it takes.
-    One that stops arriving is not waited for either: it would hold its place for ever.
+    Until a route has set its limit, `MAX_UNASKED_BYTES` are allowed. A body that stops
+    arriving is refused as well: it would hold its connection for ever.
     """
 
     def __init__(self, app: ASGIApp, wait_s: float) -> None:
@@ -299,7 +298,7 @@ class BodyLimit:
 
         async def receive_limited() -> Message:
             nonlocal received, is_whole
-            if is_whole:  # what comes now is word that the client has gone
+            if is_whole:  # all that can follow is that the client disconnects
                 return await receive()
             message = await self._next(receive, allowance)
             is_whole = not message.get("more_body", False)

@@ -1,4 +1,4 @@
-"""Lists a page at a time, newest first where time counts, and answers of 202."""
+"""Responses as JSON: pages of lists, and a run that was accepted (202)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from unghost.wire.runs import Run
 
 @dataclass(frozen=True)
 class NewestFirst:
-    """Which page was asked for, and how it is answered."""
+    """A page that was asked for, of a list with the newest rows first."""
 
     request: Request
     page: NewestPage
@@ -26,7 +26,7 @@ class NewestFirst:
         rows: Sequence[Row],
         describe: Callable[[Row], Mapping[str, object] | ResponseModel],
     ) -> Response:
-        """The rows that `newest` found for this page."""
+        """The response with the rows that `app.db.bulk.newest` found for this page."""
         listed = rows[: self.page.limit]
         following = str(listed[-1].id) if len(rows) > len(listed) else None
         return page_response(self.request, [describe(row) for row in listed], following)
@@ -45,14 +45,14 @@ async def newest_first(
 _JSON: Final = TypeAdapter(object)
 
 
-def linked(request: Request, page: object, next_cursor: str | None) -> Response:
-    """A page that says more than its items, with a Link to the next one."""
+def page_with_link(request: Request, page: object, next_cursor: str | None) -> Response:
+    """A page as JSON, with a Link header to the next one."""
     headers = {}
     if next_cursor is not None:
         following = request.url.include_query_params(cursor=next_cursor)
         target = f"{following.path}?{following.query}"
         headers["Link"] = f'<{target}>; rel="next"'
-    return written(page, headers=headers)
+    return json_response(page, headers=headers)
 
 
 def page_response(
@@ -61,15 +61,15 @@ def page_response(
     next_cursor: str | None,
     **more: object,
 ) -> Response:
-    """A page as JSON, with a Link to the next one; rows are not validated again."""
+    """A page of items as JSON, not validated again; `more` are its other fields."""
     page = {"items": items, "next_cursor": next_cursor, **more}
-    return linked(request, page, next_cursor)
+    return page_with_link(request, page, next_cursor)
 
 
-def written(
+def json_response(
     content: object, status_code: int = 200, headers: Mapping[str, str] | None = None
 ) -> Response:
-    """Values and models as JSON: four times as fast as JSONResponse, for long ones."""
+    """Values and models as JSON; four times as fast as JSONResponse for long ones."""
     return Response(
         _JSON.dump_json(content), status_code, headers, media_type="application/json"
     )
@@ -87,5 +87,5 @@ Cursor = Annotated[
 
 
 def accepted(run: Run) -> Response:
-    """202 with a run, and where to ask for it."""
-    return written(run, 202, {"Location": f"/api/v1/runs/{run.id}"})
+    """A 202 with a run, and its URL."""
+    return json_response(run, 202, {"Location": f"/api/v1/runs/{run.id}"})

@@ -1,4 +1,4 @@
-"""Turns whatever was raised into RFC 9457 problem+json, in one set of words."""
+"""Turns exceptions into problem documents (RFC 9457, application/problem+json)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ STATUS: Final[Mapping[type[Exception], HTTPStatus]] = {
     FilterError: HTTPStatus.UNPROCESSABLE_ENTITY,
 }
 
-# What Starlette and FastAPI say by themselves: unknown routes, other methods, bodies.
+# Codes for what Starlette and FastAPI refuse by themselves, such as unknown routes.
 HTTP_CODES: Final[Mapping[int, str]] = {
     400: "bad_request",
     401: errors.Unauthorised.code,
@@ -73,9 +73,9 @@ _DAMAGED: Final = ("malformed", "not a database", "invalid page")
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why any request is refused: status, words, and headers of the answer.
+    """Why a request is refused: everything of the response but its request id.
 
-    `told` are fields of the `Problem` that only some refusals have.
+    `extensions` are fields of the `Problem` that only some refusals have.
     """
 
     status: int
@@ -83,10 +83,10 @@ class Refusal:
     detail: str
     faults: tuple[Fault, ...] = ()
     headers: Mapping[str, str] = field(default_factory=dict)
-    told: Mapping[str, object] = field(default_factory=dict)
+    extensions: Mapping[str, object] = field(default_factory=dict)
 
     def problem(self, *, instance: str, request_id: str) -> Problem:
-        """What one request is told; `instance` is the path that it asked for."""
+        """The problem document of one request; `instance` is the path of its URL."""
         return Problem(
             type="about:blank",
             title=HTTPStatus(self.status).phrase,
@@ -96,11 +96,11 @@ class Refusal:
             code=self.code,
             request_id=request_id,
             errors=self.faults,
-            **self.told,
+            **self.extensions,
         )
 
     def response(self, *, instance: str, request_id: str) -> JSONResponse:
-        """The problem as an answer."""
+        """The response with the problem document."""
         problem = self.problem(instance=instance, request_id=request_id)
         return JSONResponse(
             problem.model_dump(mode="json"),
@@ -111,9 +111,9 @@ class Refusal:
 
 
 def install(app: FastAPI) -> None:
-    """Have the app answer with problems where Starlette would answer with text.
+    """Have the app send problem documents where Starlette would send text.
 
-    Everything that is not named here travels on to `middleware.Problems`.
+    All other exceptions are left to `middleware.Problems`.
     """
     app.add_exception_handler(HTTPException, _answer)
     app.add_exception_handler(RequestValidationError, _answer)
@@ -133,7 +133,7 @@ async def _answer(request: Request, exc: Exception) -> Response:
 
 
 def _methods_at(request: Request) -> Iterator[str]:
-    # Starlette names the methods of the first route that fits the path only.
+    # Starlette would name only the methods of the first route with this path.
     for method in ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"):
         scope: dict[str, object] = {"type": "http", "method": method, "headers": []}
         scope |= {"path": request.url.path, "root_path": "", "app": request.app}
@@ -143,7 +143,7 @@ def _methods_at(request: Request) -> Iterator[str]:
 
 
 def refusal_of(exc: Exception) -> Refusal:
-    """What an exception is answered with; what nobody foresaw is logged and a 500."""
+    """How an exception is answered; an unexpected one is logged and becomes a 500."""
     if isinstance(exc, RequestValidationError):
         return _invalid_request(exc)
     if isinstance(exc, HTTPException):
@@ -162,9 +162,9 @@ def refusal_of(exc: Exception) -> Refusal:
 
 
 def _translated(exc: Exception) -> Exception:
-    """Failures of the database and the disk, in the service's own words."""
+    """Failures of the database and the disk as errors of the service (`AppError`)."""
     number = exc.errno if isinstance(exc, OSError) else None
-    if number in _FULL_ERRNO or _says(exc, _FULL):
+    if number in _FULL_ERRNO or _message_has(exc, _FULL):
         error_log.error("no room left", exc_info=exc)
         return errors.StorageFull(
             "there is no room left to store this", retry_after_s=AWAY_RETRY_S
@@ -175,7 +175,7 @@ def _translated(exc: Exception) -> Exception:
             "too many files and connections are open; try again",
             retry_after_s=AWAY_RETRY_S,
         )
-    if number in _READ_ONLY_ERRNO or _says(exc, _READ_ONLY):
+    if number in _READ_ONLY_ERRNO or _message_has(exc, _READ_ONLY):
         error_log.error("the data folder is read-only", exc_info=exc)
         return errors.StorageReadOnly(
             "nothing can be stored: the data folder is read-only",
@@ -185,13 +185,13 @@ def _translated(exc: Exception) -> Exception:
 
 
 def _translated_sql(exc: Exception) -> Exception:
-    if _says(exc, _DAMAGED):
+    if _message_has(exc, _DAMAGED):
         error_log.error("the database is damaged", exc_info=exc)
         return errors.DatabaseDamaged(
             "the database is damaged; `unghost doctor` on the server says more",
             retry_after_s=AWAY_RETRY_S,
         )
-    if isinstance(exc, sql.TimeoutError) or _says(exc, _LOCKED):
+    if isinstance(exc, sql.TimeoutError) or _message_has(exc, _LOCKED):
         return errors.DatabaseBusy(
             "the service is busy writing; try again", retry_after_s=BUSY_RETRY_S
         )
@@ -200,16 +200,16 @@ def _translated_sql(exc: Exception) -> Exception:
         return errors.NotReady(
             "the database does not answer; try again", retry_after_s=AWAY_RETRY_S
         )
-    if isinstance(exc, sql.DataError) and _says(exc, _NUL):
-        # PostgreSQL holds no such text, so nothing can be called so.
+    if isinstance(exc, sql.DataError) and _message_has(exc, _NUL):
+        # PostgreSQL cannot store NUL in a text, so nothing has this name.
         return errors.NotFound("name with", "\0")
     if isinstance(exc, sql.IntegrityError):
-        error_log.warning("lost a race", exc_info=exc)
+        error_log.warning("another request has changed the same rows", exc_info=exc)
         return errors.Conflict("someone changed the same thing meanwhile; look again")
     return exc
 
 
-def _says(exc: Exception, phrases: tuple[str, ...]) -> bool:
+def _message_has(exc: Exception, phrases: tuple[str, ...]) -> bool:
     if not isinstance(exc, sql.DatabaseError):
         return False
     text = str(exc.orig).lower()
@@ -218,11 +218,11 @@ def _says(exc: Exception, phrases: tuple[str, ...]) -> bool:
 
 def _refusal_by_app(exc: AppError) -> Refusal:
     status = next(STATUS[cls] for cls in type(exc).__mro__ if cls in STATUS)
-    headers, told = dict(_headers_of(exc)), dict(_told_of(exc))
-    return Refusal(int(status), exc.kind, exc.detail, exc.faults, headers, told)
+    headers, extensions = dict(_headers_of(exc)), dict(_extensions_of(exc))
+    return Refusal(int(status), exc.kind, exc.detail, exc.faults, headers, extensions)
 
 
-def _told_of(exc: AppError) -> Iterator[tuple[str, object]]:
+def _extensions_of(exc: AppError) -> Iterator[tuple[str, object]]:
     if isinstance(exc, errors.StaleRevision):
         yield "current", jsonable_encoder(exc.current)
     if isinstance(exc, errors.CountChanged):
@@ -237,18 +237,18 @@ def _headers_of(exc: AppError) -> Iterator[tuple[str, str]]:
     if isinstance(exc, errors.RangeNotSatisfiable):
         yield "Content-Range", f"bytes */{exc.size_bytes}"
     if isinstance(exc, (errors.TooLarge, errors.TooSlow)):
-        # What the client still sends is not wanted.
+        # Nothing more of this body is read.
         yield "Connection", "close"
 
 
 def _refusal_by_filter(exc: FilterError) -> Refusal:
     problem = problem_of(exc)
     faults = tuple(Fault(**one) for one in problem["errors"])
-    told = _not_listed(problem.get("more_errors", 0))
-    return Refusal(422, problem["code"], problem["detail"], faults, told=told)
+    more = _more_errors(problem.get("more_errors", 0))
+    return Refusal(422, problem["code"], problem["detail"], faults, extensions=more)
 
 
-def _not_listed(more: int) -> dict[str, int]:
+def _more_errors(more: int) -> dict[str, int]:
     return {"more_errors": more} if more else {}
 
 
@@ -265,8 +265,8 @@ def _invalid_request(exc: RequestValidationError) -> Refusal:
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
     at = faults[0].pointer if errors[0]["loc"][0] == "body" else ""
     detail = f"{at}{': ' if at else ''}{faults[0].detail}{more}"
-    told = _not_listed(len(errors) - len(faults))
-    return Refusal(422, "invalid_request", detail, faults, told=told)
+    unlisted = _more_errors(len(errors) - len(faults))
+    return Refusal(422, "invalid_request", detail, faults, extensions=unlisted)
 
 
 class _Context(TypedDict, total=False):
@@ -274,7 +274,7 @@ class _Context(TypedDict, total=False):
 
 
 class InvalidValue(_Context):
-    """One of pydantic's errors; `ctx` has the bounds that its kind knows of."""
+    """One of pydantic's errors; `ctx` holds the bounds that were not kept."""
 
     type: str
     loc: tuple[int | str, ...]
@@ -355,9 +355,9 @@ _NUMBER: Final = re.compile(r"[+-]?\d{1,20}(\.\d{1,20})?")
 
 
 def in_words(error: InvalidValue, *, show: bool = False) -> str:
-    """One of pydantic's errors: what was expected, and what kind of thing was found.
+    """One of pydantic's errors as text: what was expected, and what was found.
 
-    Texts are shown only to whoever wrote them here: one in a request may be a token.
+    `show`: whether a text that was found may be quoted; in a request it may be a token.
     """
     kind, context = str(error["type"]), error.get("ctx") or {}
     if kind == "missing":
@@ -369,7 +369,7 @@ def in_words(error: InvalidValue, *, show: bool = False) -> str:
     expected = _expected(kind, context)
     if expected is None:
         return str(error["msg"])
-    # What a text should have been says more than that it is one.
+    # For a text, what was expected is enough: "found a text" would add nothing.
     about_words = kind in ("string_pattern_mismatch", "literal_error", "enum")
     is_text = about_words and isinstance(error.get("input"), str)
     if (is_text and not show) or "found" in expected:
@@ -385,6 +385,7 @@ def _expected(kind: str, context: Mapping[str, object]) -> str | None:
 
 
 def _found(value: object, show: bool) -> str:
+    """A value as an error names it: a number itself, of others only the kind."""
     if isinstance(value, str) and (show or _NUMBER.fullmatch(value)):
         return repr(value[:60]) if show else value
     if isinstance(value, (int, float)) and not isinstance(value, bool):

@@ -25,7 +25,7 @@ from starlette.routing import Match
 from starlette.types import Receive, Scope, Send
 
 from app.errors import UnknownParameter, UnsupportedMedia
-from app.http.bodies import StrictRequest, beside_the_loop
+from app.http.bodies import StrictRequest, run_off_loop
 from app.http.deps import BEARER, authorise, services_of, settings_of, write_session
 from app.http.idempotency import (
     AlreadyAnswered,
@@ -40,7 +40,7 @@ from app.security import SAFE_METHODS
 from unghost.wire.words import Role
 
 _NO_BODY: Final = "unghost.no_body"
-"""Key of the ASGI scope: true if a HEAD is answered as a GET."""
+"""Key of the ASGI scope: true if the request is a HEAD that is handled as a GET."""
 
 Handler = Callable[[Request], Coroutine[object, object, Response]]
 
@@ -48,27 +48,27 @@ Handler = Callable[[Request], Coroutine[object, object, Response]]
 class HeadRoute(APIRoute):
     """A route whose GET answers HEAD as well.
 
-    Whatever a GET asks of its caller and of its parameters, a HEAD does. What makes a
-    body piece by piece is not begun, and files are not opened.
+    A HEAD needs the same role and takes the same parameters as the GET. A streamed body
+    is not begun for it, and files are not opened.
     """
 
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
-        """A HEAD is found where a GET is."""
+        """Match a HEAD as if it were a GET."""
         return super().matches(self._as_get(scope))
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer; the server leaves the body of an answer to HEAD out."""
+        """Handle a HEAD as a GET; the server leaves out the body of its response."""
         await super().handle(self._as_get(scope), receive, send)
 
     def get_route_handler(self) -> Handler:
-        """The endpoint, of whose answer a HEAD gets the beginning."""
+        """The endpoint; a HEAD gets the status and headers of its response."""
         endpoint = super().get_route_handler()
 
         async def answer(request: Request) -> Response:
             response = await endpoint(request)
             if not asks_for_head(request):
                 return response
-            request.scope["method"] = "HEAD"  # a file is looked at, and not read
+            request.scope["method"] = "HEAD"  # FileResponse reads no file then
             if isinstance(response, StreamingResponse):
                 return without_body(response)
             return response
@@ -84,37 +84,38 @@ class HeadRoute(APIRoute):
 
 
 def asks_for_head(request: Request) -> bool:
-    """Whether the answer's body is of no use, although the method seems to be GET."""
+    """Whether the request is a HEAD, although its method seems to be GET."""
     return bool(request.scope.get(_NO_BODY, False))
 
 
 def without_body(response: Response) -> Response:
-    """Status and headers of an answer that was not begun; no length if it had none."""
+    """A response with the same status and headers, and without a body."""
     bare = Response(status_code=response.status_code, background=response.background)
     bare.raw_headers = response.raw_headers
     return bare
 
 
 def without_length(response: Response) -> Response:
-    """An answer to HEAD whose body was not made, so that nobody knows its length."""
+    """A response to HEAD whose body was not made, so that its length is not known."""
     del response.headers["content-length"]
     return response
 
 
 class _AnyText(Convertor[str]):
-    """``:any`` in a path: slashes and line ends too, so that words can be had on both.
+    """``:any`` in a path: any text, with slashes and line breaks.
 
-    Starlette's own ``:path`` matches no line end: such a key would be a 404.
+    Starlette's own ``:path`` matches no line break, so that a key with one would be
+    answered with 404 before anything could say what is wrong with it.
     """
 
     regex = r"[\s\S]*"
 
     def convert(self, value: str) -> str:
-        """As it is."""
+        """The text unchanged."""
         return value
 
     def to_string(self, value: str) -> str:
-        """As it is."""
+        """The text unchanged."""
         return value
 
 
@@ -130,49 +131,49 @@ def body_up_to(setting: str) -> dict[str, str]:
 
 
 BODY_STREAMED: Final = "x-body-streamed"
-"""In ``openapi_extra`` of a route: true if its body is worked on while it comes."""
+"""In ``openapi_extra`` of a route: true if its body is processed while it arrives."""
 
 
 def streamed_up_to(setting: str) -> dict[str, str | bool]:
-    """``openapi_extra`` of a route that works on its body while it comes.
+    """``openapi_extra`` of a route that processes its body while it arrives.
 
-    It never holds the body as a whole, and so cannot answer a repeated request.
+    The body is never held as a whole, so an Idempotency-Key is not supported.
     """
     return {**body_up_to(setting), BODY_STREAMED: True}
 
 
 LARGE_BODY: Final = streamed_up_to("max_batch_bytes")
-"""Of a route that takes batches of frames."""
+"""``openapi_extra`` of a route that takes batches of frames."""
 
 MAX_READS_PER_TOKEN: Final = 12
-"""Of the 40 threads that the routes of a process share."""
+"""Requests of one token that read, at the same time; all routes share 40 threads."""
 CLIENT_LEFT: Final = 499
-"""A status for the log alone: whoever asked has closed the connection."""
+"""A status for the log alone: the client has closed the connection."""
 
 
 class OpenRoute(HeadRoute):
-    """A route that anybody may call; still no unknown parameters or media types."""
+    """A route that anybody may call; unknown parameters and media types are refused."""
 
     @property
     def takes_json(self) -> bool:
-        """Whether the body is read by a schema."""
+        """Whether the body is JSON that is read by a schema."""
         body = self.body_field
         return body is not None and not isinstance(body.field_info, params.Form)
 
     @property
     def body_setting(self) -> str | None:
-        """The setting that bounds the body; None: hardly any is taken."""
+        """The setting that limits the body; None: `MAX_UNASKED_BYTES` does."""
         default = "max_json_bytes" if self.takes_json else None
         named: str | None = (self.openapi_extra or {}).get(BODY_LIMIT, default)
         return named
 
     @property
     def is_streamed(self) -> bool:
-        """Whether the body is worked on while it comes, and never held as a whole."""
+        """Whether the body is processed while it arrives, and never held as a whole."""
         return bool((self.openapi_extra or {}).get(BODY_STREAMED))
 
     async def admit(self, request: Request) -> None:
-        """Say how large and how slow the body of nobody in particular may be."""
+        """Limit the size and the time of the body, for a caller that is not known."""
         allowance: BodyAllowance = request.scope[BODY_ALLOWANCE]
         allowance.limit_to(min(self.max_body_bytes(request), MAX_UNASKED_BYTES))
         allowance.until = time.monotonic() + settings_of(request).body_wait_s
@@ -185,7 +186,7 @@ class OpenRoute(HeadRoute):
         return int(getattr(settings_of(request), name))
 
     async def answer(self, endpoint: Handler, request: Request) -> Response:
-        """What the endpoint says."""
+        """Call the endpoint."""
         return await endpoint(request)
 
     def get_route_handler(self) -> Handler:
@@ -206,13 +207,13 @@ class OpenRoute(HeadRoute):
 
 
 class ApiRoute(OpenRoute):
-    """A route for those whose role allows it; a POST that writes may be repeated."""
+    """A route that needs a role; a POST that writes may have an Idempotency-Key."""
 
     reading_needs: Role = "viewer"
     writing_needs: Role = "reviewer"
 
     async def admit(self, request: Request) -> None:
-        """Let in whose role allows it, and say how large their body may be."""
+        """Check the role of the caller, and limit the size of the body."""
         reads = request.method in SAFE_METHODS
         await authorise(request, self.reading_needs if reads else self.writing_needs)
         allowance: BodyAllowance = request.scope[BODY_ALLOWANCE]
@@ -222,21 +223,21 @@ class ApiRoute(OpenRoute):
         allowance.count_in(held, is_streamed=self.is_streamed)
 
     async def answer(self, endpoint: Handler, request: Request) -> Response:
-        """What the endpoint says; of a repeated request what it said before."""
+        """Call the endpoint; a repeated request gets the response of the first one."""
         if request.method == "POST" and "idempotency-key" in request.headers:
             checked_key(request.headers["idempotency-key"])
             if is_repeatable(self) and not self.is_streamed:
                 return await _answer_once(endpoint, request)
         if request.method in SAFE_METHODS:
-            return await _read(endpoint, request)
+            return await _call_limited(endpoint, request)
         return await endpoint(request)
 
 
-async def _read(endpoint: Handler, request: Request) -> Response:
-    """Answer one of a few requests of a token at the same time.
+async def _call_limited(endpoint: Handler, request: Request) -> Response:
+    """Call the endpoint once fewer than `MAX_READS_PER_TOKEN` of this token run.
 
-    The others wait without a thread, so that no token takes all of them, and those
-    whose client has left meanwhile are not answered at all.
+    Until then the request waits without a thread, so that no token takes all of them.
+    If its client disconnects meanwhile, the endpoint is not called.
     """
     reading: TokenPlaces = request.app.state.reading
     places = reading.of(request.state.principal.token_id)
@@ -248,20 +249,20 @@ async def _read(endpoint: Handler, request: Request) -> Response:
 
 
 async def has_left(request: Request) -> None:
-    """Return once the client of a request whose body was read is gone."""
+    """Return once the client has disconnected; call it after the body was read."""
     while (await request.receive())["type"] != "http.disconnect":
         pass
 
 
 class TokenPlaces:
-    """How many requests of each token do something at the same time."""
+    """A limit on how many requests of each token run at the same time."""
 
     def __init__(self, most: int) -> None:
         self._most = most
         self._of: WeakValueDictionary[int, CapacityLimiter] = WeakValueDictionary()
 
     def of(self, token_id: int) -> CapacityLimiter:
-        """The places of one token; forgotten when none of them is taken."""
+        """The limiter of one token; it is dropped when nothing uses it any more."""
         places = self._of.get(token_id)
         if places is None:
             places = self._of[token_id] = CapacityLimiter(self._most)
@@ -308,12 +309,12 @@ class OpenRouter(APIRouter):
 
 
 def is_repeatable(route: APIRoute) -> bool:
-    """True for a POST that writes: its Idempotency-Key is honoured."""
+    """Whether the route is a POST that writes: its Idempotency-Key is honoured."""
     return "POST" in (route.methods or ()) and _uses(route.dependant, write_session)
 
 
 async def repeat_answer(_request: Request, exc: Exception) -> Response:
-    """What a repeated POST gets: the answer that the first one got."""
+    """The exception handler of `AlreadyAnswered`: sends the stored response."""
     if not isinstance(exc, AlreadyAnswered):
         raise exc
     answer = exc.answer
@@ -324,7 +325,7 @@ async def repeat_answer(_request: Request, exc: Exception) -> Response:
 
 
 async def _answer_once(endpoint: Handler, request: Request) -> Response:
-    """Call the endpoint with the key's claim prepared, and keep what it answers."""
+    """Call the endpoint; its transaction claims the key and stores the response."""
     url = request.url
     about = (
         request.method.encode(),
@@ -332,7 +333,7 @@ async def _answer_once(endpoint: Handler, request: Request) -> Response:
         request.headers.get("content-type", "").encode(),
     )
     body = await request.body()
-    digest = await beside_the_loop(request, body, partial(request_digest, *about))
+    digest = await run_off_loop(request, body, partial(request_digest, *about))
     repeatable = RepeatableRequest(
         request.state.principal.token_id,
         checked_key(request.headers["idempotency-key"]),
@@ -343,25 +344,23 @@ async def _answer_once(endpoint: Handler, request: Request) -> Response:
     response = await endpoint(request)
     if request.state.repeatable is not None:
         # A thread of its own: the shared ones may all be waiting for this transaction.
-        await to_thread.run_sync(_keep, request, response, limiter=CapacityLimiter(1))
+        await to_thread.run_sync(_store, request, response, limiter=CapacityLimiter(1))
     return response
 
 
 def committed(request: Request, response: Response) -> Response:
-    """The answer of a route that uses `WriteSession`, committed in this thread.
+    """Commit the `WriteSession` of this request in this thread; returns the response.
 
-    Otherwise the transaction would end after other threads have made the answer, and
-    nobody else could write until then. For routes that are called very often.
+    Otherwise `write_session` commits later, in another thread, and nobody else can
+    write until then. For routes that are called very often.
     """
-    _keep(request, response)
-    # This is the one session that is not ended by who opened it: `write_session` would
-    # end it later, in another thread, and nobody else could write until then.
+    _store(request, response)
     request.state.write_session.commit()
     return response
 
 
-def _keep(request: Request, response: Response) -> None:
-    """Store the answer with the work, if the request may be repeated."""
+def _store(request: Request, response: Response) -> None:
+    """Store the response in the request's transaction, if it has an Idempotency-Key."""
     repeatable = getattr(request.state, "repeatable", None)
     if repeatable is None:
         return

@@ -31,7 +31,7 @@ from app.http.deps import (
     settings_of,
 )
 from app.http.middleware import BODY_ALLOWANCE
-from app.http.pages import written
+from app.http.pages import json_response
 from app.http.problems import refusal_of
 from app.http.routing import LARGE_BODY, ApiRouter, body_up_to, has_left
 from app.incoming import HeldBytes
@@ -334,10 +334,10 @@ def _store(
     headers = {"Location": f"/api/v1/frames/{stored.frame_id}"}
     if isinstance(stored, NewFrame):
         # Made when others may write again: it takes as long as all the rows.
-        return written(stored.describe(), 201, headers)
+        return json_response(stored.describe(), 201, headers)
     with services.database.read() as session:
         answer = frames.describe_stored(session, stored.frame_id)
-    return written(answer, 200, headers)
+    return json_response(answer, 200, headers)
 
 
 @known_frames_router.post(

@@ -101,11 +101,11 @@ def _restored(
 
 def _check_empty(data: Path) -> None:
     # The lock of a folder that was emptied, and what an interrupted restore left.
-    harmless = {RESTORING, ".maintenance.lock", "lost+found"}
+    sanitised = {RESTORING, ".maintenance.lock", "lost+found"}
     if data.exists() and not data.is_dir():
         raise CannotMaintain(f"{data} is no folder")
     found = [path.name for path in data.iterdir()] if data.is_dir() else []
-    if {*found} - harmless:
+    if {*found} - sanitised:
         raise CannotMaintain(
             f"{data} is not empty; a backup is restored into an empty or new folder"
         )

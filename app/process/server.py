@@ -37,7 +37,7 @@ from uvicorn.protocols.http.httptools_impl import (
 
 from app.http.problems import PROBLEM_TYPE, Refusal
 from app.incoming import Pieces
-from app.logs import Answered, known_as, log_answer, server_log
+from app.logs import AccessRecord, log_access, logged_with, server_log
 from app.process.connections import MOST_TURNED_AWAY, Connections
 from app.settings import Settings
 
@@ -343,9 +343,9 @@ class ProblemProtocol(HttpToolsProtocol):
     def _say(self, refusal: Refusal) -> None:
         request_id = uuid.uuid4().hex
         answer = refusal.response(instance="", request_id=request_id)
-        with known_as(request_id):
+        with logged_with(request_id):
             client = self.address
-            log_answer(Answered("-", "-", None, refusal.status, 0.0, None, client))
+            log_access(AccessRecord("-", "-", None, refusal.status, 0.0, None, client))
         status = HTTPStatus(refusal.status)
         head = (
             f"HTTP/1.1 {status.value} {status.phrase}",

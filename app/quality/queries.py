@@ -61,7 +61,7 @@ class AnswerRepository:
         )
         return [Said(*row) for row in self._session.execute(rows)]
 
-    def taken_back(self, dataset_id: int) -> set[int]:
+    def undone_batches(self, dataset_id: int) -> set[int]:
         """Batches that were undone, and those that undid them."""
         rows = select(ReviewBatch.id, ReviewBatch.undoes_id).where(
             ReviewBatch.dataset_id == dataset_id, ReviewBatch.undoes_id.is_not(None)

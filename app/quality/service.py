@@ -19,7 +19,7 @@ from app.measuring.plan import active_measurement
 from app.measuring.queries import DatasetRepository
 from app.quality.queries import AnsweredBox, AnswerRepository
 from app.runs.service import RunRequest, coming_settings, request_run
-from app.verdicts import said_verdict
+from app.verdicts import verdict_of
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import CHANNELS, SEMANTIC
 from filter_core.evaluation import comparison
@@ -233,11 +233,11 @@ class Panel:
     def of(cls, session: Session, dataset_id: int) -> Panel:
         """The panel of a dataset.
 
-        Answers of acts that were taken back do not count, and neither do those that the
-        taking back has repeated: nobody gave these.
+        Answers of batches that were undone do not count, and neither do the answers
+        that the undo repeated, since nobody gave these.
         """
         answers = AnswerRepository(session)
-        ignored = answers.taken_back(dataset_id)
+        ignored = answers.undone_batches(dataset_id)
         latest = {
             (said.box_id, said.reviewer): said.verdict
             for said in answers.said(dataset_id)
@@ -265,7 +265,7 @@ class Panel:
         decided = [
             (box, who, _is_kept(said))
             for (box, who), said in self.latest.items()
-            if said_verdict(said) is not None
+            if verdict_of(said) is not None
         ]
         names = sorted({who for _, who, _ in decided})
         place = {name: index for index, name in enumerate(names)}
@@ -295,7 +295,7 @@ class Panel:
 
 
 def _is_kept(answer: str | None) -> bool:
-    return said_verdict(answer) is Verdict.KEPT
+    return verdict_of(answer) is Verdict.KEPT
 
 
 def _value(kappa: Measured | None) -> float | None:

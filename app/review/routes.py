@@ -28,7 +28,7 @@ from app.http.deps import (
     RowId,
     WriteSession,
 )
-from app.http.pages import written
+from app.http.pages import json_response
 from app.http.routing import ApiRouter, committed
 from app.measuring.queries import DatasetRepository
 from app.review import service as reviews
@@ -74,7 +74,7 @@ def take_from_queue(
     wanted = QueueRequest(principal.name, selection=filters, **chosen)
     queue = remaining_boxes(services, dataset, wanted)
     found = DatasetRepository(session).named(dataset)
-    return written(next_boxes(session, found, wanted, queue))
+    return json_response(next_boxes(session, found, wanted, queue))
 
 
 router = ApiRouter(prefix="/api/v1", tag="reviews")

@@ -11,7 +11,7 @@ from app.access.gate import Audited
 from app.db import tables
 from app.db.base import MAX_ID
 from app.errors import UnsupportedMedia
-from app.http.bodies import beside_the_loop
+from app.http.bodies import run_off_loop
 from app.http.deps import (
     AppServices,
     CurrentPrincipal,
@@ -20,7 +20,14 @@ from app.http.deps import (
     RowId,
     WriteSession,
 )
-from app.http.pages import Cursor, Limit, Newest, accepted, linked, written
+from app.http.pages import (
+    Cursor,
+    Limit,
+    Newest,
+    accepted,
+    json_response,
+    page_with_link,
+)
 from app.http.routing import ApiRouter, body_up_to
 from app.jobs.service import cancel
 from app.jobs.stream import LastEventId, events_of, watch
@@ -59,7 +66,7 @@ async def config_body(request: Request) -> LoadedConfig:
             "the body must be application/json or application/yaml, "
             f"it says {media_type or 'nothing'!r}"
         )
-    return await beside_the_loop(request, await request.body(), load_config)
+    return await run_off_loop(request, await request.body(), load_config)
 
 
 ConfigBody = Annotated[LoadedConfig, Depends(config_body)]
@@ -122,7 +129,9 @@ def create_config(
         unused_keys=body.unused_keys,
     )
     where = {"Location": f"/api/v1/configs/{version.digest}"}
-    return written(describe_version(found, version), 201 if created else 200, where)
+    return json_response(
+        describe_version(found, version), 201 if created else 200, where
+    )
 
 
 @configs_router.get("/configs/{digest}")
@@ -272,4 +281,4 @@ def compare_runs(
 ) -> Response:
     """Boxes that a run decides otherwise than another, nearest to a threshold first."""
     found = run_diff(services, session, runs, page)
-    return linked(request, found, found.next_cursor)
+    return page_with_link(request, found, found.next_cursor)

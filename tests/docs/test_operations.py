@@ -11,7 +11,7 @@ import pytest
 import yaml
 from prometheus_client.parser import text_string_to_metric_families
 
-from app.logs import Answered, JsonLines, access_log, log_answer
+from app.logs import AccessRecord, JsonLines, access_log, log_access
 from app.settings import Settings
 from tests.support.api import MOST_LOOKS
 from tests.support.documents import blocks, read
@@ -68,7 +68,7 @@ def test_every_check_of_readiness_is_explained(server):
 
 def test_the_line_of_the_log_is_one_that_is_written(caplog):
     with caplog.at_level(logging.INFO, access_log.name):
-        log_answer(Answered("GET", "/", "/", 200, 0.1, "ada", "127.0.0.1"))
+        log_access(AccessRecord("GET", "/", "/", 200, 0.1, "ada", "127.0.0.1"))
     (record,) = caplog.records
     (shown,) = (json.loads(text) for text in blocks(section("Logs"), "json"))
 

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from app.logs import JsonLines, OneRecordPerLine, configure_logging, harmless, one_line
+from app.logs import JsonLines, OneRecordPerLine, configure_logging, one_line, sanitised
 
 TOKEN = f"ug_{'Aa0_-' * 9}"
 
@@ -68,8 +68,8 @@ def as_json(message, *args, exc_info=None, **more):
 
 
 def test_a_token_is_cut_out_wherever_it_stands():
-    assert harmless(f"GET /login/{TOKEN}?") == "GET /login/ug_...?"
-    assert harmless("ug_short is no token") == "ug_short is no token"
+    assert sanitised(f"GET /login/{TOKEN}?") == "GET /login/ug_...?"
+    assert sanitised("ug_short is no token") == "ug_short is no token"
 
 
 def test_a_record_as_json_has_its_facts_as_keys():

@@ -10,7 +10,7 @@ from anyio import CapacityLimiter
 from fastapi import FastAPI
 
 from app.errors import Unprocessable
-from app.http.bodies import StrictRequest, beside_the_loop
+from app.http.bodies import StrictRequest, run_off_loop
 
 
 def request_with(body):
@@ -29,7 +29,7 @@ def test_the_loop_goes_on_while_a_large_body_is_worked_on():
 
     async def main():
         request = request_with(b"")
-        work = beside_the_loop(request, bytes(5000), lambda _: let_go.wait(60))
+        work = run_off_loop(request, bytes(5000), lambda _: let_go.wait(60))
         working = asyncio.create_task(work)
         asyncio.get_running_loop().call_soon(let_go.set)
         return await working
@@ -40,7 +40,7 @@ def test_the_loop_goes_on_while_a_large_body_is_worked_on():
 def test_a_small_body_is_not_worth_a_thread():
     async def main():
         request = request_with(b"")
-        return await beside_the_loop(request, b"x", lambda _: threading.get_ident())
+        return await run_off_loop(request, b"x", lambda _: threading.get_ident())
 
     assert asyncio.run(main()) == threading.get_ident()
 
