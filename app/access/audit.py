@@ -1,4 +1,4 @@
-"""The audit log: acts that others must know of, in the transactions that do them."""
+"""Writes the audit log, in the transactions of the acts that it records."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from app.db.tables.access import AuditEntry
 from app.security import Principal
 
 SERVICE: Final = "unghost"
-"""The actor of what the service did by itself; such an entry has no token."""
+"""The actor of acts of the service itself; their entries have no token."""
 
 
 class Act(str, Enum):
-    """What is noted. A value, once used, keeps its meaning."""
+    """Acts that are recorded. The values are stored, so none changes its meaning."""
 
     TOKEN_CREATED = "token.created"
     TOKEN_REVOKED = "token.revoked"
@@ -30,7 +30,7 @@ class Act(str, Enum):
     FRAME_REPLACED = "frame.replaced"
     FRAME_DELETED = "frame.deleted"
     ANSWERS_GIVEN = "review_batch.created"
-    ANSWERS_TAKEN_BACK = "review_batch.undone"
+    ANSWERS_UNDONE = "review_batch.undone"
     CONFIG_ACTIVATED = "config.activated"
     RUN_CANCELLED = "run.cancelled"
     EXPORT_CREATED = "export.created"
@@ -39,10 +39,9 @@ class Act(str, Enum):
 
 @dataclass(frozen=True)
 class AuditTrail:
-    """Where one transaction notes what is done in it, and by whom.
+    """Adds entries to the audit log in one transaction, for one actor.
 
-    No entry without the act, and no act without the entry: both are committed, or
-    neither is.
+    An act and its entry are committed together, or neither is.
     """
 
     session: Session
@@ -50,18 +49,18 @@ class AuditTrail:
 
     @property
     def token_id(self) -> int:
-        """The token of who acts; ValueError if it is the service itself."""
+        """The token of the actor; ValueError if that is the service itself."""
         if self.actor is None:
             raise ValueError("the service acts without a token")
         return self.actor.token_id
 
     @property
     def name(self) -> str:
-        """Who acts."""
+        """The name of the actor."""
         return SERVICE if self.actor is None else self.actor.name
 
     def note(self, act: Act, subject: object, **details: object) -> None:
-        """Add an entry; `subject` is the name or number of what it was done to."""
+        """Add an entry; `subject` is the name or id of what the act was done to."""
         AuditRepository(self.session).add(
             AuditEntry(
                 token_id=None if self.actor is None else self.actor.token_id,

@@ -1,8 +1,8 @@
-"""The token in the data folder: the command line on this machine comes in by it.
+"""The token in the data folder, with which the command line of this machine logs in.
 
-It ends after a month, and is renewed halfway, at the start and while the service runs.
-What it was before goes on to the end that it had, so that nobody who came in with it
-is put out in the middle of something.
+It expires after 30 days. It is replaced after 15, at the start and while the service
+runs. The former token stays valid until it would have expired, so that nobody who uses
+it is interrupted.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from unghost.wire.words import Role
 FIRST_TOKEN_NAME: Final = "admin"
 LIFETIME: Final = timedelta(days=30)
 RENEWED_BEFORE: Final = timedelta(days=15)
-"""So long before its end it is renewed."""
+"""It is renewed when less than this is left."""
 _PRIVATE: Final = 0o600
 _OTHERS: Final = 0o077
 
 
 def ensure_first_token(session: Session, file: Path) -> str:
-    """The token in the file; a new one if there is none or it opens nothing.
+    """The token in the file; a new one if there is none or it is not valid.
 
-    Deleting the file and starting again therefore changes the token. Whoever can do
-    that can read the database as well. The database sees only the hash. A token that
-    others could read is replaced: it and its sessions open nothing any more.
+    So deleting the file and starting again changes the token; whoever can do that can
+    read the database as well, which holds only the hash. A token that others could read
+    is replaced, and is no longer valid, nor are its sessions.
     """
     tokens = Tokens(session)
     tokens.end_expired_sessions(utc_now())
     token = _read(file)
-    was_shared = _take_from_others(file)
+    was_shared = _make_private(file)
     row = _valid(session, token)
     if token and row is not None and not was_shared:
         return renew(session, file, row) if _is_due(row) else token
@@ -51,7 +51,7 @@ def ensure_first_token(session: Session, file: Path) -> str:
 
 
 def renew_first_token(session: Session, file: Path) -> None:
-    """Renew the token in the file if its end is near; a file that is gone stays so."""
+    """Renew the token in the file if it expires soon; a deleted file stays deleted."""
     row = _valid(session, _read(file))
     if row is not None and _is_due(row):
         renew(session, file, row)
@@ -70,13 +70,13 @@ def make_first_code(session: Session, file: Path) -> tuple[LoginCode, str]:
 
 
 def renew(session: Session, file: Path, row: Token) -> str:
-    """Write another token into the file; the one before opens as long as it would."""
+    """Write a new token into the file; the former one keeps the expiry that it had."""
     token, ends = new_token(), utc_now() + LIFETIME
     # The file first: a hash whose token is lost would lock everybody out.
     write_secret(file, token)
     before, until = row.hash, row.expires_at or utc_now() + RENEWED_BEFORE
     row.hash, row.expires_at = hash_secret(token), ends
-    # Dated at its end, it stays the newest: no number of sessions takes its place.
+    # Created at its expiry, it counts as the newest session: others never displace it.
     former = LoginSession(
         token_id=row.id, hash=before, expires_at=until, created_at=until
     )
@@ -88,7 +88,7 @@ def renew(session: Session, file: Path, row: Token) -> str:
 
 
 def write_secret(file: Path, text: str) -> None:
-    """Write a file that was never, not even for a moment, readable by others."""
+    """Write a file that is at no moment readable by others."""
     draft = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
     descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _PRIVATE)
     try:
@@ -118,7 +118,7 @@ def _replace(session: Session, file: Path) -> str:
 
 
 def _valid(session: Session, token: str | None) -> Token | None:
-    """The token of this secret, if it lets somebody in."""
+    """The token with this secret, if it is valid."""
     digest = hash_secret(token or "")
     tokens = Tokens(session)
     found = tokens.valid_by_hash(digest, utc_now())
@@ -126,7 +126,7 @@ def _valid(session: Session, token: str | None) -> Token | None:
 
 
 def _is_due(row: Token) -> bool:
-    """Another one that somebody has put into the file is theirs to renew."""
+    """Whether it is to be renewed; a token that somebody else put there never is."""
     if row.name != FIRST_TOKEN_NAME:
         return False
     return row.expires_at is None or _left(row.expires_at) < RENEWED_BEFORE
@@ -136,7 +136,7 @@ def _left(ends: datetime) -> timedelta:
     return ends - utc_now()
 
 
-def _take_from_others(file: Path) -> bool:
+def _make_private(file: Path) -> bool:
     """Keep the file for its owner alone; True if others could read it until now."""
     if os.name == "nt" or not file.exists():
         return False

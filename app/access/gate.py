@@ -1,8 +1,8 @@
-"""Who is asking: found by the secret of a request, and remembered for a moment.
+"""Identifies callers by the secret that a request carries.
 
-Who was let in a moment ago, so that many requests in a row need not all ask the
-database; when each token was used, and how many were refused, until `upkeep`
-writes it down.
+Three things are kept in memory: callers of the last second, so that not every request
+asks the database; when each token was last used; and how many wrong secrets came. The
+last two are written by `app.access.upkeep`.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ _MOST_NAMED: Final = 3
 
 
 class TokenGate:
-    """Finds who is asking by the token, or the session, in `Authorization`."""
+    """Identifies callers by the token or the session in the header `Authorization`."""
 
     async def identify(self, request: Request) -> Principal:
-        """Who showed the secret of this request.
+        """The caller, by the secret in this request.
 
         Raises
         ------
         Unauthorised
-            There is no secret, or none that is valid.
+            There is no secret, or it is not valid.
         Forbidden
-            The page's session would write for another page.
+            A session of the page is used by another page, to write.
         """
         header = request.headers.get("authorization")
         if header is None:
@@ -57,9 +57,9 @@ class TokenGate:
         callers = services_of(request).one(RecentCallers)
         principal = callers.find(header)
         if principal is None:
-            before = callers.taken_back
+            before = callers.revocations
             secret = bearer_token(header) or ""
-            with counting_wrong(request):
+            with counting_wrong_secrets(request):
                 principal = await run_in_threadpool(_look_up, request, secret)
             callers.remember(header, principal, before)
         services_of(request).one(LastUses).note(principal.token_id)
@@ -72,11 +72,11 @@ class TokenGate:
 
 
 @contextmanager
-def counting_wrong(request: Request) -> Iterator[None]:
-    """Around looking a secret up: a wrong one is counted, for the log.
+def counting_wrong_secrets(request: Request) -> Iterator[None]:
+    """Count an `Unauthorised` raised in the block as a wrong secret, for the log.
 
-    Nobody has to wait for having shown wrong ones. Each secret has 256 random bits, so
-    trying finds none; and many people share the address of a proxy or of a machine.
+    Wrong secrets have no other consequence. Each secret has 256 random bits, so trying
+    finds none, and many people may share the address of a proxy or a machine.
     """
     try:
         yield
@@ -92,64 +92,64 @@ def _look_up(request: Request, secret: str) -> Principal:
 
 
 class RecentCallers:
-    """Principals by the hash of what they showed, for a second.
+    """Callers of the last second, by the hash of the header that they sent.
 
-    What is revoked in this process counts at once; in another, within a second.
+    What is revoked in this process counts at once; in another one, within a second.
     """
 
     def __init__(self) -> None:
         self._held: dict[str, tuple[float, Principal]] = {}
-        self.taken_back = 0
-        """How often something was revoked; read before a token is looked up."""
+        self.revocations = 0
+        """How often something was revoked; read it before a token is looked up."""
 
-    def find(self, shown: str) -> Principal | None:
-        """Who showed this within the last second."""
-        until, principal = self._held.get(hash_secret(shown), (0.0, None))
+    def find(self, header: str) -> Principal | None:
+        """The caller who sent this header within the last second; else None."""
+        until, principal = self._held.get(hash_secret(header), (0.0, None))
         return principal if time.monotonic() < until else None
 
-    def remember(self, shown: str, principal: Principal, taken_back: int) -> None:
-        """Keep an answer of the database, unless it may be outdated already."""
-        if taken_back != self.taken_back:
+    def remember(self, header: str, principal: Principal, revocations: int) -> None:
+        """Keep what the database said, unless something was revoked in between."""
+        if revocations != self.revocations:
             return
         if len(self._held) >= _MOST:
             self._held.clear()
-        self._held[hash_secret(shown)] = (time.monotonic() + REMEMBERED_S, principal)
+        self._held[hash_secret(header)] = (time.monotonic() + REMEMBERED_S, principal)
 
     def forget_on_commit(self, session: Session) -> None:
-        """This transaction takes something back: from its end on, nobody is known."""
+        """Forget all callers once this transaction commits: it revokes something."""
         event.listen(session, "after_commit", self._forget, once=True)
 
     def _forget(self, _session: Session) -> None:
-        self.taken_back += 1
+        self.revocations += 1
         self._held.clear()
 
 
 class LastUses:
-    """When tokens were used, by their ids; one entry each, however often it is used."""
+    """When each token was last used, by its id."""
 
     def __init__(self) -> None:
         self._lock = Lock()
         self._at: dict[int, datetime] = {}
 
     def note(self, token_id: int) -> None:
-        """It was used now."""
+        """Note that a token is used now."""
         with self._lock:
             self._at[token_id] = utc_now()
 
     def take(self) -> dict[int, datetime]:
-        """What was noted since the last time."""
+        """Take out what was noted since the last call."""
         with self._lock:
             taken, self._at = self._at, {}
         return taken
 
     def put_back(self, taken: dict[int, datetime]) -> None:
-        """It could not be written; what was noted meanwhile is later."""
+        """Note again what could not be written; what was noted meanwhile is newer."""
         with self._lock:
             self._at = {**taken, **self._at}
 
 
 class WrongSecrets:
-    """How many wrong tokens, sessions, codes and keys came, by address."""
+    """Counts wrong tokens, sessions, codes and keys by the address of the client."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -157,14 +157,14 @@ class WrongSecrets:
         self._count = 0
 
     def note(self, address: str) -> None:
-        """One came from there; only so many addresses are told apart."""
+        """Count one; beyond `_MOST` addresses, only the total."""
         with self._lock:
             self._count += 1
             if address in self._from or len(self._from) < _MOST:
                 self._from[address] += 1
 
     def take(self) -> str:
-        """In words, what came since the last time; empty if nothing did."""
+        """A text with the counts since the last call; empty if there were none."""
         with self._lock:
             count, self._count = self._count, 0
             by_address, self._from = self._from, Counter()
@@ -179,7 +179,7 @@ class WrongSecrets:
 
 
 async def audit_trail(request: Request, session: WriteSession) -> AuditTrail:
-    """Where this request notes what it does: in the transaction that does it."""
+    """The audit log for this request, in the transaction that does its work."""
     return AuditTrail(session, current_principal(request))
 
 

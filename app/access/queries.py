@@ -1,4 +1,4 @@
-"""SQL of access: tokens, their sessions, codes and links, and the audit log."""
+"""SQL of tokens, their sessions, login codes and download links, and the audit log."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _VALID: Final = (
     Token.revoked_at.is_(None),
     or_(Token.expires_at.is_(None), Token.expires_at > bindparam("now")),
 )
-# Built once: every request asks one of them.
+# Built once: every request runs one of them.
 _BY_HASH: Final = (
     select(Token.id, Token.name, Token.role, Token.hash)
     .where(Token.hash == bindparam("digest"), *_VALID)
@@ -89,7 +89,7 @@ class Tokens:
     def replace(
         self, name: str, role: Role, digest: str, expires_at: datetime
     ) -> Token:
-        """Give the token of this name a new hash; what the old one opened ends."""
+        """Give the token of this name a new hash; its sessions end."""
         token = self.by_name(name)
         if token is None:
             token = Token(name=name, role=role, hash=digest, expires_at=expires_at)
@@ -155,20 +155,20 @@ class Tokens:
         return list(self._session.scalars(statement, {"now": now}))
 
     def revoke(self, token: Token, now: datetime) -> None:
-        """Let nobody in with it any more; the first time is what counts."""
+        """Make the token invalid for ever; a second call changes nothing."""
         token.revoked_at = token.revoked_at or now
         self.end_sessions_of(token.id)
         self._session.execute(delete(LoginCode).where(LoginCode.token_id == token.id))
         self._session.flush()
 
     def open_session(self, opened: LoginSession, *, most: int) -> None:
-        """Remember a session that a token opened; so many of its newest stay."""
+        """Store a session that a token opened; only its `most` newest sessions stay."""
         self._session.add(opened)
         self._session.flush()
         self._keep_newest(opened, most)
 
     def expiry(self, token_id: int, session_digest: str | None) -> datetime | None:
-        """When a token, or earlier the session that it opened, lets nobody in."""
+        """When a token expires, or its session if that is earlier; None: never."""
         token = select(Token.expires_at).where(Token.id == token_id)
         session = select(LoginSession.expires_at).where(
             LoginSession.hash == session_digest
@@ -179,7 +179,7 @@ class Tokens:
         return min((end for end in ends if end is not None), default=None)
 
     def add_code(self, code: LoginCode, *, most: int) -> None:
-        """Store a login code; forget those that have ended, and all but the newest."""
+        """Store a login code; delete expired ones, and all but the token's newest."""
         ended = delete(LoginCode).where(LoginCode.expires_at <= code.created_at)
         self._session.execute(ended)
         self._session.add(code)
@@ -197,7 +197,7 @@ class Tokens:
         ).one_or_none()
 
     def use_code(self, code_id: int, now: datetime) -> bool:
-        """Note that a login code was used; False if somebody was first, or it ended."""
+        """Mark a login code as used; False if it was used already or has expired."""
         noted = self._session.execute(
             update(LoginCode)
             .where(
@@ -211,7 +211,7 @@ class Tokens:
         return noted.first() is not None
 
     def add_link(self, link: DownloadLink, *, most: int) -> None:
-        """Store the address of a download, as `add_code` does."""
+        """Store a download link, as `add_code` does."""
         ended = delete(DownloadLink).where(DownloadLink.expires_at <= link.created_at)
         self._session.execute(ended)
         self._session.add(link)
@@ -237,7 +237,7 @@ class Tokens:
     def _keep_newest(
         self, added: LoginSession | LoginCode | DownloadLink, most: int
     ) -> None:
-        """Forget the oldest rows of a token; never the one that was added just now."""
+        """Delete the oldest rows of a token, but not the one that was just added."""
         table = type(added)
         is_its_own = table.token_id == added.token_id
         newest = (
@@ -247,23 +247,23 @@ class Tokens:
             .limit(most)
         )
         is_older = table.hash.not_in(newest.scalar_subquery())
-        # A clock that was set back makes the newest one look old.
+        # If the clock was set back, the newest row looks old.
         self._session.execute(
             delete(table).where(is_its_own, is_older, table.hash != added.hash)
         )
 
     def end_session(self, digest: str) -> None:
-        """Forget one session."""
+        """Delete one session."""
         self._session.execute(delete(LoginSession).where(LoginSession.hash == digest))
 
     def end_sessions_of(self, token_id: int) -> None:
-        """Forget all sessions that a token opened."""
+        """Delete all sessions that a token opened."""
         self._session.execute(
             delete(LoginSession).where(LoginSession.token_id == token_id)
         )
 
     def end_expired_sessions(self, now: datetime) -> None:
-        """Forget sessions that nobody can use any more."""
+        """Delete expired sessions."""
         self._session.execute(
             delete(LoginSession).where(LoginSession.expires_at <= now)
         )

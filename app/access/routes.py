@@ -8,9 +8,8 @@ from typing import Final
 from fastapi import APIRouter, Request, Response
 
 from app.access import service as access
-from app.access import service as tokens
 from app.access.audit import AuditTrail
-from app.access.gate import Audited, LastUses, RecentCallers, counting_wrong
+from app.access.gate import Audited, LastUses, RecentCallers, counting_wrong_secrets
 from app.access.queries import AuditRepository, Tokens
 from app.db.base import utc_now
 from app.db.bulk import id_in
@@ -59,11 +58,11 @@ PREFIX: Final = "/api/v1"
 # Neither a cache nor the answer kept for an Idempotency-Key may hold a secret.
 NO_STORE: Final = {"Cache-Control": "no-store"}
 
-entrance = OpenRouter(prefix=PREFIX, tag="session")
-inside = ApiRouter(prefix=PREFIX, tag="session", write="viewer")
+login_router = OpenRouter(prefix=PREFIX, tag="session")
+own_router = ApiRouter(prefix=PREFIX, tag="session", write="viewer")
 
 
-@entrance.post("/session", status_code=201, response_model=NewSession)
+@login_router.post("/session", status_code=201, response_model=NewSession)
 def log_in(
     body: LogIn,
     request: Request,
@@ -71,15 +70,15 @@ def log_in(
     writing: WriteSession,
     services: AppServices,
 ) -> Response:
-    """Trade a token, or the code of a login link, for a session of the page.
+    """Open a session of the page with a token or the code of a login link.
 
-    The session's secret is in this answer alone; it is shown as a token is.
+    The session's secret is in this answer alone; it is sent as a token is.
     """
     if not comes_from_no_other_page(request.headers):
         raise Forbidden("only the service's own page may log in")
     secret, code_id = body.token or body.code or "", None
-    # Looked up without a place among the writers: guessing must not keep others out.
-    with counting_wrong(request):
+    # Read before the turn to write is taken: guessing must not keep others waiting.
+    with counting_wrong_secrets(request):
         if body.code is None:
             principal = access.by_token(reading, secret)
         else:
@@ -95,17 +94,17 @@ def log_in(
     return json_response(shown, 201, NO_STORE)
 
 
-@inside.get("/session")
+@own_router.get("/session")
 def get_session(session: ReadSession, principal: CurrentPrincipal) -> Session:
-    """Who is asking, and until when: by a token or by a session of the page."""
+    """The caller's name and role, and when the token or the session expires."""
     return _session(session, principal)
 
 
-@inside.delete("/session", status_code=204)
+@own_router.delete("/session", status_code=204)
 def log_out(
     session: WriteSession, services: AppServices, principal: CurrentPrincipal
 ) -> Response:
-    """End the session that is shown; a token stays as it is."""
+    """End the session that the request is sent with; a token stays valid."""
     access.log_out(session, principal)
     if principal.session_hash is not None:
         make_room(services, session)
@@ -113,9 +112,9 @@ def log_out(
     return Response(status_code=204)
 
 
-@inside.post("/login-codes", status_code=201, response_model=NewLoginCode)
+@own_router.post("/login-codes", status_code=201, response_model=NewLoginCode)
 def create_login_code(audit: Audited) -> Response:
-    """A code that logs a page in as whoever asks: once, within ten minutes.
+    """A code that logs a page in as the caller: once, within ten minutes.
 
     The login link is the service's address followed by `/#code=` and the code.
     """
@@ -124,7 +123,7 @@ def create_login_code(audit: Audited) -> Response:
     return json_response(NewLoginCode(**dict(code), code=secret), 201, NO_STORE)
 
 
-@inside.get("/login-codes/{code_id}")
+@own_router.get("/login-codes/{code_id}")
 def get_login_code(
     code_id: RowId, session: ReadSession, principal: CurrentPrincipal
 ) -> LoginCode:
@@ -142,8 +141,8 @@ def _session(session: ReadSession, principal: Principal) -> Session:
 
 
 session_router = APIRouter(redirect_slashes=False)
-session_router.include_router(entrance)
-session_router.include_router(inside)
+session_router.include_router(login_router)
+session_router.include_router(own_router)
 
 tokens_router = ApiRouter(prefix="/api/v1", tag="tokens", read="admin", write="admin")
 
@@ -152,9 +151,9 @@ tokens_router = ApiRouter(prefix="/api/v1", tag="tokens", read="admin", write="a
 def list_tokens(
     request: Request, session: ReadSession, limit: Limit = 100, cursor: Cursor = None
 ) -> Response:
-    """All tokens, revoked ones included, oldest first. What they open with is gone.
+    """All tokens, revoked ones included, oldest first; without their secrets.
 
-    When one was last used is known to the minute.
+    `last_used_at` is written once a minute.
     """
     after_id = 0 if cursor is None else id_in(cursor)
     found = Tokens(session).page(after_id=after_id, limit=limit + 1)
@@ -167,7 +166,7 @@ def list_tokens(
 def create_token(body: TokenIn, audit: Audited) -> Response:
     """A new token. It is shown in this answer and never again; it ends in 90 days."""
     ends = body.ends(utc_now())
-    made, secret = tokens.issue(audit, body.name, body.role, ends)
+    made, secret = access.issue(audit, body.name, body.role, ends)
     token = Token.model_validate(made, from_attributes=True)
     # no-store: neither a cache nor the answer kept for an Idempotency-Key holds it.
     shown = NewToken(**dict(token), token=secret)
@@ -178,8 +177,8 @@ def create_token(body: TokenIn, audit: Audited) -> Response:
 def revoke_token(
     token_id: RowId, session: WriteSession, services: AppServices, audit: Audited
 ) -> Response:
-    """Take a token back; the sessions that it opened end as well."""
-    tokens.revoke(audit, token_id)
+    """Revoke a token; the sessions that it opened end as well."""
+    access.revoke(audit, token_id)
     make_room(services, session)
     services.one(RecentCallers).forget_on_commit(session)
     return Response(status_code=204)

@@ -1,4 +1,4 @@
-"""Who may do what: tokens created and revoked, logging in and out, others' answers."""
+"""Tokens created and revoked, logging in and out, and who may remove answers."""
 
 from __future__ import annotations
 
@@ -30,38 +30,38 @@ from app.settings import Settings
 from unghost.wire.words import Role
 
 CODE_LIFETIME: Final = timedelta(minutes=10)
-"""How long a login link can be used; it ends earlier when it is."""
+"""How long a login link can be used, once."""
 LINK_LIFETIME: Final = timedelta(minutes=5)
-"""How long the address of a download can be opened, ranges included."""
+"""How long a download link can be opened, as often as needed."""
 MOST_SESSIONS: Final = 100
 MOST_CODES: Final = 20
 MOST_LINKS: Final = 100
-"""Of one token each: whoever needs more meanwhile has the oldest ended, and is not
-refused, so that signing in always works."""
+"""Maximum numbers for each token. One more ends the oldest and is not refused, so that
+logging in always works."""
 MOST_NAMED: Final = 3
-"""Of the people whose answers are in the way of an act: the others are counted."""
+"""How many names of people an error lists; the others are counted."""
 _NO_ENTRY: Final = "show a valid token, or log in with one"
 
 
 def by_secret(session: Session, secret: str) -> Principal:
-    """Who shows this token, or this session of the page; Unauthorised."""
+    """The caller with this token or this session of the page; Unauthorised."""
     if secret.startswith(SESSION_PREFIX):
         return by_session(session, secret)
     return by_token(session, secret)
 
 
 def by_token(session: Session, token: str) -> Principal:
-    """Who shows this bearer token.
+    """The caller with this token.
 
     Raises
     ------
     Unauthorised
-        It is unknown, revoked or expired. Which of the last two is said: only who
-        holds the token can ask.
+        It is unknown, revoked or expired. The error says which of the last two: only
+        somebody who has the token can learn it.
     """
     digest, now = hash_secret(token), utc_now()
     tokens = Tokens(session)
-    # One that was renewed opens what it did until it would have ended.
+    # The former first token, which was renewed, is stored as a session.
     row = tokens.valid_by_hash(digest, now) or tokens.valid_by_session(digest, now)
     if row is None or not same_hash(row.hash, digest):
         raise _refused(tokens.by_hash(digest), now)
@@ -69,7 +69,7 @@ def by_token(session: Session, token: str) -> Principal:
 
 
 def by_session(session: Session, secret: str) -> Principal:
-    """Who shows this session; raises `Unauthorised` like `by_token`."""
+    """The caller with this session; raises `Unauthorised` as `by_token` does."""
     digest, now = hash_secret(secret), utc_now()
     tokens = Tokens(session)
     row = tokens.valid_by_session(digest, now)
@@ -79,7 +79,10 @@ def by_session(session: Session, secret: str) -> Principal:
 
 
 def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
-    """Open a session of the page for whoever acts; its secret. `by`: token or code."""
+    """Open a session of the page for the actor; returns its secret.
+
+    `by` says what it was opened with: ``token`` or ``code``.
+    """
     secret = new_session()
     opened = LoginSession(
         hash=hash_secret(secret),
@@ -98,19 +101,19 @@ def log_out(session: Session, principal: Principal) -> None:
 
 
 def expiry(session: Session, principal: Principal) -> datetime | None:
-    """When whoever is asking has to come with another token; None: never."""
+    """When the caller's token or session expires; None: never."""
     return Tokens(session).expiry(principal.token_id, principal.session_hash)
 
 
 def issue(
     audit: AuditTrail, name: str, role: Role, expires_at: datetime | None
 ) -> tuple[Token, str]:
-    """A new token and what to show for it; only its hash is stored.
+    """A new token and its secret, of which only the hash is stored.
 
     Raises
     ------
     Conflict
-        The name is taken, if only by a revoked token: reviews carry it.
+        The name is taken, if only by a revoked token: reviews refer to it.
     Unprocessable
         It would have expired already.
     """
@@ -128,12 +131,12 @@ def issue(
 
 
 def revoke(audit: AuditTrail, token_id: int) -> None:
-    """Take a token back, and end the sessions that it opened.
+    """Revoke a token, and end the sessions that it opened.
 
     Raises
     ------
     Conflict
-        Nobody could make tokens afterwards.
+        It is the last valid token of an admin: nobody could make tokens afterwards.
     """
     tokens = Tokens(audit.session)
     token = tokens.by_id(token_id)
@@ -150,7 +153,7 @@ def revoke(audit: AuditTrail, token_id: int) -> None:
 def issue_offline(
     settings: Settings, name: str, role: Role, expires_at: datetime | None
 ) -> tuple[Token, str]:
-    """A new token and what to show for it; the audit log names the service itself.
+    """As `issue`, without a running service, which the audit log names as the actor.
 
     Raises
     ------
@@ -169,7 +172,7 @@ def issue_offline(
 
 
 def make_code(audit: AuditTrail, token_id: int | None = None) -> tuple[LoginCode, str]:
-    """A code that opens one session, of this token or of who acts, and its secret."""
+    """A login code of this token, or of the actor's, and its secret."""
     secret, now = new_login_code(), utc_now()
     code = LoginCode(
         hash=hash_secret(secret),
@@ -189,7 +192,7 @@ def code_is_over(session: Session, code_id: int) -> bool:
 
 
 def own_code(session: Session, principal: Principal, code_id: int) -> LoginCode:
-    """A code of one's own token; NotFound for another's as for none."""
+    """A login code of the caller's token; NotFound also if it is another token's."""
     code = Tokens(session).code(code_id)
     if code is None or code.token_id != principal.token_id:
         raise NotFound("login code", code_id)
@@ -197,13 +200,13 @@ def own_code(session: Session, principal: Principal, code_id: int) -> LoginCode:
 
 
 def use_code(session: Session, code_id: int) -> None:
-    """Take a code that `by_code` found, so that nobody else can; Unauthorised."""
+    """Mark a code as used; Unauthorised if it was used since `by_code` found it."""
     if not Tokens(session).use_code(code_id, utc_now()):
         raise _code_is_over()
 
 
 def by_code(session: Session, secret: str) -> tuple[Principal, int]:
-    """Whom a login code lets in, and the code's id.
+    """The caller that a login code logs in, and the code's id.
 
     Raises
     ------
@@ -222,7 +225,7 @@ def by_code(session: Session, secret: str) -> tuple[Principal, int]:
 
 
 def make_link(session: Session, token_id: int, export_id: int) -> tuple[str, datetime]:
-    """A key that opens the file of one export, and until when."""
+    """A key that downloads the file of one export, and when it expires."""
     key, now = new_download_key(), utc_now()
     link = DownloadLink(
         hash=hash_secret(key),
@@ -236,7 +239,7 @@ def make_link(session: Session, token_id: int, export_id: int) -> tuple[str, dat
 
 
 def check_link(session: Session, key: str, export_id: int) -> None:
-    """Let a key open the file of this export; Unauthorised if it does not."""
+    """Check that a key downloads the file of this export; Unauthorised if not."""
     if not Tokens(session).valid_by_link(hash_secret(key), export_id, utc_now()):
         raise Unauthorised(
             "this address of a download has ended, or is of another export: "
@@ -246,7 +249,7 @@ def check_link(session: Session, key: str, export_id: int) -> None:
 
 
 def _refused(token: Token | None, now: datetime, otherwise: str = "") -> Unauthorised:
-    """Why a token, or the session that it opened, lets nobody in (any more)."""
+    """The error for a token, or its session, that is not valid."""
     if token is None:
         return Unauthorised(_NO_ENTRY)
     if token.revoked_at is not None:
@@ -277,24 +280,24 @@ def _code_is_over() -> Unauthorised:
 
 
 def require_own(by: Principal, answers: Mapping[str, int], act: str) -> int:
-    """Let through whoever does away with nobody's answers but their own, and admins.
+    """Allow an act that removes answers to their author, and to admins.
 
     Parameters
     ----------
     answers : mapping of str to int
-        How many answers would be lost, taken back or set aside, by reviewer.
+        How many answers would be deleted, undone or left behind, by reviewer.
     act : str
         What is asked for, as the message begins: ``deleting frame 'a/1'``.
 
     Returns
     -------
     int
-        How many of the answers are other people's.
+        How many of these answers are other people's.
 
     Raises
     ------
     Forbidden
-        Some are, and this is no admin.
+        Some are other people's, and the caller is no admin.
     """
     others = {name: number for name, number in answers.items() if name != by.name}
     number = sum(others.values())

@@ -1,8 +1,8 @@
-"""What is written of tokens now and then, beside requests: no GET writes a row.
+"""Writes once a minute what requests have left in memory: a GET writes no row itself.
 
-When each was last used, and a new first token when its end is near. How many wrong ones
-came is a line of the log a minute, however many came, and no row: who has no token
-writes nothing that is kept for ever.
+That is when each token was last used. The first token is renewed when it expires soon.
+Wrong secrets are one line of the log per minute, however many came, and no rows: nobody
+without a token can fill the database.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ EVERY_S: Final = 60.0
 
 @contextmanager
 def keeping_tokens(context: ServiceContext) -> Iterator[None]:
-    """Write it once a minute until the block ends, and then once more."""
+    """Call `write_upkeep` once a minute until the block ends, and then once more."""
     over = threading.Event()
     keeper = threading.Thread(target=_keep, args=(context, over), name="token upkeep")
     keeper.start()
@@ -54,7 +54,7 @@ def _write(context: ServiceContext) -> None:
 
 
 def write_upkeep(context: ServiceContext) -> None:
-    """Write what there is to write; nothing, if nobody came in."""
+    """Write the times of last use, log wrong secrets, and renew the first token."""
     wrong = context.one(WrongSecrets).take()
     if wrong:
         server_log.warning("within a minute %s", wrong)
@@ -70,7 +70,8 @@ def write_upkeep(context: ServiceContext) -> None:
         is_due = is_first_token_due(session, file)
     if is_due:
         with context.database.write() as session:
-            # The first statement takes the turn: another service may be as far.
+            # This first statement waits for the turn to write: another service may have
+            # renewed the token meanwhile.
             Tokens(session).end_expired_sessions(utc_now())
             renew_first_token(session, file)
 

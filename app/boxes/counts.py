@@ -1,7 +1,8 @@
-"""How many boxes there are of a kind, exactly: from tallies if they can tell.
+"""Counts the boxes of a filter exactly, and sums up tallies.
 
-Ranges of numbers are counted in the numbers that are held in memory, less those boxes
-that people answered, which are few and have an index.
+Tallies suffice unless a filter has ranges of numbers. Those are counted in the columns
+that are kept in memory, which know no answers: boxes that people answered are counted
+by the database and subtracted, since they are few and have an index.
 """
 
 from __future__ import annotations
@@ -29,13 +30,13 @@ def count_boxes(
 ) -> int:
     """The exact number of boxes of a filter."""
     tallies = TallyRepository(session).of_dataset(wanted.dataset_id)
-    most = count_alike(tallies, wanted)
-    if not wanted.has_ranges or not most:
-        return most
+    upper_bound = count_in_tallies(tallies, wanted)
+    if not wanted.has_ranges or not upper_bound:
+        return upper_bound
     by_numbers = wanted.effective is None and wanted.conflict is None
     held = by_numbers and context.one(ColumnCache).fits(session, dataset.id)
-    # Boxes that somebody answered are few, and counted by their index; where all others
-    # are asked for, they are all boxes less those.
+    # Answered boxes are few, and are counted by their index. If all others are asked
+    # for, the answered ones are subtracted from all boxes.
     others = REVIEW_STATES[wanted.review].others if wanted.review else None
     if not held or (wanted.review and others is None):
         return BoxProbes(session).count(wanted)
@@ -56,8 +57,8 @@ def _selected(numbers: DatasetColumns, config: FilterConfig, wanted: BoxFilter) 
     return int(np.count_nonzero(chosen))
 
 
-def count_alike(tallies: Mapping[TallyKey, int], wanted: BoxFilter) -> int:
-    """What tallies know of a filter: all but its ranges, so no less than there are."""
+def count_in_tallies(tallies: Mapping[TallyKey, int], wanted: BoxFilter) -> int:
+    """How many boxes the filter without its ranges selects: an upper bound."""
     return sum(boxes for key, boxes in tallies.items() if selects(wanted, key))
 
 

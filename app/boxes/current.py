@@ -1,9 +1,9 @@
-"""Current decisions and tallies: the one door through which they change.
+"""Current decisions and tallies: all functions that change them.
 
-`add` stores the decisions on new boxes, `answered` shows answers of people,
+`add` stores the decisions on new boxes, `answered` copies answers of people,
 `decided_again`, `measured_again` and `replace_tallies` are the end of a run, and
-`retire` takes a frame's boxes away. Nothing else writes these two tables, and each of
-these keeps the tallies in step with the decisions. What only reads them comes after.
+`retire` takes a frame's boxes away. Nothing else writes these two tables, and each
+function changes both together. The classes at the end only read them.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class TallyKey(NamedTuple):
 def add(
     session: Session, dataset_id: int, columns: Mapping[str, Sequence[object]]
 ) -> None:
-    """Store the decisions on new boxes, which nobody has answered, and count them in.
+    """Store the decisions on new boxes without answers, and add them to the tallies.
 
     `columns` are those of `decisions`, all equally long.
     """
@@ -90,13 +90,13 @@ def _apply(
 ) -> None:
     """Count the chosen answers in the tallies, and copy them into the decisions."""
     connection = session.connection()
-    # In this order: the tallies are told by what the decisions still say.
+    # In this order: the tallies are computed from the decisions before the change.
     connection.execute(_answers_as_tallies(connection.dialect.name, which), values)
     connection.execute(_answers_as_latest(which), values)
 
 
 def _is_next() -> ColumnElement[bool]:
-    """Of a decision and an answer: it is the one that follows on what is shown."""
+    """Condition: the answer is the one after the answer that the decision shows."""
     follows = Review.revision == Decision.revision + 1
     return and_(Decision.box_id == Review.box_id, follows)
 
@@ -185,8 +185,8 @@ def _tally_rows(
 # Statements are built once: every upload and every answer runs them, and building costs
 # several times as much.
 _TALLY: Final = ("dataset_id", *TallyKey._fields)
-# Named by box or act, not as the newest answers: PostgreSQL would read all others
-# where it does not know yet how many there are.
+# Found by box or by batch, not as "the newest answers": for these PostgreSQL would read
+# all others while its statistics are not up to date.
 _ON_BOXES: Final = Review.box_id.in_(bindparam("boxes", expanding=True))
 _OF_BATCH: Final = Review.batch_id == bindparam("batch")
 
@@ -200,7 +200,7 @@ def _answers_as_latest(which: ColumnElement[bool]) -> Executable:
 
 @lru_cache
 def _counted_in(dialect: str, changes: Selectable | None = None) -> Executable:
-    """Insert tallies, or add to those that there are: given as rows, or selected."""
+    """Insert tallies, or add to existing ones; as rows, or from a SELECT."""
     statement = upsert_in(dialect, Tally)
     if changes is not None:
         statement = statement.from_select([*_TALLY, "boxes"], changes)
@@ -211,7 +211,7 @@ def _counted_in(dialect: str, changes: Selectable | None = None) -> Executable:
 
 @lru_cache
 def _answers_as_tallies(dialect: str, which: ColumnElement[bool]) -> Executable:
-    """Count answered boxes out as they were, and in as they are now."""
+    """Move answered boxes from the tallies of their old answers to those of the new."""
     alike = (Decision.dataset_id, Decision.class_id, Decision.reason, Decision.toss_up)
     before = func.coalesce(Decision.review, "").label("before")
     now = case((Review.verdict == "clear", ""), else_=Review.verdict).label("now")
@@ -248,7 +248,7 @@ def _frame_out_of_tallies(dialect: str) -> Executable:
 
 
 class TallyRow(NamedTuple):
-    """How many boxes are alike in this."""
+    """A tally of one frame: how many of its boxes have these values."""
 
     class_id: int
     reason: int

@@ -1,4 +1,4 @@
-"""Which boxes a list shows: as a person says it, as SQL, and on columns."""
+"""Filters of boxes: as a request names them, as SQL, and applied to columns."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ THRESHOLD_REASONS = (
 
 @dataclass(frozen=True)
 class Selection:
-    """Filters by name; None where there is none."""
+    """The filters of a request, by their names on the wire; None: not filtered by."""
 
     verdict: str | None = None
     effective: str | None = None
@@ -62,10 +62,10 @@ _NAMES = {spec.name for spec in fields(Selection)}
 
 @dataclass(frozen=True)
 class ClassThresholds:
-    """What the active config asks of a class, in percent.
+    """The thresholds of a class in the active configuration, in percent.
 
-    A large box has to reach `large` and, in the published code alone, `small` as well:
-    `kept_large` is what that comes to.
+    A large box has to reach `large` and, by the published code's rules, `small` as
+    well: `kept_large` is the higher one of those that apply.
     """
 
     class_id: int
@@ -74,7 +74,7 @@ class ClassThresholds:
     kept_large: float
 
     def sides(self) -> Iterator[Side]:
-        """Every side on which there can be a box."""
+        """The sides of the thresholds on which there can be boxes."""
         yield Side(Reason.VISIBLE, False, self.small, 1)
         yield Side(Reason.BELOW_THRESHOLD, False, self.small, -1)
         yield Side(Reason.VISIBLE, True, self.kept_large, 1)
@@ -87,7 +87,7 @@ class ClassThresholds:
 class BoxFilter:
     """A selection of boxes; None or empty means any.
 
-    `match_min` and what follows are ranges of numbers; tallies count by the others.
+    `match_min` and the fields after it are ranges of numbers; tallies do not know them.
     """
 
     dataset_id: int
@@ -109,7 +109,7 @@ class BoxFilter:
         return [Decision.dataset_id == self.dataset_id, *self._conditions()]
 
     def conditions_by_id(self) -> list[ColumnElement[bool]]:
-        """The selection for boxes named by their ids: no other index is to be read."""
+        """As `conditions`, for boxes looked up by id: no other index is to be used."""
         return [Decision.dataset_id + 0 == self.dataset_id, *self._conditions()]
 
     def _conditions(self) -> list[ColumnElement[bool]]:
@@ -129,16 +129,16 @@ class BoxFilter:
         return found + self._ranges()
 
     def unanswered(self) -> list[ColumnElement[bool]]:
-        """Said beside the conditions, the index of unanswered boxes may be read.
+        """A condition to add where the index of unanswered boxes should be read.
 
-        The conditions alone do not say it in its words: it would be read wherever it
-        is possible, also where another index leads to far fewer boxes.
+        `conditions` are written so that the database does not recognise that index: it
+        would be used even where another index leads to far fewer boxes.
         """
         return [Decision.review.is_(None)] if self.review == "none" else []
 
     @property
     def has_ranges(self) -> bool:
-        """Whether boxes are chosen by their numbers, which no tally knows."""
+        """Whether it filters by ranges of numbers, which tallies know nothing of."""
         ranges = (
             *(self.match_min, self.match_max, self.margin_max),
             *(self.distance_min, self.distance_max),
@@ -147,7 +147,7 @@ class BoxFilter:
 
     @property
     def is_found_by_match(self) -> bool:
-        """Whether an index on matches leads to the boxes, in an order of its own."""
+        """Whether the index on matches finds the boxes, so not in the order of ids."""
         has_range = self.match_min is not None or self.match_max is not None
         return has_range and not self.only_answered
 
@@ -175,7 +175,7 @@ class BoxFilter:
 class Side(NamedTuple):
     """Boxes of one class on one side of the threshold that decided them.
 
-    Their match rises away from it (`sign` 1) or falls (-1).
+    `sign` is 1 where their matches lie above the threshold, -1 where below.
     """
 
     reason: Reason
@@ -185,7 +185,7 @@ class Side(NamedTuple):
 
 
 def selection_of(query: BoxSelection) -> Selection:
-    """The filters among the parameters of a list."""
+    """The filters among the query parameters of a list."""
     return Selection(**query.model_dump(include=_NAMES))
 
 
@@ -224,7 +224,7 @@ def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilte
 def is_near(
     thresholds: Sequence[ClassThresholds], margin: float
 ) -> ColumnElement[bool]:
-    """A threshold applied, and the match is within `margin` percent of it."""
+    """Condition: a threshold decided, and the match is within `margin` of it."""
     return _is_near(tuple(thresholds), margin)
 
 
@@ -232,8 +232,8 @@ def is_near(
 def _is_near(
     thresholds: tuple[ClassThresholds, ...], margin: float
 ) -> ColumnElement[bool]:
-    # Kept: putting it together takes longer than asking for a page does. By class
-    # first, so that a row is held against the sides of its own class alone.
+    # Cached: building it takes longer than reading a page. By class first, so that a
+    # row is compared with the sides of its own class alone.
     near = [
         and_(
             Decision.class_id == wanted.class_id,
@@ -256,14 +256,14 @@ def _is_near_side(side: Side, margin: float) -> ColumnElement[bool]:
 
 
 class BoxProbes:
-    """Which boxes a filter selects, asked by id."""
+    """Asks the database which boxes a filter selects, and for ids of boxes."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
 
     def span(self, dataset_id: int, class_ids: Iterable[int]) -> tuple[int, int] | None:
         """The lowest and the highest id of a dataset's boxes; None without boxes."""
-        # One look at either end of each class in its index.
+        # Two lookups in the index for each class.
         ends = [
             select(end(Decision.box_id)).where(
                 Decision.dataset_id == dataset_id, Decision.class_id == class_id
@@ -282,7 +282,7 @@ class BoxProbes:
         return self._session.scalar(select(func.max(Box.id))) or 0
 
     def count(self, wanted: BoxFilter) -> int:
-        """How many boxes the filter selects, by looking at them."""
+        """How many boxes the filter selects, counted by the database."""
         rows = select(func.count()).select_from(Decision)
         return self._session.scalar(rows.where(*wanted.conditions())) or 0
 
@@ -301,7 +301,7 @@ class BoxProbes:
 
     def every(self, wanted: BoxFilter) -> IntArray:
         """All boxes of the filter, in no order."""
-        # Of toss-ups there are far fewer than of boxes without an answer.
+        # Toss-ups are far fewer than boxes without an answer.
         unanswered = [] if wanted.toss_up else wanted.unanswered()
         rows = select(Decision.box_id).where(*wanted.conditions(), *unanswered)
         return np.fromiter(self._session.scalars(rows), np.int64)
@@ -342,7 +342,7 @@ def _review(wanted: str | None) -> str:
 def selected(
     numbers: DatasetColumns, decisions: Decisions, wanted: BoxFilter
 ) -> BoolArray:
-    """The filter by the comparisons of the database, but for what people answered.
+    """Which boxes the filter selects, as in SQL; filters by answers are not applied.
 
     NaN is in no range.
     """

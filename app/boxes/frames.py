@@ -1,4 +1,4 @@
-"""Frames as they are answered: in lists, alone, by their files and pictures."""
+"""Frames as responses: in lists, one with its boxes, their files and pictures."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def describe_stored(session: Session, frame_id: int) -> dict[str, object]:
 def _described(
     session: Session, frame_id: int
 ) -> tuple[Frame, FrameDetails, list[StoredDecision]]:
-    """A frame with what there is to say of it, and of its boxes."""
+    """A frame, its description, and its boxes as records."""
     frame = FrameRepository(session).with_id(frame_id, annotation=True)
     dataset = DatasetRepository(session).with_id(frame.dataset_id)
     reader = DecisionReader(session, dataset)
@@ -165,7 +165,7 @@ def frame_details(
     report: SegmentationReport | None,
     tallies: Mapping[TallyKey, int],
 ) -> FrameDetails:
-    """A frame as it is answered, by what is known of it; the database is not asked."""
+    """The description of a frame, made from what is given; runs no SQL."""
     return FrameDetails(
         **_summary(frame, files, report, tallies),
         dataset=dataset,
@@ -227,16 +227,17 @@ def remove_frame(audit: AuditTrail, by: Principal, dataset: Dataset, key: str) -
 
 @dataclass(frozen=True)
 class FramePictures:
-    """A frame's files, and how its segmentation was read."""
+    """Draws pictures of a frame; `report` is how its segmentation was read."""
 
     storage: BlobStore
+    frame_id: int
     files: Mapping[str, FileRow]
     report: SegmentationReport | None
 
     def thumbnail(self) -> Drawing:
         """A small picture of the image; NotFound."""
         if "image" not in self.files:
-            raise NotFound("image of frame", "without one")
+            raise NotFound("image of frame", self.frame_id)
         digest = self.files["image"].sha256
 
         def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
@@ -280,7 +281,7 @@ class FramePictures:
         if needs_segmentation and (
             "segmentation" not in self.files or self.report is None
         ):
-            raise NotFound("segmentation of frame", "without one")
+            raise NotFound("measured segmentation of frame", self.frame_id)
 
     def _read(self, layer: LayerName) -> Layer:
         needed = {"image", "segmentation"}
@@ -306,7 +307,7 @@ def frame_pictures(
         [frame_id], dataset.active_measurement_id or 0
     )
     files = FrameRepository(session).files([frame_id])[frame_id]
-    return FramePictures(storage, files, reports.get(frame_id))
+    return FramePictures(storage, frame_id, files, reports.get(frame_id))
 
 
 def crop_of(
@@ -317,7 +318,7 @@ def crop_of(
     pictures = frame_pictures(storage, session, boxes.rows.frame_ids[0])
     (xyxy,) = boxes.rectangles()
     if xyxy is None:
-        raise NotFound("picture of box outside of the image", box_id)
+        raise NotFound("rectangle in the image of box", box_id)
     return pictures.crop(wanted.layer, xyxy, wanted.pad, wanted.height)
 
 

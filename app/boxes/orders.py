@@ -1,9 +1,10 @@
-"""The orders that people review in, each read off an index, page by page.
+"""Pages of boxes in the orders of lists and the queue, read from indexes.
 
-Doubt depends on thresholds that change, so it cannot be a column: a million rows would
-have to be rewritten for every trial. The match does not change. Around a class's
-threshold the index on (dataset, class, match) is already in order of doubt, upwards for
-kept boxes and downwards for rejected ones: a page is a merge of these streams.
+The distance of a match to its threshold cannot be a column: thresholds change, and a
+million rows would have to be rewritten. But the match does not change, and from a
+class's threshold on, the index on (dataset, class, match) is in the order of that
+distance: upwards for kept boxes, downwards for rejected ones. Each such walk along an
+index is a `Stream`; a page is merged from the streams of all classes.
 """
 
 from __future__ import annotations
@@ -44,16 +45,16 @@ from app.errors import BadCursor
 from filter_core.types import Reason
 
 NEAR_PERCENT: Final = 5.0
-"""A margin up to this makes a box doubtful even if no toss-up."""
+"""Boxes with a margin up to this come right after the toss-ups."""
 CROWDED_PERCENT: Final = 50.0
-"""From this share on, another box may have lent a hidden one its pixels."""
+"""From this crowding on, the matched pixels may be those of another box."""
 
 _EPSILON: Final = 1e-9
 
 
 @dataclass(frozen=True)
 class Present:
-    """What occurs in a dataset; streams of anything else would be empty."""
+    """What occurs among the boxes of a dataset; streams of anything else are empty."""
 
     reasons: tuple[int, ...]
     class_ids: frozenset[int]
@@ -63,9 +64,9 @@ class Present:
 
 @dataclass(frozen=True)
 class BoxOrder:
-    """The streams of each tier for one filter.
+    """Makes the streams of each tier, for one filter.
 
-    An order has several tiers: all boxes of a tier come before those of the next one.
+    An order consists of tiers: all boxes of a tier come before those of the next one.
     """
 
     wanted: BoxFilter
@@ -157,13 +158,13 @@ class BoxOrder:
         return not self.wanted.toss_up and (most is None or most > NEAR_PERCENT)
 
     def _by_id(self, *conditions: ColumnElement[bool]) -> list[Stream]:
-        # One stream per reason: "reason in (...) order by id" would sort them all.
-        # Without reasons one per class: no index is by dataset and id alone. Those
-        # that people answered are few, and have an index of their own.
+        # One stream per reason: "reason in (...) order by id" would sort all rows.
+        # Without reasons one per class, since no index is by dataset and id alone.
+        # Answered boxes are few, and have an index of their own.
         wanted = self.wanted
         if wanted.only_answered:
             return [Stream(Decision.box_id, [*wanted.conditions(), *conditions])]
-        # Said beside "reason = ...", "reason in (...)" may be what an index is read by.
+        # Without "reason in (...)", which a database may use beside "reason = ...".
         every = [*replace(wanted, reasons=()).conditions(), *conditions]
         if wanted.reasons:
             reasons = [r for r in self.present.reasons if r in wanted.reasons]
@@ -185,7 +186,8 @@ class BoxOrder:
     def _column(
         self, column: SQLColumnExpression[float | None]
     ) -> SQLColumnExpression[float | None]:
-        # Of few boxes, found by their answers, no other index is to be read.
+        # "+ 0" keeps the database from reading the index of this column: answered boxes
+        # are few, and are found by the index on answers.
         return column + 0 if self.wanted.only_answered else column
 
     def _around(
@@ -215,8 +217,8 @@ class BoxOrder:
     ) -> Iterator[tuple[Side, list[ColumnElement[bool]]]]:
         """Each side of each class's thresholds, and the conditions of its boxes.
 
-        Along one side of one threshold a margin is an end of the index. As the filter
-        says it, every row would be held against all sides of all classes.
+        For one side of one threshold a margin is a range of the index. With the
+        condition of the filter, every row would be compared with all sides.
         """
         every = [*replace(self.wanted, margin_max=None).conditions(), *conditions]
         for wanted in self._thresholds():
@@ -235,8 +237,8 @@ class BoxOrder:
     def _around_answered(
         self, every: Sequence[ColumnElement[bool]], within: float | None
     ) -> list[Stream]:
-        # Few boxes, found by their answers: sorting them is quicker than passing by
-        # all the others on the way along the matches.
+        # Answered boxes are few: to find them by their answers and sort them is quicker
+        # than to walk along the matches past all others.
         distances = [
             (
                 and_(
@@ -275,9 +277,9 @@ class BoxOrder:
 
 
 class Position(NamedTuple):
-    """Where a page ended: its last box, and in which stream that was.
+    """Where a page ended: its last box, and the stream of that box.
 
-    A cursor holds these numbers. `tier` and `stream` count the tiers of the order and
+    A cursor encodes these numbers. `tier` and `stream` count the tiers of the order and
     the streams of the tier, from 0; `score` is what the stream sorts by.
     """
 
@@ -289,7 +291,7 @@ class Position(NamedTuple):
 
 @dataclass(frozen=True)
 class Stream:
-    """Boxes in index order whose score rises by `sign` times a column."""
+    """Boxes in the order of an index: by ``(column - origin) * sign``, their score."""
 
     column: SQLColumnExpression[float | None]
     conditions: Sequence[ColumnElement[bool]]
@@ -297,11 +299,11 @@ class Stream:
     sign: int = 1
 
     def score(self) -> ColumnElement[float | None]:
-        """Distance from the origin, rising along the stream."""
+        """The score, which rises along the stream."""
         return (self.column - self.origin) * self.sign
 
     def beyond(self, number: int, at: Position) -> list[ColumnElement[bool]]:
-        """Only rows after a position, with a bound that the index can use."""
+        """Conditions for the rows after a position, one of which the index can use."""
         if at.score == float("-inf"):
             return []
         value = self.origin + self.sign * at.score
@@ -317,9 +319,9 @@ class Stream:
     def _last_id(self, number: int, at: Position) -> int:
         """The box after which rows of the same score are still to come.
 
-        Streams before the one where the page ended gave all of theirs, those after it
-        none. Said by a value, the statement is the same for every page, and compiled
-        once.
+        Streams before the one where the page ended have given all rows of that score,
+        streams after it none. Both are expressed by an id, so that the statement is the
+        same for every page and is compiled once.
         """
         if number == at.stream:
             return at.box_id
@@ -373,25 +375,25 @@ TIERS: Final[Mapping[str, Sequence[Tier]]] = {
     "-match_percent": (lambda order: order.by_match(-1), BoxOrder.unmatched),
     "crowding": (BoxOrder.by_crowding,),
 }
-"""The tiers of each order, built one by one: most pages end in the first."""
+"""The tiers of each order; one is built only when the ones before it have ended."""
 
 ORDERS: Final = tuple(TIERS)
 WINDOW: Final = 1 << 14
-"""Ids that are looked through in their order before all boxes of a range are sorted."""
+"""How many ids are searched in their order before all boxes of a range are sorted."""
 
 _NO_STREAM: Final = 1 << 30
-"""Comes after all streams: none of them has another box of the same id."""
+"""A number after those of all streams, for boxes that come from none."""
 
 START: Final = Position(0, float("-inf"), -1, 0)
 
 
 class BoxPages:
-    """Keyset pages over current decisions."""
+    """Pages of current decisions by keyset: each begins where the last one ended."""
 
     def __init__(self, session: Session, wanted: BoxFilter, present: Present) -> None:
         self._session = session
         self._wanted = wanted
-        self._order_of = BoxOrder(wanted, present)
+        self._streams = BoxOrder(wanted, present)
 
     def page(
         self, order: str, cursor: str | None, limit: int
@@ -401,7 +403,7 @@ class BoxPages:
         found: list[Position] = []
         for tier in range(at.tier, len(TIERS[order])):
             start = at if tier == at.tier else START
-            asked = _Asked(self._order_of, order, tier, limit + 1 - len(found))
+            asked = _TierRequest(self._streams, order, tier, limit + 1 - len(found))
             found += self._next_of(asked, start)
             if len(found) > limit:
                 break
@@ -410,16 +412,17 @@ class BoxPages:
         cursor_after = encode(found[-1]) if more and found else None
         return [position.box_id for position in found], cursor_after
 
-    def _next_of(self, asked: _Asked, at: Position) -> list[Position]:
+    def _next_of(self, asked: _TierRequest, at: Position) -> list[Position]:
         if asked.order == "id" and self._wanted.is_found_by_match:
             found = self._in_window(asked, at)
             if len(found) == asked.limit:
                 return found
         return self._merged(asked, at)
 
-    def _in_window(self, asked: _Asked, at: Position) -> list[Position]:
-        # An index finds the boxes of a range in the order of their matches: all would
-        # be sorted for a page. Of a wide range, a page's worth is soon passed by.
+    def _in_window(self, asked: _TierRequest, at: Position) -> list[Position]:
+        # The index finds the boxes of a range of matches in the order of their matches,
+        # and all of them would be sorted by id for one page. If the range is wide, a
+        # walk along the ids soon finds enough.
         after = at.box_id if at != START else self._before_first()
         rows = (
             select(Decision.box_id)
@@ -437,11 +440,11 @@ class BoxPages:
         ]
 
     def _before_first(self) -> int:
-        present = self._order_of.present.class_ids
+        present = self._streams.present.class_ids
         span = BoxProbes(self._session).span(self._wanted.dataset_id, present)
         return span[0] - 1 if span else 0
 
-    def _merged(self, asked: _Asked, at: Position) -> list[Position]:
+    def _merged(self, asked: _TierRequest, at: Position) -> list[Position]:
         plan = _first_page(asked) if at == START else _page(asked, at)
         if plan.query is None:
             return []
@@ -454,17 +457,17 @@ class BoxPages:
         return [Position(asked.tier, *row) for row in rows[: asked.limit]]
 
 
-class _Asked(NamedTuple):
-    """A part of a page: so many boxes of one tier."""
+class _TierRequest(NamedTuple):
+    """A part of a page: up to `limit` boxes of one tier of an order."""
 
-    order_of: BoxOrder
+    streams: BoxOrder
     order: str
     tier: int
     limit: int
 
 
 class _Plan(NamedTuple):
-    """The statement that reads it, if there is anything, and each stream's sign."""
+    """The statement that reads a part of a page, and the sign of each stream."""
 
     query: (
         Select[float | None, int, int] | CompoundSelect[float | None, int, int] | None
@@ -472,8 +475,8 @@ class _Plan(NamedTuple):
     signs: Sequence[int]
 
 
-def _page(asked: _Asked, at: Position) -> _Plan:
-    streams: Sequence[Stream] = TIERS[asked.order][asked.tier](asked.order_of)
+def _page(asked: _TierRequest, at: Position) -> _Plan:
+    streams: Sequence[Stream] = TIERS[asked.order][asked.tier](asked.streams)
     parts = [
         stream.rows(number, at, asked.limit) for number, stream in enumerate(streams)
     ]
@@ -484,20 +487,20 @@ def _page(asked: _Asked, at: Position) -> _Plan:
 
 
 @lru_cache(maxsize=128)
-def _first_page(asked: _Asked) -> _Plan:
-    # Kept, as a queue begins anew for every answer: putting together the statement of
-    # some sixty streams takes several times as long as running it.
+def _first_page(asked: _TierRequest) -> _Plan:
+    # Cached, since the queue asks for a first page after every answer: building the
+    # statement of some sixty streams takes several times as long as running it.
     return _page(asked, START)
 
 
 def encode(position: Position) -> str:
-    """The cursor that stands for a position."""
+    """A position as a cursor."""
     text = json.dumps(list(position), separators=(",", ":"))
     return base64.urlsafe_b64encode(text.encode()).decode().rstrip("=")
 
 
 def decode(cursor: str) -> Position:
-    """The position of a cursor; BadCursor if it is none of ours."""
+    """The position in a cursor; BadCursor if `encode` cannot have made it."""
     try:
         padded = cursor + "=" * (-len(cursor) % 4)
         tier, score, stream, box_id = json.loads(base64.urlsafe_b64decode(padded))

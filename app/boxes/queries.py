@@ -57,7 +57,7 @@ class FileRow(NamedTuple):
 
 
 class FrameHead(NamedTuple):
-    """What labels say of a frame beside its boxes."""
+    """What labels contain of a frame, beside its boxes."""
 
     id: int
     key: str
@@ -68,7 +68,7 @@ class FrameHead(NamedTuple):
 
 @dataclass(frozen=True)
 class PageRequest:
-    """Which page of a list, and in which order; ``-`` before it is backwards."""
+    """Which page of a list, and in which order; ``-`` before `sort` reverses it."""
 
     sort: str
     cursor: str | None
@@ -97,8 +97,8 @@ class FramePage:
 class CurrentBoxes(NamedTuple):
     """Boxes of the newest revisions of frames, and the last answers on them: columns.
 
-    `source_ids` are the sender's own ids. An answer is None if there is none, or none
-    any more; `revisions` count those that were taken back as well.
+    `source_ids` are the sender's own ids. An answer is None if there is none, or if it
+    was undone; `revisions` count undone answers as well.
     """
 
     box_ids: Sequence[int] = ()
@@ -182,7 +182,7 @@ class FrameRepository:
     def current_boxes_of(self, frame_ids: Iterable[int]) -> CurrentBoxes:
         """All boxes of frames, in order of id; none of a frame that was replaced."""
         rows = _CURRENT_BOXES.where(Decision.frame_id.in_(list(frame_ids)))
-        # By the connection: thousands of rows cost a third less than by the session.
+        # Not by the session: thousands of rows cost a third less by the connection.
         found = self._session.connection().execute(rows.order_by(Decision.box_id))
         return _columns(found)
 
@@ -397,7 +397,7 @@ class LatestReview(NamedTuple):
 
 
 class LatestAnswers:
-    """The newest answers on boxes; `app.review` alone adds to them."""
+    """Reads the newest answers on boxes; only `app.review` adds answers."""
 
     def __init__(self, session: Session) -> None:
         self._session = session

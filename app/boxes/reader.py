@@ -1,4 +1,4 @@
-"""Stored boxes: read as columns, and composed as the objects that are answered.
+"""Reads stored boxes as columns, and makes the objects of responses from them.
 
 `DecisionReader` reads boxes, by their ids or by their frames, as `StoredBoxes`:
 columns, each unpacked when it is first asked for. Neighbours, pictures, counts and
@@ -135,7 +135,7 @@ def stored_decision(
 ) -> StoredDecision:
     """The wire form of a stored box: a decision, and what the service knows of it.
 
-    `review` is the latest answer, which may be that there is none any more.
+    `review` is the latest answer; it may be `clear`, which undoes the one before.
     """
     answer = None if review is None else review.verdict
     return {
@@ -223,7 +223,7 @@ class DecisionReader:
         return self.read(rows, frame_ids)
 
     def read(self, rows: CurrentBoxes, frame_ids: Sequence[int] = ()) -> StoredBoxes:
-        """Different boxes of this dataset; `frame_ids`: other frames to read of."""
+        """Boxes of this dataset, each once, and the evidence of more frames."""
         frames = EvidenceRepository(self._session).of_frames(
             [*frame_ids, *rows.frame_ids], self._dataset.active_measurement_id or 0
         )
@@ -493,5 +493,5 @@ class StoredBoxes:
 
 
 def rounded_edges(edges: FloatArray | NDArray[np.float32]) -> FloatArray:
-    """Edges as they are answered of a frame that is stored: as single floats."""
+    """Edges in the precision of responses: rounded single floats."""
     return np.asarray(edges.astype(np.float32).round(2), np.float64)

@@ -1,9 +1,9 @@
-"""All boxes of a filter, for one answer on every one of them: those that were seen.
+"""Selects all boxes of a filter for one answer, if they are still as somebody saw them.
 
-A list is answered with a *snapshot* of its filter: how many boxes it selects, and the
-newest box, answer and run that there were. Ids only grow, so whoever answers all boxes
-later can be told whether any of them is newer than what they saw, without a note of
-each: no newer box among as many boxes means that they are the same boxes, as they were.
+A list is sent with a *snapshot* of its filter: how many boxes it selects, and the ids
+of the newest box, answer and run. Ids only grow. So if the filter selects as many boxes
+later, and none of them is newer than the snapshot, they are the same boxes in the same
+state; no list of them has to be kept.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from filter_core.types import IntArray
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What a filter selected when somebody looked; `filters` says which filter."""
+    """What a filter selected at one moment; `filters` is the digest of the filter."""
 
     filters: str
     total: int
@@ -36,7 +36,7 @@ class Snapshot:
     run: int
 
     def encoded(self) -> str:
-        """As it goes over the wire: opaque, and the same for the same state."""
+        """The snapshot as text for the wire; equal for equal states."""
         text = json.dumps(list(asdict(self).values()), separators=(",", ":"))
         return base64.urlsafe_b64encode(text.encode()).decode().rstrip("=")
 

@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from app.access import service as access
 from app.access.audit import Act
-from app.access.gate import Audited, counting_wrong
+from app.access.gate import Audited, counting_wrong_secrets
 from app.context import ServiceContext
 from app.db import tables
 from app.exports.queries import ExportRepository
@@ -163,7 +163,7 @@ def download_by_address(
     services: AppServices,
 ) -> Response:
     """The same archive, by an address that `download-links` gave."""
-    with counting_wrong(request):
+    with counting_wrong_secrets(request):
         access.check_link(session, key, export_id)
     return _archive(request, session, services, export_id)
 

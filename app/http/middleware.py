@@ -189,7 +189,7 @@ class Problems:
             await self._app(scope, receive, send_and_note)
         except Exception as exc:
             if started:
-                # A part of the response was sent: only a cut connection tells the client.
+                # Part of the response was sent: only a cut connection tells the client.
                 error_log.error("failed while answering", exc_info=exc)
                 raise
             response = refusal_of(exc).response(

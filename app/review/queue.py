@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
-from app.boxes.counts import count_alike, count_boxes
+from app.boxes.counts import count_boxes, count_in_tallies
 from app.boxes.current import TallyRepository
 from app.boxes.filter import BoxFilter, BoxProbes, Selection, to_filter
 from app.boxes.orders import BoxPages, Present
@@ -138,7 +138,7 @@ def _take(
             seed=f"{seed} {answers}",
             limit=wanted.limit - len(found),
             blocked=blocked,
-            expected=count_alike(alike, part),
+            expected=count_in_tallies(alike, part),
         )
         found += boxes_in_order(session, part, present, order)
     return found

@@ -224,7 +224,7 @@ def undo_bulk_review(
     )
     dataset = DatasetRepository(audit.session).with_id(undo.dataset_id)
     audit.note(
-        Act.ANSWERS_TAKEN_BACK,
+        Act.ANSWERS_UNDONE,
         batch_id,
         dataset=dataset.name,
         batch=undo.id,

@@ -174,7 +174,13 @@ def test_a_box_outside_has_no_crop_and_a_frame_without_image_is_grey(api):
     )
     outside, inside = (one["box_id"] for one in stored["decisions"])
 
-    assert api.get(f"/boxes/{outside}/crop").status_code == 404
+    nowhere = api.get(f"/boxes/{outside}/crop")
+    assert nowhere.status_code == 404
+    assert nowhere.json()["detail"] == (
+        f"there is no rectangle in the image of box {outside}"
+    )
     assert decoded(api.get(f"/boxes/{inside}/crop"))[5, 5].tolist() == [96, 96, 96]
-    thumbnail = api.get(f"/frames/{stored['frame']['id']}/thumbnail")
+    frame = stored["frame"]["id"]
+    thumbnail = api.get(f"/frames/{frame}/thumbnail")
     assert thumbnail.status_code == 404
+    assert thumbnail.json()["detail"] == f"there is no image of frame {frame}"

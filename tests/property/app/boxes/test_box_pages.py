@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sqlalchemy import create_engine, delete, insert
 from sqlalchemy.orm import Session
 
-from app.boxes.counts import count_alike, tallies_of
+from app.boxes.counts import count_in_tallies, tallies_of
 from app.boxes.current import TallyRepository, replace_tallies
 from app.boxes.filter import BoxFilter, BoxProbes, ClassThresholds
 from app.boxes.orders import CROWDED_PERCENT, NEAR_PERCENT, ORDERS, BoxPages
@@ -257,5 +257,5 @@ def test_pages_are_all_boxes_of_the_filter_in_order(
     tallies = TallyRepository(session).of_dataset(DATASET)
     counted = BoxProbes(session).count(query)
     if not query.has_ranges:
-        assert count_alike(tallies, query) == counted
+        assert count_in_tallies(tallies, query) == counted
     assert counted == len(expected)

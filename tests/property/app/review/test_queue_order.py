@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sqlalchemy import select
 
-from app.boxes.counts import count_alike, count_boxes
+from app.boxes.counts import count_boxes, count_in_tallies
 from app.boxes.current import TallyRepository
 from app.boxes.filter import BoxFilter, BoxProbes, Selection, to_filter
 from app.boxes.orders import BoxPages
@@ -92,7 +92,7 @@ def test_the_queue_is_everything_sorted_less_what_is_blocked(
     with street.context.database.read() as session:
         wanted = to_filter(session, street.row(session), chosen)
         tallies = TallyRepository(session)
-        expected = count_alike(tallies.of_dataset(street.id), wanted)
+        expected = count_in_tallies(tallies.of_dataset(street.id), wanted)
         blocked_ids = {ids[n] for n in blocked}
         order = QueueOrder(name, seed, limit, blocked_ids, expected, most)
         found = boxes_in_order(session, wanted, tallies.present(street.id), order)
@@ -113,7 +113,7 @@ def test_counts_are_what_counting_gives(street, chosen):
 
         assert found == BoxProbes(session).count(wanted)
         assert found == len(BoxProbes(session).every(wanted))
-        assert found <= count_alike(
+        assert found <= count_in_tallies(
             TallyRepository(session).of_dataset(street.id), wanted
         )
 

@@ -1,4 +1,4 @@
-"""Who was let in is known for a second, and not one moment after it was taken back."""
+"""A caller is known for a second, and not one moment longer once revoked."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ADA = Principal(1, "ada", "reviewer")
 @pytest.fixture
 def recent():
     recent = RecentCallers()
-    recent.remember("token x", ADA, recent.taken_back)
+    recent.remember("token x", ADA, recent.revocations)
     return recent
 
 
@@ -45,8 +45,8 @@ def test_only_a_commit_takes_something_back(recent, ends):
     assert (recent.find("token x") is None) == (ends == "commit")
 
 
-def test_what_was_looked_up_before_it_was_taken_back_is_not_remembered(recent):
-    before = recent.taken_back
+def test_what_was_looked_up_before_it_was_revoked_is_not_remembered(recent):
+    before = recent.revocations
     with Session(create_engine("sqlite://")) as session:
         recent.forget_on_commit(session)
         session.execute(text("select 1"))
