@@ -127,7 +127,8 @@ class Settings(BaseSettings):
     )
     tls_ca: Path | None = Field(
         default=None,
-        description="Certificate of the authority that has signed those of all nodes.",
+        description="Certificate of the authority that signed the certificates of all "
+        "nodes.",
     )
     tls_cert: Path | None = Field(default=None, description="Certificate of this node.")
     tls_key: Path | None = Field(

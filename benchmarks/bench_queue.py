@@ -152,7 +152,7 @@ def bulk(client: httpx.Client) -> Iterator[tuple[str, float]]:
     yield "one answer on them [s]", took
     begun = time.perf_counter()
     client.post(f"/review-batches/{batch}/undo").raise_for_status()
-    yield "taking it back [s]", time.perf_counter() - begun
+    yield "undoing it [s]", time.perf_counter() - begun
 
 
 def answer_all(client: httpx.Client, filters: dict[str, Any]) -> tuple[int, int, float]:

@@ -12,7 +12,7 @@ from app.access.audit import AuditTrail
 from app.access.gate import Audited, LastUses, RecentCallers, counting_wrong_secrets
 from app.access.queries import AuditRepository, Tokens
 from app.db.base import utc_now
-from app.db.bulk import id_in
+from app.db.bulk import id_of_cursor
 from app.errors import Forbidden
 from app.http.deps import (
     AppServices,
@@ -155,7 +155,7 @@ def list_tokens(
 
     `last_used_at` is written once a minute.
     """
-    after_id = 0 if cursor is None else id_in(cursor)
+    after_id = 0 if cursor is None else id_of_cursor(cursor)
     found = Tokens(session).page(after_id=after_id, limit=limit + 1)
     following = str(found[limit - 1].id) if len(found) > limit else None
     items = [Token.model_validate(one, from_attributes=True) for one in found[:limit]]

@@ -38,7 +38,7 @@ from app.boxes.queries import (
     PageRequest,
 )
 from app.boxes.reader import DecisionReader, StoredDecision, read_box
-from app.db.bulk import id_in, name_in
+from app.db.bulk import id_of_cursor, name_of_cursor
 from app.db.tables import Dataset, Frame
 from app.engine.children import PixelPool
 from app.errors import NoSuchFile, NotFound
@@ -71,7 +71,7 @@ def page_of_frames(
     by_key = page.sort.endswith("key")
     after: str | int | None = None
     if page.cursor is not None:
-        after = name_in(page.cursor) if by_key else id_in(page.cursor)
+        after = name_of_cursor(page.cursor) if by_key else id_of_cursor(page.cursor)
     chosen = FramePage(by_key, page.sort.startswith("-"), after, page.limit)
     rows = FrameRepository(session).page(wanted, chosen)
     if len(rows) <= page.limit:

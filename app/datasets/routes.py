@@ -11,7 +11,7 @@ from fastapi.exceptions import RequestValidationError
 from app.access.audit import Act
 from app.access.gate import Audited
 from app.datasets import service as datasets
-from app.db.bulk import name_in
+from app.db.bulk import name_of_cursor
 from app.db.tables import Problem
 from app.http.deps import (
     ADMIN,
@@ -46,7 +46,7 @@ def list_datasets(
 ) -> Response:
     """Datasets by name, with their counts."""
     found = DatasetRepository(session).page(
-        after=name_in(cursor or ""), limit=limit + 1
+        after=name_of_cursor(cursor or ""), limit=limit + 1
     )
     items = [datasets.describe_dataset(session, one) for one in found[:limit]]
     return page_response(request, items, items[-1].name if len(found) > limit else None)

@@ -15,11 +15,11 @@ Key = BigInteger().with_variant(Integer, "sqlite")
 
 
 MAX_ID: Final = 2**63 - 1
-"""The largest that a key can be."""
+"""The largest key."""
 
 
 class UtcDateTime(TypeDecorator[datetime]):
-    """An aware UTC time; SQLite gives back naive ones."""
+    """A time with the zone UTC; SQLite stores times without a zone."""
 
     impl = DateTime(timezone=True)
     cache_ok = True
@@ -27,13 +27,13 @@ class UtcDateTime(TypeDecorator[datetime]):
     def process_bind_param(
         self, value: datetime | None, dialect: Dialect
     ) -> datetime | None:
-        """UTC going in."""
+        """The time to store, in UTC."""
         return value.astimezone(timezone.utc) if value else None
 
     def process_result_value(
         self, value: datetime | None, dialect: Dialect
     ) -> datetime | None:
-        """UTC coming out: PostgreSQL gives it back in the zone of the session."""
+        """The stored time in UTC: PostgreSQL returns it in the zone of the session."""
         if value is None:
             return None
         if value.tzinfo is None:
@@ -42,19 +42,19 @@ class UtcDateTime(TypeDecorator[datetime]):
 
 
 class JsonText(TypeDecorator[object]):
-    """JSON kept as text: readable in any shell, the same on every database."""
+    """JSON stored as text: readable in any shell, and equal on every database."""
 
     impl = Text
     cache_ok = True
 
     def process_bind_param(self, value: object, dialect: Dialect) -> str | None:
-        """Compact text going in."""
+        """The text to store, without spaces."""
         if value is None:
             return None
         return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
 
     def process_result_value(self, value: str | None, dialect: Dialect) -> object:
-        """Values coming out."""
+        """The value of a stored text."""
         return None if value is None else json.loads(value)
 
 
@@ -73,10 +73,10 @@ class Base(DeclarativeBase):
 
 
 def utc_now() -> datetime:
-    """The service's clock."""
+    """The time now, with the zone UTC."""
     return datetime.now(timezone.utc)
 
 
 def rfc3339(at: datetime) -> str:
-    """An aware time as text."""
+    """A time with a zone as text: UTC, ending in ``Z``."""
     return at.astimezone(timezone.utc).isoformat().removesuffix("+00:00") + "Z"

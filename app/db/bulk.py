@@ -48,13 +48,13 @@ if TYPE_CHECKING:
 
 MAX_PARAMETERS: Final = 10_000
 COPY_FROM_ROWS: Final = 2
-"""A row alone needs no COPY; benchmarks/bench_postgres.py."""
+"""From this many rows on COPY is used: see benchmarks/bench_postgres.py."""
 ROWS_AT_A_TIME: Final = 10_000
-"""Some tens of milliseconds: how soon long work can be told to stop."""
+"""Rows of one statement, some tens of milliseconds: then `written` is called."""
 Upsert: TypeAlias = postgresql.Insert | sqlite.Insert
-"""An insert of either dialect, which can say ``on_conflict_do_...``."""
+"""An insert of either dialect, which has ``on_conflict_do_...``."""
 Written = Callable[[int], None]
-"""Called with the number of rows that were just written; what it raises ends it."""
+"""Called with the number of rows that were just written; it may raise to stop."""
 
 
 def execute_many(
@@ -113,7 +113,7 @@ def update_rows(
 
 
 def chunks(ids: Iterable[int]) -> Iterator[list[int]]:
-    """Ids in portions that fit the number of parameters a statement may have."""
+    """Ids in lists no longer than the parameters that a statement may have."""
     source = iter(ids)
     while portion := list(islice(source, MAX_PARAMETERS)):
         yield portion
@@ -130,9 +130,9 @@ def run(
 def run(
     session: Session, statement: Executable, **values: object
 ) -> CursorResult[Unpack[tuple[object, ...]]]:
-    """Run a statement that is built once, past all that Core does around it.
+    """Run a statement that is built once, without SQLAlchemy's work around it.
 
-    What comes back is as the driver gives it: for numbers and text.
+    The values of its rows are the driver's, so they should be numbers and text.
     """
     return _run(session.connection(), statement, frozenset(), [values])
 
@@ -140,17 +140,17 @@ def run(
 def first_row(
     engine: Engine, statement: Executable, **values: object
 ) -> tuple[object, ...] | None:
-    """One row of a statement that stands for itself, as `run` gives it.
+    """One row of a statement that needs no transaction, with values as of `run`.
 
-    Without a session and a transaction around it, which cost several times as much.
+    A session and a transaction would cost several times as much as the statement.
     """
-    ready = _ready(statement, frozenset(), engine.dialect)
+    compiled = _compile(statement, frozenset(), engine.dialect)
     with (
-        translated(engine.dialect, ready.text),
+        translated(engine.dialect, compiled.text),
         closing(engine.raw_connection()) as connection,
         closing(connection.cursor()) as cursor,
     ):
-        cursor.execute(ready.text, ready.parameters(values))
+        cursor.execute(compiled.text, compiled.parameters(values))
         row: tuple[object, ...] | None = cursor.fetchone()
         return row
 
@@ -166,7 +166,7 @@ def run_each(
 def insert_rows(
     session: Session, model: type[Base], rows: Sequence[Mapping[str, object]]
 ) -> None:
-    """Insert rows as they are, past the ORM; no column is filled in."""
+    """Insert rows without the ORM; no defaults are filled in."""
     dialect = session.connection().dialect.name
     if dialect == "postgresql" and len(rows) >= COPY_FROM_ROWS:
         copy_in(session, model, rows)
@@ -177,22 +177,24 @@ def insert_rows(
 def insert_columns(
     session: Session, model: type[Base], columns: Mapping[str, Sequence[object]]
 ) -> None:
-    """As `insert_rows`, of rows that are given column by column, all equally long."""
+    """As `insert_rows`, with rows given as columns of equal length."""
     connection = session.connection()
-    ready = _ready(_insert(model), frozenset(columns), connection.dialect)
+    compiled = _compile(_insert(model), frozenset(columns), connection.dialect)
     given = dict(columns)
-    for name, change in ready.mend:
+    for name, change in compiled.conversions:
         given[name] = [change(value) for value in given[name]]
-    names = ready.order or tuple(columns)
+    names = compiled.order or tuple(columns)
     rows = list(zip(*(given[name] for name in names), strict=True))
     if not rows:
         return
-    if ready.order:
-        connection.exec_driver_sql(ready.text, rows)
+    if compiled.order:
+        connection.exec_driver_sql(compiled.text, rows)
     elif len(rows) >= COPY_FROM_ROWS:
         copy_rows(connection, _table(model), names, rows)
     else:
-        connection.exec_driver_sql(ready.text, dict(zip(names, rows[0], strict=True)))
+        connection.exec_driver_sql(
+            compiled.text, dict(zip(names, rows[0], strict=True))
+        )
 
 
 def copy_in(
@@ -200,43 +202,43 @@ def copy_in(
 ) -> None:
     """As `insert_rows`, by PostgreSQL's COPY, however few rows there are."""
     connection = session.connection()
-    ready = _ready(_insert(model), frozenset(rows[0]), connection.dialect)
+    compiled = _compile(_insert(model), frozenset(rows[0]), connection.dialect)
     names = list(rows[0])
-    given = (ready.named(row) for row in rows)
+    given = (compiled.named(row) for row in rows)
     values = ([row[name] for name in names] for row in given)
     copy_rows(connection, _table(model), names, values)
 
 
 @dataclass(frozen=True)
-class _Ready:
-    """A statement as the driver takes it.
+class _Compiled:
+    """A statement compiled for the driver, and how its parameters are passed.
 
-    `order` is empty if the driver takes parameters by name. `fixed` are those that the
-    statement brings along. `mend` are those that the driver does not take as they are
-    (times, JSON), and how they are changed. `in_order` takes the values of `order` out
-    of a row that is ready, if there are several.
+    `order` names the parameters in order; it is empty if the driver takes them by name.
+    `fixed` are parameters with a value in the statement itself. `conversions` are those
+    that the driver does not take as they are (times, JSON), with a function for each.
+    `in_order` picks the values of `order` from a row, if there are several.
     """
 
     text: str
     order: tuple[str, ...]
     fixed: Mapping[str, object]
-    mend: tuple[tuple[str, Callable[[object], object]], ...]
+    conversions: tuple[tuple[str, Callable[[object], object]], ...]
     in_order: Callable[[Mapping[str, object]], tuple[object, ...]] | None
 
     def parameters(
         self, row: Mapping[str, object]
     ) -> tuple[object, ...] | Mapping[str, object]:
-        """One row for the driver."""
+        """The parameters of one row, as the driver takes them."""
         row = self.named(row)
         if self.in_order is not None:
             return self.in_order(row)
         return tuple([row[name] for name in self.order]) if self.order else row
 
     def named(self, row: Mapping[str, object]) -> Mapping[str, object]:
-        """One row as the driver takes its values, by their names."""
-        if self.fixed or self.mend:
+        """The parameters of one row by name, converted for the driver."""
+        if self.fixed or self.conversions:
             row = {**self.fixed, **row}
-            row |= {name: change(row[name]) for name, change in self.mend}
+            row |= {name: change(row[name]) for name, change in self.conversions}
         return row
 
 
@@ -246,13 +248,17 @@ def _run(
     columns: frozenset[str],
     rows: Sequence[Mapping[str, object]],
 ) -> CursorResult[Unpack[tuple[object, ...]]]:
-    ready = _ready(statement, columns, connection.dialect)
-    given = [ready.parameters(row) for row in rows]
-    return connection.exec_driver_sql(ready.text, given if len(given) > 1 else given[0])
+    compiled = _compile(statement, columns, connection.dialect)
+    given = [compiled.parameters(row) for row in rows]
+    return connection.exec_driver_sql(
+        compiled.text, given if len(given) > 1 else given[0]
+    )
 
 
 @lru_cache(maxsize=512)
-def _ready(statement: Executable, columns: frozenset[str], dialect: Dialect) -> _Ready:
+def _compile(
+    statement: Executable, columns: frozenset[str], dialect: Dialect
+) -> _Compiled:
     keys = sorted(columns) if columns else None
     compiled = cast("ClauseElement", statement).compile(
         dialect=dialect, column_keys=keys
@@ -261,21 +267,21 @@ def _ready(statement: Executable, columns: frozenset[str], dialect: Dialect) -> 
     changes = {
         name: bind.type.dialect_impl(dialect).bind_processor(dialect)
         for name, bind in binds.items()
-        # Both drivers take True and False; to check each costs more than to bind it.
+        # Both drivers take True and False, and the check of each would take time.
         if not isinstance(bind.type, Boolean)
     }
     order = tuple(cast("SQLCompiler", compiled).positiontup or ())
-    return _Ready(
+    return _Compiled(
         text=str(compiled),
         order=order,
         fixed={name: bind.value for name, bind in binds.items() if not bind.required},
-        mend=tuple((name, change) for name, change in changes.items() if change),
+        conversions=tuple((name, change) for name, change in changes.items() if change),
         in_order=itemgetter(*order) if len(order) > 1 else None,
     )
 
 
 def upsert(session: Session, model: type[Base]) -> Upsert:
-    """An insert that can say ``on_conflict_do_...``, for the database at hand."""
+    """An insert with ``on_conflict_do_...``, for the database of this session."""
     return upsert_in(session.connection().dialect.name, model)
 
 
@@ -348,7 +354,7 @@ def update_from_arrays(table: Table, key: str, names: Sequence[str]) -> Update:
 
 @contextmanager
 def translated(dialect: Dialect, statement: str) -> Iterator[None]:
-    """What the driver raises, in SQLAlchemy's words as if it had run the statement."""
+    """Raise the driver's errors as SQLAlchemy's, as if it had run the statement."""
     failure = dialect.loaded_dbapi.Error
     try:
         yield
@@ -361,22 +367,22 @@ def translated(dialect: Dialect, statement: str) -> Iterator[None]:
 Row = TypeVar("Row", ConfigVersion, Export, Problem, Run)
 
 
-def id_in(cursor: str) -> int:
-    """The id that a cursor of a list by id is; BadCursor if it is none."""
+def id_of_cursor(cursor: str) -> int:
+    """The id in a cursor of a list by id; BadCursor if it is none."""
     if not cursor.isascii() or not cursor.isdecimal() or not 0 < int(cursor) <= MAX_ID:
         raise BadCursor(cursor)
     return int(cursor)
 
 
-def name_in(cursor: str) -> str:
-    """The name that a cursor of a list by name is; BadCursor if nothing has such."""
+def name_of_cursor(cursor: str) -> str:
+    """The name in a cursor of a list by name; BadCursor if no name can be this."""
     if any(unicodedata.category(character).startswith("C") for character in cursor):
         raise BadCursor(cursor)
     return cursor
 
 
 class NewestPage(NamedTuple):
-    """The rows that came before one (or the newest), and how many of them."""
+    """A page of rows, newest first: those before an id (None: the newest)."""
 
     before_id: int | None
     limit: int
@@ -385,7 +391,7 @@ class NewestPage(NamedTuple):
 def newest(
     session: Session, table: type[Row], dataset_id: int, page: NewestPage
 ) -> list[Row]:
-    """A page, and one row more if there is one: so one knows that there is another."""
+    """The rows of a page, and one more if there is a page after it."""
     rows = select(table).where(table.dataset_id == dataset_id)
     if page.before_id is not None:
         rows = rows.where(table.id < page.before_id)

@@ -21,17 +21,17 @@ BUSY_TIMEOUT_MS: Final = 30_000
 KEPT_CONNECTIONS: Final = 16
 MOST_CONNECTIONS: Final = 48
 CACHE_KIB: Final = 4 * 1024
-"""Of each connection. What it has not, the system has: a cache that all share."""
+"""Of each connection. The rest is in the system's page cache, which all share."""
 WRITER_CACHE_KIB: Final = 64 * 1024
-"""Of the one that writes, for as long as it does: changes are put into order there."""
+"""Of the connection that writes, while it does: it holds the pages it has changed."""
 WAL_PAGES: Final = 16_384
-"""Pages in the write-ahead log before it is folded back: 64 MiB."""
+"""Pages in the write-ahead log at which a checkpoint is made: 64 MiB."""
 
-STEPS_BETWEEN_LOOKS: Final = 100_000
-"""Of SQLite's machine: some milliseconds."""
-_CACHE_OF_A_READER: Final = f"PRAGMA cache_size=-{CACHE_KIB}"
-_CACHE_OF_THE_WRITER: Final = f"PRAGMA cache_size=-{WRITER_CACHE_KIB}"
-_HAS_MUCH: Final = "has the cache of a writer"
+STEPS_BETWEEN_CHECKS: Final = 100_000
+"""Instructions of SQLite's virtual machine between two calls of `stop`: some ms."""
+_USE_READER_CACHE: Final = f"PRAGMA cache_size=-{CACHE_KIB}"
+_USE_WRITER_CACHE: Final = f"PRAGMA cache_size=-{WRITER_CACHE_KIB}"
+_HAS_WRITER_CACHE: Final = "has the cache of a writer"
 _DAMAGED: Final = ("malformed", "is not a database")
 _ONCE_COMMITTED: Final = "once committed"
 
@@ -50,7 +50,7 @@ def make_engine(url: str, turns: Turns | None = None) -> Engine:
     turns = turns or Turns()
     if parsed.get_backend_name() == "postgresql":
         return make_postgres_engine(parsed, turns=turns)
-    # Errors name their statement, and what people wrote is no part of it.
+    # Errors quote their statement, but not its parameters, which people wrote.
     engine = create_engine(
         parsed,
         pool_size=KEPT_CONNECTIONS,
@@ -58,14 +58,14 @@ def make_engine(url: str, turns: Turns | None = None) -> Engine:
         hide_parameters=True,
     )
     event.listen(engine, "connect", _prepare_sqlite)
-    turns.rule(engine)
+    turns.apply_to(engine)
     event.listen(engine, "begin", _begin_sqlite)
-    event.listen(engine, "checkin", _keep_little)
+    event.listen(engine, "checkin", _shrink_cache)
     return engine
 
 
 def _prepare_sqlite(connection: DBAPIConnection, _record: object) -> None:
-    # The driver's own transaction handling begins too late and too weakly.
+    # The driver would begin transactions only before the first write, and deferred.
     connection.isolation_level = None
     for pragma in (
         "journal_mode=WAL",
@@ -83,27 +83,27 @@ def _begin_sqlite(connection: Connection) -> None:
     # A transaction that starts by reading and writes later can fail at once with
     # "database is locked", whatever the time-out: writers take their place first.
     if connection.get_execution_options().get("writes", False):
-        connection.connection.cursor().execute(_CACHE_OF_THE_WRITER)
-        connection.info[_HAS_MUCH] = True
+        connection.connection.cursor().execute(_USE_WRITER_CACHE)
+        connection.info[_HAS_WRITER_CACHE] = True
         connection.exec_driver_sql("BEGIN IMMEDIATE")
         return
-    # Every request reads, and this cannot fail: not worth SQLAlchemy's way round.
+    # By the driver itself, which is quicker: every request reads.
     driver = connection.connection.cursor()
     driver.execute("BEGIN")
     driver.close()
 
 
-def _keep_little(
+def _shrink_cache(
     connection: DBAPIConnection | None, record: ConnectionPoolEntry
 ) -> None:
-    has_much = record.info.pop(_HAS_MUCH, False)
-    if has_much and connection is not None:  # else it was lost
-        connection.cursor().execute(_CACHE_OF_A_READER)
+    is_large = record.info.pop(_HAS_WRITER_CACHE, False)
+    if is_large and connection is not None:  # else it was lost
+        connection.cursor().execute(_USE_READER_CACHE)
 
 
-def once_committed(session: Session, tell: Callable[[], None]) -> None:
-    """Call this once a session of `Database.write` is committed; never if it fails."""
-    session.info.setdefault(_ONCE_COMMITTED, []).append(tell)
+def once_committed(session: Session, call: Callable[[], None]) -> None:
+    """Have `call` called once a session of `Database.write` is committed."""
+    session.info.setdefault(_ONCE_COMMITTED, []).append(call)
 
 
 def begin_as_work(session: Session) -> None:
@@ -122,7 +122,7 @@ class Database:
         self.turns = Turns()
         self.engine = make_engine(url, self.turns)
         self.damage: str | None = None
-        """What SQLite said of pages that it cannot read, from the first time on."""
+        """SQLite's first error about damaged pages; None while there was none."""
         self.pages_checked = False
         if self.engine.dialect.name == "sqlite":
             event.listen(self.engine, "handle_error", self._note_damage)
@@ -136,16 +136,16 @@ class Database:
 
     @property
     def has_one_writer(self) -> bool:
-        """Whether nothing at all can be stored while another transaction writes."""
+        """Whether the whole database has one lock for writing (SQLite)."""
         return self.engine.dialect.name == "sqlite"
 
     @contextmanager
     def write(self, *, person: bool = False) -> Iterator[Session]:
-        """A session that may write: it commits on leaving, or leaves no trace.
+        """A session that may write: committed at the end, rolled back on an exception.
 
-        The transaction begins with the first statement, so work done before that
-        holds no lock. It waits for its turn then; what a `person` waits for comes
-        before other work.
+        The transaction begins with the first statement, which waits for its turn; work
+        done before that holds no lock. What a `person` waits for comes before other
+        work.
         """
         bind = self._person if person else self._writer
         with (
@@ -153,8 +153,8 @@ class Database:
             session.begin(),
         ):
             yield session
-        for tell in session.info.get(_ONCE_COMMITTED, ()):
-            tell()
+        for call in session.info.get(_ONCE_COMMITTED, ()):
+            call()
 
     @contextmanager
     def write_beside(self) -> Iterator[Session]:
@@ -177,13 +177,13 @@ class Database:
             yield session
 
     def check_pages(self, stop: Callable[[], bool]) -> bool:
-        """Look at all pages of SQLite; False if it was told to stop before the end.
+        """Check all pages of SQLite's file; False if `stop` ended it early.
 
-        What is wrong with them is in `damage` afterwards.
+        If pages are damaged, `damage` says so afterwards.
         """
         with self.engine.connect() as connection:
             driver = connection.connection
-            driver.set_progress_handler(stop, STEPS_BETWEEN_LOOKS)
+            driver.set_progress_handler(stop, STEPS_BETWEEN_CHECKS)
 
             def ask(text: str) -> list[tuple[object, ...]]:
                 return [tuple(row) for row in connection.exec_driver_sql(text)]
@@ -206,7 +206,7 @@ class Database:
         return True
 
     def _first_damage(self, ask: Ask) -> str:
-        """In SQLite's words; empty if all pages are whole."""
+        """SQLite's first complaint; empty if all pages are intact."""
         try:
             ((found,),) = ask("PRAGMA quick_check(1)")
         except DatabaseError:
@@ -220,8 +220,8 @@ class Database:
         if any(words in text for words in _DAMAGED):
             self.damage = self.damage or text
 
-    def fold_log(self) -> None:
-        """Write what is in SQLite's log to its place, so that the log begins anew."""
+    def checkpoint(self) -> None:
+        """Copy SQLite's write-ahead log into the database, so that it begins anew."""
         if self.file is None:
             return
         with self.engine.connect() as connection:
@@ -231,16 +231,18 @@ class Database:
 
     @property
     def file(self) -> Path | None:
-        """Where it lies, if it is a file."""
+        """The file of the database; None on PostgreSQL."""
         name = self.engine.url.database
         return Path(name) if name and self.engine.dialect.name == "sqlite" else None
 
     def close(self) -> None:
-        """Give back all connections."""
+        """Close all connections."""
         self.engine.dispose()
 
 
-_MIGRATION: Final = 0x756E67686F7374  # "unghost"; any number that others do not use
+_MIGRATION: Final = (
+    0x756E67686F7374  # "unghost" in ASCII; any number that no other lock has
+)
 
 
 @contextmanager
@@ -261,10 +263,10 @@ def migrating_alone(engine: Engine) -> Iterator[None]:
 
 
 def keep_turn(session: Session) -> None:
-    """Let this transaction stay open without a statement for as long as it takes.
+    """Let this transaction be idle for as long as it needs.
 
-    For a writer that removes files in its turn. If PostgreSQL ended the transaction
-    meanwhile, another one could refer to these files.
+    For one that removes files: if PostgreSQL ended it as idle, another transaction
+    could begin to refer to these files.
     """
     if session.connection().dialect.name == "postgresql":
         named = "idle_in_transaction_session_timeout"

@@ -1,4 +1,4 @@
-"""Looking at a database without changing it, and copying one that is in use."""
+"""Examines databases without changing them, and copies one that is in use."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from app.db.base import Base
 from app.db.postgres import make_postgres_engine
 
 PAGES_AT_A_TIME: Final = 4096
-"""16 MiB: how often a copy tells how far it is."""
+"""16 MiB: after so much, a copy reports its progress."""
 MOST_PROBLEMS: Final = 20
-_WANTED: Final = (
+_REFERENCED: Final = (
     "SELECT sha256 FROM frame_files "
     "UNION SELECT sha256 FROM exports WHERE state = 'done' AND sha256 IS NOT NULL"
 )
 _MEMORY: Final = ("", ":memory:")
 
-_KNOWS_TABLES: Final = (3, 33)
-"""Since this version SQLite looks at a table alone if it is told to."""
-_FOLLOWS: Final = ("***", "is never used")
-"""What SQLite says of pages that only cannot be reached because another is damaged."""
+_CHECKS_TABLES: Final = (3, 33)
+"""From this version on SQLite can check one table alone."""
+_CONSEQUENCES: Final = ("***", "is never used")
+"""Parts of complaints about pages that are only unreachable, as another is damaged."""
 
 Ask = Callable[[str], "list[tuple[object, ...]]"]
 """Runs a statement and returns its rows."""
@@ -53,7 +53,7 @@ def copy_database(source: Path, target: Path, advance: Advance) -> None:
     ):
         database.isolation_level = None
         database.execute("PRAGMA busy_timeout=30000")
-        # One state for the whole copy: without it, each commit would begin it anew.
+        # One transaction for the whole copy: else each commit would begin it anew.
         database.execute("BEGIN")
         database.execute("SELECT count(*) FROM sqlite_master").fetchone()
         database.backup(
@@ -66,7 +66,7 @@ def copy_database(source: Path, target: Path, advance: Advance) -> None:
 
 
 def problems_of(file: Path) -> list[str]:
-    """What is wrong with a SQLite file that nobody else uses; nothing, if all is well.
+    """Faults of a SQLite file that nobody else uses; empty if there are none.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def problems_of(file: Path) -> list[str]:
 
 
 def revision_of(file: Path) -> str | None:
-    """The schema of a SQLite file that nobody else uses; None if it has none."""
+    """The schema revision of a SQLite file that nobody else uses; or None."""
     with closing(sqlite3.connect(_uri(file, "ro"), uri=True)) as database:
         try:
             row = database.execute("SELECT version_num FROM alembic_version").fetchone()
@@ -87,14 +87,14 @@ def revision_of(file: Path) -> str | None:
     return None if row is None else str(row[0])
 
 
-def wanted_files(file: Path) -> set[str]:
+def referenced_files(file: Path) -> set[str]:
     """Digests of all blobs that a SQLite file refers to, whatever its schema."""
     with closing(sqlite3.connect(_uri(file, "ro"), uri=True)) as database:
-        return {row[0] for row in database.execute(_WANTED)}
+        return {row[0] for row in database.execute(_REFERENCED)}
 
 
 def problems_in(engine: Engine) -> list[str]:
-    """What is wrong with a SQLite database in use; damaged tables come first."""
+    """Faults of a SQLite database in use; damaged tables come first."""
     try:
         with engine.connect() as connection:
 
@@ -116,9 +116,9 @@ def damaged_tables(ask: Ask) -> list[str]:
     Raises
     ------
     sqlite3.DatabaseError or DBAPIError, as `ask` does
-        Not even the list of tables can be read, or the look was interrupted.
+        Not even the list of tables can be read, or the check was interrupted.
     """
-    if sqlite3.sqlite_version_info < _KNOWS_TABLES:
+    if sqlite3.sqlite_version_info < _CHECKS_TABLES:
         return []
     tables = ask("SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name")
     checked = ((name, _first_problem(ask, str(name))) for (name,) in tables)
@@ -133,8 +133,8 @@ def _first_problem(ask: Ask, table: str) -> str:
             raise
         return str(exc.orig if isinstance(exc, DBAPIError) else exc)
     lines = "\n".join(str(text) for (text,) in rows).splitlines()
-    told = [line for line in lines if not any(word in line for word in _FOLLOWS)]
-    return "" if lines == ["ok"] else (told or lines)[0]
+    causes = [line for line in lines if not any(word in line for word in _CONSEQUENCES)]
+    return "" if lines == ["ok"] else (causes or lines)[0]
 
 
 def _problems(ask: Ask) -> Iterator[str]:
@@ -147,10 +147,10 @@ def _problems(ask: Ask) -> Iterator[str]:
 
 
 @contextmanager
-def looking_at(url: str) -> Iterator[Engine]:
-    """An engine that changes nothing, and makes no database that is not there.
+def read_only_engine(url: str) -> Iterator[Engine]:
+    """An engine that only reads, and creates no database.
 
-    Where nothing can be written, a SQLite file is taken as it is, without its log.
+    On a file system that cannot be written, a SQLite file is read without its log.
     """
     file = sqlite_file(url)
     if file is None:
@@ -158,7 +158,7 @@ def looking_at(url: str) -> Iterator[Engine]:
     else:
         mode = "mode=rw" if _opens(file) else "mode=ro&immutable=1"
         engine = create_engine(f"sqlite:///file:{_quoted(file)}?{mode}&uri=true")
-        event.listen(engine, "connect", _only_ask)
+        event.listen(engine, "connect", _set_read_only)
     try:
         yield engine
     finally:
@@ -172,11 +172,11 @@ def _opens(file: Path) -> bool:
     except sqlite3.OperationalError:
         return False
     except sqlite3.DatabaseError:
-        return True  # damaged: whoever looks at it will say so
+        return True  # damaged, which is found when it is read
     return True
 
 
-def _only_ask(connection: sqlite3.Connection, _record: object) -> None:
+def _set_read_only(connection: sqlite3.Connection, _record: object) -> None:
     connection.execute("PRAGMA query_only=ON")
     connection.execute("PRAGMA busy_timeout=30000")
 
@@ -202,8 +202,8 @@ class ForeignKey(NamedTuple):
     parent_column: str
 
 
-def silence_of(engine: Engine) -> str:
-    """Why a database does not answer; empty if it does. It names no password."""
+def connection_fault(engine: Engine) -> str:
+    """Why a database does not answer; empty if it does. It contains no password."""
     try:
         with engine.connect() as connection:
             connection.exec_driver_sql("SELECT 1")
@@ -221,7 +221,7 @@ def version_of(engine: Engine) -> str:
 
 
 def not_durable(engine: Engine) -> list[str]:
-    """Settings of the server with which a power cut may take what was answered."""
+    """Settings of the server with which a power cut may lose committed data."""
     with engine.connect() as connection:
         found = {
             name: connection.exec_driver_sql(f"SHOW {name}").scalar_one()
@@ -231,9 +231,9 @@ def not_durable(engine: Engine) -> list[str]:
 
 
 def broken_keys(engine: Engine) -> list[str]:
-    """Rows without the rows they belong to, and keys that nobody keeps any more.
+    """Rows that refer to missing rows, and foreign keys that are missing themselves.
 
-    PostgreSQL keeps keys itself, unless it was told not to, or a restore stopped early.
+    PostgreSQL enforces keys, unless that was turned off or a restore stopped early.
     """
     with engine.connect() as connection:
         there = list(_keys(connection))

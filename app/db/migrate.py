@@ -1,8 +1,8 @@
-"""Bringing a database to the schema that this version needs.
+"""Migrates a database to the schema that this version needs.
 
 A migration is a file in ``versions``, called by its revision: ``0002_name.py`` follows
-on ``0001_name.py``. Alembic runs them, and is imported only when there are some to run:
-it and what it loads take eight megabytes that a service has no use for afterwards.
+on ``0001_name.py``. Alembic runs them. It is imported only if there are some to run,
+since it takes eight megabytes that a service does not need afterwards.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _MAY_LOSE: Final = "may_lose"
 
 
 class WouldLose(Exception):
-    """A downgrade would lose what people made; the text says what, and how much."""
+    """A downgrade would delete what people made; the text says what, and how much."""
 
 
 def migrate(
@@ -32,7 +32,7 @@ def migrate(
 
     SQLite rebuilds a table to change it, and with foreign keys on that would silently
     delete the rows of its children: they are off meanwhile and checked afterwards.
-    That takes seconds for millions of rows: a database that is there already is left.
+    That takes seconds for millions of rows: nothing is done if the revision is reached.
     """
     wanted = {"head": head_revision(scripts), "base": None}.get(revision, revision)
     if wanted is not None and wanted == current_revision(engine):
@@ -52,13 +52,13 @@ def migrate(
 
 
 def current_revision(engine: Engine) -> str | None:
-    """What the database is at; None for an empty one."""
+    """The revision of a database; None for an empty one."""
     with engine.connect() as connection:
         return _revision_of(connection)
 
 
 def head_revision(scripts: Path) -> str | None:
-    """What this version needs; None where there are no migrations."""
+    """The revision that this version needs; None if there are no migrations."""
     return max(_revisions(scripts), default=None)
 
 
@@ -68,7 +68,7 @@ def is_known(scripts: Path, revision: str) -> bool:
 
 
 def refuse_to_lose(table: str) -> None:
-    """Called by a downgrade before it drops a table of what people made."""
+    """Called by a downgrade before it drops a table: WouldLose if it has rows."""
     from alembic import context, op
 
     connection, config = op.get_bind(), context.config

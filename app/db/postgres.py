@@ -12,15 +12,16 @@ from app.db.turns import Turns
 WRITER: Final = 0x7772697465  # "write"; any number that other locks do not have
 LOCK_WAIT_MS: Final = 30_000
 LONGEST_IDLE_MS: Final = 20_000
-"""For how long a writer may say nothing in its turn, before its transaction is ended.
+"""How long a transaction that writes may be idle before the server ends it.
 
-A machine that vanished, or a process that stands still, would keep it for hours. That
-is shorter than others wait for their turn; longer than a store is asked within one.
+Otherwise a machine that vanished, or a process that hangs, would keep the turn to write
+for hours. This is shorter than others wait for their turn, and longer than a request to
+the file storage within a turn takes.
 """
 KEPT_CONNECTIONS: Final = 8
 MOST_CONNECTIONS: Final = 32
-"""Of one process: three of them fit into the 100 that a server allows by default."""
-_CONNECTING: Final[Mapping[str, str]] = {
+"""For one process: three processes fit into the 100 that a server allows by default."""
+_CONNECT_ARGS: Final[Mapping[str, str]] = {
     "application_name": "unghost",
     "connect_timeout": "10",
     # A server that vanished with its machine is noticed within a minute.
@@ -28,7 +29,7 @@ _CONNECTING: Final[Mapping[str, str]] = {
     "keepalives_interval": "10",
     "keepalives_count": "3",
 }
-_FIRST: Final = (
+_BEGIN_WRITING: Final = (
     f"SELECT set_config('lock_timeout', '{LOCK_WAIT_MS}', true), "
     f"set_config('idle_in_transaction_session_timeout', '{LONGEST_IDLE_MS}', true), "
     f"pg_advisory_xact_lock({WRITER})"
@@ -38,7 +39,7 @@ _FIRST: Final = (
 def make_postgres_engine(
     url: URL, *, only_read: bool = False, turns: Turns | None = None
 ) -> Engine:
-    """An engine that survives the server: a connection is tried before it is used."""
+    """An engine that tests connections before use, so the server may restart."""
     engine = create_engine(
         url,
         pool_size=KEPT_CONNECTIONS,
@@ -46,24 +47,24 @@ def make_postgres_engine(
         pool_pre_ping=True,
         hide_parameters=True,
         connect_args=_arguments(url),
-        # Whatever the server's default is: whoever waited sees what was written.
+        # Whatever the server's default is: a writer that waited sees what others wrote.
         isolation_level="READ COMMITTED",
-        # To say that it is not read-only would overrule who made the database so.
+        # Not False: that would override a database that somebody made read-only.
         execution_options={"postgresql_readonly": True} if only_read else {},
     )
-    if turns is not None:  # here first, then among all processes
-        turns.rule(engine)
+    if turns is not None:  # in this process first, then among all processes
+        turns.apply_to(engine)
     event.listen(engine, "begin", _begin)
     return engine
 
 
 def _arguments(url: URL) -> dict[str, object]:
-    """What a connection says about itself, but for what the URL says."""
-    return {name: text for name, text in _CONNECTING.items() if name not in url.query}
+    """The parameters of connections, but for those in the URL."""
+    return {name: text for name, text in _CONNECT_ARGS.items() if name not in url.query}
 
 
 def _begin(connection: Connection) -> None:
     # Runs, uploads and answers all change the counts of a dataset, and what is active:
     # as on SQLite one transaction writes at a time, so none has to expect another.
     if connection.get_execution_options().get("writes", False):
-        connection.exec_driver_sql(_FIRST)
+        connection.exec_driver_sql(_BEGIN_WRITING)

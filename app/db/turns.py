@@ -14,19 +14,19 @@ from sqlalchemy.exc import TimeoutError as WaitedTooLong
 from sqlalchemy.pool import ConnectionPoolEntry
 
 PEOPLE_IN_A_ROW: Final = 8
-"""After so many turns of people, work that waits gets one turn."""
+"""After so many transactions of people, one of other work gets its turn."""
 LONGEST_WAIT_S: Final = 30.0
 _HELD: Final = "turn"
 
 
 class Turns:
-    """The right to write, which one transaction of a process has at a time.
+    """The turn to write, which one transaction of a process has at a time.
 
-    SQLite gives it to whoever tries at the right moment, and those who wait try less
-    and less often: some waited for seconds while others were let in again and again.
-    Here nobody tries. Whoever gives the turn back hands it to the one who has waited
-    longest: to a person first, then to work that no person waits for, such as
-    uploads and runs.
+    SQLite's own lock goes to whoever tries at the right moment, and those who wait try
+    less and less often, so that some wait for seconds while others get it again and
+    again. Here a transaction that ends hands the turn to the one that has waited
+    longest: first to what a person waits for, then to other work, such as uploads and
+    runs.
     """
 
     def __init__(self) -> None:
@@ -36,19 +36,18 @@ class Turns:
         self._work: deque[threading.Event] = deque()
         self._in_a_row = 0
 
-    def rule(self, engine: Engine) -> None:
+    def apply_to(self, engine: Engine) -> None:
         """Make transactions of this engine that have the option ``writes`` take turns.
 
-        Those that have the option ``person`` as well come first. ``turn_wait_s`` is how
-        many seconds a transaction waits at most. Its turn ends when its connection goes
-        back to the pool: after a commit, after a roll-back, or when the connection is
-        lost.
+        Those with the option ``person`` as well come first. ``turn_wait_s`` is how many
+        seconds a transaction waits at most. A turn ends when the connection
+        goes back to the pool: after a commit, a roll-back, or when it is lost.
         """
         event.listen(engine, "begin", self._begin)
         event.listen(engine, "checkin", self._end)
 
     def _begin(self, connection: Connection) -> None:
-        options, held = connection.get_execution_options(), _kept(connection)
+        options, held = connection.get_execution_options(), _notes_on(connection)
         if options.get("writes", False) and _HELD not in held:
             wait_s = options.get("turn_wait_s", LONGEST_WAIT_S)
             self.take(person=options.get("person", False), wait_s=wait_s)
@@ -60,7 +59,7 @@ class Turns:
 
     @property
     def waiting(self) -> int:
-        """How many have asked and are not let in yet."""
+        """How many transactions wait for their turn."""
         with self._changing:
             return len(self._people) + len(self._work)
 
@@ -70,7 +69,7 @@ class Turns:
         Raises
         ------
         sqlalchemy.exc.TimeoutError
-            It was others' for so many seconds.
+            Others had it for so many seconds.
         """
         mine = threading.Event()
         waiting = self._people if person else self._work
@@ -88,7 +87,7 @@ class Turns:
         raise WaitedTooLong(f"others have been writing for {wait_s:g} seconds")
 
     def give_back(self) -> None:
-        """Let the next one write."""
+        """Hand the turn to the next one that waits."""
         with self._changing:
             following = self._next()
             self._is_taken = following is not None
@@ -107,7 +106,7 @@ class Turns:
         return None
 
 
-def _kept(connection: Connection) -> dict[object, object]:
-    """What is known of a connection until it is closed, whoever uses it."""
+def _notes_on(connection: Connection) -> dict[object, object]:
+    """Notes on a database connection, kept until it is closed."""
     kept = connection.connection.record_info
     return {} if kept is None else kept

@@ -9,7 +9,7 @@ from typing import Annotated, Final
 from fastapi import Depends, Query, Request, Response
 from pydantic import TypeAdapter
 
-from app.db.bulk import NewestPage, Row, id_in
+from app.db.bulk import NewestPage, Row, id_of_cursor
 from unghost.wire.model import ResponseModel
 from unghost.wire.runs import Run
 
@@ -38,7 +38,7 @@ async def newest_first(
     cursor: Cursor = None,
 ) -> NewestFirst:
     """The page that a request asks for."""
-    before_id = None if cursor is None else id_in(cursor)
+    before_id = None if cursor is None else id_of_cursor(cursor)
     return NewestFirst(request, NewestPage(before_id, limit))
 
 

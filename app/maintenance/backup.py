@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import IO, Final
 
 from app.addresses import FOLDER
-from app.db.inspection import copy_database, problems_of, revision_of, wanted_files
+from app.db.inspection import copy_database, problems_of, referenced_files, revision_of
 from app.errors import DamagedFile
 from app.maintenance.datafolder import (
     Advance,
@@ -137,7 +137,7 @@ def _check_complete(
 ) -> None:
     try:
         problems = problems_of(database)
-        wanted = wanted_files(database)
+        wanted = referenced_files(database)
     except sqlite3.DatabaseError as exc:
         raise CannotMaintain(f"{backup}: its database cannot be read: {exc}") from exc
     if problems:
@@ -352,7 +352,7 @@ def _writing(target: Path, draft: Path) -> Iterator[_Writing]:
 def _add_files(
     settings: Settings, writing: _Writing, steps: Steps, *, incomplete: bool
 ) -> None:
-    digests = sorted(wanted_files(writing.folder / DATABASE))
+    digests = sorted(referenced_files(writing.folder / DATABASE))
     with (
         stored_files_of(settings) as store,
         steps("copy the files", "files") as advance,

@@ -19,10 +19,10 @@ from sqlalchemy.orm import Session
 from app.addresses import FOLDER
 from app.db.inspection import (
     broken_keys,
-    looking_at,
+    connection_fault,
     not_durable,
     problems_in,
-    silence_of,
+    read_only_engine,
     version_of,
 )
 from app.db.migrate import current_revision, head_revision, is_known
@@ -93,7 +93,7 @@ def examine(settings: Settings, *, verify: bool, steps: Steps) -> Iterator[Findi
     if file is not None and not file.is_file():
         yield _no_database(settings)
         return
-    with looking_at(settings.sqlalchemy_url) as engine:
+    with read_only_engine(settings.sqlalchemy_url) as engine:
         findings = list(_of_database(engine, on_server=file is None))
         yield from findings
         if any(found.severity is Severity.ERROR for found in findings):
@@ -345,7 +345,7 @@ def _leftovers(paths: Sequence[Path]) -> Finding:
 
 def is_answering(engine: Engine) -> Finding:
     """Whether the database can be reached at all."""
-    reason = silence_of(engine)
+    reason = connection_fault(engine)
     if not reason:
         found = f"PostgreSQL {version_of(engine)} answers"
         return Finding("database", Severity.OK, found)

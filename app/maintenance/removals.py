@@ -116,12 +116,12 @@ def remove_deleted(
 ) -> None:
     """Take away all rows of datasets that were deleted, until told to stop.
 
-    On a full disk SQLite's log is written to its place before and after each portion,
-    so that it needs no more room. A reader can prevent that; the log then fills the
-    disk, and the portion fails. The next call tries to fold the log first.
+    On a full disk SQLite's log is copied into the database (a checkpoint) before and
+    after each portion, so that it does not grow. A reader can prevent that; the log
+    then fills the disk, and the portion fails. The next call begins with a checkpoint.
     """
     if not reserve.path.exists():
-        database.fold_log()
+        database.checkpoint()
     with database.read() as session:
         waiting = RemovalRepository(session).waiting()
     for dataset_id in waiting:
@@ -135,7 +135,7 @@ def remove_deleted(
             with database.write() as session:
                 is_left = RemovalRepository(session).remove_some(dataset_id, most)
             if is_tight:
-                database.fold_log()
+                database.checkpoint()
         log.info("the rows of deleted dataset %d are gone", dataset_id)
 
 

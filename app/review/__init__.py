@@ -1,1 +1,1 @@
-"""Answers of people: given, taken back, carried over, and what to look at next."""
+"""Answers of people: given, undone, carried over; and the queue of boxes to review."""

@@ -104,7 +104,7 @@ class ReviewRepository:
         self._session = session
 
     def state(self, box_id: int) -> ReviewedBox:
-        """What an answer has to know of a box; NotFound for one that is not current."""
+        """A box before it is answered; NotFound for one that is not current."""
         rows = select(*_STATE).where(Decision.box_id == box_id)
         there = rows.join(Dataset, Dataset.id == Decision.dataset_id).where(is_there())
         found = self._session.execute(there).first()
@@ -160,7 +160,7 @@ class ReviewRepository:
 
     def _insert(self, answers: _Answers) -> int:
         statement = upsert(self._session, Review).from_select(_COLUMNS, answers)
-        # Whatever `decisions` say, an answer is never followed by two.
+        # Even if `decisions` were wrong, no revision of a box is stored twice.
         unique = statement.on_conflict_do_nothing(index_elements=_UNIQUE)
         told = unique.execution_options(preserve_rowcount=True)
         stored: int = self._session.connection().execute(told).rowcount
@@ -169,8 +169,7 @@ class ReviewRepository:
     def _make_latest(self, box_ids: Iterable[int], by: Signature) -> None:
         """Make the inserted answers the latest ones, and end the claims on their boxes.
 
-        After an act on many boxes they are found by the act: there may be a hundred
-        thousand.
+        Those of an act on many boxes, maybe a hundred thousand, are found by the act.
         """
         connection = self._session.connection()
         if by.batch_id is None:
@@ -197,10 +196,11 @@ class ReviewRepository:
         return [AnsweredBox(*row) for row in self._session.execute(rows)]
 
     def meant_by(self, box_ids: Iterable[int]) -> Counter[str]:
-        """On how many boxes each person has an answer that they did not take back.
+        """On how many boxes each person has an answer that they did not undo.
 
-        Whatever others said afterwards, and also where a box came from in the revisions
-        before: the last thing that each person said of it.
+        What counts is the last answer of each person on a box, whatever others answered
+        afterwards; answers on the same box in earlier revisions of the frame are theirs
+        too.
         """
         last: dict[tuple[int, str], str] = {}
         newest_of = {box_id: box_id for box_id in box_ids}
@@ -325,8 +325,9 @@ class ReviewBatches:
 def _standing(batch_id: int) -> CTE:
     """Each box of the batch, with every revision that its latest answer repeats.
 
-    An undo says again what was said before, so it stands for the revision before the
-    one that it takes back: acts that lie on each other come off one by one.
+    An undo repeats the answer from before the act that it undoes, so it is equal to
+    that earlier revision. So several acts on the same boxes can be undone one by one,
+    the newest first.
     """
     standing = (
         select(
@@ -338,9 +339,9 @@ def _standing(batch_id: int) -> CTE:
         .where(Review.batch_id == batch_id)
         .cte("standing", recursive=True)
     )
-    said, taken_back = aliased(Review), aliased(Review)
+    said, undone = aliased(Review), aliased(Review)
     return standing.union_all(
-        select(standing.c.box_id, standing.c.answered, taken_back.revision - 1)
+        select(standing.c.box_id, standing.c.answered, undone.revision - 1)
         .select_from(standing)
         .join(
             said,
@@ -348,10 +349,10 @@ def _standing(batch_id: int) -> CTE:
         )
         .join(ReviewBatch, ReviewBatch.id == said.batch_id)
         .join(
-            taken_back,
-            (taken_back.box_id == said.box_id)
+            undone,
+            (undone.box_id == said.box_id)
             # Written with `+ 0` so that the box is looked up, and not all of the batch.
-            & (taken_back.batch_id + 0 == ReviewBatch.undoes_id),
+            & (undone.batch_id + 0 == ReviewBatch.undoes_id),
         )
     )
 
@@ -363,7 +364,7 @@ class ClaimRepository:
         self._session = session
 
     def forget_expired(self, dataset_id: int, now: datetime) -> None:
-        """Delete what holds nobody back any more."""
+        """Delete expired claims."""
         self._session.execute(
             delete(Claim).where(Claim.dataset_id == dataset_id, Claim.expires_at <= now)
         )
@@ -382,7 +383,7 @@ class ClaimRepository:
         reviewer: str,
         expires_at: datetime,
     ) -> None:
-        """Claim boxes, or go on claiming them."""
+        """Claim boxes, or extend their claims."""
         if not box_ids:
             return
         insert = upsert(self._session, Claim)

@@ -1,7 +1,8 @@
-"""The queue: which boxes a reviewer looks at next, and nobody else meanwhile.
+"""The queue: which boxes a reviewer gets next, and nobody else meanwhile.
 
-A Feistel network turns places into numbers and back, one to one, whatever its rounds
-compute. Its places are a power of four; numbers beyond the span are left out.
+The random orders come from a Feistel network (`Shuffle`), which maps places to box ids
+and back, one to one, without a list of them. The number of its places is a power of
+four; ids beyond the range of a dataset are left out.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ from filter_core.types import IntArray
 
 CLAIM: Final = timedelta(minutes=5)
 ANSWERS_PER_SHUFFLE: Final = 64
-"""The random order is drawn anew after so many answers: else those who ask for the next
-box would be led past all that were answered before."""
+"""The random order is drawn anew after so many answers; else the search for the next
+box would begin with all those that are answered already."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +215,7 @@ def _shuffled(
         return []
     shuffle = Shuffle(*span, order.seed)
     likely = order.limit * (span[1] - span[0] + 1) // order.expected
-    # Toss-ups are few and have an index: passing by all of them is soon quicker.
+    # Toss-ups are few and have an index: to read all of them is soon quicker.
     most = min(order.max_probes, order.expected) if wanted.toss_up else order.max_probes
     found = [] if likely > most else _probed(probes, wanted, shuffle, order)
     if len(found) >= order.limit:

@@ -1,4 +1,4 @@
-"""Answers of people: on one box, on many at once, taken back, carried over.
+"""Answers of people: given on one box or many, undone, carried over to new frames.
 
 All of them are stored in one way (`app.review.queries`). An answer goes to a box as
 somebody saw it, by the revision that it had then: if somebody else answered in between,
@@ -38,7 +38,7 @@ from unghost.wire.boxes import Review
 
 @dataclass(frozen=True)
 class Answer:
-    """What a person says of a box, and who."""
+    """A person's answer on a box."""
 
     verdict: str
     comment: str
@@ -204,17 +204,17 @@ def boxes_as_they_are(
 
 
 def standing_boxes(session: Session, batch_id: int) -> list[StandingBoxes]:
-    """What undoing a batch would take back: to be read before the turn to write."""
+    """The answers that undoing a batch would undo; read before the turn to write."""
     return ReviewBatches(session).standing(batch_id)
 
 
 def undo_batch(
     session: Session, batch_id: int, standing: Sequence[StandingBoxes], by: Principal
 ) -> tuple[ReviewBatch, int, list[int]]:
-    """Say again what was said before a batch, but where someone spoke since.
+    """Undo a batch: repeat the answers before it, except where someone answered since.
 
-    `standing` comes from `standing_boxes`; of its boxes, those are left alone that
-    somebody has answered since.
+    `standing` comes from `standing_boxes`. Boxes that somebody has answered since then
+    are left alone.
 
     Raises
     ------
@@ -271,7 +271,7 @@ def carry_reviews(
         How many answers stay behind, by reviewer: their boxes are gone or are others
         now, or have no answer in force. An answer that another person cleared or
         replaced, in any revision, is counted: clearing first must not be a way to get
-        rid of other people's answers. One that its own author took back is not.
+        rid of other people's answers. One that its own author undid is not counted.
     """
     reviews = ReviewRepository(session)
     answered = reviews.answered_boxes(old.id)

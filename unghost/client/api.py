@@ -318,7 +318,7 @@ class BoxCalls:
         *,
         comment: str = "",
     ) -> Call[wire.ReviewBatch]:
-        """Give one answer on many boxes; `undo` takes it back from all of them.
+        """Give one answer on many boxes; `undo` undoes it on all of them.
 
         Parameters
         ----------
@@ -345,7 +345,7 @@ class BoxCalls:
 
     @endpoint
     def undo(self, batch_id: int) -> Call[wire.UndoneBatch]:
-        """Take a batch of reviews back, except where someone answered since."""
+        """Undo a batch of reviews, except where someone answered since."""
         path = f"{API}/review-batches/{batch_id}/undo"
         return Call("POST", path, result(wire.UndoneBatch))
 

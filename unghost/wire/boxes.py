@@ -105,11 +105,11 @@ class Decision(ResponseModel):
     config: str
     run: int
     revision: Annotated[int, IfAbsent(0)] = Field(
-        description="How many answers the box has been given, including those taken "
-        "back. Send it as `seen_revision` with the next answer."
+        description="How many answers the box has been given, including undone ones. "
+        "Send it as `seen_revision` with the next answer."
     )
     review: ReviewMark | None = Field(
-        description="The answer in force; null if there is none or it was taken back."
+        description="The answer in force; null if there is none or it was undone."
     )
     effective_verdict: Verdict
 

@@ -135,7 +135,9 @@ Counts: TypeAlias = VerdictCounts
 class FrameCounts(VerdictCounts, _OfBoxes):
     """Boxes of a frame: by the filter's verdict, and by what people said.
 
-    `reviewed` boxes have a keep or a reject; those of `to_review` wait for one.
+    `reviewed` boxes have a keep or a reject. `to_review` counts boxes that have neither
+    and of which the filter is not certain: rejected because of their pixels, not
+    measured, or toss-ups. The queue has all boxes without an answer.
     """
 
     reviewed: int

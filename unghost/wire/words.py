@@ -13,7 +13,7 @@ from typing import Final, Literal, TypeAlias, get_args
 Verdict: TypeAlias = Literal["kept", "rejected", "unmeasured"]
 """What the filter says of a box."""
 Answer: TypeAlias = Literal["keep", "reject", "unsure", "clear"]
-"""What a person says of a box; `clear` takes an answer back."""
+"""What a person says of a box; `clear` undoes an answer."""
 ReviewState: TypeAlias = Literal[
     "undecided", "decided", "keep", "reject", "unsure", "none", "any"
 ]

@@ -46,10 +46,10 @@ export function VerdictBar({ counts }) {
 export function ReviewProgress({ counts }) {
   const all = counts.reviewed + counts.to_review;
   const percent = all ? Math.floor((100 * counts.reviewed) / all) : counts.boxes ? 100 : 0;
-  const left = counts.to_review ? `${countText(counts.to_review)} to review` : "nothing to review";
+  const left = counts.to_review ? countOf(counts.to_review, "needs review", "need review") : "nothing to review";
   return html`<div class="progress">
     <div class="progress__text">
-      <span>${countOf(counts.reviewed, "answer")}</span><span>${left}</span>
+      <span>${countOf(counts.reviewed, "answer")}</span><span title="Without keep or reject, and the filter is not certain: rejected because of its pixels, not measured, or a toss-up">${left}</span>
     </div>
     <div class="progress__track" role="progressbar" aria-label="reviewed" aria-valuemin="0" aria-valuemax="100" aria-valuenow=${percent}>
       <span class="progress__fill" style=${{ width: `${percent}%` }} />

@@ -959,20 +959,20 @@ export interface paths {
         };
         /**
          * Get Session
-         * @description Who is asking, and until when: by a token or by a session of the page.
+         * @description The caller's name and role, and when the token or the session expires.
          */
         get: operations["get_session_api_v1_session_get"];
         put?: never;
         /**
          * Log In
-         * @description Trade a token, or the code of a login link, for a session of the page.
+         * @description Open a session of the page with a token or the code of a login link.
          *
-         *     The session's secret is in this answer alone; it is shown as a token is.
+         *     The session's secret is in this answer alone; it is sent as a token is.
          */
         post: operations["log_in_api_v1_session_post"];
         /**
          * Log Out
-         * @description End the session that is shown; a token stays as it is.
+         * @description End the session that the request is sent with; a token stays valid.
          */
         delete: operations["log_out_api_v1_session_delete"];
         options?: never;
@@ -991,7 +991,7 @@ export interface paths {
         put?: never;
         /**
          * Create Login Code
-         * @description A code that logs a page in as whoever asks: once, within ten minutes.
+         * @description A code that logs a page in as the caller: once, within ten minutes.
          *
          *     The login link is the service's address followed by `/#code=` and the code.
          */
@@ -1031,9 +1031,9 @@ export interface paths {
         };
         /**
          * List Tokens
-         * @description All tokens, revoked ones included, oldest first. What they open with is gone.
+         * @description All tokens, revoked ones included, oldest first; without their secrets.
          *
-         *     When one was last used is known to the minute.
+         *     `last_used_at` is written once a minute.
          */
         get: operations["list_tokens_api_v1_tokens_get"];
         put?: never;
@@ -1060,7 +1060,7 @@ export interface paths {
         post?: never;
         /**
          * Revoke Token
-         * @description Take a token back; the sessions that it opened end as well.
+         * @description Revoke a token; the sessions that it opened end as well.
          */
         delete: operations["revoke_token_api_v1_tokens__token_id__delete"];
         options?: never;
@@ -1319,10 +1319,10 @@ export interface components {
             run: number;
             /**
              * Revision
-             * @description How many answers the box has been given, including those taken back. Send it as `seen_revision` with the next answer.
+             * @description How many answers the box has been given, including undone ones. Send it as `seen_revision` with the next answer.
              */
             revision: number;
-            /** @description The answer in force; null if there is none or it was taken back. */
+            /** @description The answer in force; null if there is none or it was undone. */
             review: components["schemas"]["ReviewMark"] | null;
             /**
              * Effective Verdict
@@ -1778,10 +1778,10 @@ export interface components {
             run: number;
             /**
              * Revision
-             * @description How many answers the box has been given, including those taken back. Send it as `seen_revision` with the next answer.
+             * @description How many answers the box has been given, including undone ones. Send it as `seen_revision` with the next answer.
              */
             revision: number;
-            /** @description The answer in force; null if there is none or it was taken back. */
+            /** @description The answer in force; null if there is none or it was undone. */
             review: components["schemas"]["ReviewMark"] | null;
             /**
              * Effective Verdict
@@ -2258,7 +2258,9 @@ export interface components {
          * FrameCounts
          * @description Boxes of a frame: by the filter's verdict, and by what people said.
          *
-         *     `reviewed` boxes have a keep or a reject; those of `to_review` wait for one.
+         *     `reviewed` boxes have a keep or a reject. `to_review` counts boxes that have neither
+         *     and of which the filter is not certain: rejected because of their pixels, not
+         *     measured, or toss-ups. The queue has all boxes without an answer.
          */
         FrameCounts: {
             /** Boxes */
@@ -2921,10 +2923,10 @@ export interface components {
             run: number;
             /**
              * Revision
-             * @description How many answers the box has been given, including those taken back. Send it as `seen_revision` with the next answer.
+             * @description How many answers the box has been given, including undone ones. Send it as `seen_revision` with the next answer.
              */
             revision: number;
-            /** @description The answer in force; null if there is none or it was taken back. */
+            /** @description The answer in force; null if there is none or it was undone. */
             review: components["schemas"]["ReviewMark"] | null;
             /**
              * Effective Verdict
@@ -4082,7 +4084,7 @@ export interface operations {
                     "image/jpeg": unknown;
                 };
             };
-            /** @description What you have is still it. */
+            /** @description Not changed; what you have is up to date. */
             304: {
                 headers: {
                     [name: string]: unknown;
@@ -4964,7 +4966,7 @@ export interface operations {
                     "application/zip": unknown;
                 };
             };
-            /** @description What you have is still it. */
+            /** @description Not changed; what you have is up to date. */
             304: {
                 headers: {
                     [name: string]: unknown;
@@ -5064,7 +5066,7 @@ export interface operations {
                     "application/zip": unknown;
                 };
             };
-            /** @description What you have is still it. */
+            /** @description Not changed; what you have is up to date. */
             304: {
                 headers: {
                     [name: string]: unknown;
@@ -5151,7 +5153,7 @@ export interface operations {
                     "image/jpeg": unknown;
                 };
             };
-            /** @description What you have is still it. */
+            /** @description Not changed; what you have is up to date. */
             304: {
                 headers: {
                     [name: string]: unknown;
@@ -5200,7 +5202,7 @@ export interface operations {
                     "image/png": unknown;
                 };
             };
-            /** @description What you have is still it. */
+            /** @description Not changed; what you have is up to date. */
             304: {
                 headers: {
                     [name: string]: unknown;
@@ -5263,7 +5265,7 @@ export interface operations {
                     "application/x-npy": unknown;
                 };
             };
-            /** @description What you have is still it. */
+            /** @description Not changed; what you have is up to date. */
             304: {
                 headers: {
                     [name: string]: unknown;

@@ -34,7 +34,7 @@ export function FramesView({ app, route }) {
   return html`<main id="main" class="page" tabindex="-1">
       <div class="page__head">
         <h1>${name}</h1>
-        ${counts && html`<span class="faint">${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")} · ${countText(counts.to_review)} to review</span>`}
+        ${counts && html`<span class="faint">${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")} · ${countOf(counts.to_review, "needs review", "need review")}</span>`}
         ${counts && html`<button class="button page__settings" onClick=${() => setOpen(true)}>
           <${Icon} name="settings" />Dataset settings${counts.problems > 0 && html`<span class="warn">${countOf(counts.problems, "refused frame")}</span>`}
         </button>`}
@@ -92,7 +92,7 @@ function Sentinel({ onSeen }) {
 /** @param {{app: App, frame: FrameItem, query: Query}} props */
 function Thumb({ app, frame, query }) {
   const { id, key, counts, has_image, lossy } = frame;
-  const waiting = counts.to_review ? `${countText(counts.to_review)} to review` : !counts.boxes ? "no boxes" : counts.reviewed ? "all answered" : "nothing to review";
+  const waiting = counts.to_review ? countOf(counts.to_review, "needs review", "need review") : !counts.boxes ? "no boxes" : counts.reviewed ? "reviewed" : "nothing to review";
   return html`<a class="thumb" href=${linkTo("frame", { id }, query)} title=${key}>
     <div class="thumb__picture">
       ${has_image ? html`<${NearPicture} url=${thumbnailUrl(id)} />` : html`<${Icon} name="image" />`}

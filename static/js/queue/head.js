@@ -60,7 +60,7 @@ function Progress({ session }) {
   const all = session.order === "audit" ? (left ?? 0) : done + (left ?? 0);
   const percent = all ? Math.floor((100 * done) / all) : 0;
   return html`<div class="queue__progress">
-    <p role="status"><b class="num">${countText(done)}</b> answered${left !== null && html` · <b class="num">${countText(left)}</b> ${session.order === "audit" ? "to audit" : "left"}`}
+    <p role="status"><b class="num">${countText(done)}</b> answered${left !== null && html` · <b class="num">${countText(left)}</b> ${session.order === "audit" ? "to audit" : session.query.review ? "left" : "unanswered"}`}
       ${pace !== null && html`<span class="faint"> · ${countText(Math.round(pace))} per minute</span>`}
       ${comparisons.length > 0 && html`<span class="faint"> · agreed on ${countText(comparisons.filter(({ agrees }) => agrees).length)} of ${countText(comparisons.length)}</span>`}</p>
     <div class="progress__track" role="progressbar" aria-label="answered" aria-valuemin="0" aria-valuemax="100" aria-valuenow=${percent}><span class="progress__fill" style=${{ width: `${percent}%` }} /></div>

@@ -1,4 +1,4 @@
-"""One answer on many boxes: as they were seen, taken back as one, never lost."""
+"""One answer on many boxes: as they were seen, undone in one act, never lost."""
 
 from __future__ import annotations
 

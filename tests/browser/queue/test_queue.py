@@ -50,7 +50,9 @@ def test_each_answer_is_saved_and_leads_to_the_next_box(many, ada, key, verdict)
 
     ada.press(key)
 
-    expect(page.locator(".queue__progress")).to_contain_text("1 answered · 19 left")
+    expect(page.locator(".queue__progress")).to_contain_text(
+        "1 answered · 19 unanswered"
+    )
     assert queued(page) != first
     ada.saved()
     assert answers(many) == {first: verdict}
@@ -105,7 +107,7 @@ def test_passing_over_and_going_back(many, ada):
 
 
 @pytest.mark.parametrize("key", ["z", "Backspace"])
-def test_undo_goes_back_to_the_box_and_takes_the_answer_back(many, ada, key):
+def test_undo_goes_back_to_the_box_and_undoes_the_answer(many, ada, key):
     page = opened(ada, many)
     first = queued(page)
     ada.press("x")
@@ -118,7 +120,9 @@ def test_undo_goes_back_to_the_box_and_takes_the_answer_back(many, ada, key):
     ada.press(key)
 
     shows(page, first)
-    expect(page.locator(".queue__progress")).to_contain_text("0 answered · 20 left")
+    expect(page.locator(".queue__progress")).to_contain_text(
+        "0 answered · 20 unanswered"
+    )
     ada.saved()
     assert answers(many) == {}
 
@@ -134,7 +138,9 @@ def test_an_answer_can_be_corrected_by_going_back(many, ada):
 
     ada.saved()
     assert answers(many) == {first: "keep"}
-    expect(page.locator(".queue__progress")).to_contain_text("1 answered · 19 left")
+    expect(page.locator(".queue__progress")).to_contain_text(
+        "1 answered · 19 unanswered"
+    )
 
 
 def test_a_comment_stays_on_the_box_and_goes_with_the_answer(many, ada):
@@ -182,13 +188,15 @@ def test_g_leads_to_the_grid_and_back_to_the_same_box(many, ada):
     page.go_back()
 
     shows(page, here)
-    expect(page.locator(".queue__progress")).to_contain_text("1 answered · 9 left")
+    expect(page.locator(".queue__progress")).to_contain_text(
+        "1 answered · 9 unanswered"
+    )
 
 
 def test_v_and_the_filters_choose_what_is_queued(many, ada):
     page = opened(ada, many)
     ada.press("v")
-    expect(page.locator(".queue__progress")).to_contain_text("10 left")
+    expect(page.locator(".queue__progress")).to_contain_text("10 unanswered")
     assert "verdict=kept" in page.url
 
     page.get_by_label("Verdict").select_option("rejected")
@@ -196,7 +204,7 @@ def test_v_and_the_filters_choose_what_is_queued(many, ada):
     expect(page.locator(".badge")).to_have_text("rejected")
     assert "verdict=rejected" in page.url
     page.get_by_role("button", name="Clear").click()
-    expect(page.locator(".queue__progress")).to_contain_text("20 left")
+    expect(page.locator(".queue__progress")).to_contain_text("20 unanswered")
 
 
 @pytest.mark.parametrize("order", ["Random", "By class", "Doubtful"])
@@ -214,7 +222,7 @@ def test_orders_are_switched_and_written_into_the_address(many, ada, order):
 def test_boxes_outside_of_the_image_are_not_queued(scene, ada):
     page = opened(ada, scene)
 
-    expect(page.locator(".queue__progress")).to_contain_text("4 left")
+    expect(page.locator(".queue__progress")).to_contain_text("4 unanswered")
 
 
 def test_all_done_says_what_was_done_and_what_next(scene, ada):

@@ -1,7 +1,7 @@
 """What the service should know about one dataset, in plain lists and dictionaries.
 
-It decides by counting single pixels and takes answers back from a pile of acts per box:
-nothing here is shared with the service but the words on the wire.
+It decides by counting single pixels, and undoes answers from a stack of acts per box:
+it shares nothing with the service but the words on the wire.
 """
 
 from __future__ import annotations
@@ -198,7 +198,7 @@ class Model:
         self.batches[batch] = box_ids
 
     def undo(self, batch: int, undo: int) -> int:
-        """Take a batch back where it is the newest act; of how many boxes."""
+        """Undo a batch where it is the newest act; returns on how many boxes."""
         boxes = self.boxes()
         of_batch = [boxes[one] for one in self.batches[batch] if one in boxes]
         self.undone.add(batch)
