@@ -95,7 +95,7 @@ async def _drawn(
     left = asyncio.ensure_future(has_left(request))
     stop = services.engine.stopping
     try:
-        with stop.telling(given_up.set):
+        with stop.calling(given_up.set):
             if stop.is_set():
                 raise stopping()
             await asyncio.wait({drawn, left}, return_when=asyncio.FIRST_COMPLETED)
@@ -245,9 +245,9 @@ def get_file(
     if known is not None:
         return known
     if asks_for_head(request):  # its content is compared with its hash by a GET
-        blob = services.storage.whole(file.sha256, size_bytes=file.size_bytes)
+        blob = services.storage.open(file.sha256, size_bytes=file.size_bytes)
         return file_response(request, blob, file.sha256, file.media_type)
-    blob = services.storage.intact(file.sha256, size_bytes=file.size_bytes)
+    blob = services.storage.open_verified(file.sha256, size_bytes=file.size_bytes)
     return file_response(request, blob, file.sha256, file.media_type)
 
 

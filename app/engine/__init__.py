@@ -1,4 +1,4 @@
-"""Where work runs: threads for pixels, jobs one after the other, chunks of jobs here
+"""Where work runs: pixels in threads, jobs one after the other, and their chunks here
 or on other machines."""
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Certificates for the nodes of a cluster: an authority, and what it has signed.
 
-Every node with a certificate of the authority is trusted by all others; whoever has the
-authority's key can make more of them. Dask looks at who signed, not at names.
+Every node with a certificate of the authority is trusted by all others, and whoever has
+the authority's key can make more of them. Dask checks the signature, not the names.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Signed:
 
 
 def make_certificates(folder: Path, hosts: tuple[str, ...], days: int) -> list[Path]:
-    """Write an authority, and a certificate and a key for each kind of node.
+    """Write certificates and keys of an authority and of each kind of node.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def make_certificates(folder: Path, hosts: tuple[str, ...], days: int) -> list[P
     if there:
         raise UnusableEngine(
             f"{str(folder)!r} has {', '.join(there)} already; nodes that have their "
-            "certificates would no longer be let in. Choose another folder"
+            "certificates would no longer be trusted. Choose another folder"
         )
     try:
         authority = _sign(AUTHORITY, (), days, None)
@@ -112,7 +112,7 @@ def _extensions(
         ),
     ]
     if not is_authority:
-        # A node is called and calls: a scheduler calls workers, too.
+        # Nodes are both servers and clients: a scheduler connects to workers as well.
         both = x509.ExtendedKeyUsage([Usage.SERVER_AUTH, Usage.CLIENT_AUTH])
         found.append((both, False))
         found.append((x509.SubjectAlternativeName(list(map(_name, hosts))), False))

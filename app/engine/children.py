@@ -1,11 +1,10 @@
-"""Child processes that read pictures, each with limits of time and memory.
+"""Child processes that read pictures, each with limits on time and memory.
 
 Decoders are written in C, and whoever uploads a picture chooses what they have to do.
-In a thread of the service a decoder could be neither stopped nor bounded: it would
-hold its thread, and memory of all, for as long as the picture asks for. Here each child
-has a limit of memory, each piece of work a limit of time, and a child that exceeds one,
-or crashes, is killed and replaced. Bytes and options go in, numbers or a drawn picture
-come out.
+In a thread of the service a decoder could be neither stopped nor limited. Here each
+child has a limit on memory, and each piece of work one on time. A child that exceeds a
+limit or crashes is killed and replaced. Bytes and options go in, numbers or a drawn
+picture come out.
 
 Where the system can fork, children are forked from one process that has done the
 imports (the forkserver of `multiprocessing`): a replacement is there after some 20 ms.
@@ -53,7 +52,7 @@ _Result = TypeVar("_Result")
 _POLL_S: Final = 0.05
 """How often somebody who may give up is asked whether they have."""
 _END_S: Final = 1.0
-"""How long a process that was told to end, or has closed its pipe, is waited for."""
+"""How long to wait for the end of a process whose pipe is closed."""
 _NUMPY_MODULES: Final = frozenset(
     f"numpy{inside}{name}"
     for inside in (".core", "._core")
@@ -67,13 +66,13 @@ _DONE, _REFUSED, _MEMORY, _FAILED = "done", "refused", "memory", "failed"
 
 
 class PixelsRefused(FilterError):
-    """A picture needs more time or memory than one may, or ends what decodes it."""
+    """A picture needs more time or memory than allowed, or crashes its decoder."""
 
     code = "pixels_refused"
 
 
 class GivenUp(Exception):
-    """Nobody waits for this result any more."""
+    """The caller does not want the result any more, or the pool is closed."""
 
 
 class ChildFailed(Exception):
@@ -85,7 +84,7 @@ class _ChildDied(Exception):
 
 
 class _TooSlow(Exception):
-    """The work took longer than it may."""
+    """The work took longer than allowed."""
 
 
 _REASONS: Final[dict[type[Exception], str]] = {
@@ -93,18 +92,18 @@ _REASONS: Final[dict[type[Exception], str]] = {
     _ChildDied: "died",
     GivenUp: "given_up",
 }
-"""Why a child has to be replaced, in the words of the metric."""
+"""Why a child is replaced, as a label of the metric."""
 
 
 class Subject(NamedTuple):
-    """What a pool reads, and the variable that says how long that may take."""
+    """What a pool reads, and the variable that limits its time; for errors."""
 
     name: str
     seconds_setting: str
 
 
 class PixelPool:
-    """So many child processes; each works on one thing at a time.
+    """A pool of child processes; each works on one thing at a time.
 
     Children are started when they are first needed, or by `warm_up`. All methods may be
     called by any thread.
@@ -112,7 +111,7 @@ class PixelPool:
     Parameters
     ----------
     children : int
-        How many there are at most.
+        The maximum number of processes.
     seconds : float
         Wall time that one piece of work may take.
     memory_bytes : int
@@ -136,15 +135,15 @@ class PixelPool:
         self._subject = subject or Subject("the picture", "UNGHOST_MAX_PIXEL_SECONDS")
         self._seconds, self._memory_bytes = seconds, memory_bytes
         self._context = _context(preload)
-        # The place that became free last comes first: its child has its caches warm.
-        # None: no child lives there yet.
+        # Last in, first out: the child that worked last has its caches warm. None is a
+        # child that is not started yet.
         self._free: LifoQueue[_Child | None] = LifoQueue()
         for _ in range(children):
             self._free.put(None)
         self._starting = threading.Lock()
-        self._here = threading.BoundedSemaphore(children)
+        self._own_threads = threading.BoundedSemaphore(children)
         self._is_closed = False
-        # Before `multiprocessing` asks its processes to end by a signal, at the exit.
+        # At exit, before `multiprocessing` ends its processes by a signal.
         self._at_exit = Finalize(self, _end_all, (self._free,), exitpriority=1)
 
     def run(
@@ -153,21 +152,21 @@ class PixelPool:
         *args: object,
         given_up: threading.Event | None = None,
     ) -> _Result:
-        """Work on something in the next child that is free, and wait for the result.
+        """Call a function in the next free child, and wait for the result.
 
         Parameters
         ----------
         work : a function at the top of a module
             It and `args` are pickled; so is what it returns.
         given_up : threading.Event, optional
-            Once it is set, the child is killed, or not asked at all.
+            Once it is set, the child is killed; one is not started for it.
 
         Raises
         ------
         FilterError
             As `work` raised it.
         PixelsRefused
-            It took too much time or memory, or ended two children.
+            It took too much time or memory, or crashed two children.
         GivenUp
             `given_up` was set first, or the pool was closed.
         ChildFailed
@@ -177,8 +176,8 @@ class PixelPool:
         try:
             return cast("_Result", self._ask(message, given_up))
         except _ChildDied as died:
-            # Somebody may have killed it, or memory ran out for a neighbour's sake.
-            server_log.warning("a process that reads pictures %s; asking another", died)
+            # It need not be the picture: the process may have been killed from outside.
+            server_log.warning("a process that reads pictures %s; trying another", died)
         try:
             return cast("_Result", self._ask(message, given_up))
         except _ChildDied as died:
@@ -187,17 +186,17 @@ class PixelPool:
             ) from died
 
     def run_here(self, work: Callable[..., _Result], *args: object) -> _Result:
-        """Work on something in the thread that asks: for what is known to cost little.
+        """Call a function in the caller's thread: for work that is known to be cheap.
 
-        A process of its own makes a frame a fifth dearer, most of all because what one
-        process had in its caches the other one has not. As many threads work at once as
+        A child would make a frame a fifth more expensive, mostly because its data is in
+        the processor caches of the other process. As many threads do this at once as
         there are children. Errors are those of `work`.
         """
-        with self._here:
+        with self._own_threads:
             return work(*args)
 
     def warm_up(self) -> None:
-        """Start all children now, so that nobody waits for them later."""
+        """Start all children now, not when they are first needed."""
         places = []
         with suppress(Empty):
             for _ in range(self.children):
@@ -206,18 +205,18 @@ class PixelPool:
             self._free.put(place or self._start())
 
     def close(self) -> None:
-        """End all children; what they were asked to do is not waited for."""
+        """End all children, without waiting for their work."""
         self._is_closed = True
         self._at_exit()
         for _ in range(self.children):
-            self._free.put(None)  # who still waits finds out that it is closed
+            self._free.put(None)  # wakes callers that wait for a child
 
     def _ask(self, message: bytes, given_up: threading.Event | None) -> object:
         child = self._next_child(given_up)
         reason = "stopped"
         try:
             kind, result = child.ask(message, self._seconds, given_up)
-            # One that ran out of memory may not have given back all of it.
+            # After it ran out of memory, a child may still hold much of it.
             reason = _MEMORY if kind == _MEMORY else ""
         except tuple(_REASONS) as ended:
             reason = _REASONS[type(ended)]
@@ -255,7 +254,7 @@ class PixelPool:
             raise
 
     def _give_back(self, child: _Child, reason: str) -> None:
-        """Free the place of a child; with a reason, the child is ended and replaced."""
+        """Make a child available again; with a reason, it is killed and replaced."""
         if reason:
             child.kill()
             PIXEL_PROCESSES_ENDED.labels(reason).inc()
@@ -297,13 +296,13 @@ class _Child:
         self._process.start()
         theirs.close()
         try:
-            self._pipe.recv_bytes()  # it is ready: only work counts against its time
+            self._pipe.recv_bytes()  # it is ready: its start is not timed
         except (EOFError, OSError) as exc:
             self._process.join(_END_S)
             raise _ChildDied(_ending(self._process.exitcode)) from exc
 
     def is_alive(self) -> bool:
-        """Whether it can be asked."""
+        """Whether the process runs."""
         return bool(self._process.is_alive())
 
     def ask(
@@ -331,7 +330,7 @@ class _Child:
                 raise _TooSlow
 
     def end(self) -> None:
-        """Let it end: it reads the end of its pipe."""
+        """Let it end by itself: it sees that its pipe is closed."""
         self._pipe.close()
         self._process.join(_END_S)
         self.kill()
@@ -346,22 +345,22 @@ class _Child:
 def _read_answer(message: bytes) -> tuple[str, object]:
     """How the work ended and its result; `_ChildDied` if that cannot be read."""
     try:
-        return cast("tuple[str, object]", _Answers(BytesIO(message)).load())
+        return cast("tuple[str, object]", _SafeUnpickler(BytesIO(message)).load())
     except pickle.UnpicklingError as exc:
         raise _ChildDied(str(exc)) from exc
 
 
-class _Answers(pickle.Unpickler):
-    """A pickle reader that makes arrays and values of the library, and nothing else.
+class _SafeUnpickler(pickle.Unpickler):
+    """Unpickles only arrays and values of the library.
 
-    A picture could take over the child that decodes it, and then the child could send
-    anything. So only a list of names may stand in its pickles. In the other direction a
-    child uses `pickle.loads`: the service itself has pickled what it gets, and pictures
-    are bytes in it.
+    A picture could exploit a fault of its decoder and take over the child, which then
+    could send any pickle. So only names of a list may occur in it. In the other
+    direction a child uses `pickle.loads`, since the service itself has pickled the
+    message; pictures are only bytes in it.
     """
 
     def find_class(self, module: str, name: str) -> object:
-        """What a name in an answer stands for."""
+        """The object that a name in the pickle stands for, if that is allowed."""
         known = module in _NUMPY_MODULES and name in _NUMPY_NAMES
         if not known and module.partition(".")[0] != "filter_core":
             raise pickle.UnpicklingError(f"answered with {module}.{name}")
@@ -386,8 +385,8 @@ def _ending(exitcode: int | None) -> str:
 def _context(preload: Sequence[str]) -> _Context:
     if _FORKING not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
-    # Python 3.10.0 to 3.10.8 let every user of the machine talk to the process that
-    # forks (CVE-2022-42919), unless its socket is a file.
+    # Up to Python 3.10.8, every user of the machine can talk to the forkserver
+    # (CVE-2022-42919), unless its socket is a file.
     vars(multiprocessing.util)["abstract_sockets_supported"] = False
     context = multiprocessing.get_context(_FORKING)
     context.set_forkserver_preload([__name__, *preload])
@@ -406,11 +405,11 @@ def _no_main_module() -> Iterator[None]:
 
 
 def _serve(pipe: Connection, memory_bytes: int) -> None:
-    """Runs in a child: does what it is asked, until the service closes its pipe."""
+    """The main function of a child: works until the service closes its pipe."""
     # Ctrl-C in a terminal reaches all processes; the service finishes what it began.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    cv2.setNumThreads(1)  # the other cores have children of their own
+    cv2.setNumThreads(1)  # other cores have their own children
     keep_freed_memory()
     _limit_memory(memory_bytes)
     pipe.send_bytes(b"ready")
@@ -447,7 +446,7 @@ def _outcome(message: bytes) -> bytes:
 
 
 def _limit_memory(more_bytes: int) -> None:
-    """Let this process grow by so much at most."""
+    """Limit how much this process may grow."""
     if os.name != "posix":
         return
     import resource

@@ -1,4 +1,4 @@
-"""What a job is called, how its chunks end, and what can go wrong with an engine."""
+"""Types of all engines: jobs, how chunks end, errors, and the signal to stop."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ DONE: Final = "done"
 RETURNED: Final = "returned"
 """The process that worked on it stops: somebody else is to go on."""
 FAILED: Final = "failed"
-"""Why is in the chunk's row."""
+"""The reason is in the chunk's row."""
 UNWANTED: Final = "unwanted"
 QUARANTINED: Final = "quarantined"
 """It has ended its process too often: nobody is to try it again."""
 ELSEWHERE: Final = "elsewhere"
-"""Whoever was asked looks at another database."""
+"""The worker uses another database."""
 
 ChunkWork = Callable[[str, int, int], str]
-"""Works on a chunk: kind and id of its job, its number; how it ended."""
+"""Works on a chunk, given the kind and id of its job and its number; how it ended."""
 
 
 class JobStopped(Exception):
-    """The service stops, or nobody wants the job any more: it ends here, quietly."""
+    """The service stops, or the job was cancelled: it ends here without an error."""
 
 
 class WorkerDied(Exception):
@@ -39,34 +39,34 @@ class UnusableEngine(Exception):
 
 
 class Stop:
-    """Whether the service stops; who waits for something else is told at once."""
+    """Whether the service stops; it can call functions at that moment."""
 
     def __init__(self) -> None:
         self._event = threading.Event()
-        self._told: list[Callable[[], None]] = []
+        self._callbacks: list[Callable[[], None]] = []
 
     def is_set(self) -> bool:
-        """True from the moment on at which the service was asked to stop."""
+        """Whether the service was asked to stop."""
         return self._event.is_set()
 
     def wait(self, seconds: float) -> bool:
-        """Wait until it is to stop, but not longer; whether it is."""
+        """Wait until it is to stop, at most so many seconds; returns whether it is."""
         return self._event.wait(seconds)
 
     def set(self) -> None:
-        """It is to stop. Called by the thread of those who want to be told."""
+        """Ask the service to stop, and call the registered functions in this thread."""
         self._event.set()
-        for tell in list(self._told):
-            tell()
+        for call in list(self._callbacks):
+            call()
 
     @contextmanager
-    def telling(self, tell: Callable[[], None]) -> Iterator[None]:
-        """Call this when the service stops, for as long as the block lasts."""
-        self._told.append(tell)
+    def calling(self, call: Callable[[], None]) -> Iterator[None]:
+        """Have `call` called if the service is asked to stop while the block runs."""
+        self._callbacks.append(call)
         try:
             yield
         finally:
-            self._told.remove(tell)
+            self._callbacks.remove(call)
 
 
 class Job(NamedTuple):

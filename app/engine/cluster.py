@@ -1,7 +1,7 @@
-"""The engine for several machines: workers that joined a scheduler do the chunks.
+"""The engine for several machines: workers of a Dask scheduler work on the chunks.
 
-Uploads are still measured here, and jobs are driven here. What the cluster forgets or
-delays does no harm: the chunks are kept in the database.
+Uploads are still measured in this process, and jobs are driven from here. If the
+cluster loses chunks, they are submitted again: the database knows which are done.
 """
 
 from __future__ import annotations
@@ -24,39 +24,39 @@ if TYPE_CHECKING:
     from distributed import Client
 
 DRIVERS: Final = 4
-"""Jobs that are driven at the same time: the work is elsewhere."""
+"""Jobs that are driven at the same time; the work itself is done elsewhere."""
 MOST_IN_FLIGHT: Final = 256
-PER_PLACE: Final = 4
-"""Chunks in flight for each worker, and into which its share of a job is cut."""
+PER_WORKER: Final = 4
+"""Chunks in progress for each worker; a job is cut into as many per worker."""
 FEWEST_FRAMES, MOST_FRAMES = 20, 500
 _ANSWER_S: Final = 3
 COUNTED_FOR_S: Final = 2.0
-TELL_AGAIN_S: Final = 60.0
+LOG_AGAIN_S: Final = 60.0
 
 
 @dataclass(frozen=True)
 class Scheduler:
-    """Where it listens, what is shown to it, and whose database its workers share."""
+    """The scheduler's address, certificates for it, and its workers' installation."""
 
     address: str
     certificates: Certificates
     installation: str
 
 
-class Absence:
-    """Something is not there: worth a word when it begins, and once in a while."""
+class AbsenceLog:
+    """Says when to log that something is absent: at once, and then now and again."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock, self._told_at = clock, -math.inf
+        self._clock, self._logged_at = clock, -math.inf
 
-    def is_news(self, *, absent: bool) -> bool:
-        """Whether to say so, of what somebody has just looked at."""
+    def is_due(self, *, absent: bool) -> bool:
+        """Whether to log it, given whether it is absent now."""
         if not absent:
-            self._told_at = -math.inf
+            self._logged_at = -math.inf
             return False
-        is_due = self._clock() - self._told_at >= TELL_AGAIN_S
+        is_due = self._clock() - self._logged_at >= LOG_AGAIN_S
         if is_due:
-            self._told_at = self._clock()
+            self._logged_at = self._clock()
         return is_due
 
 
@@ -72,16 +72,16 @@ class ClusterEngine(LocalEngine):
         self._client: Client | None = None
         self._connecting = threading.Lock()
         self._counted = (0.0, 0)
-        self._absence = Absence()
+        self._absence = AbsenceLog()
 
     @property
     def window(self) -> int:
-        """How many chunks of a job may be in flight: bounded, however many workers."""
-        return min(MOST_IN_FLIGHT, PER_PLACE * max(1, self._places()))
+        """How many chunks of a job may be in progress, up to `MOST_IN_FLIGHT`."""
+        return min(MOST_IN_FLIGHT, PER_WORKER * max(1, self._worker_count()))
 
     def chunk_frames(self, total: int) -> int:
-        """So many that every worker gets some, and none is at it for long."""
-        share = total // (PER_PLACE * max(1, self._places()))
+        """So few that every worker gets chunks, and none takes long."""
+        share = total // (PER_WORKER * max(1, self._worker_count()))
         return max(FEWEST_FRAMES, min(MOST_FRAMES, share))
 
     def start_chunk(self, here: ChunkWork, job: Job, number: int) -> Future[str]:
@@ -99,7 +99,7 @@ class ClusterEngine(LocalEngine):
         return sent
 
     def outcome(self, future: Future[str]) -> str:
-        """How a chunk ended, as the worker says."""
+        """How a chunk ended, by the worker's report."""
         try:
             return future.result()
         except CancelledError as exc:
@@ -108,16 +108,16 @@ class ClusterEngine(LocalEngine):
             raise WorkerDied(str(exc) or type(exc).__name__) from exc
 
     def release(self, futures: Iterable[Future[str]]) -> None:
-        """Workers notice in the job's row that nobody wants it, or end their chunk."""
+        """Give up chunks; workers end them when they see that the job is cancelled."""
         for future in futures:
             future.cancel()
 
     def is_connected(self) -> bool:
-        """Whether the scheduler is there."""
+        """Whether the scheduler is connected."""
         return self._client is not None and self._client.status == "running"
 
     def connect(self) -> None:
-        """Reach the scheduler, anew if it went away."""
+        """Connect to the scheduler; EngineAway if it does not answer."""
         from distributed import Client
 
         with self._connecting:
@@ -144,22 +144,22 @@ class ClusterEngine(LocalEngine):
     def _disconnect(self) -> None:
         client, self._client = self._client, None
         if client is not None:
-            with suppress(Exception):  # who is away need not be told
+            with suppress(Exception):  # it may be away already
                 client.close(timeout=_ANSWER_S)
 
-    def _places(self) -> int:
-        """How many workers there are, as of a moment ago."""
-        until, places = self._counted
+    def _worker_count(self) -> int:
+        """How many workers there are; asked at most every `COUNTED_FOR_S` seconds."""
+        until, workers = self._counted
         if self._client is None or time.monotonic() < until:
-            return places
+            return workers
         try:
-            places = len(self._client.nthreads(callback_timeout=_ANSWER_S))
-        except Exception:  # it went away just now: whoever submits will see
-            places = 0
-        if self._absence.is_news(absent=not places):
+            workers = len(self._client.nthreads(callback_timeout=_ANSWER_S))
+        except Exception:  # it went away: `start_chunk` will raise
+            workers = 0
+        if self._absence.is_due(absent=not workers):
             server_log.warning("no worker has joined %s", self._scheduler.address)
-        self._counted = (time.monotonic() + COUNTED_FOR_S, places)
-        return places
+        self._counted = (time.monotonic() + COUNTED_FOR_S, workers)
+        return workers
 
 
 RemoteWork = Callable[[str, int, int, str], str]
@@ -168,7 +168,7 @@ _WORK: Final[list[RemoteWork]] = []
 
 
 def work_with(work: RemoteWork) -> None:
-    """Say how this process works on chunks; a worker does so before it joins."""
+    """Set the function that works on chunks; a worker does so before it joins."""
     _WORK[:] = [work]
 
 

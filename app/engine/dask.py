@@ -1,4 +1,4 @@
-"""The scheduler, how the nodes of a cluster know each other, and what Dask is told."""
+"""The scheduler, the certificates of a cluster's nodes, and Dask's configuration."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
     from distributed.node import ServerNode
 
 NOWHERE: Final = "127.0.0.1:0"
-"""Where dask's dashboards begin to listen; they are stopped at once."""
+"""Where Dask's dashboards listen until they are stopped, right after the start."""
 
 
 def run_scheduler(
     host: str, port: int, certificates: Certificates, ready: Callable[[str], None]
 ) -> None:
-    """Listen until told to stop; `ready` gets the address.
+    """Run a scheduler until SIGTERM or SIGINT; `ready` gets its address.
 
     Raises
     ------
     UnusableEngine
-        It would let anybody in, or cannot listen there.
+        Anybody could join it, or it cannot listen there.
     """
     encrypted = any(certificates)
     if not encrypted and not is_loopback(host):
@@ -63,19 +63,19 @@ async def _serve(
         detail = f"cannot listen at {address}: {reason_of(exc)}"
         raise UnusableEngine(detail) from exc
     close_dashboard(scheduler)
-    over = when_told_to_stop()
+    over = stop_event()
     ready(str(scheduler.address))
     await over.wait()
     await scheduler.close()
 
 
 def close_dashboard(node: ServerNode) -> None:
-    """Let nothing of a node listen but its port for work."""
+    """Stop the HTTP server of a node: only its port for work is to listen."""
     node.http_server.stop()
 
 
-def when_told_to_stop() -> asyncio.Event:
-    """Set by the first SIGTERM or SIGINT."""
+def stop_event() -> asyncio.Event:
+    """An event that SIGTERM and SIGINT set."""
     over, loop = asyncio.Event(), asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, over.set)
@@ -83,16 +83,16 @@ def when_told_to_stop() -> asyncio.Event:
 
 
 _OPTIONS: Final[dict[str, object]] = {
-    # The first death of a worker is told: it is the ledger that counts attempts.
+    # Dask does not retry: the rows of the chunks count attempts.
     "distributed.scheduler.allowed-failures": 0,
-    # A worker gets a chunk when it has none, so that its death concerns only one.
+    # A worker holds one chunk at a time, so that its death concerns only one.
     "distributed.scheduler.worker-saturation": 1.0,
     "distributed.scheduler.worker-ttl": "60 seconds",
     "distributed.worker.profile.enabled": False,
     "distributed.admin.pdb-on-err": False,
     "distributed.diagnostics.nvml": False,
     "distributed.comm.timeouts.connect": "5s",
-    # Nothing of it listens but the port for work.
+    # No HTTP routes.
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
     "distributed.scheduler.dashboard.status.task-stream-length": 0,
@@ -100,7 +100,7 @@ _OPTIONS: Final[dict[str, object]] = {
 
 
 @contextmanager
-def _blamed(name: str, fault: str) -> Iterator[None]:
+def _tls_fault(name: str, fault: str) -> Iterator[None]:
     try:
         yield
     except ssl.SSLError as exc:
@@ -109,14 +109,14 @@ def _blamed(name: str, fault: str) -> Iterator[None]:
 
 
 class Certificates(NamedTuple):
-    """Files of one node; None where the wire is not encrypted."""
+    """The files of one node; None if connections are not encrypted."""
 
     ca: Path | None = None
     cert: Path | None = None
     key: Path | None = None
 
     def require(self) -> None:
-        """Refuse certificates that are not there, or that are something else.
+        """Check that the files exist and are what they should be.
 
         Raises
         ------
@@ -138,35 +138,35 @@ class Certificates(NamedTuple):
     def _require_contents(self) -> None:
         context = ssl.create_default_context()
         ca, cert, key = map(str, self)
-        with _blamed("CA", f"in {ca!r} there is no certificate"):
+        with _tls_fault("CA", f"in {ca!r} there is no certificate"):
             context.load_verify_locations(ca)
-        with _blamed("CERT", f"in {cert!r} there is no certificate"):
+        with _tls_fault("CERT", f"in {cert!r} there is no certificate"):
             ssl.create_default_context().load_verify_locations(cert)
         is_key = "PRIVATE KEY-----" in Path(key).read_text("ascii", "replace")
         fault = f"does not belong to {cert!r}" if is_key else "holds no private key"
-        with _blamed("KEY", f"{key!r} {fault}"):
+        with _tls_fault("KEY", f"{key!r} {fault}"):
             context.load_cert_chain(cert, key)
 
 
 def prepare() -> None:
-    """Tell dask how it is used here.
+    """Configure Dask.
 
     Raises
     ------
     UnusableEngine
-        It is not installed.
+        Dask is not installed.
     """
     try:
         import dask
 
-        import_module("distributed")  # it brings the defaults that are changed here
+        import_module("distributed")  # it sets the defaults that are changed below
     except ImportError as exc:
         raise UnusableEngine(
             "workers need more packages: pip install 'unghost[cluster]'"
         ) from exc
     dask.config.set(_OPTIONS)
     logging.getLogger("distributed").setLevel(logging.WARNING)
-    # They tell with a traceback what the driver says in a line.
+    # They log with a traceback what the driver of a job logs in one line.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     logging.getLogger("tornado.application").addFilter(_is_no_lost_connection)
 
@@ -178,7 +178,7 @@ def _is_no_lost_connection(record: logging.LogRecord) -> bool:
 
 
 def security(files: Certificates, *, encrypted: bool) -> Security:
-    """What a node shows to others, and whom it believes."""
+    """Dask's settings for encryption: the certificate of a node, and its authority."""
     from distributed import Security
 
     if not encrypted:
@@ -191,11 +191,11 @@ def security(files: Certificates, *, encrypted: bool) -> Security:
 
 
 def reason_of(error: BaseException) -> str:
-    """What lies at the bottom of an error of dask, without dask's own words."""
+    """The text of the first cause of an error of Dask."""
     cause: BaseException | None = error
-    said = type(error).__name__
+    reason = type(error).__name__
     while cause is not None:
-        # That something stopped waiting says nothing; the error above it says for what.
-        said = getattr(cause, "strerror", None) or str(cause) or said
+        # A cause without a text, such as a time-out, is left out.
+        reason = getattr(cause, "strerror", None) or str(cause) or reason
         cause = cause.__cause__
-    return said
+    return reason

@@ -16,18 +16,18 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 WINDOW: Final = 4
-"""Tasks in flight per worker: enough to keep it busy, few enough to hold in memory."""
+"""Items in progress for each worker: enough to keep it busy, few enough for memory."""
 CHUNK_FRAMES: Final = 200
-"""Frames of a chunk here: it uses all threads, and is stored bit by bit."""
+"""Frames in a chunk; it is measured by all threads, and stored step by step."""
 
 log = logging.getLogger(__name__)
 
 
 class LocalEngine:
-    """The embedded engine. OpenCV lets go of the interpreter: threads suffice.
+    """The embedded engine: threads suffice, since OpenCV releases Python's global lock.
 
-    `start_chunk`, `outcome` and what stands beside them are the seam behind which
-    chunks may also run on other machines (`ClusterEngine`).
+    `ClusterEngine` overrides what concerns chunks (`start_chunk`, `outcome` and so on)
+    to run them on other machines.
     """
 
     def __init__(self, workers: int, drivers: int = 1) -> None:
@@ -48,7 +48,7 @@ class LocalEngine:
 
     @property
     def busy(self) -> int:
-        """How many threads work on an item right now."""
+        """How many items are being worked on."""
         return self._busy
 
     def _worked(self, work: Callable[[_Item], _Result], item: _Item) -> _Result:
@@ -67,10 +67,10 @@ class LocalEngine:
         *,
         one_by_one: bool = False,
     ) -> Generator[_Result, None, None]:
-        """Results in the order of the items, a bounded number of them in flight.
+        """Results in the order of the items, with a limited number in progress.
 
-        They end early when the service stops: what was begun is given, the rest is not.
-        One by one, an item is begun when the result before it has been dealt with.
+        If the service stops, only the items that have begun give results. With
+        `one_by_one`, an item begins when the caller asks for the next result.
         """
         source = iter(items)
         window = 1 if one_by_one else self.workers * WINDOW
@@ -86,23 +86,23 @@ class LocalEngine:
                 for item in () if self.stopping.is_set() else islice(source, 1):
                     waiting.append(self.start(work, item))
         finally:
-            # Nobody will ask for what is left when a job ends early.
+            # When a job ends early, nobody asks for the rest.
             for future in waiting:
                 future.cancel()
 
     def submit(self, work: Callable[[], None], job: Job | None = None) -> None:
-        """Run a job after those that wait already; its failure ends only itself.
+        """Run a job after those that wait; if it fails, that is logged.
 
-        One that waits is not queued once more.
+        A job that waits already is not queued again.
         """
         if job is None:
-            self._jobs.submit(_guarded, work)
+            self._jobs.submit(_logging_failures, work)
             return
         with self._counting:
             if job in self._queued:
                 return
             self._queued.add(job)
-        self._jobs.submit(_guarded, partial(self._begin, work, job))
+        self._jobs.submit(_logging_failures, partial(self._begin, work, job))
 
     def _begin(self, work: Callable[[], None], job: Job) -> None:
         with self._counting:
@@ -111,15 +111,15 @@ class LocalEngine:
 
     @property
     def window(self) -> int:
-        """How many chunks of a job may be in flight."""
+        """How many chunks of a job may be in progress at the same time."""
         return 2
 
     def chunk_frames(self, total: int) -> int:
-        """How many frames of so many a chunk is to have."""
+        """How many frames a chunk has, in a job of so many frames."""
         return CHUNK_FRAMES
 
     def start_chunk(self, here: ChunkWork, job: Job, number: int) -> Future[str]:
-        """Begin to work on a chunk; only strings and integers say which."""
+        """Begin to work on a chunk of a job; `here` does it in this process."""
         return self._chunks.submit(here, job.kind, job.id, number)
 
     def outcome(self, future: Future[str]) -> str:
@@ -128,20 +128,20 @@ class LocalEngine:
         Raises
         ------
         WorkerDied
-            Its process ended, or could not say; never in this process.
+            Its process ended, or reported no outcome; only on other machines.
         EngineAway
-            It has to be submitted again; never in this process.
+            It has to be submitted again; only on other machines.
         """
         return future.result()
 
     def release(self, futures: Iterable[Future[str]]) -> None:
-        """Nobody waits for these chunks any more: those that were begun here end."""
+        """Give up chunks; waits for those that have begun in this process."""
         for future in futures:
             if not future.cancel():
                 wait([future])
 
     def is_connected(self) -> bool:
-        """Whether what was submitted is known to whoever is to do it."""
+        """Whether the engine can be reached, and has not lost what was submitted."""
         return True
 
     def connect(self) -> None:
@@ -154,46 +154,46 @@ class LocalEngine:
         """
 
     def interrupt(self, job: Job) -> None:
-        """Tell a job that it is being cancelled, before its row can say so.
+        """Tell a job that it is being cancelled, before that is written into its row.
 
-        On SQLite a job that stores its end holds the database's only place for writers.
-        Whoever cancels it could write that down only after its end.
+        A job that stores its end holds the turn to write, so the cancellation could
+        only be written afterwards.
         """
         self._unwanted.add(job)
 
     def clear_cancel(self, job: Job) -> None:
-        """From now on the job's row alone says whether it is wanted."""
+        """Forget `interrupt`: the job's row says by now whether it is cancelled."""
         self._unwanted.discard(job)
 
     def interrupted(self) -> frozenset[Job]:
-        """Jobs that somebody is about to cancel."""
+        """Jobs that are being cancelled."""
         return frozenset(self._unwanted)
 
     def check(self, job: Job) -> None:
-        """Raise `JobStopped` where a job that goes on would work in vain."""
+        """Raise `JobStopped` if the service stops, or the job is being cancelled."""
         if self.stopping.is_set():
             raise JobStopped(job)
         self.check_wanted(job)
 
     def check_wanted(self, job: Job) -> None:
-        """Raise `JobStopped` only if nobody wants what the job has done so far."""
+        """Raise `JobStopped` only if the job is being cancelled."""
         if job in self._unwanted:
             raise JobStopped(job)
 
     def report(self, job: Job, done: int) -> None:
-        """Say how far a job is while its transaction is open: no row can tell yet."""
+        """Note the progress of a job that its row does not show yet."""
         self._done[job] = done
 
     def reported(self, job: Job) -> int:
-        """What `report` said last; 0 for jobs of other processes and finished ones."""
+        """The last reported progress; 0 for finished jobs and other processes' jobs."""
         return self._done.get(job, 0)
 
     def clear_progress(self, job: Job) -> None:
-        """Forget what was reported: the job's row says it all."""
+        """Forget the progress: the job's row shows it by now."""
         self._done.pop(job, None)
 
     def close(self) -> None:
-        """Let the running job notice, then wait for it."""
+        """Stop, and wait for the running job."""
         if not self.stopping.is_set():
             self.stopping.set()
         self._jobs.shutdown(cancel_futures=True)
@@ -201,7 +201,7 @@ class LocalEngine:
         self._pixels.shutdown(cancel_futures=True)
 
 
-def _guarded(work: Callable[[], None]) -> None:
+def _logging_failures(work: Callable[[], None]) -> None:
     try:
         work()
     except Exception:

@@ -66,7 +66,7 @@ def finished_file(context: ServiceContext, export: tables.Export) -> Blob:
             f"export {export.id} is {export.state}; it can be downloaded when done",
             code="export_not_done",
         )
-    return context.storage.whole(export.sha256, size_bytes=export.size_bytes)
+    return context.storage.open(export.sha256, size_bytes=export.size_bytes)
 
 
 def describe_export(export: tables.Export, dataset: str) -> wire.Export:

@@ -127,7 +127,7 @@ async def _receive(
             sent.add(member)
 
     pieces = UntilStopped(request.stream(), stop)
-    with stop.telling(pieces.wake):
+    with stop.calling(pieces.wake):
         async for chunk in pieces:
             await run_in_threadpool(lay, chunk)
             held.hold(archive.size_bytes)

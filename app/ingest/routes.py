@@ -144,7 +144,7 @@ class BatchAnswer(Response):
             await run_in_threadpool(self._require_dataset)
             stop = services.engine.stopping
             pieces = UntilStopped(self._request.stream(), stop)
-            with stop.telling(pieces.wake):
+            with stop.calling(pieces.wake):
                 held: HeldBytes = scope[BODY_ALLOWANCE].held
                 frames = ArchiveFrames(services.settings, pieces, held)
                 await frames.begin()

@@ -115,7 +115,7 @@ def prepare_frame(
     except _OF_ONE_FRAME as error:
         return RefusedFrame(key, error)
     if same is not None:
-        context.storage.mend(checked.blobs())
+        context.storage.put_missing(checked.blobs())
         return same
     drafts = context.storage.draft(checked.blobs())
     return ReadyFrame(checked.without_other_files(), measured, active, drafts)

@@ -391,7 +391,7 @@ def _intact_files(
 
 def _intact_file(store: BlobStore, spare: Path, digest: str) -> Path | DamagedFile:
     try:
-        blob = store.whole(digest, size_bytes=None)
+        blob = store.open(digest, size_bytes=None)
         file = blob.path
         if file is None:
             file = spare / digest

@@ -252,7 +252,7 @@ class _Verifying:
 
     def _is_whole(self, file: StoredFile) -> bool:
         try:
-            self.store.intact(file.digest, size_bytes=file.size_bytes)
+            self.store.open_verified(file.digest, size_bytes=file.size_bytes)
         except (DamagedFile, OSError):
             return False
         return True

@@ -1,10 +1,10 @@
-"""Who is connected: how many there may be, and who makes room for the next one.
+"""Limits the number of open connections, and chooses which to close for a new one.
 
-Each connection takes a descriptor, and so do the files and the database behind it, and
-nobody needs a token to connect. When there is no place left, the connection that has
-waited longest for a request of its client is closed for the new one; if none waits, one
-whose client has shown no token. Only if all places, or all of one address, are taken by
-people with a token who are at work, the new one is turned away.
+Each connection takes a file descriptor, as the files and the database behind it do, and
+nobody needs a token to connect. At the limit, the connection that has been idle longest
+is closed for the new one; if none is idle, one whose client has sent no valid token. If
+all of them, or all from one address, have a token and a request in progress, the new
+connection is refused.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ threads, child processes, the store, the listener, and `MOST_TURNED_AWAY`."""
 MOST_CONNECTIONS: Final = 2048
 LEAST_CONNECTIONS: Final = 16
 MOST_TURNED_AWAY: Final = 64
-"""Connections that are told that there is no place, at the same time."""
-_TELL_AGAIN_S: Final = 60.0
-_SIXTY_FOUR: Final = 64
+"""How many refused connections are answered at the same time; others are closed."""
+_WARN_AGAIN_S: Final = 60.0
+_IPV6_NETWORK_BITS: Final = 64
 
 
 class Connection(Protocol):
-    """What is asked of a connection."""
+    """What `Connections` needs of a connection."""
 
     @property
     def address(self) -> str | None:
@@ -41,21 +41,21 @@ class Connection(Protocol):
 
     @property
     def is_quiet(self) -> bool:
-        """Nothing has come that was not read, and nothing has to be sent any more."""
+        """No bytes wait to be read or to be sent."""
 
     @property
     def is_known(self) -> bool:
-        """Its client has shown a valid token or session."""
+        """Its client has sent a valid token or session."""
 
     def give_way(self) -> None:
-        """End at once: another one gets its place."""
+        """Close at once, for another connection."""
 
 
 class Connections:
-    """The connections of one server; belongs to its event loop.
+    """The connections of one server; used only by its event loop.
 
-    `most` is how many there may be, `most_of_one` how many of one address, unless it is
-    that of a trusted proxy: all people behind a proxy share its address.
+    `most` is the maximum number of connections, `most_of_one` that of one address,
+    unless it is a trusted proxy's, which all people behind the proxy share.
     """
 
     def __init__(
@@ -65,27 +65,27 @@ class Connections:
         self.most_of_one = most_of_one or max(1, most // 2)
         self._proxies = _Proxies(proxies)
         self._open: dict[Connection, str] = {}
-        self._by_place: defaultdict[str, int] = defaultdict(int)
+        self._by_origin: defaultdict[str, int] = defaultdict(int)
         self._waiting: dict[Connection, None] = {}
         self._waiting_at: defaultdict[str, dict[Connection, None]] = defaultdict(dict)
         self.turned_away: set[Connection] = set()
-        """Those that are being told that there is no place."""
-        self._told_at = float("-inf")
+        """Refused connections whose response is being sent."""
+        self._warned_at = float("-inf")
         self._counted = CollectorRegistry()
         self._made_room = Counter(
             "unghost_connections_closed_for_others_total",
-            "Connections closed because others needed their places.",
+            "Connections closed to make room for new ones.",
             registry=self._counted,
         )
         self._refused = Counter(
             "unghost_connections_refused_total",
-            "Connections refused because no place was left.",
+            "Connections refused because the limit was reached.",
             registry=self._counted,
         )
 
     @classmethod
     def of(cls, settings: Settings) -> Connections:
-        """As many as are wanted and as there are descriptors for."""
+        """With the limits of the settings, and of the available descriptors."""
         room = room_for_connections(descriptor_limit())
         wanted = settings.max_connections
         most = min(wanted or MOST_CONNECTIONS, room)
@@ -100,85 +100,85 @@ class Connections:
         return cls(most, of_one, settings.trusted_proxies)
 
     def refusal(self, connection: Connection) -> str | None:
-        """Take a connection in, closing another one if need be; why not, if not."""
-        place = place_of(connection.address)
-        if self._count_at(place, connection.address) >= self.most_of_one:
-            waiting = self._waiting_at[place]
-            everybody = [one for one, at in self._open.items() if at == place]
+        """Admit a connection, closing another if need be; why not, if it is refused."""
+        origin = origin_of(connection.address)
+        if self._count_at(origin, connection.address) >= self.most_of_one:
+            waiting = self._waiting_at[origin]
+            everybody = [one for one, at in self._open.items() if at == origin]
             full = f"all {self.most_of_one} connections for one address"
         elif len(self._open) >= self.most:
             waiting, everybody = self._waiting, list(self._open)
             full = f"all {self.most} connections of this service"
         else:
-            self._enter(connection, place)
+            self._enter(connection, origin)
             return None
-        self._tell(full, place)
-        giving_way = next(_who_can_wait(waiting, everybody), None)
+        self._warn(full, origin)
+        giving_way = next(_candidates(waiting, everybody), None)
         if giving_way is None:
             self._refused.inc()
             return f"{full} are in use; try again"
         self._made_room.inc()
         self.leave(giving_way)
         giving_way.give_way()
-        self._enter(connection, place)
+        self._enter(connection, origin)
         return None
 
-    def _count_at(self, place: str, address: str | None) -> int:
-        return 0 if address in self._proxies else self._by_place.get(place, 0)
+    def _count_at(self, origin: str, address: str | None) -> int:
+        return 0 if address in self._proxies else self._by_origin.get(origin, 0)
 
-    def _enter(self, connection: Connection, place: str) -> None:
-        self._open[connection] = place
-        self._by_place[place] += 1
+    def _enter(self, connection: Connection, origin: str) -> None:
+        self._open[connection] = origin
+        self._by_origin[origin] += 1
         self.wait(connection)
 
     def leave(self, connection: Connection) -> None:
-        """A connection has ended; one that never entered may be named as well."""
+        """A connection has ended; it need not have been admitted."""
         self.turned_away.discard(connection)
         self.work(connection)
-        place = self._open.pop(connection, None)
-        if place is None:
+        origin = self._open.pop(connection, None)
+        if origin is None:
             return
-        self._by_place[place] -= 1
-        if not self._by_place[place]:
-            del self._by_place[place]
-            self._waiting_at.pop(place, None)
+        self._by_origin[origin] -= 1
+        if not self._by_origin[origin]:
+            del self._by_origin[origin]
+            self._waiting_at.pop(origin, None)
 
     def wait(self, connection: Connection) -> None:
-        """A connection waits for a request of its client from now on."""
-        place = self._open.get(connection)
-        if place is not None:
+        """A connection is idle from now on: it waits for a request."""
+        origin = self._open.get(connection)
+        if origin is not None:
             self._waiting[connection] = None
-            self._waiting_at[place][connection] = None
+            self._waiting_at[origin][connection] = None
 
     def work(self, connection: Connection) -> None:
-        """A request has begun to come on a connection: it does not wait any more."""
-        place = self._open.get(connection)
-        if place is not None:
+        """A request has begun to arrive on a connection: it is not idle any more."""
+        origin = self._open.get(connection)
+        if origin is not None:
             self._waiting.pop(connection, None)
-            self._waiting_at[place].pop(connection, None)
+            self._waiting_at[origin].pop(connection, None)
 
     def metrics(self) -> Iterator[Metric]:
-        """What Prometheus is told."""
+        """The metrics of connections."""
         text = "Connections that are open."
         yield GaugeMetricFamily("unghost_connections_open", text, len(self._open))
         text = "Connections that may be open at the same time."
         yield GaugeMetricFamily("unghost_connections_max", text, self.most)
         yield from self._counted.collect()
 
-    def _tell(self, full: str, place: str) -> None:
+    def _warn(self, full: str, origin: str) -> None:
         now = time.monotonic()
-        if now - self._told_at < _TELL_AGAIN_S:
+        if now - self._warned_at < _WARN_AGAIN_S:
             return
-        self._told_at = now
+        self._warned_at = now
         server_log.warning(
-            "%s are taken, the next one came from %s: idle ones are closed for others",
+            "%s are in use, one more came from %s: idle ones are closed for new ones",
             full,
-            place,
+            origin,
         )
 
 
-def place_of(address: str | None) -> str:
-    """What is counted as one: an address, or the network that one IPv6 house has."""
+def origin_of(address: str | None) -> str:
+    """What counts as one address: an IPv4 address, or the /64 network of an IPv6."""
     try:
         found = ip_address(address or "")
     except ValueError:
@@ -186,7 +186,7 @@ def place_of(address: str | None) -> str:
     if isinstance(found, IPv6Address):
         if found.ipv4_mapped is not None:
             return str(found.ipv4_mapped)
-        return str(ip_network((int(found), _SIXTY_FOUR), strict=False))
+        return str(ip_network((int(found), _IPV6_NETWORK_BITS), strict=False))
     return str(found)
 
 
@@ -200,10 +200,10 @@ def room_for_connections(limit: int | None) -> int:
     return max(LEAST_CONNECTIONS, (limit - RESERVED_DESCRIPTORS) // 2)
 
 
-def _who_can_wait(
+def _candidates(
     waiting: Iterable[Connection], everybody: Iterable[Connection]
 ) -> Iterator[Connection]:
-    """Connections that can be closed for a new one, the best to close first."""
+    """Connections that may be closed for a new one, the best candidate first."""
     yield from (one for one in waiting if one.is_quiet)
     yield from (one for one in everybody if not one.is_known)
 
@@ -234,10 +234,10 @@ _ALWAYS_ALLOWED: Final = 10_240
 
 
 def raise_descriptor_limit() -> int | None:
-    """Raise the soft limit (RLIMIT_NOFILE) towards the hard one; what it is then.
+    """Raise the soft limit (RLIMIT_NOFILE) towards the hard one; returns the new limit.
 
-    None where the system has no such limit: Windows. One that cannot be raised stays as
-    it is.
+    None where the system has no such limit, as on Windows. If it cannot be raised, it
+    stays as it is.
     """
     if sys.platform == "win32":
         return None
@@ -259,7 +259,7 @@ def raise_descriptor_limit() -> int | None:
 
 
 def descriptor_limit() -> int | None:
-    """The soft limit as it is; None where there is none."""
+    """The soft limit (RLIMIT_NOFILE); None where there is none."""
     if sys.platform == "win32":
         return None
     import resource

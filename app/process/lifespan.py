@@ -1,4 +1,4 @@
-"""What lives as long as the process: opened before the first request, closed after."""
+"""Opens what a process needs before the first request, and closes it at the end."""
 
 from __future__ import annotations
 
@@ -140,12 +140,12 @@ def _engine(settings: Settings, database: Database) -> LocalEngine:
 
 
 def certificates_of(settings: Settings) -> Certificates:
-    """What this node shows to others, and whom it believes."""
+    """The certificate of this node, and the authority that it trusts."""
     return Certificates(settings.tls_ca, settings.tls_cert, settings.tls_key)
 
 
 def pixel_pool(settings: Settings, children: int) -> PixelPool:
-    """So many child processes for pictures; each is started when it is needed."""
+    """A pool of so many child processes for pictures; each starts when it is needed."""
     return PixelPool(
         children,
         seconds=settings.max_pixel_seconds,
@@ -155,7 +155,7 @@ def pixel_pool(settings: Settings, children: int) -> PixelPool:
 
 
 def folder_pool(settings: Settings) -> PixelPool:
-    """The child processes that read dropped folders; each is started when needed."""
+    """The pool of child processes that read dropped folders."""
     return PixelPool(
         MAX_FOLDERS,
         seconds=settings.max_folder_seconds,

@@ -1,7 +1,7 @@
 """A thread that notices when the event loop stands still, and says where.
 
-While it stands nothing is answered, whatever the process does. Nothing in the service
-should hold it for more than some milliseconds: what takes longer belongs to a thread.
+Meanwhile no request is answered. Nothing in the service should hold the event loop for
+more than some milliseconds: what takes longer belongs in a thread.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from app.logs import server_log
 from app.metrics import LOOP_STALL_SECONDS, LOOP_STALLS
 
 LONGEST_S: Final = 1.0
-"""How long the loop may take to get to what it was asked."""
+"""How long the loop may take to run a callback."""
 NOT_READY_FOR_S: Final = 5.0
-"""For so many seconds a process is not ready after its loop stood still.
+"""How long a process is not ready after its loop stood still.
 
-What held the loop may well come again.
+What held the loop is likely to come again.
 """
 _EVERY_S: Final = 0.25
 
 
 class LoopWatch:
-    """Asks the loop for a sign of life, four times a second."""
+    """Gives the loop a callback four times a second, and measures when it runs."""
 
     def __init__(self) -> None:
         self._over = threading.Event()
@@ -55,7 +55,7 @@ class LoopWatch:
             self._over.set()
 
     def check(self) -> str:
-        """Words for a loop that goes on.
+        """The state of the loop, for the report on readiness.
 
         Raises
         ------
@@ -96,7 +96,7 @@ class LoopWatch:
 
 
 def _stack_of(thread_id: int) -> list[str]:
-    """What a thread is at, the innermost call last."""
+    """The calls of a thread, the innermost last."""
     frame = sys._current_frames().get(thread_id)
     if frame is None:
         return []

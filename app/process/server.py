@@ -1,9 +1,8 @@
-"""What uvicorn does not do: limits before a token is shown, an orderly end.
+"""What uvicorn lacks: limits for clients without a token, and an orderly shutdown.
 
-uvicorn limits neither the size of a request's head nor the time it takes, and both
-matter before anybody has shown a token. It stops listening before it has sent the last
-answer. Both are done here, with a limit on how long a client may take to read. For
-this the module extends `uvicorn.Server`, `HttpToolsProtocol` and
+uvicorn limits neither the size of a request's head nor the time it takes, nor the time
+that a client takes to read, and it stops listening before it has sent the last
+response. For this the module extends `uvicorn.Server`, `HttpToolsProtocol` and
 `RequestResponseCycle`; what it relies on is tested with the installed version
 (`tests/api/process`).
 """
@@ -47,10 +46,10 @@ _POLL_S: Final = 0.05
 
 
 class GracefulServer(uvicorn.Server):
-    """Uvicorn; the first signal lets it finish, the second one ends it at once.
+    """Uvicorn; the first signal lets open requests finish, the second ends it at once.
 
-    Until the last request is over it goes on listening, so that whoever asks whether
-    it is ready gets an answer, and whoever sends something new is told to come back.
+    Until the last of them has ended it goes on listening: health checks are answered,
+    and new requests that write are refused with 503.
     """
 
     def __init__(
@@ -65,37 +64,37 @@ class GracefulServer(uvicorn.Server):
         self._ready, self._stopping, self._wait_s = ready, stopping, wait_s
 
     async def main_loop(self) -> None:
-        """Say that it has started, and serve: a stop from here on is a clean one."""
-        # It writes to the database, which may keep it waiting: not on the loop.
+        """Call `ready`, and serve."""
+        # In a thread: it writes to the database, which may keep it waiting.
         await asyncio.to_thread(self._ready)
         await super().main_loop()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Say so, finish, and stop listening; then the work behind it is ended."""
+        """Call `stopping`, let open requests finish for a while, and stop listening."""
         until = time.monotonic() + self._wait_s
         begun = set(self.server_state.tasks)
         server_log.info("stopping: %d requests are open", len(begun))
         _end_after(self._wait_s + LAST_S)
         self._stopping()
-        while _goes_on(begun) and time.monotonic() < until:
+        while _unfinished(begun) and time.monotonic() < until:
             await asyncio.sleep(_POLL_S)
-        cut_off = _goes_on(begun)
+        cut_off = _unfinished(begun)
         if cut_off:
             server_log.warning("%d requests are cut off: they took too long", cut_off)
         left_s = max(1, int(until - time.monotonic()))
         self.config.timeout_graceful_shutdown = left_s
-        await _cancelled(begun)
+        await _cancel(begun)
         await super().shutdown(sockets)
         faulthandler.cancel_dump_traceback_later()
         server_log.info("stopped")
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """A signal: what was acknowledged is durable, so one may end at any moment."""
+        """Stop, or end at once on a second signal: what was acknowledged is durable."""
         if self.should_exit:
             with suppress(RuntimeError):  # it may have come in the middle of a line
                 server_log.warning("ended by a second signal")
             os._exit(128 + sig)
-        # If the loop stands still it never learns of the signal: no lock is taken here.
+        # If the event loop hangs, it never sees the signal. No lock is taken here.
         with suppress(ValueError, OSError, AttributeError):
             faulthandler.dump_traceback_later(self._wait_s + 2 * LAST_S, exit=True)
         super().handle_exit(sig, frame)
@@ -112,12 +111,12 @@ def _exit(*_: object) -> None:
     raise SystemExit(0)
 
 
-def _goes_on(tasks: set[asyncio.Task[None]]) -> int:
+def _unfinished(tasks: set[asyncio.Task[None]]) -> int:
     return sum(not task.done() for task in tasks)
 
 
-async def _cancelled(tasks: set[asyncio.Task[None]]) -> None:
-    """End tasks and let them say so to whoever waits for their answers."""
+async def _cancel(tasks: set[asyncio.Task[None]]) -> None:
+    """Cancel tasks, and give them a second to send errors to their clients."""
     left = [task for task in tasks if not task.done()]
     for task in left:
         task.cancel()
@@ -127,7 +126,7 @@ async def _cancelled(tasks: set[asyncio.Task[None]]) -> None:
 
 def _end_after(seconds: float) -> None:
     def end() -> None:
-        server_log.error("the work did not end in time: the process does")
+        server_log.error("the work did not end in time: the process ends by force")
         os._exit(1)
 
     watchdog = threading.Timer(seconds, end)
@@ -135,53 +134,53 @@ def _end_after(seconds: float) -> None:
     watchdog.start()
 
 
-MOST_UNWANTED: Final = 1 << 26
-"""Bytes of a body that are read after its request was answered."""
+MAX_DISCARDED_BYTES: Final = 1 << 26
+"""Bytes of a body that are read and discarded after its request was answered."""
 MOST_PIPELINED: Final = 32
 """Requests that wait on one connection behind the one that is being answered."""
 _FULL_RETRY_S: Final = 5
 _TURN_AWAY_S: Final = 1.0
-"""How long somebody who is turned away may take to read why."""
+"""How long a client that is refused may take to read the response."""
 _MALFORMED: Final = Refusal(
     400, "malformed_http", "this is no request in HTTP/1.1 with a known method"
 )
 
 
 class ProblemProtocol(HttpToolsProtocol):
-    """Uvicorn's HTTP/1.1, but for the answer to what it cannot parse, and bounded."""
+    """Uvicorn's HTTP/1.1 with limits, and a problem document for malformed requests."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Wait for the first request, but not for ever; or say that all is full."""
+        """Wait for the first request, for a limited time; or refuse the connection."""
         state = cast("FastAPI", self.config.app).state
         settings: Settings = state.settings
-        self._others: Connections = state.connections
-        self._most = int(settings.max_head_bytes)
+        self._connections: Connections = state.connections
+        self._max_head_bytes = int(settings.max_head_bytes)
         self._head_wait_s = settings.head_wait_s
         self._body_wait_s = settings.body_wait_s
-        self._held = self._unwanted = 0
-        self._gives = self._has_begun = False
+        self._unparsed = self._discarded = 0
+        self._has_parsed = self._has_begun = False
         self._is_turned_away = self._is_signed_in = self._asks_too_much = False
         self._fault = _MALFORMED
-        self._patience: asyncio.TimerHandle | None = None
+        self._timer: asyncio.TimerHandle | None = None
         self._answered: RequestResponseCycle | None = None
         self._writer = WatchedTransport(
             cast("asyncio.Transport", transport), self.loop, settings.answer_wait_s
         )
         super().connection_made(cast("asyncio.Transport", self._writer))
-        refusal = self._others.refusal(self)
+        refusal = self._connections.refusal(self)
         if refusal is None:
-            self._be_patient(self._head_wait_s)
+            self._start_timer(self._head_wait_s)
         else:
             self._turn_away(refusal)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Nobody is waited for any more, and whoever answers is told so."""
-        self._stop_waiting()
+        """Stop all timers, and tell the request that is being answered."""
+        self._stop_timer()
         self._writer.stop()
-        self._others.leave(self)
+        self._connections.leave(self)
         answered = self._answered
         if answered is not None and not answered.response_complete:
-            # Uvicorn tells the last request that came, which may still wait its turn.
+            # Uvicorn only tells the newest request, which may wait behind this one.
             answered.disconnected = True
             answered.message_event.set()
         super().connection_lost(exc)
@@ -193,42 +192,42 @@ class ProblemProtocol(HttpToolsProtocol):
 
     @property
     def is_known(self) -> bool:
-        """Whether a valid token or session was shown on this connection."""
+        """Whether a valid token or session was sent on this connection."""
         return self._is_signed_in or _is_signed_in(self._answered)
 
     @property
     def is_quiet(self) -> bool:
-        """Whether nothing came that was not read, and nothing has to be sent."""
+        """Whether no bytes wait to be read or to be sent."""
         if self.transport.get_write_buffer_size():
             return False
         return not _has_arrived(self.transport.get_extra_info("socket").fileno())
 
     def give_way(self) -> None:
-        """Hang up at once: another connection needs the place."""
+        """Close at once, for another connection."""
         self.transport.abort()
 
     def _turn_away(self, refusal: str) -> None:
-        if len(self._others.turned_away) >= MOST_TURNED_AWAY:
+        if len(self._connections.turned_away) >= MOST_TURNED_AWAY:
             self.transport.abort()
             return
         self._is_turned_away = True
-        self._others.turned_away.add(self)
+        self._connections.turned_away.add(self)
         headers = {"Retry-After": str(_FULL_RETRY_S)}
         status = HTTPStatus.SERVICE_UNAVAILABLE
-        self._say(Refusal(status, "too_many_connections", refusal, headers=headers))
+        self._send(Refusal(status, "too_many_connections", refusal, headers=headers))
         # Closed with a request unread, the answer would be lost on some systems.
         self.transport.write_eof()
-        self._be_patient(_TURN_AWAY_S)
+        self._start_timer(_TURN_AWAY_S)
 
     def data_received(self, data: bytes) -> None:
-        """Parse; what the parser keeps to itself may not grow without end."""
+        """Parse; limits how much the parser holds without a callback."""
         if self._is_turned_away:
             self.transport.close()
             return
-        self._gives = False
+        self._has_parsed = False
         super().data_received(data)
-        self._held = 0 if self._gives else self._held + len(data)
-        if self._held > self._most and not self._asks_too_much:
+        self._unparsed = 0 if self._has_parsed else self._unparsed + len(data)
+        if self._unparsed > self._max_head_bytes and not self._asks_too_much:
             self._refuse(self._too_long())
 
     def on_message_begin(self) -> None:
@@ -238,54 +237,54 @@ class ProblemProtocol(HttpToolsProtocol):
             raise ValueError("too many requests wait")  # the parser stops
         super().on_message_begin()
         self._has_begun = True
-        self._unwanted = 0
-        self._others.work(self)
-        if self._patience is None:
-            self._be_patient(self._head_wait_s)
+        self._discarded = 0
+        self._connections.work(self)
+        if self._timer is None:
+            self._start_timer(self._head_wait_s)
 
     def on_headers_complete(self) -> None:
         """The service takes over, unless the head is too long."""
-        self._gives, self._has_begun = True, False
-        self._stop_waiting()
+        self._has_parsed, self._has_begun = True, False
+        self._stop_timer()
         size = len(self.url) + sum(
             len(name) + len(value) for name, value in self.headers
         )
-        if size > self._most:
+        if size > self._max_head_bytes:
             self._fault = self._too_long()
             raise ValueError(self._fault.detail)  # the parser stops, and we answer
         super().on_headers_complete()
 
     def on_body(self, body: bytes) -> None:
         """A piece of a body, which has limits of its own."""
-        self._gives = True
+        self._has_parsed = True
         if self.cycle.response_complete:
-            self._pass_over(body)
+            self._discard(body)
             return
         if not self.cycle.body:
             self.cycle.body = cast("bytearray", Pieces())
         super().on_body(body)
 
-    def _pass_over(self, body: bytes) -> None:
-        # Who still sends reads its answer late, if at all; but not for ever.
-        self._unwanted += len(body)
-        if self._unwanted > MOST_UNWANTED:
+    def _discard(self, body: bytes) -> None:
+        # A client that still sends reads the response late; but not for ever.
+        self._discarded += len(body)
+        if self._discarded > MAX_DISCARDED_BYTES:
             self.transport.close()
 
     def on_message_complete(self) -> None:
         """The end of a request."""
-        self._gives = True
+        self._has_parsed = True
         super().on_message_complete()
 
     def on_response_complete(self) -> None:
-        """Wait for the rest of a body that nobody wants, or for the next request."""
+        """Wait for the rest of a body, which is discarded, or for the next request."""
         self._is_signed_in = self.is_known
         is_whole = not self.cycle.more_body
-        self._be_patient(self._head_wait_s if is_whole else self._body_wait_s)
+        self._start_timer(self._head_wait_s if is_whole else self._body_wait_s)
         super().on_response_complete()
         if self.pipeline:  # what came already is answered before more is read
             self.flow.pause_reading()
         elif not self._has_begun and not self._is_answering():
-            self._others.wait(self)
+            self._connections.wait(self)
 
     def _start_asgi_task(
         self, cycle: RequestResponseCycle, app: ASGI3Application
@@ -294,27 +293,27 @@ class ProblemProtocol(HttpToolsProtocol):
         super()._start_asgi_task(cycle, app)
 
     def send_400_response(self, msg: str) -> None:
-        """Answer and hang up. No request exists yet, so no middleware sees this."""
+        """Answer and close. There is no request yet, so no middleware sees this."""
         if self._asks_too_much:
-            # What was taken is answered; its client asks for the rest once more.
+            # Requests that were taken are answered; the client has to repeat the rest.
             self.cycle.keep_alive = False
             self.flow.pause_reading()
         else:
             self._refuse(self._fault)
 
-    def _be_patient(self, seconds: float) -> None:
-        self._stop_waiting()
-        self._patience = self.loop.call_later(seconds, self._lose_patience)
+    def _start_timer(self, seconds: float) -> None:
+        self._stop_timer()
+        self._timer = self.loop.call_later(seconds, self._on_timeout)
 
-    def _stop_waiting(self) -> None:
-        if self._patience is not None:
-            self._patience.cancel()
-            self._patience = None
+    def _stop_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
-    def _lose_patience(self) -> None:
-        self._patience = None
+    def _on_timeout(self) -> None:
+        self._timer = None
         if self._is_answering():
-            return  # whatever was begun meanwhile waits its turn
+            return  # a request that has begun meanwhile waits
         if self._has_begun:
             detail = f"the request's head did not arrive within {self._head_wait_s:g} s"
             status = HTTPStatus.REQUEST_TIMEOUT
@@ -330,17 +329,17 @@ class ProblemProtocol(HttpToolsProtocol):
         return Refusal(
             HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE,
             "head_too_large",
-            f"the request's head is larger than {self._most} bytes",
+            f"the request's head is larger than {self._max_head_bytes} bytes",
         )
 
     def _refuse(self, refusal: Refusal) -> None:
         if self.transport.is_closing():
             return
         if not self._is_answering():  # else only hang up: an answer is on its way
-            self._say(refusal)
+            self._send(refusal)
         self.transport.close()
 
-    def _say(self, refusal: Refusal) -> None:
+    def _send(self, refusal: Refusal) -> None:
         request_id = uuid.uuid4().hex
         answer = refusal.response(instance="", request_id=request_id)
         with logged_with(request_id):
@@ -376,15 +375,14 @@ def _has_arrived(descriptor: int) -> bool:
 _CHECKS_PER_WAIT: Final = 4
 """How often progress is checked in the time after which a connection is cut off."""
 _INT: Final = struct.Struct("i")
-_AT_ONCE: Final = struct.pack("ii", 1, 0)
+_NO_LINGER: Final = struct.pack("ii", 1, 0)
 
 
 class WatchedTransport:
-    """A transport that is aborted when nothing of what was written arrives.
+    """A transport that is aborted when the client stops reading.
 
-    Whatever was not taken by the other end is watched, whether or not somebody waits
-    for it, and also after `close`. Only standing still counts: a download may take as
-    long as it needs.
+    Bytes that the client has not taken are watched, also after `close`. A slow client
+    is fine: it is cut off only if none of them arrive for `wait_s` seconds.
     """
 
     def __init__(
@@ -399,11 +397,11 @@ class WatchedTransport:
         self._timer: asyncio.TimerHandle | None = None
 
     def __getattr__(self, name: str) -> object:
-        """All that is not about writing, as the transport itself does it."""
+        """Everything else, as of the transport itself."""
         return getattr(self._transport, name)
 
     def write(self, data: bytes) -> None:
-        """Write, and look after it until it is sent."""
+        """Write, and watch until everything has arrived."""
         self._written += len(data)
         self._transport.write(data)
         if self._timer is None:
@@ -437,8 +435,8 @@ class WatchedTransport:
         """Bytes that were written and have not arrived."""
         left = self._transport.get_write_buffer_size()
         connection = self._transport.get_extra_info("socket")
-        # Linux takes megabytes, and more only when a third of them has arrived: seen
-        # from the buffer before it alone, a slow reader would stand still for minutes.
+        # Linux buffers megabytes, and takes more when a third of them has arrived: by
+        # our buffer alone, a slow client would seem to read nothing for minutes.
         return left + (_not_arrived(connection.fileno()) if connection else 0)
 
     def _cut_off(self, left: int) -> None:
@@ -449,17 +447,17 @@ class WatchedTransport:
             self._wait_s,
             left,
         )
-        if os.name == "posix":  # else the system would go on trying for minutes
+        if os.name == "posix":  # else the system would go on sending for minutes
             connection = self._transport.get_extra_info("socket")
-            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _AT_ONCE)
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER)
         self._transport.abort()
 
 
 def _not_arrived(descriptor: int) -> int:
-    """Bytes that the system has sent or is to send, and nobody has acknowledged."""
+    """Bytes that the system holds or that are not acknowledged; 0 if unknown."""
     if sys.platform != "linux":
         return 0
-    import fcntl  # these two are not there on Windows
+    import fcntl  # neither module is on Windows
     import termios
 
     found = fcntl.ioctl(descriptor, termios.TIOCOUTQ, bytes(_INT.size))

@@ -1,6 +1,6 @@
-"""A worker: joins a scheduler and works on chunks until it is told to stop.
+"""A worker: joins a scheduler and works on chunks until it is stopped.
 
-Two processes: one that works, and one that starts another when that one dies.
+It consists of two processes: one works, the other starts it again when it has died.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from app.engine.dask import (
     prepare,
     reason_of,
     security,
-    when_told_to_stop,
+    stop_event,
 )
 from app.jobs.work import work_in_worker
 from app.logs import configure_logging, server_log
@@ -45,11 +45,11 @@ if TYPE_CHECKING:
     from distributed import Security, Worker
 
 REFUSED: Final = 1
-"""Exit status of a working process that cannot work with its settings."""
+"""Exit status of a working process whose settings cannot be used."""
 AWAY: Final = 74
-"""No scheduler accepted it, or no database answered."""
+"""Exit status: no scheduler accepted it, or no database answered."""
 LOST: Final = 75
-"""The scheduler was there, and went away: another process tries to join again."""
+"""Exit status: the scheduler went away; a new process tries to join again."""
 _SHORT_LIFE_S: Final = 10.0
 _PAUSE_S: Final = 0.25
 _LONGEST_PAUSE_S: Final = 8.0
@@ -65,7 +65,7 @@ _KEEP_MEMORY: Final = {
 
 @dataclass(frozen=True)
 class Place:
-    """Where a worker listens, and for how long it looks for its scheduler."""
+    """Where a worker listens, and how long it waits for its scheduler."""
 
     host: str | None = None
     port: int = 0
@@ -74,7 +74,7 @@ class Place:
 
 @dataclass
 class Supervisor:
-    """Keeps one working process alive."""
+    """Starts a working process, and a new one whenever it dies."""
 
     settings: Settings
     place: Place
@@ -83,7 +83,7 @@ class Supervisor:
     _stopping: threading.Event = field(default_factory=threading.Event)
 
     def run(self) -> int:
-        """Until told to stop, or there is no scheduler: 0, `REFUSED` or `AWAY`."""
+        """Run until stopped, or given up; the exit status 0, `REFUSED` or `AWAY`."""
         check_engine(self.settings)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._stop)
@@ -92,7 +92,7 @@ class Supervisor:
             begun = time.monotonic()
             status = self._work()
             if self._stopping.is_set():
-                # By the signal itself: it had not begun to listen for work yet.
+                # -SIGTERM: it had not installed its handler yet.
                 return 0 if status in (0, LOST, -signal.SIGTERM) else REFUSED
             if status in (REFUSED, AWAY):
                 return status
@@ -110,7 +110,7 @@ class Supervisor:
         command = [sys.executable, "-m", self.program, f"--port={place.port}"]
         command += [f"--patience={place.patience_s}"]
         command += [f"--host={place.host}"] if place.host else []
-        # It notices our end by the end of this pipe.
+        # When this process ends, the pipe closes, and the child ends as well.
         self._child = subprocess.Popen(
             command, env=_environment(self.settings), stdin=subprocess.PIPE
         )
@@ -122,7 +122,7 @@ class Supervisor:
     def _stop(self, _number: int, _frame: FrameType | None) -> None:
         child = self._child
         if child is not None and child.poll() is None:
-            # Asked again, somebody is in a hurry: chunks are done again elsewhere.
+            # A second signal kills it: its chunks are done again elsewhere.
             child.send_signal(
                 signal.SIGKILL if self._stopping.is_set() else signal.SIGTERM
             )
@@ -130,12 +130,12 @@ class Supervisor:
 
 
 def check_engine(settings: Settings) -> EngineAddress:
-    """Where the scheduler is.
+    """The address of the scheduler, with settings that can be used to join it.
 
     Raises
     ------
     UnusableEngine
-        The settings name none, or not what it takes to join it.
+        The settings name no scheduler, or lack what is needed to join it.
     """
     if settings.engine == LOCAL_ENGINE:
         raise UnusableEngine(
@@ -157,7 +157,7 @@ def _environment(settings: Settings) -> dict[str, str]:
 
 
 class Work:
-    """What a working process is asked to do; counts what it is at."""
+    """Works on the chunks that the scheduler sends, and counts those in progress."""
 
     def __init__(self, services: ServiceContext) -> None:
         self._services = services
@@ -186,9 +186,9 @@ def work(settings: Settings, place: Place) -> int:
         return asyncio.run(_join(services, mine, address, place))
 
 
-def work_once_it_answers(settings: Settings, place: Place) -> int:
-    """As `work`; waits for a database that is away while there is a scheduler."""
-    until, told = time.monotonic() + place.patience_s, False
+def work_when_database_answers(settings: Settings, place: Place) -> int:
+    """As `work`; waits up to `patience_s` for a database that does not answer."""
+    until, has_warned = time.monotonic() + place.patience_s, False
     while True:
         try:
             return work(settings, place)
@@ -198,9 +198,9 @@ def work_once_it_answers(settings: Settings, place: Place) -> int:
             if time.monotonic() > until:
                 server_log.error("the database does not answer: %s", in_a_line(exc))
                 return AWAY
-            if not told:
+            if not has_warned:
                 server_log.warning("waiting for the database: %s", in_a_line(exc))
-                told = True
+                has_warned = True
         time.sleep(_PAUSE_S)
 
 
@@ -209,7 +209,7 @@ async def _join(
 ) -> int:
     from distributed import Worker
 
-    over = when_told_to_stop()
+    over = stop_event()
     threading.Thread(
         target=_wait_for_parent,
         args=(partial(asyncio.get_running_loop().call_soon_threadsafe, over.set),),
@@ -273,17 +273,17 @@ async def _answers(address: EngineAddress, shown: Security, patience_s: float) -
 
 
 def _own_address(address: EngineAddress) -> str:
-    """The address of this machine on the way to the scheduler: others are not used."""
+    """This machine's address in the network of the scheduler, where it listens."""
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     with socket.socket(family, socket.SOCK_DGRAM) as way:
         way.connect((address.host, address.port or 1))
         return str(way.getsockname()[0])
 
 
-def _wait_for_parent(tell: partial[object]) -> None:
+def _wait_for_parent(notify: partial[object]) -> None:
     while os.read(_STDIN, 1024):
         pass
-    tell()
+    notify()
 
 
 def main() -> int:
@@ -297,7 +297,7 @@ def main() -> int:
     configure_logging(settings.log_level, settings.log_format)
     keep_freed_memory()
     try:
-        return work_once_it_answers(
+        return work_when_database_answers(
             settings, Place(given.host, given.port, given.patience)
         )
     except (UnusableEngine, CannotMaintain) as exc:

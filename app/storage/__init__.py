@@ -1,4 +1,4 @@
-"""Blobs: files named by their content, durable before anything refers to them."""
+"""Storage of blobs: files named by the digest of their content."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ __all__ = [
 ]
 
 BLOBS: Final = "blobs"
-_HOME: Final = "us-east-1"
+_DEFAULT_REGION: Final = "us-east-1"
 
 
 class MissingLibrary(Exception):
@@ -62,7 +62,7 @@ class MissingLibrary(Exception):
 
 
 def open_store(settings: Settings) -> BlobStore:
-    """The store of the settings; it is not asked anything yet, see `prepare`.
+    """The store that the settings name; `prepare` has to be called before it is used.
 
     Raises
     ------
@@ -90,8 +90,8 @@ def open_store(settings: Settings) -> BlobStore:
 
 
 def endpoint_of(settings: Settings) -> str:
-    """The address of the server that has the bucket; Amazon's if none is named."""
+    """The address of the S3 server; Amazon's if the settings name none."""
     variables = ("AWS_REGION", "AWS_DEFAULT_REGION")
     named = [os.environ[name] for name in variables if os.environ.get(name)]
-    region = settings.storage_region or (named[0] if named else _HOME)
+    region = settings.storage_region or (named[0] if named else _DEFAULT_REGION)
     return settings.storage_endpoint or f"https://s3.{region}.amazonaws.com"

@@ -1,4 +1,4 @@
-"""What every store of files does, a folder or a bucket, and what lies in it."""
+"""The interface of stores of blobs (a folder or a bucket), and what they share."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
 PIECE: Final = 4 * 1024**2
-"""Bytes of a blob that are held at a time while it is sent."""
+"""Bytes of a blob in memory at a time while it is sent."""
 
 
 def sha256_of(data: bytes) -> str:
@@ -20,22 +20,22 @@ def sha256_of(data: bytes) -> str:
 
 
 def place_of(digest: str) -> str:
-    """Where a blob lies below a store's folder or prefix: from its digest alone."""
+    """The path of a blob below a store's folder or prefix, made from its digest."""
     if len(digest) != 64 or not set(digest) <= set("0123456789abcdef"):
         raise ValueError(f"not a SHA-256 digest: {digest!r}")
     return f"{digest[:2]}/{digest}"
 
 
 class Drafts:
-    """Blobs on their way into a store; only that store looks inside."""
+    """Blobs that are being put into a store; each store has a subclass of its own."""
 
 
 class Unsure(Exception):
-    """Only a store on another machine knows whether these blobs are there.
+    """Raised where only a store on another machine knows whether blobs are still there.
 
-    It ends the transaction that would refer to them, as nobody should wait to write
-    while a store is asked. Then `BlobStore.make_sure` asks, and the transaction is
-    tried again.
+    It ends the transaction that would refer to them, since nobody should wait to write
+    while that store is asked. Afterwards `BlobStore.make_sure` asks, and the
+    transaction is tried again.
     """
 
     def __init__(self, digests: Sequence[str]) -> None:
@@ -76,86 +76,86 @@ class BlobStore(Protocol):
     """
 
     def prepare(self) -> None:
-        """Make the place ready for blobs, or say by an error why it cannot be."""
+        """Prepare the store for blobs; raises if it cannot be used."""
 
     def check(self) -> None:
-        """Put something of no use; raises what putting a blob would raise now."""
+        """Try to write; raises what `put` would raise now."""
 
     def put(self, blobs: Mapping[str, bytes]) -> None:
         """Store blobs by their digests; when this returns they survive a power cut.
 
-        A blob that is there already counts as new from now on.
+        A blob that is there already counts as put now (see `remove`).
         """
 
     def draft(self, blobs: Mapping[str, bytes]) -> Drafts:
-        """Begin to put blobs; `settle` or `discard` them afterwards."""
+        """Begin to put blobs; call `settle` or `discard` afterwards."""
 
     def settle(self, many: Sequence[Drafts]) -> None:
-        """Return when all blobs of drafts are put, as by `put`."""
+        """Finish drafts: when this returns, their blobs are stored as by `put`."""
 
     def discard(self, many: Sequence[Drafts]) -> None:
-        """Give up drafts that nobody wants any more."""
+        """Give up drafts, in place of `settle`."""
 
     def read(self, digest: str) -> bytes:
-        """A blob's bytes; DamagedFile if it is gone, or not what was stored."""
+        """The bytes of a blob; DamagedFile if it is missing or its digest is wrong."""
 
-    def whole(self, digest: str, *, size_bytes: int | None) -> Blob:
-        """A blob to read from; DamagedFile if it is gone or of another size.
+    def open(self, digest: str, *, size_bytes: int | None) -> Blob:
+        """A blob to read from; DamagedFile if it is missing or of another size.
 
-        Its content is not looked at: whoever gets it can do that.
+        Its content is not compared with the digest.
         """
 
-    def intact(self, digest: str, *, size_bytes: int | None) -> Blob:
-        """A blob whose content is what was stored; else DamagedFile."""
+    def open_verified(self, digest: str, *, size_bytes: int | None) -> Blob:
+        """As `open`; DamagedFile also if the content does not have this digest."""
 
     def require(self, digests: Iterable[str]) -> None:
-        """Refuse to refer to a blob that somebody took away since it was put.
+        """Check that no blob was removed since it was put.
 
-        To be called in the transaction that refers to the blobs; no other machine is
-        asked.
+        Call it in the transaction that will refer to the blobs; it asks no other
+        machine.
 
         Raises
         ------
         TryLater
-            One is gone; sent again, it is put again.
+            One is missing; if the client sends it again, it is put again.
         Unsure
             Another machine has to be asked: end the transaction, call `make_sure`, and
             begin again.
         """
 
     def make_sure(self, digests: Iterable[str]) -> None:
-        """Find out whether blobs are there that were put a moment ago.
+        """Ask whether blobs are there that were put a moment ago.
 
-        To be called outside of transactions, and only after a transaction that `Unsure`
-        ended: whoever takes blobs away holds the turn to write meanwhile, so an older
-        attempt to take them away is over by then, and a later one finds them too young.
+        Call it outside of transactions, and only after a transaction that `Unsure`
+        ended. Blobs are removed only in a turn to write; so an earlier removal has
+        ended by then, and for a later one these blobs are too young.
 
         Raises
         ------
         TryLater
-            One is gone; sent again, it is put again.
+            One is missing; if the client sends it again, it is put again.
         """
 
-    def mend(self, blobs: Mapping[str, bytes]) -> None:
-        """Put those of stored blobs again that are gone, or of another size."""
+    def put_missing(self, blobs: Mapping[str, bytes]) -> None:
+        """Put those of these blobs that are missing or of another size."""
 
     def remove(self, digests: Sequence[str], *, unused_since: float) -> dict[str, int]:
-        """Take blobs away but for those put since; sizes of those that were taken."""
+        """Remove blobs that were not put since a time; sizes of the removed ones."""
 
     def adopt(self, file: Path) -> str:
-        """Put a finished file of the temporary folder, and take it from there."""
+        """Move a finished file from the temporary folder into the store; its digest."""
 
     def files(self) -> Iterator[StoredFile]:
-        """Every blob that there is."""
+        """All blobs."""
 
     def leftovers(self) -> Iterator[tuple[Path, float]]:
-        """What is half written on this machine, with the times of the last changes."""
+        """Unfinished files on this machine, each with the time of its last change."""
 
     def temporary_folder(self) -> Path:
-        """A folder of this machine for files that are being written."""
+        """A folder on this machine for files that are being written."""
 
     def close(self) -> None:
-        """Give back threads and connections."""
+        """Release threads and connections."""
 
 
 _DIGEST: Final = re.compile(r"[0-9a-f]{64}")
@@ -164,7 +164,7 @@ _CHUNK: Final = 1 << 20
 
 
 class StoredFile(NamedTuple):
-    """A blob as it lies there."""
+    """A blob in a store, with its size and the time at which it was put."""
 
     digest: str
     size_bytes: int
@@ -172,7 +172,7 @@ class StoredFile(NamedTuple):
 
 
 def stored_files(folder: Path) -> Iterator[StoredFile]:
-    """Every blob in a folder of blobs, one sub-folder after the other."""
+    """All blobs in a folder of blobs, sub-folder by sub-folder."""
     for entry in _entries(folder):
         if _DIGEST.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
             try:
@@ -183,9 +183,9 @@ def stored_files(folder: Path) -> Iterator[StoredFile]:
 
 
 def leftovers(folder: Path) -> Iterator[tuple[Path, float]]:
-    """Drafts and half exports, each with the time of its last change.
+    """Drafts and unfinished exports, each with the time of its last change.
 
-    Some of them are being written just now.
+    Some of them are being written at this moment.
     """
     temporary = folder / "tmp"
     found = [Path(entry) for entry in _entries(folder) if entry.name.startswith(_DRAFT)]
@@ -199,7 +199,7 @@ def leftovers(folder: Path) -> Iterator[tuple[Path, float]]:
 
 
 def export_of(leftover: Path) -> str:
-    """The export of a leftover, as ``export-7``; each attempt has its own folder."""
+    """The export that an unfinished file belongs to, as ``export-7``."""
     return "-".join(leftover.name.split("-")[:2])
 
 

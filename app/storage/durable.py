@@ -1,4 +1,4 @@
-"""Carrying files and names of files to the disk; one process at a time in a folder."""
+"""Flushes files and folders to the disk, and locks a folder for one process."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def flush_file(file: Path) -> None:
 
 
 def flush_folder(folder: Path) -> None:
-    """Return when the names in a folder are on the disk."""
+    """Return when the entries of a folder are on the disk."""
     # A rename is only durable once its folder is. Windows cannot open folders, and
     # does not need to.
     if os.name == "nt":
@@ -33,7 +33,7 @@ def flush_folder(folder: Path) -> None:
 
 
 def flush_everything(folder: Path) -> None:
-    """Return when all files and names below a folder are on the disk."""
+    """Return when everything below a folder is on the disk."""
     if hasattr(os, "sync"):
         # A hundred thousand files at once, not one after the other.
         os.sync()
@@ -46,8 +46,7 @@ def flush_everything(folder: Path) -> None:
 def make_folder(folder: Path, mode: int = 0o700) -> None:
     """Make a folder and the folders above it, so that they survive a power cut.
 
-    If the folder itself were lost, so would be everything in it, however well that was
-    flushed.
+    If the folder itself were lost, so would be everything in it, flushed or not.
     """
     if folder.is_dir():
         return
@@ -60,17 +59,17 @@ _LOCK: Final = ".maintenance.lock"
 
 
 class FolderInUse(Exception):
-    """Another process holds the folder."""
+    """Another process has locked the folder."""
 
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Hold a folder; the operating system lets go of it when the process ends.
+    """Lock a folder; the operating system releases the lock when the process ends.
 
     Raises
     ------
     FolderInUse
-        Another process holds it.
+        Another process has locked it.
     """
     descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o600)
     try:

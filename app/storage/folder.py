@@ -1,4 +1,4 @@
-"""A folder of blobs: putting them there, reading them, taking them away."""
+"""Blobs in a folder: put, read and removed."""
 
 from __future__ import annotations
 
@@ -32,14 +32,17 @@ _NEW_FILE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY"
 
 @dataclass(frozen=True)
 class FolderDrafts(Drafts):
-    """Blobs of which the new ones are written, but not durable and not in place."""
+    """Blobs whose new files are written, but neither flushed nor renamed.
+
+    `places` are the paths of all blobs, `files` pairs of a draft and its final path.
+    """
 
     places: list[Path]
     files: list[tuple[Path, Path]] = field(default_factory=list)
 
 
 class FolderStorage:
-    """Blobs in a folder; safe for several writers, readable by any tool."""
+    """A store of blobs in a folder; safe for several processes that write."""
 
     def __init__(self, folder: Path, *, make: bool = True) -> None:
         self.folder = folder
@@ -47,9 +50,9 @@ class FolderStorage:
             self.prepare()
 
     def prepare(self) -> None:
-        """Make the folder and the 256 in it, where they are not there."""
-        # All of them now: later, a blob could find a folder that another writer has
-        # made and not yet flushed, and would have to wait for two.
+        """Make the folder and its 256 sub-folders, where they are missing."""
+        # All of them now: later, a writer could find a sub-folder that another one has
+        # made but not flushed, and would have to flush its parent as well.
         make_folder(self.folder)
         for number in range(16**_PREFIX_LENGTH):
             name = f"{number:0{_PREFIX_LENGTH}x}"
@@ -58,20 +61,20 @@ class FolderStorage:
         flush_folder(self.folder.parent)
 
     def check(self) -> None:
-        """Write a file that nobody sees; OSError if that is not possible."""
+        """Write an unnamed file; OSError if that is impossible."""
         with tempfile.TemporaryFile(dir=self.temporary_folder(), buffering=0) as file:
             file.write(b"ready?")
 
     def put(self, blobs: Mapping[str, bytes]) -> None:
         """Store blobs by their digests; when this returns they survive a power cut.
 
-        A blob that is there already is not written again; its folder is flushed all
-        the same, as whoever wrote it may not have come to that yet.
+        A blob that is there already is not written again. Its folder is flushed all
+        the same: another writer may not have done that yet.
         """
         self.settle([self.draft(blobs)])
 
     def draft(self, blobs: Mapping[str, bytes]) -> FolderDrafts:
-        """Write blobs beside their places; `settle` or `discard` them afterwards."""
+        """Write blobs beside their final paths; `settle` or `discard` them later."""
         drafts = FolderDrafts([self.path(digest) for digest in blobs])
         try:
             for path, data in zip(drafts.places, blobs.values(), strict=True):
@@ -85,8 +88,8 @@ class FolderStorage:
     def settle(self, many: Sequence[Drafts]) -> None:
         """Make drafts durable blobs: each file and each folder is flushed once.
 
-        Files before folders, and all of them in a row: what one flush has carried to
-        the disk of its neighbours, the next ones need not.
+        All files come before all folders: one flush often writes the data of others as
+        well, which makes theirs quick.
         """
         try:
             for draft, _ in _files(many):
@@ -101,12 +104,12 @@ class FolderStorage:
             flush_folder(folder)
 
     def discard(self, many: Sequence[Drafts]) -> None:
-        """Take drafts away that nobody wants any more."""
+        """Delete drafts."""
         for draft, _ in _files(many):
             draft.unlink(missing_ok=True)
 
     def path(self, digest: str) -> Path:
-        """Where a blob lies; the name comes from its digest alone."""
+        """The path of a blob."""
         return self.folder / place_of(digest)
 
     def read(self, digest: str) -> bytes:
@@ -115,7 +118,7 @@ class FolderStorage:
         Raises
         ------
         DamagedFile
-            It is gone, or not what was stored.
+            It is missing, or its digest is wrong.
         """
         try:
             content = self.path(digest).read_bytes()
@@ -125,10 +128,10 @@ class FolderStorage:
             raise DamagedFile(digest, "is not what was stored")
         return content
 
-    def whole(self, digest: str, *, size_bytes: int | None) -> Blob:
-        """A blob to read from; DamagedFile if it is gone or of another size.
+    def open(self, digest: str, *, size_bytes: int | None) -> Blob:
+        """A blob to read from; DamagedFile if it is missing or of another size.
 
-        Its content is not looked at: whoever gets the file can do that.
+        Its content is not compared with the digest.
         """
         path = self.path(digest)
         try:
@@ -139,20 +142,20 @@ class FolderStorage:
             raise DamagedFile(digest, f"has {found} of {size_bytes} bytes")
         return Blob(found, partial(_part, path), path)
 
-    def intact(self, digest: str, *, size_bytes: int | None) -> Blob:
-        """A blob whose content is what was stored; else DamagedFile."""
-        blob = self.whole(digest, size_bytes=size_bytes)
+    def open_verified(self, digest: str, *, size_bytes: int | None) -> Blob:
+        """As `open`; DamagedFile also if the content does not have this digest."""
+        blob = self.open(digest, size_bytes=size_bytes)
         if digest_of(self.path(digest)) != digest:
             raise DamagedFile(digest, "is not what was stored")
         return blob
 
     def require(self, digests: Iterable[str]) -> None:
-        """Refuse to refer to a blob that somebody took away since it was put.
+        """Check that no blob was removed since it was put.
 
         Raises
         ------
         TryLater
-            One is gone; sent again, it is put again.
+            One is missing; if the client sends it again, it is put again.
         """
         if not all(self.path(digest).exists() for digest in digests):
             raise TryLater("a file was cleared away meanwhile; send the frame again")
@@ -161,8 +164,8 @@ class FolderStorage:
         """As `require`, which is never unsure of files of this machine."""
         self.require(digests)
 
-    def mend(self, blobs: Mapping[str, bytes]) -> None:
-        """Put those of stored blobs again that are gone, or of another size."""
+    def put_missing(self, blobs: Mapping[str, bytes]) -> None:
+        """Put those of these blobs that are missing or of another size."""
         lost = {
             digest: data
             for digest, data in blobs.items()
@@ -172,7 +175,7 @@ class FolderStorage:
             self.put(lost)
 
     def remove(self, digests: Sequence[str], *, unused_since: float) -> dict[str, int]:
-        """Take blobs away but for those put since; sizes of those that were taken."""
+        """Remove blobs that were not put since a time; sizes of the removed ones."""
         removed = {}
         for digest in digests:
             path = self.path(digest)
@@ -196,11 +199,11 @@ class FolderStorage:
         return name
 
     def files(self) -> Iterator[StoredFile]:
-        """Every blob, folder by folder."""
+        """All blobs, sub-folder by sub-folder."""
         return stored_files(self.folder)
 
     def leftovers(self) -> Iterator[tuple[Path, float]]:
-        """Drafts and half exports, each with the time of its last change."""
+        """Drafts and unfinished exports, each with the time of its last change."""
         return leftovers(self.folder)
 
     def temporary_folder(self) -> Path:
@@ -213,7 +216,7 @@ class FolderStorage:
         draft = path.with_name(f".new-{secrets.token_hex(8)}")
         try:
             descriptor = os.open(draft, _NEW_FILE, 0o600)
-        except FileNotFoundError:  # somebody emptied the folder while we run
+        except FileNotFoundError:  # the sub-folder was deleted meanwhile
             self.prepare()
             descriptor = os.open(draft, _NEW_FILE, 0o600)
         try:
@@ -225,7 +228,7 @@ class FolderStorage:
         return draft
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Nothing has to be released."""
 
 
 def _own(many: Sequence[Drafts]) -> Iterator[FolderDrafts]:
@@ -246,14 +249,15 @@ def _part(path: Path, first: int, end: int) -> bytes:
 
 
 def _holds(path: Path, size_bytes: int) -> bool:
-    """Whether a blob is there and of its size: half of one is written anew.
+    """Whether a blob is there with its full size.
 
-    From now on it counts as new, so that nobody collects it before its row is there.
+    If so, it counts as put now, so that garbage collection leaves it until a row refers
+    to it.
     """
     try:
         if path.stat().st_size != size_bytes:
             return False
-        with suppress(PermissionError):  # another user's; its row keeps it
+        with suppress(PermissionError):  # the file of another user
             os.utime(path)
     except FileNotFoundError:
         return False

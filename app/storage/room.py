@@ -1,7 +1,7 @@
-"""Room on the disk: asked for before anything is taken in, and a reserve for deleting.
+"""Checks that the disk has room for uploads, and keeps a reserve for deleting.
 
-On a full disk SQLite can delete nothing, because it first writes down what it is about
-to change. So the data folder holds a file that is only there to be given up then.
+On a full disk SQLite cannot delete anything, because it first writes its log. So the
+data folder contains a file without content of use, which is deleted in that case.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ log = logging.getLogger(__name__)
 
 
 def free_bytes(folders: Iterable[Path]) -> int:
-    """Bytes that are free on the disks of these folders: the least of them."""
+    """Free bytes on the disks of these folders: the smallest number."""
     return min(shutil.disk_usage(folder).free for folder in folders)
 
 
 def require_room(settings: Settings, store: BlobStore) -> None:
-    """Refuse to take something in where too little would stay free.
+    """Refuse an upload if too little of the disk is free.
 
     Raises
     ------
@@ -58,24 +58,24 @@ def require_room(settings: Settings, store: BlobStore) -> None:
 
 
 class DeletionSignal(threading.Event):
-    """Set when something was deleted: rows are to go, the reserve is to be taken."""
+    """Set after a deletion: rows can be removed, and the reserve made again."""
 
 
 class Reserve:
-    """A file of a data folder that is given up when there is no room to delete."""
+    """A file of the data folder that is deleted to make room for deleting."""
 
     def __init__(self, data: Path) -> None:
         self.path = data / RESERVE
 
     @property
     def size_bytes(self) -> int:
-        """How large it is where there is room for it."""
+        """Its size: `RESERVE_BYTES`, or less on a small disk."""
         return min(
             RESERVE_BYTES, shutil.disk_usage(self.path.parent).total // MOST_OF_DISK
         )
 
     def give_up(self, needed_bytes: int | None = None) -> bool:
-        """Give the reserve up if there is too little room to delete; whether it did.
+        """Delete the reserve if there is too little room to delete; whether it did.
 
         Too little is less than `needed_bytes`, or, without them, less than the size of
         the reserve.
@@ -88,22 +88,22 @@ class Reserve:
         return False
 
     def keep(self, min_free_bytes: int) -> None:
-        """Take the reserve again, if `min_free_bytes` stay free beside it."""
+        """Make the reserve if it is missing and `min_free_bytes` stay free besides."""
         size = self.size_bytes
         if self.path.exists() or free_bytes([self.path.parent]) < size + min_free_bytes:
             return
         try:
-            # Its owner's alone, as all that the service puts there.
+            # Readable by its owner alone, as all files of the service.
             number = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
             with os.fdopen(number, "wb", buffering=0) as file:
-                _take(file, size)
+                _allocate(file, size)
         except OSError as exc:
             self.path.unlink(missing_ok=True)
             log.warning("there is no reserve for a full disk: %s", exc.strerror)
 
 
-def _take(file: io.RawIOBase, size: int) -> None:
-    """Let a file have so many bytes of the disk; a hole would have none."""
+def _allocate(file: io.RawIOBase, size: int) -> None:
+    """Allocate so many bytes of the disk for a file: a sparse file would take none."""
     if hasattr(os, "posix_fallocate"):
         os.posix_fallocate(file.fileno(), 0, size)
         return

@@ -1,7 +1,7 @@
-"""A bucket of blobs: on Amazon's S3, or on a server that speaks as it does.
+"""Blobs in a bucket of Amazon's S3, or of a server with the same API.
 
-A put that returned is durable, and a blob is never half there: both are promises of
-S3. Nothing is renamed and nothing is flushed.
+S3 promises that a put is durable when it returns, and that a blob is never visible in
+parts. So nothing has to be renamed or flushed.
 """
 
 from __future__ import annotations
@@ -40,71 +40,73 @@ from app.storage.durable import make_folder
 if TYPE_CHECKING:
     from obstore.store import ClientConfig, RetryConfig, S3Config
 
-TOGETHER: Final = 16
-"""Blobs that are put, and questions that are asked, at the same time."""
-HELD: Final = 2 * PIECE
-"""Blobs of up to so many bytes are read once, compared and sent from memory."""
-PART: Final = 8 * 1024**2
-"""Bytes of each part of an export; five are held while it is put."""
-CLOCK_S: Final = 1.0
-"""Times of S3 are whole seconds, rounded down."""
+MAX_PARALLEL: Final = 16
+"""How many blobs are put, and how many requests sent beside them, at a time."""
+SMALL_BYTES: Final = 2 * PIECE
+"""Blobs up to this size are read once: they are verified and sent from memory."""
+PART_BYTES: Final = 8 * 1024**2
+"""Bytes of each part of an export; five parts are in memory while it is put."""
+CLOCK_STEP_S: Final = 1.0
+"""S3 rounds times down to whole seconds."""
 YOUNG: Final = 12
-"""Blobs are not taken away before so many times that: clocks differ by less.
+"""Blobs are removed at the earliest after so many times `trust_s`.
 
-S3 refuses requests of clocks that are more than a quarter of an hour off.
+That is an hour. The clocks differ by less: S3 refuses requests with a clock that is
+more than a quarter of an hour off.
 """
 MOST_TRUSTED: Final = 20_000
 _READY: Final = "ready"
-"""A key of no use: it is made once, and then only tried to be made."""
+"""The key that `check` tries to create; it exists from the first time on."""
 _BLOB: Final = re.compile(r"[0-9a-f]{2}/([0-9a-f]{64})")
 
 
 @dataclass(frozen=True)
 class S3Drafts(Drafts):
-    """Blobs on their way to the bucket."""
+    """Blobs that are being sent to the bucket."""
 
     puts: list[Future[None]]
 
 
 class S3Storage:
-    """Blobs in a bucket, each under the first two letters of its digest."""
+    """A store of blobs in a bucket; keys are as paths in a folder."""
 
     def __init__(self, place: S3Place, local: Path) -> None:
-        self._store, self._probe = patient(place), brief(place)
+        self._store, self._probe = retrying_client(place), quick_client(place)
         self._local = local
         self._patience_s = 2 * place.timeout_s
-        self._made = _LatelyMade(place.trust_s)
-        # Two pools: who clears away asks in a writer's turn, and never waits for puts.
-        self._puts = ThreadPoolExecutor(TOGETHER, "s3-puts")
-        self._asks = ThreadPoolExecutor(TOGETHER, "s3-asks")
-        self._slots = threading.BoundedSemaphore(TOGETHER)
+        self._recent = _RecentBlobs(place.trust_s)
+        # Two pools: garbage collection asks within its turn to write, and must not wait
+        # for puts.
+        self._puts = ThreadPoolExecutor(MAX_PARALLEL, "s3-puts")
+        self._asks = ThreadPoolExecutor(MAX_PARALLEL, "s3-asks")
+        self._slots = threading.BoundedSemaphore(MAX_PARALLEL)
 
     def prepare(self) -> None:
-        """Find out whether blobs can be put and listed; make the local folder."""
+        """Check that blobs can be put and listed; make the local folder."""
         self.check()
-        with answers():
+        with translated():
             next(self._probe.list(chunk_size=1), None)
         make_folder(self._local)
 
     def check(self) -> None:
-        """Put a key of no use, unless it is there: which takes the same rights.
+        """Try to create a key, which takes the same permissions as `put`.
 
-        A bucket that keeps versions does not fill with it.
+        It exists after the first time, so a bucket with versions does not fill up.
         """
-        with suppress(AlreadyExistsError), answers():
+        with suppress(AlreadyExistsError), translated():
             self._probe.put(_READY, b"ready?", mode="create")
 
     def put(self, blobs: Mapping[str, bytes]) -> None:
-        """Store blobs by their digests, at the same time; then they are durable.
+        """Store blobs by their digests; when this returns, they are durable.
 
-        What is there is put again: its time is the only note that it is in use.
+        A blob that is there is put again, since only its time shows that it is in use.
         """
         self.settle([self.draft(blobs)])
 
     def draft(self, blobs: Mapping[str, bytes]) -> S3Drafts:
-        """Begin to put blobs; waits while many others are on their way.
+        """Begin to put blobs; waits while `MAX_PARALLEL` others are being put.
 
-        So no more than some blobs are held, however slow the store is.
+        So only few blobs are in memory, however slow the store is.
         """
         drafts = S3Drafts([])
         try:
@@ -116,65 +118,65 @@ class S3Storage:
         return drafts
 
     def settle(self, many: Sequence[Drafts]) -> None:
-        """Return when all blobs of drafts are in the bucket."""
+        """Return when all blobs of these drafts are in the bucket."""
         for put in _puts_of(many):
             put.result()
 
     def discard(self, many: Sequence[Drafts]) -> None:
-        """Give up what did not begin yet; the rest belongs to nothing, until `gc`."""
+        """Give up puts that have not begun; garbage collection removes the rest."""
         for put in _puts_of(many):
             put.cancel()
 
     def read(self, digest: str) -> bytes:
-        """A blob's bytes; DamagedFile if it is gone, or not what was stored."""
+        """The bytes of a blob; DamagedFile if it is missing or its digest is wrong."""
         try:
-            with answers(absent=True):
+            with translated(absent=True):
                 content = self._store.get(place_of(digest)).bytes().to_bytes()
         except FileNotFoundError:
-            raise self._gone(digest) from None
+            raise self._missing(digest) from None
         if sha256_of(content) != digest:
             raise DamagedFile(digest, "is not what was stored")
         return content
 
-    def whole(self, digest: str, *, size_bytes: int | None) -> Blob:
+    def open(self, digest: str, *, size_bytes: int | None) -> Blob:
         """A blob to read from; DamagedFile if it is gone or of another size."""
         found = self._find(digest)
         if found is None:
-            raise self._gone(digest)
+            raise self._missing(digest)
         if size_bytes is not None and found.size_bytes != size_bytes:
             raise _wrong_size(digest, found.size_bytes, size_bytes)
         return Blob(found.size_bytes, partial(self._part, digest))
 
-    def intact(self, digest: str, *, size_bytes: int | None) -> Blob:
-        """A blob whose content is what was stored; else DamagedFile."""
-        if size_bytes is not None and size_bytes <= HELD:
+    def open_verified(self, digest: str, *, size_bytes: int | None) -> Blob:
+        """As `open`; DamagedFile also if the content does not have this digest."""
+        if size_bytes is not None and size_bytes <= SMALL_BYTES:
             content = self.read(digest)
             if len(content) != size_bytes:
                 raise _wrong_size(digest, len(content), size_bytes)
             return Blob(size_bytes, lambda first, end: content[first:end])
-        blob = self.whole(digest, size_bytes=size_bytes)
+        blob = self.open(digest, size_bytes=size_bytes)
         if blob.digest() != digest:
             raise DamagedFile(digest, "is not what was stored")
         return blob
 
     def require(self, digests: Iterable[str]) -> None:
-        """Unsure of blobs that this process has not made or found lately.
+        """Raise `Unsure` for blobs that this process has not put or found recently.
 
-        Of the others nothing is asked: nobody takes away what is so young.
+        The others are too young to be removed.
         """
-        unsure = [digest for digest in digests if digest not in self._made]
+        unsure = [digest for digest in digests if digest not in self._recent]
         if unsure:
             raise Unsure(unsure)
 
     def make_sure(self, digests: Iterable[str]) -> None:
-        """TryLater if a blob is gone since it was put; sent again, it is put again."""
+        """Ask for blobs; TryLater if one was removed since it was put."""
         asked, begun = list(digests), time.monotonic()
         if not all(self._asks.map(self._find, asked)):
             raise TryLater("a file was cleared away meanwhile; send the frame again")
         for digest in asked:
-            self._made.add(digest, begun)
+            self._recent.add(digest, begun)
 
-    def mend(self, blobs: Mapping[str, bytes]) -> None:
+    def put_missing(self, blobs: Mapping[str, bytes]) -> None:
         """Put those of stored blobs again that are gone, or of another size."""
         found = zip(blobs, self._asks.map(self._find, blobs), strict=True)
         sizes = {digest: file.size_bytes for digest, file in found if file}
@@ -187,27 +189,29 @@ class S3Storage:
             self.put(lost)
 
     def remove(self, digests: Sequence[str], *, unused_since: float) -> dict[str, int]:
-        """Take blobs away but for those put since; sizes of those that were taken.
+        """Remove blobs that were not put since a time; the sizes of the removed ones.
 
-        Those that are young stay in any case: some of them are not asked for.
+        Young ones stay in any case, since `require` does not ask for them.
         """
-        young_s = YOUNG * self._made.trust_s
+        young_s = YOUNG * self._recent.trust_s
         until = min(unused_since, time.time() - young_s) if young_s else unused_since
         take = partial(self._remove, until=until)
         sizes = zip(digests, self._asks.map(take, digests), strict=True)
         return {digest: size for digest, size in sizes if size is not None}
 
     def adopt(self, file: Path) -> str:
-        """Put a finished file, in parts if it is large, and take it from its folder."""
+        """Put a finished file, in parts if it is large, and delete it; its digest."""
         digest = digest_of(file)
-        with answers():
-            self._store.put(place_of(digest), file, chunk_size=PART, max_concurrency=4)
+        with translated():
+            self._store.put(
+                place_of(digest), file, chunk_size=PART_BYTES, max_concurrency=4
+            )
         file.unlink()
         return digest
 
     def files(self) -> Iterator[StoredFile]:
-        """Every blob below the prefix, in the order of its key."""
-        with answers():
+        """All blobs below the prefix, in the order of their keys."""
+        with translated():
             for some in self._store.list(chunk_size=1000):
                 for found in some:
                     blob = _BLOB.fullmatch(found["path"])
@@ -216,7 +220,7 @@ class S3Storage:
                         yield StoredFile(blob[1], found["size"], changed_at)
 
     def leftovers(self) -> Iterator[tuple[Path, float]]:
-        """Half exports on this machine, each with the time of its last change."""
+        """Unfinished exports on this machine, each with the time of its last change."""
         return leftovers(self._local)
 
     def temporary_folder(self) -> Path:
@@ -226,7 +230,7 @@ class S3Storage:
         return folder
 
     def close(self) -> None:
-        """Let the threads end, each when what it does is over."""
+        """Let each thread end after what it does now."""
         self._puts.shutdown(wait=False, cancel_futures=True)
         self._asks.shutdown(wait=False, cancel_futures=True)
 
@@ -244,28 +248,28 @@ class S3Storage:
     def _put(self, digest: str, data: bytes) -> None:
         key, begun = place_of(digest), time.monotonic()
         try:
-            with answers():
+            with translated():
                 self._store.put(key, data, mode="create")
         except AlreadyExistsError:
-            # Somebody may be about to take the old one away: see `Unsure`.
-            with answers():
+            # Another process may be removing the old one: see `Unsure`.
+            with translated():
                 self._store.put(key, data, use_multipart=False)
         else:
-            self._made.add(digest, begun)
+            self._recent.add(digest, begun)
 
     def _part(self, digest: str, first: int, end: int) -> bytes:
         try:
-            with answers(absent=True):
+            with translated(absent=True):
                 part = self._store.get_range(place_of(digest), start=first, end=end)
         except FileNotFoundError:
-            raise self._gone(digest) from None
+            raise self._missing(digest) from None
         if len(part) != end - first:
             raise DamagedFile(digest, "was cut short")
         return part.to_bytes()
 
     def _find(self, digest: str) -> StoredFile | None:
         try:
-            with answers(absent=True):
+            with translated(absent=True):
                 found = self._store.head(place_of(digest))
         except FileNotFoundError:
             return None
@@ -273,25 +277,25 @@ class S3Storage:
 
     def _remove(self, digest: str, *, until: float) -> int | None:
         found = self._find(digest)
-        if found is None or found.modified_at + CLOCK_S > until:
+        if found is None or found.modified_at + CLOCK_STEP_S > until:
             return None
-        self._made.discard(digest)
-        with suppress(FileNotFoundError), answers(absent=True):
+        self._recent.discard(digest)
+        with suppress(FileNotFoundError), translated(absent=True):
             self._store.delete(place_of(digest))
         return found.size_bytes
 
-    def _gone(self, digest: str) -> AppError:
-        """A blob is missing; or the whole bucket, which is not the blob's fault."""
+    def _missing(self, digest: str) -> AppError:
+        """The error for a missing blob: StorageAway if the whole bucket is missing."""
         try:
-            with answers():
+            with translated():
                 next(self._probe.list(chunk_size=1), None)
         except StorageAway as exc:
             return exc
         return DamagedFile(digest, "is missing")
 
 
-class _LatelyMade:
-    """Digests of blobs that this process has made, or made sure of."""
+class _RecentBlobs:
+    """Digests of blobs that this process has put or found within `trust_s` seconds."""
 
     def __init__(self, trust_s: float) -> None:
         self.trust_s = trust_s
@@ -299,7 +303,7 @@ class _LatelyMade:
         self._lock = threading.Lock()
 
     def add(self, digest: str, begun: float) -> None:
-        """It was made, or found, after `begun`, a time of `time.monotonic`."""
+        """Add a blob; the request for it was sent at `begun`, by `time.monotonic`."""
         with self._lock:
             self._at.pop(digest, None)
             self._at[digest] = begun
@@ -307,7 +311,7 @@ class _LatelyMade:
                 del self._at[next(iter(self._at))]
 
     def discard(self, digest: str) -> None:
-        """It is not there any more."""
+        """Remove a blob, which is not there any more."""
         with self._lock:
             self._at.pop(digest, None)
 
@@ -330,10 +334,10 @@ def _wrong_size(digest: str, found: int, size_bytes: int) -> DamagedFile:
 
 CONNECT_S: Final = 3
 PROBE_S: Final = 5.0
-"""How long one try to find out whether the store is there takes at most."""
+"""Time limit of a request that only finds out whether the store answers."""
 MOST_RETRIES: Final = 4
 TRUST_S: Final = 300.0
-"""How long a blob that was made or found here is taken to be there without asking."""
+"""How long a blob that was put or found is taken to be there without asking."""
 NO_BUCKET: Final = "NoSuchBucket"
 NO_KEYS: Final = "NoKeys"
 _ROLES: Final = "169.254.169.254"
@@ -342,10 +346,10 @@ _CODE: Final = re.compile(r"<Code>(\w{1,64})</Code>")
 
 @dataclass(frozen=True)
 class S3Place:
-    """Where a bucket is, and how patiently it is asked.
+    """Where a bucket is, and how long its server may take.
 
-    An `endpoint` without TLS needs `plain`; no `region` is the one of the environment.
-    `timeout_s` limits one try, and the time after which no other one begins.
+    An `endpoint` without TLS needs `plain`. Without a `region`, that of the environment
+    is used. `timeout_s` limits one attempt, and the time in which another may begin.
     """
 
     bucket: Bucket
@@ -356,13 +360,13 @@ class S3Place:
     trust_s: float = TRUST_S
 
 
-def patient(place: S3Place) -> S3Store:
-    """A client that tries again."""
+def retrying_client(place: S3Place) -> S3Store:
+    """A client that repeats failed requests."""
     return _opened(place, place.timeout_s, MOST_RETRIES)
 
 
-def brief(place: S3Place) -> S3Store:
-    """A client that answers or fails soon, to find out whether the store is there."""
+def quick_client(place: S3Place) -> S3Store:
+    """A client that fails soon, to find out whether the store answers."""
     return _opened(place, min(PROBE_S, place.timeout_s), 1)
 
 
@@ -387,12 +391,12 @@ def _opened(place: S3Place, timeout_s: float, retries: int) -> S3Store:
 
 
 @contextmanager
-def answers(*, absent: bool = False) -> Iterator[None]:
-    """Say in the service's words that the store does not do what was asked.
+def translated(*, absent: bool = False) -> Iterator[None]:
+    """Raise errors of the library as StorageAway.
 
-    With `absent` a FileNotFoundError is passed on, unless it is the bucket that is
-    missing; AlreadyExistsError always is. What the library says is passed on nowhere:
-    it quotes answers of the server, and those may quote headers of the request.
+    AlreadyExistsError is passed on, and with `absent` also FileNotFoundError, unless
+    the bucket itself is missing. The library's texts are not passed on: they quote
+    responses of the server, which may quote headers of the request.
     """
     try:
         yield
@@ -412,7 +416,7 @@ def _away(reason: str) -> StorageAway:
 
 
 def _reason(exc: Exception) -> str:
-    """What S3 calls it, else what kind of failure it is."""
+    """The code of S3's error, else the kind of failure."""
     text = str(exc)
     code = _CODE.search(text)
     if code:

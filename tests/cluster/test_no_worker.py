@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from app.engine.cluster import COUNTED_FOR_S, TELL_AGAIN_S, Absence
+from app.engine.cluster import COUNTED_FOR_S, LOG_AGAIN_S, AbsenceLog
 from tests.support.cluster import cluster
 from tests.support.long_streets import FROM_PIXELS, fill
 from tests.support.totals import check_totals, ended
@@ -17,15 +17,15 @@ SAID = "no worker has joined"
 
 def test_what_lasts_is_said_when_it_begins_and_once_in_a_while():
     now = [0.0]
-    absence = Absence(clock=lambda: now[0])
+    absence = AbsenceLog(clock=lambda: now[0])
 
     told = []
     for seconds, present in (
-        *((0, True), (2, False), (2, False), (TELL_AGAIN_S - 3, False), (2, False)),
+        *((0, True), (2, False), (2, False), (LOG_AGAIN_S - 3, False), (2, False)),
         *((2, False), (2, True), (2, False)),
     ):
         now[0] += seconds
-        told.append(absence.is_news(absent=not present))
+        told.append(absence.is_due(absent=not present))
 
     assert told == [False, True, False, False, True, False, False, True]
 

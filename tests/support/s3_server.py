@@ -25,7 +25,7 @@ from obstore.store import S3Store
 
 from app.addresses import Bucket
 from app.storage.base import place_of
-from app.storage.s3 import S3Place, patient
+from app.storage.s3 import S3Place, retrying_client
 from tests.support.sources import CHECKOUT
 
 KEYS = {"AWS_ACCESS_KEY_ID": "tests", "AWS_SECRET_ACCESS_KEY": "a-secret-of-tests"}
@@ -88,7 +88,7 @@ class TestBucket:
 
     @cached_property
     def _client(self) -> S3Store:
-        return patient(self.place())
+        return retrying_client(self.place())
 
 
 @dataclass(frozen=True)

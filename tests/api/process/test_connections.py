@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 from app.process.connections import (
-    place_of,
+    origin_of,
     raise_descriptor_limit,
     room_for_connections,
 )
@@ -251,4 +251,4 @@ def test_each_connection_finds_a_descriptor_for_its_file_as_well(limit, room):
     ],
 )
 def test_one_house_is_one_place(address, place):
-    assert place_of(address) == place
+    assert origin_of(address) == place

@@ -117,14 +117,14 @@ def test_damage_is_found_when_a_blob_is_read(place, damage):
     with pytest.raises(DamagedFile, match="is not what was stored"):
         place.store.read(DIGEST)
     with pytest.raises(DamagedFile):
-        place.store.intact(DIGEST, size_bytes=len(CONTENT))
+        place.store.open_verified(DIGEST, size_bytes=len(CONTENT))
 
 
 def test_a_blob_that_is_gone_is_told_of(place):
     place.store.put({DIGEST: CONTENT})
     place.lose(DIGEST)
 
-    for ask in (place.store.whole, place.store.intact):
+    for ask in (place.store.open, place.store.open_verified):
         with pytest.raises(DamagedFile, match="is missing"):
             ask(DIGEST, size_bytes=len(CONTENT))
     with pytest.raises(DamagedFile, match="is missing"):
@@ -136,14 +136,14 @@ def test_a_blob_of_another_size_is_not_given_out(place):
     place.overwrite(DIGEST, b"an")
 
     with pytest.raises(DamagedFile, match="has 2 of 8 bytes"):
-        place.store.whole(DIGEST, size_bytes=len(CONTENT))
+        place.store.open(DIGEST, size_bytes=len(CONTENT))
 
 
 def test_a_blob_that_was_damaged_is_put_again(place):
     place.store.put({DIGEST: CONTENT})
     place.overwrite(DIGEST, b"half")
 
-    place.store.mend({DIGEST: CONTENT, sha256_of(OTHER): OTHER})
+    place.store.put_missing({DIGEST: CONTENT, sha256_of(OTHER): OTHER})
 
     assert place.store.read(DIGEST) == CONTENT
     assert place.store.read(sha256_of(OTHER)) == OTHER
@@ -157,7 +157,7 @@ def test_parts_of_a_large_blob_are_read_piece_by_piece(store, first, end):
     name = sha256_of(LARGE)
     store.put({name: LARGE})
 
-    blob = store.intact(name, size_bytes=len(LARGE))
+    blob = store.open_verified(name, size_bytes=len(LARGE))
     pieces = list(blob.pieces(first, end))
 
     assert b"".join(pieces) == LARGE[first:end]
@@ -167,7 +167,7 @@ def test_parts_of_a_large_blob_are_read_piece_by_piece(store, first, end):
 def test_a_small_blob_is_read_in_parts_too(store):
     store.put({DIGEST: CONTENT})
 
-    for ask in (store.whole, store.intact):
+    for ask in (store.open, store.open_verified):
         blob = ask(DIGEST, size_bytes=len(CONTENT))
         assert (blob.size_bytes, blob.digest()) == (len(CONTENT), DIGEST)
         assert b"".join(blob.pieces(3, 5)) == CONTENT[3:5]

@@ -111,7 +111,7 @@ def test_whatever_a_server_refuses_is_said_to_be_away(open_bucket, s3, status):
             lambda: store.put({DIGEST: CONTENT}),
             lambda: store.read(DIGEST),
             lambda: list(store.files()),
-            lambda: store.whole(DIGEST, size_bytes=8),
+            lambda: store.open(DIGEST, size_bytes=8),
         ):
             with pytest.raises(StorageAway) as away:
                 ask()
