@@ -9,12 +9,13 @@ from typing import Final, NamedTuple
 
 DONE: Final = "done"
 RETURNED: Final = "returned"
-"""The process that worked on it stops: somebody else is to go on."""
+"""The process that worked on it stops: another process continues."""
 FAILED: Final = "failed"
 """The reason is in the chunk's row."""
 UNWANTED: Final = "unwanted"
+"""Its job was cancelled."""
 QUARANTINED: Final = "quarantined"
-"""It has ended its process too often: nobody is to try it again."""
+"""Its process has died too often: it is not tried again."""
 ELSEWHERE: Final = "elsewhere"
 """The worker uses another database."""
 

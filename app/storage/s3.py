@@ -139,7 +139,7 @@ class S3Storage:
         return content
 
     def open(self, digest: str, *, size_bytes: int | None) -> Blob:
-        """A blob to read from; DamagedFile if it is gone or of another size."""
+        """A blob to read from; DamagedFile if it is missing or of another size."""
         found = self._find(digest)
         if found is None:
             raise self._missing(digest)

@@ -61,7 +61,7 @@ def test_a_code_and_a_session_of_one_are_those_of_the_other(replicas):
     assert last_sent_s < REMEMBERED_S
 
 
-def test_a_token_that_is_taken_back_opens_neither_a_second_later(replicas):
+def test_a_token_that_is_revoked_opens_neither_a_second_later(replicas):
     made = replicas.one.api.post("/tokens", {"name": "eve", "role": "viewer"}).json()
     headers = {"Authorization": f"Bearer {made['token']}"}
     with (

@@ -65,7 +65,7 @@ def test_an_entry_says_who_did_what_when_and_to_what(admin):
     assert given["token"] not in admin.get(AUDIT).text
 
 
-def test_what_a_token_did_stays_when_it_is_taken_back(service, admin):
+def test_what_a_token_did_stays_when_it_is_revoked(service, admin):
     given = give(admin, "grace")
     with as_bearer(service, given) as grace:
         assert grace.post(DATASETS, json={"name": "graces"}).status_code == 201

@@ -141,7 +141,7 @@ def test_a_refusal_has_every_field_of_an_answer_and_what_it_has_to_say(http, que
         assert_answered_by(wire.Problem, answer.json())
 
 
-def test_after_an_answer_was_taken_back_its_revision_goes_on(client, filled):
+def test_after_an_answer_was_undone_its_revision_goes_on(client, filled):
     box = next(client.boxes(filled))
     client.review(box.box_id, "keep", seen_revision=box.revision)
     client.review(box.box_id, "clear", seen_revision=1)

@@ -254,7 +254,7 @@ def test_decisions_are_answered_as_they_were_read(client, filled):
     assert again.stale == ()
 
 
-def test_an_answer_may_follow_one_that_was_taken_back(client, filled):
+def test_an_answer_may_follow_one_that_was_undone(client, filled):
     (box, *_) = client.boxes(filled, verdict="rejected")
     client.review(box.box_id, "keep", seen_revision=box.revision)
     client.review(box.box_id, "clear", seen_revision=1)

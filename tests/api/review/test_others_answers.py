@@ -145,9 +145,7 @@ def test_answers_that_are_carried_over_are_in_nobodys_way(street, person):
     assert carried["review"]["reviewer"] == grace
 
 
-def test_an_answer_that_was_taken_back_is_not_set_aside_but_still_history(
-    street, person
-):
+def test_an_answer_that_was_undone_is_not_set_aside_but_still_history(street, person):
     name, boxes = street
     (_, hers), (_, his) = person(), person()
     hers.review(boxes[1], "keep")
@@ -236,7 +234,7 @@ def test_answers_count_that_somebody_took_back_before(street, person, act, first
     assert grace in detail
 
 
-def test_answers_one_has_taken_back_oneself_are_in_nobodys_way(street, person):
+def test_answers_one_has_undone_oneself_are_in_nobodys_way(street, person):
     name, boxes = street
     _, his = person()
     assert his.review(boxes[1], "keep").status_code == 201

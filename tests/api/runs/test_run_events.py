@@ -160,7 +160,7 @@ def test_events_are_read_off_the_row_whoever_writes_it(held):
     assert (last.name, last.data["state"]) == ("end", "failed")
 
 
-def test_a_silent_stream_shows_that_it_lives_until_its_token_is_taken_back(held):
+def test_a_silent_stream_shows_that_it_lives_until_its_token_is_revoked(held):
     server, api = held
     _, run_id = waiting_run(server, api)
     until_there_is_room(api, run_id)
