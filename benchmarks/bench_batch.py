@@ -150,7 +150,7 @@ def hash_seconds(data: bytes, repeats: int = 20) -> float:
 
 
 def memory(scene: Scene) -> dict[str, float]:
-    """The most that the server held: one process for each number of frames."""
+    """Peak memory of the server, in a new process for each number of frames."""
     peaks = {}
     for frames in (FEW, MANY):
         with serving() as server:
@@ -289,7 +289,7 @@ def member(name: str, content: bytes) -> bytes:
 
 
 def peak_mib(pid: int | str) -> float:
-    """The most that a process ever had in memory, as Linux tells it."""
+    """Peak memory of a process, as Linux reports it."""
     text = Path(f"/proc/{pid}/status").read_text()
     return int(re.findall(r"VmHWM:\s+(\d+) kB", text)[0]) / 1024
 

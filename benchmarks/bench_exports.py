@@ -79,7 +79,7 @@ def summary(found: dict[str, float]) -> dict[str, float]:
 
 
 class Memory:
-    """What this process has in memory, looked at again and again."""
+    """Samples the memory of this process in a thread."""
 
     def __init__(self) -> None:
         self.mib: list[float] = []
@@ -94,7 +94,7 @@ class Memory:
             self.mib.append(pages * page)
 
     def end(self) -> None:
-        """Look no more."""
+        """Stop sampling."""
         self._over.set()
         self._looking.join()
 

@@ -77,7 +77,7 @@ def decode(png: bytes, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Counting:
-    """Matched pixels alone, for a palette that is known: nothing else is looked at."""
+    """Counts matched pixels for a known palette, and measures nothing else."""
 
     codes: PixelCodes
     bounds: np.ndarray

@@ -92,7 +92,7 @@ def swallow(_file: str, pieces: Iterable[bytes]) -> None:
 
 
 def street(frames: int, needs: Collection[Need]) -> Iterator[ExportFrame]:
-    """A third of the boxes is rejected: what lists the boxes left out grows as well."""
+    """Frames with a third of the boxes rejected, so that lists of them grow, too."""
     for number in range(frames):
         boxes = boxes_of(number)
         given = {"boxes": [{"xyxy": each} for each in boxes.xyxy.tolist()]}

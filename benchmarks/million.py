@@ -1,4 +1,4 @@
-"""Datasets of many stored boxes, made as rows: no pixel is measured for them."""
+"""Makes datasets of many boxes as rows of the database, without measuring pixels."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def _evidence(dataset: Dataset, frame_id: int, packed: bytes) -> dict[str, Any]:
 
 
 def numbers(count: int, names: tuple[str, ...], rng: Generator) -> Evidence:
-    """Evidence like a town's: a peak of hidden boxes, a hill of visible ones."""
+    """Made-up evidence: most matches near 0 (hidden boxes) or high (visible ones)."""
     box_pixels = rng.integers(60, 40_000, count)
     hidden = rng.random(count) < 0.45
     share = np.where(hidden, rng.beta(0.5, 8, count), rng.beta(6, 2.5, count))

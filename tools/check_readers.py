@@ -50,7 +50,7 @@ def _label_formats(python: str) -> list[str]:
 
 
 def _make(python: str, root: Path, forms: Sequence[str]) -> None:
-    """A small street, filtered, in every format that others read."""
+    """Write a small filtered street in every format that other programs read."""
     render = (
         "import sys; from pathlib import Path; "
         "from unghost.street.street import write_street; "

@@ -1,4 +1,4 @@
-"""Gives the demo a life: two reviewers who may disagree, a trial run, an export."""
+"""Adds to the demo what people would: answers of two reviewers, a run, an export."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _SPREAD_PERCENT: Final = 2.6
 _UNSURE_WITHIN: Final = 0.8
 
 
-def give_life(url: str, token: str) -> None:
-    """Answer as Ada and as Bo, and work a little; once, a used demo is left alone."""
+def add_activity(url: str, token: str) -> None:
+    """Add answers of Ada and Bo, a run and an export, unless the demo has answers."""
     with Client(url, token) as client:
         if client.dataset(DATASET).counts.reviewed:
             return
@@ -54,7 +54,7 @@ def _give_answers(url: str, token: str, boxes: Sequence[Decision]) -> None:
 
 
 def _sample(client: Client) -> list[Decision]:
-    """Measured boxes of both verdicts, in an order of their own."""
+    """Measured boxes of both verdicts, shuffled with a fixed seed."""
     rng = np.random.default_rng(_SEED)
     found: list[Decision] = []
     for verdict in ("kept", "rejected"):
@@ -69,7 +69,7 @@ def _sample(client: Client) -> list[Decision]:
 
 
 def _answers(boxes: Sequence[Decision], rng: np.random.Generator) -> list[str]:
-    """Sure of what is clearly there or not there, torn where little is to be seen."""
+    """Answers that are sure of clear boxes, and divided over those with few pixels."""
     return list(map(str, _said(boxes, rng)))
 
 

@@ -1,6 +1,6 @@
-"""Makes sure that the test of what reaches the disk has strace, where apt gives it.
+"""Installs strace with apt, if it is missing, for the test of what reaches the disk.
 
-Elsewhere that test says that it is skipped; nothing else needs it.
+Where apt does not have it, that test is skipped; nothing else needs it.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from tools.ensure_chromium import as_root
 
 
 def main() -> int:
-    """Asks apt if there is none."""
+    """Install strace if there is none."""
     if shutil.which("strace") is None and shutil.which("apt-get"):
         as_root("apt-get", "update", "-q")
         as_root("apt-get", "install", "-qy", "--no-install-recommends", "strace")
     found = shutil.which("strace")
-    print(f"system calls are traced by {found}" if found else "no strace: not traced")
+    print(f"strace: {found}" if found else "no strace: the test of writes is skipped")
     return 0
 
 

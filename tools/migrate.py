@@ -1,4 +1,4 @@
-"""Brings the database of the data folder to the newest schema, without serving it."""
+"""Migrates the database of the data folder to the newest schema, without serving."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from app.settings import Settings
 
 
 def main() -> None:
-    """Open the data folder as the service does, and say what it is at now."""
+    """Open the data folder as the service does, and print the schema's revision."""
     settings = Settings()
     with running(settings) as services:
         print(f"{settings.data}: schema {current_revision(services.database.engine)}")

@@ -1,15 +1,15 @@
 #!/bin/sh
-# All tests, with the given pytest, in groups beside each other: each leaves time to
-# the others while it waits for a server, a browser or a disk. The command in CHECK, if
-# any, runs beside them, and what it found is said first. What tells most about the
-# database is run on PostgreSQL as well; with UNGHOST_TEST_DATABASE everything is, and
-# only there. The output of a group comes when it is complete.
+# Runs all tests with the given pytest, in groups at the same time: while one waits for a
+# server, a browser or a disk, the others use the processor. The command in CHECK, if
+# there is one, runs at the same time; its output comes first. The tests that depend most
+# on the database are run on PostgreSQL as well. With UNGHOST_TEST_DATABASE, all tests
+# are run on that database only. The output of a group is printed when it has ended.
 set -u
 work=$(mktemp -d)
 trap 'kill $(cat "$work"/*.pid 2>/dev/null) 2>/dev/null; rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM
 
-# What a group consists of, for pytest; each collects its own folders only.
+# The files and folders of a group.
 paths() {
     case $1 in
     browser) echo tests/browser tests/replicas ;;
@@ -34,7 +34,7 @@ paths() {
     esac
 }
 
-# Both in place of the (sub)shell that calls them.
+# check and run replace the subshell in which they are called.
 check() {
     exec sh -c "$CHECK"
 }
@@ -54,7 +54,7 @@ elif database=$("$1" -m tests.support.databases); then
 elif [ -n "${CI:-}" ]; then
     exit 1
 else
-    echo "The tests on PostgreSQL are left out."
+    echo "The tests on PostgreSQL are skipped: no server was found."
 fi
 
 begin() {
@@ -64,7 +64,7 @@ begin() {
     echo $! >"$work/$group.pid"
 }
 
-# Says what a group has said, when it is complete; its status.
+# Waits for a group, prints its output, and returns its status.
 end() {
     wait "$(cat "$work/$1.pid")"
     ended=$?
@@ -80,7 +80,7 @@ done
 
 outcome=0
 if [ -n "${CHECK:-}" ] && ! end check; then
-    echo "The checks have failed; the tests go on."
+    echo "The checks have failed; the tests continue."
     outcome=1
 fi
 for group in $groups; do

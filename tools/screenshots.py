@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from playwright.sync_api import Browser, Page, ViewportSize, expect, sync_playwright
 
-from tools.demo_life import DATASET, give_life
+from tools.demo_life import DATASET, add_activity
 from tools.ensure_chromium import SYSTEM_CHROMIUM
 from unghost import Client, Decision
 
@@ -72,7 +72,7 @@ _THRESHOLDS: Final = (
 
 
 def _all_crops(page: Page) -> None:
-    """Crops are asked for in several turns; a cell without one shimmers."""
+    """Wait until all crops are loaded; cells shimmer until theirs is."""
     page.wait_for_function(CROPS_SHOWN, timeout=60_000)
 
 
@@ -108,7 +108,7 @@ def main() -> int:
     FOLDER.mkdir(parents=True, exist_ok=True)
     with served_demo(options.data) as url, launched() as browser:
         token = (options.data / "token").read_text("utf-8").strip()
-        give_life(url, token)
+        add_activity(url, token)
         with Client(url, token) as client:
             box = best_ghost(client)
             for picture in wanted:
@@ -161,7 +161,7 @@ def best_ghost(client: Client) -> Decision:
 
 
 def shows_well(box: Decision) -> bool:
-    """Hidden by one vehicle, and well inside the image."""
+    """Whether a box is hidden by one vehicle, and well inside the image."""
     if not box.xyxy or not box.hidden_by or box.xyxy[0] < EDGE_PX:
         return False
     hider = box.hidden_by[0]
@@ -197,7 +197,7 @@ def take(
 
 
 def as_webp(png: bytes) -> bytes:
-    """A tenth of the bytes, and no difference that one would see."""
+    """The picture as WebP: a tenth of the bytes, without a visible difference."""
     pixels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     assert pixels is not None
     flags = [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY]

@@ -1,4 +1,4 @@
-"""Answers of the service, held against the wire models."""
+"""Compares responses of the service with the models of `unghost.wire`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def said(answer: httpx.Response) -> Any:
 
 
 def assert_answered_by(kind: type[ResponseModel], raw: Any) -> None:
-    """No key is missing and none is new, at any depth, and the client reads the same.
+    """Check that a response has the keys of a model, at any depth, and is read by it.
 
     The service cannot forget one: fields of answers have no defaults.
     """

@@ -1,4 +1,4 @@
-"""What a user does with the service, as one line each; answers are httpx's own."""
+"""What a user does with the service, one method for each; responses are httpx's."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Api:
         replace: bool = False,
         **files: bytes,
     ) -> httpx.Response:
-        """A frame; without files the one with a car and a ghost."""
+        """Upload a frame; without files, the one with a car and a ghost."""
         if annotation is None:
             annotation = scene.annotation()
         files = files or {"image": scene.image(), "segmentation": scene.segmentation()}
@@ -78,7 +78,7 @@ class Api:
         )
 
     def stored(self, dataset: str, key: str, *args: Any, **more: Any) -> Any:
-        """A frame that is taken in."""
+        """Upload a frame, and return the response: the upload must succeed."""
         answer = self.put(dataset, key, *args, **more)
         assert answer.status_code in (200, 201), answer.text
         return answer.json()
@@ -90,7 +90,7 @@ class Api:
         return self.post(f"/boxes/{box_id}/reviews", body)
 
     def finished(self, accepted: httpx.Response) -> Any:
-        """The run of a 202, when it is over."""
+        """The run of a response 202, once it has ended."""
         assert accepted.status_code == 202, accepted.text
         for _ in range(MOST_LOOKS):
             run = self.http.get(accepted.headers["location"]).json()

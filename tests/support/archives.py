@@ -1,4 +1,4 @@
-"""Archives of frames, and a connection that sends one while it reads the answer."""
+"""Tar archives of frames, and a connection that sends and reads at the same time."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def frame(name: str, *, number: int = 0, **changed: Any) -> Members:
 def packed(
     members: Iterable[tuple[str, bytes]], form: int = tarfile.USTAR_FORMAT
 ) -> bytes:
-    """An archive as Python writes it."""
+    """An archive written by Python's tarfile."""
     out = io.BytesIO()
     with tarfile.open(fileobj=out, mode="w", format=form) as archive:
         for name, content in members:
@@ -50,7 +50,7 @@ def pieces(members: Members) -> bytes:
 
 
 def header_of(name: str, size: int, kind: bytes = tarfile.REGTYPE) -> bytes:
-    """A header alone."""
+    """The header of a member, without its content."""
     member = tarfile.TarInfo(name)
     member.size, member.type = size, kind
     return member.tobuf(tarfile.GNU_FORMAT)
@@ -61,7 +61,7 @@ def lines_of(text: str) -> list[dict[str, Any]]:
 
 
 class Connection:
-    """One request, sent and answered piece by piece."""
+    """One request, sent and read piece by piece."""
 
     def __init__(self, server: RunningServer, dataset: str, **options: Any) -> None:
         place = urlsplit(server.url)
@@ -87,7 +87,7 @@ class Connection:
         self.socket.sendall(b"0\r\n\r\n")
 
     def line(self) -> dict[str, Any]:
-        """The next line of the answer, which comes in a chunk of its own."""
+        """The next line of the response, which is one HTTP chunk."""
         for text in self._answer:
             if text.startswith(b"{"):
                 found: dict[str, Any] = json.loads(text)

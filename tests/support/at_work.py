@@ -1,7 +1,7 @@
-"""What the modules of a service do with its database while it works.
+"""Records what the modules of a service do with its database.
 
-SQLAlchemy is listened to from the import of this module on, as its lists of listeners
-must not change while a service works.
+Listeners are added to SQLAlchemy when this module is imported, since its lists of
+listeners must not change while a service works.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _WRITING: ContextVar[bool] = ContextVar("writing", default=False)
 
 @dataclass
 class Acts:
-    """Modules of `app`, and what they did."""
+    """What modules of `app` did with the database."""
 
     writes: set[tuple[str, str]] = field(default_factory=set)
     """Each with a table of which it inserted, changed or deleted rows."""
@@ -41,7 +41,7 @@ _watched: dict[URL, Acts] = {}
 
 @contextmanager
 def watched(database: Database) -> Iterator[Acts]:
-    """What is done until the block ends, by whichever thread."""
+    """Record what any thread does until the block ends."""
     acts = _watched[database.engine.url] = Acts()
     try:
         yield acts
@@ -68,7 +68,7 @@ def _given_back(_connection: Any, record: Any) -> None:
 @event.listens_for(Engine, "before_cursor_execute")
 def _executed(connection: Any, _cursor: Any, statement: str, *_rest: Any) -> None:
     acts, written = _watched.get(connection.engine.url), _WRITES.search(statement)
-    # What a flush writes was noted when somebody added or changed the row.
+    # What a flush writes was recorded when the row was added or changed.
     if acts and written and "sqlalchemy.orm.unitofwork" not in _callers():
         acts.writes.add((_caller(), written[1]))
 
@@ -91,11 +91,11 @@ for _mapper in Base.registry.mappers:
 
 
 def _callers() -> list[str]:
-    """Modules that are being run, the innermost first."""
+    """Modules in the call stack, the innermost first."""
     return [str(frame.f_globals.get("__name__")) for frame, _ in walk_stack(None)]
 
 
 def _caller() -> str:
-    """The innermost module of `app` that is not of the room of the database."""
+    """The innermost module of `app` in the call stack that is not in `app.db`."""
     found = (name for name in _callers() if name.startswith("app."))
     return next((name for name in found if not name.startswith("app.db.")), "tests")

@@ -1,4 +1,4 @@
-"""A server of batches on a free port, which breaks off where a test tells it to."""
+"""A server that takes batches on a free port, and fails where a test tells it to."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FRAME = {
 
 @dataclass(frozen=True)
 class Turn:
-    """How one request is answered; without anything said, as it should be.
+    """How one request is answered; by default, as by the real service.
 
     `lines`: the connection ends after so many. `refusal`: status, code, headers.
     `decisions`: of each frame. `end`: what the last line says besides its counts.
@@ -37,7 +37,7 @@ class Turn:
 
 @dataclass(frozen=True)
 class Taken:
-    """A frame as it arrived."""
+    """A frame that was received."""
 
     key: str
     annotation: dict[str, Any]
@@ -85,7 +85,7 @@ class _Http(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, *_: object) -> None:
-        """A client that hangs up is what some tests are about."""
+        """Clients may disconnect: some tests do that."""
 
 
 class _Handler(BaseHTTPRequestHandler):

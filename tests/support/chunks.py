@@ -1,4 +1,4 @@
-"""Runs in small chunks, and engines that lose some of them."""
+"""Engines with small chunks, some of which lose them, and runs to try them on."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class SmallChunks(LocalEngine):
 
 
 class Deadly(SmallChunks):
-    """Processes die of some chunks, and take along what runs beside these."""
+    """An engine whose worker dies of some chunks, with all that it works on then."""
 
     def __init__(self, *poison: int, times: int = 99) -> None:
         super().__init__()
@@ -75,7 +75,7 @@ class Deadly(SmallChunks):
 
 
 class Forgetful(SmallChunks):
-    """An engine that goes away with all that was submitted, every third time."""
+    """An engine that loses all submitted chunks every third time."""
 
     def __init__(self) -> None:
         super().__init__()

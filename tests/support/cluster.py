@@ -145,9 +145,9 @@ def cluster(folder: Path, *, anew: bool = False) -> Iterator[Cluster]:
 
 
 def working_process(worker: Node) -> int:
-    """The one that works, of the two processes of a worker.
+    """The process of a worker that works, not the one that supervises it.
 
-    There is none for a moment where another one was killed.
+    After it was killed, there is none for a moment.
     """
     parent = worker.process.pid
     until(lambda: len(children(parent)) == 1, "no process works")

@@ -21,7 +21,7 @@ TIME_LIMIT_S = 120
 
 @dataclass(frozen=True)
 class Answer:
-    """What a command said, where, and its exit code."""
+    """Standard output, standard error and exit code of a command."""
 
     code: int
     out: str

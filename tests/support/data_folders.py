@@ -27,7 +27,7 @@ def served(data: Path, **settings: str) -> Iterator[tuple[RunningServer, Api]]:
 
 @contextmanager
 def silently(_title: str, _unit: str) -> Iterator[Advance]:
-    """Progress that nobody watches."""
+    """A callback for progress that does nothing."""
     yield lambda _done, _total: None
 
 
@@ -43,7 +43,7 @@ def restored(backup: Path, data: Path) -> Restored:
 
 
 def examined(data: Path, **settings: object) -> dict[str, Finding]:
-    """What the doctor finds that is not as it should be, files read and all."""
+    """The faults that `unghost doctor --verify` finds."""
     chosen = Settings.model_validate({"data": data, **settings_of(data), **settings})
     return {
         finding.check: finding

@@ -75,7 +75,7 @@ def url_of(data: Path) -> str:
 
 @contextmanager
 def database_of(data: Path) -> Iterator[Connection]:
-    """The same, past the service; what is done is committed."""
+    """A connection to that database, without the service; commits at the end."""
     with (
         closing(Database(url_of(data))) as database,
         database.engine.begin() as connection,
@@ -119,7 +119,7 @@ def problems_of(data: Path) -> list[str]:
 
 @contextmanager
 def writing(data: Path) -> Iterator[None]:
-    """Hold the only place for writers, as a transaction that takes long."""
+    """Hold the lock for writing, as a long transaction does."""
     with closing(Database(url_of(data))) as database, database.write() as session:
         session.connection()
         yield
@@ -147,7 +147,7 @@ def drop_all() -> None:
 
 
 def answers() -> bool:
-    """Whether the server does."""
+    """Whether a server answers."""
     try:
         with _server():
             return True
@@ -166,7 +166,7 @@ def _temporary(options: str) -> Iterator[str]:
 
 
 def _require_postgres() -> None:
-    # Only continuous testing must have one; and who names one wants it.
+    # Only in continuous integration, or if it is named, a missing server is a failure.
     if not (answers() or CHOSEN or os.environ.get("CI")):
         pytest.skip(f"no PostgreSQL answers at {SERVER.host}:{SERVER.port}")
 

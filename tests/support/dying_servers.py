@@ -31,7 +31,7 @@ ARMED = "armed"
 
 @dataclass(frozen=True)
 class Point:
-    """Before or after the so-manieth call of its kind."""
+    """A moment: before or after the n-th call of a kind."""
 
     name: str
     after: bool
@@ -63,7 +63,7 @@ class Nursery:
         return self.ended(ask=False)
 
     def arm(self) -> None:
-        """From now on the point counts."""
+        """Begin to count calls towards the point."""
         self.data.with_name(ARMED).touch()
 
     def ended(self, *, ask: bool) -> int:
@@ -140,8 +140,8 @@ def wrapped(fuse: Fuse, call: Callable[..., Any], name_of: Callable[..., str]) -
     return passing
 
 
-def lay(fuse: Fuse) -> None:
-    """Put the fuse around everything that makes an answer true, and around answers."""
+def wrap_calls(fuse: Fuse) -> None:
+    """Wrap every call that makes data durable, and the sending of responses."""
     from sqlalchemy.engine.default import DefaultDialect
     from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
@@ -176,8 +176,8 @@ def lay(fuse: Fuse) -> None:
         setattr(owner, name, call)
 
 
-def grow_up(point: Point | None, poison: str | None) -> None:
-    """Become a server."""
+def become_server(point: Point | None, poison: str | None) -> None:
+    """Replace this process by a server."""
     from app.serve import serve
     from app.settings import Settings
 
@@ -185,10 +185,12 @@ def grow_up(point: Point | None, poison: str | None) -> None:
     if poison is not None:
         lay_poison(poison)
     if point is not None:
-        lay(Fuse(point, settings.data.with_name(ARMED)))
+        wrap_calls(Fuse(point, settings.data.with_name(ARMED)))
     serve(settings)
 
 
 if __name__ == "__main__":
     told = json.loads(sys.argv[1])
-    grow_up(Point(**told["point"]) if told.get("point") else None, told.get("poison"))
+    become_server(
+        Point(**told["point"]) if told.get("point") else None, told.get("poison")
+    )

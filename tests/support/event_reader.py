@@ -32,7 +32,7 @@ def open_events(
     with api.http.stream("GET", url, headers=headers) as answer:
         assert answer.status_code == 200, answer.read()
         assert answer.headers["content-type"].startswith("text/event-stream")
-        # Named, because the answer is closed with the last who reads it.
+        # Named, because the response is closed when its last reader is deleted.
         stream = parsed(answer.iter_lines())
         yield stream
 

@@ -1,4 +1,4 @@
-"""Small evidence, one box per keyword given; everything else is unremarkable."""
+"""Makes `Evidence` of a few boxes, with defaults for all that is not given."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ACCEPTS_CAR = 1 << 14
 
 
 def evidence_of(boxes, class_names=("car",)):
-    """Evidence of boxes given as dicts of what is special about them."""
+    """Evidence of boxes, each a dict of the values that differ from the defaults."""
 
     def column(name, default, dtype):
         return np.array([box.get(name, default) for box in boxes], dtype=dtype)

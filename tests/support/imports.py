@@ -1,4 +1,4 @@
-"""What is too heavy to be imported where CARLA runs."""
+"""Modules that `unghost.capture` must not import: too large for CARLA's machine."""
 
 from __future__ import annotations
 

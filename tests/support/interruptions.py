@@ -1,4 +1,4 @@
-"""Numbers during whose loading something happens: what a run cannot foresee."""
+"""Caches of numbers that interrupt a run while they are loaded."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.support.services import run_job
 
 
 class InterruptedNumbers(ColumnCache):
-    """Numbers whose loading somebody's upload gets ahead of, once."""
+    """Numbers during whose first loading somebody uploads a frame."""
 
     def __init__(self, interruption: Callable[[], object], *, before: bool) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Holders of leases that are dead or unknown."""
+"""Names of lease holders that are dead or unknown."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def nobody(_holder):
 
 
 def ended_process():
-    """The name of a process of this machine that is not there any more."""
+    """The holder name of a process of this machine that has ended."""
     done = subprocess.run(
         [sys.executable, "-c", WHO], capture_output=True, text=True, check=True
     )

@@ -23,7 +23,7 @@ from tests.support.databases import settings_of
 
 @dataclass(frozen=True)
 class Live:
-    """A service that answers, and what the tests look at besides its answers."""
+    """A running service, and its application for tests to look into."""
 
     app: FastAPI
     settings: Settings
@@ -38,13 +38,13 @@ class Live:
         return {"Authorization": f"Bearer {self.token}"}
 
     def client(self, **headers: str) -> httpx.Client:
-        """A client that shows these headers only."""
+        """A client that sends these headers only."""
         return httpx.Client(
             base_url=self.url, headers=headers, trust_env=False, timeout=60
         )
 
     def admin(self) -> httpx.Client:
-        """A client that shows the first token."""
+        """A client that sends the first token."""
         return self.client(**self.bearer)
 
 

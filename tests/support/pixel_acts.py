@@ -1,4 +1,4 @@
-"""What tests of the pool let its processes do: found there by its name."""
+"""Functions that tests run in the processes of a `PixelPool`."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def die_once(note: Path) -> str:
 
 
 class Program:
-    """Would run a program where it is read."""
+    """An object whose pickle would run a program when it is read."""
 
     def __init__(self, note: Path) -> None:
         self.note = note

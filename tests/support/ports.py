@@ -1,4 +1,4 @@
-"""Ports for programs that have to be told one, and keep it while they are stopped."""
+"""Ports for programs that need the same port again after a restart."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _CHOICE = range(20_000, 30_000)
 
 @contextmanager
 def reserved_port() -> Iterator[int]:
-    """A TCP port of this machine on which nobody else listens until the end.
+    """A TCP port of this machine on which nobody else listens until the block ends.
 
-    A port that the system picks is free again at once, and while a server is stopped
-    the next connection of any program may get it. This one is of no system's choice,
-    and a UDP socket on the same number keeps it from other tests.
+    A port that the system picks may be given to any other connection while its server
+    is stopped. This one is outside the range from which systems pick, and a UDP socket
+    with the same number reserves it among the tests.
     """
     for port in _CHOICE:
         with socket.socket(type=socket.SOCK_DGRAM) as claim, socket.socket() as probe:
-            # As servers do: a port whose last connections linger is free.
+            # As servers do: a port with closed connections in TIME_WAIT counts as free.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 claim.bind((HOST, port))

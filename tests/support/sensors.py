@@ -1,4 +1,4 @@
-"""Small made-up sensors."""
+"""Small depth and instance images, made up for tests."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class RunningServer:
         return f"{self.url}/#code={made.json()['code']}"
 
     def signed_in(self, token: str = "") -> dict[str, Any]:
-        """What a browser keeps of somebody who is signed in, as Playwright takes it."""
+        """The browser storage of somebody who is signed in, as Playwright takes it."""
         body = {"token": token or self.token}
         opened = httpx.post(f"{self.url}/api/v1/session", json=body)
         assert opened.status_code == 201, opened.text
@@ -59,7 +59,7 @@ class RunningServer:
 
     @property
     def headers(self) -> dict[str, str]:
-        """What a program shows to be let in."""
+        """The header with the first token."""
         return {"Authorization": f"Bearer {self.token}"}
 
 
@@ -102,7 +102,7 @@ def start(
 def start_anew(
     command: Sequence[str], data: Path, log: Path, settings: Mapping[str, str]
 ) -> Process:
-    """As `start`, for any command; nothing of it was imported before."""
+    """As `start`, for any command, in a new Python interpreter."""
     environ = environ_of(data, settings)
     with log.open("a", encoding="utf-8") as errors:
         return processes.start_anew(command, data.parent, environ, errors)
@@ -131,7 +131,7 @@ def token_of(data: Path) -> str:
 
 
 def stop(process: Process) -> None:
-    """End it as a service manager would: politely, then not."""
+    """End it as a service manager does: SIGTERM, then SIGKILL."""
     process.terminate()
     try:
         process.wait(STOP_WAIT_S)

@@ -44,7 +44,7 @@ _numbers = count(1)
 
 @contextmanager
 def running_services(folder: Path, **chosen: Any) -> Iterator[Services]:
-    """Everything that a server opens, but the port."""
+    """The context of a service without a port: database, storage, engine, pools."""
     chosen = {**settings_of(folder), **chosen}
     with running(Settings(data=folder, workers=2, **chosen)) as context:
         yield Services(context)
@@ -65,7 +65,7 @@ def filled_folder(data: Path, **chosen: Any) -> Path:
 
 
 class Resting(LocalEngine):
-    """Takes no job."""
+    """An engine that does not begin jobs."""
 
     def submit(self, work: Callable[[], None], job: Job | None = None) -> None:
         """Leave it to others."""

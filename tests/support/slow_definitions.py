@@ -1,4 +1,4 @@
-"""What the fast code must equal, written as it is defined, pixel by pixel."""
+"""Reference implementations, pixel by pixel: the fast code must give the same."""
 
 from __future__ import annotations
 

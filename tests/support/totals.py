@@ -1,4 +1,4 @@
-"""What is the same wherever and however often a run was worked on."""
+"""Checks of a finished run, whoever worked on it and however often it was resumed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def asked(
     *,
     activate: bool = True,
 ) -> int:
-    """Ask for a run that reads pixels; its number."""
+    """Ask for a run that reads pixels; returns its id."""
     body = {"config": config, "activate": activate}
     answer = api.post(f"/datasets/{dataset}/runs", body)
     assert answer.status_code == 202, answer.text

@@ -1,4 +1,4 @@
-"""Waiting for a state that something else brings about, with an end."""
+"""Waits for a condition, with a time limit."""
 
 from __future__ import annotations
 
