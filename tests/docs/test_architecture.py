@@ -27,6 +27,10 @@ FOREIGN = {
     *("BEGIN IMMEDIATE", "COPY", "executemany", "synchronous=FULL", "count(*)"),
     "requestAnimationFrame",
 }
+# Constants, functions and classes of the page; methods of what a function returns.
+JAVASCRIPT = re.compile(
+    r"\b(?:const|function|class)\s+(\w+)|^ +(?:async )?(\w+)(?:\(.*\) \{$|: \()", re.M
+)
 COMMANDS = ("python -m", "make", "npm run", "POST ", "UNGHOST_")
 
 
@@ -56,7 +60,7 @@ def defined_in(file: str) -> frozenset[str]:
     """The names that a file defines: functions, classes, fields, parameters."""
     text = (CHECKOUT / file).read_text("utf-8")
     if not file.endswith(".py"):
-        return frozenset(re.findall(r"\b(?:const|function|class)\s+(\w+)", text))
+        return frozenset(one or other for one, other in JAVASCRIPT.findall(text))
     return frozenset(
         name for node in ast.walk(ast.parse(text)) for name in names_of(node)
     )
