@@ -26,7 +26,6 @@ from playwright.sync_api import (
     Page,
     StorageState,
     ViewportSize,
-    sync_playwright,
 )
 from sqlalchemy import insert, select
 
@@ -36,7 +35,7 @@ from benchmarks.bench_runs import opened
 from benchmarks.million import BOXES_PER_FRAME, NAME, fill
 from benchmarks.page_trace import milliseconds_per_frame
 from benchmarks.street import HEIGHT, WIDTH, street
-from tests.support.page.windows import ARGUMENTS, CHROMIUM
+from tests.support.page.windows import launched
 from tests.support.servers import RunningServer, running_server
 
 PICTURES: Final = 24
@@ -137,16 +136,11 @@ def fill_with_pictures(data: Path, frames: int, pictures: list[str]) -> None:
 
 
 def measured(server: RunningServer, crowd: int) -> dict[str, float]:
-    path = str(CHROMIUM) if CHROMIUM.exists() else None
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
-        try:
-            return {
-                **moved(visit(browser, server), f"{server.url}/#/frames/{crowd}"),
-                **first_views(browser, server),
-            }
-        finally:
-            browser.close()
+    with launched() as browser:
+        return {
+            **moved(visit(browser, server), f"{server.url}/#/frames/{crowd}"),
+            **first_views(browser, server),
+        }
 
 
 def visit(browser: Browser, server: RunningServer) -> Page:

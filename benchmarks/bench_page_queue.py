@@ -21,10 +21,10 @@ from typing import Any, Final, cast
 import cv2
 import httpx
 import numpy as np
-from playwright.sync_api import Page, StorageState, ViewportSize, sync_playwright
+from playwright.sync_api import Page, StorageState, ViewportSize
 
 from benchmarks.street import HEIGHT, WIDTH, street
-from tests.support.page.windows import ARGUMENTS, CHROMIUM
+from tests.support.page.windows import launched
 from tests.support.servers import RunningServer, running_server
 
 DATASET: Final = "queue"
@@ -101,15 +101,12 @@ def annotation(number: int) -> str:
 
 def answered(server: RunningServer, count: int, pause_ms: int) -> list[float]:
     """Milliseconds from each of the answers to the next box."""
-    path = str(CHROMIUM) if CHROMIUM.exists() else None
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+    with launched() as browser:
         state = cast("StorageState", server.signed_in())
         page = browser.new_context(viewport=SIZE, storage_state=state).new_page()
         page.goto(f"{server.url}/#/datasets/{DATASET}/queue?order=random")
         page.wait_for_function(SHOWN)
         times = answer_all(page, count + WARM_UP, pause_ms)
-        browser.close()
     return times[WARM_UP:]
 
 

@@ -15,11 +15,11 @@ import statistics
 import sys
 from pathlib import Path
 
-from playwright.sync_api import Locator, Page, sync_playwright
+from playwright.sync_api import Locator, Page
 
 from benchmarks.bench_runs import opened, prepare, quantile
 from benchmarks.million import NAME
-from tests.support.page.windows import ARGUMENTS, CHROMIUM, WIDE
+from tests.support.page.windows import WIDE, launched
 from tests.support.servers import RunningServer, running_server
 
 SWEEPS = 4
@@ -96,9 +96,7 @@ def stored(folder: Path, boxes: int) -> None:
 
 def measured(server: RunningServer) -> dict[str, float]:
     """Lags of all values of all sweeps."""
-    path = str(CHROMIUM) if CHROMIUM.exists() else None
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+    with launched() as browser:
         page = browser.new_page(viewport=WIDE)
         page.goto(server.login_link)
         page.goto(f"{server.url}/#/datasets/{NAME}/thresholds")
@@ -115,7 +113,6 @@ def measured(server: RunningServer) -> dict[str, float]:
         alone: list[float] = page.evaluate(ASK, asked)
         lags: list[float] = page.evaluate("window.lags")
         answers: int = page.evaluate("window.answers")
-        browser.close()
     return {
         "values that the handle took": len(lags),
         "answers that were shown": answers,

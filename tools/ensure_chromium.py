@@ -1,7 +1,9 @@
 """Makes sure that the browser tests have a Chromium that starts.
 
 What is there is used: the system's Chromium, or Playwright's own. Otherwise Playwright
-downloads its build; where that download is out of reach, apt is asked.
+downloads its build; where that download is out of reach, apt is asked. The headless
+shell is preferred, also by Playwright: the same engine without a browser's windows,
+which takes a quarter less time.
 """
 
 from __future__ import annotations
@@ -15,7 +17,12 @@ from pathlib import Path
 
 from playwright.sync_api import Error, sync_playwright
 
-SYSTEM_CHROMIUM = Path("/usr/bin/chromium")
+SYSTEM_CHROMIUMS = ("/usr/bin/chromium-headless-shell", "/usr/bin/chromium")
+
+
+def system_chromium() -> str | None:
+    """The path of the system's Chromium; None where there is none."""
+    return next((path for path in SYSTEM_CHROMIUMS if Path(path).exists()), None)
 
 
 def starts(executable: str | None) -> bool:
@@ -38,9 +45,10 @@ def found() -> str:
 
     In the order in which the browser tests choose.
     """
-    if SYSTEM_CHROMIUM.exists():
-        return str(SYSTEM_CHROMIUM) if starts(str(SYSTEM_CHROMIUM)) else ""
-    return "Playwright's own" if starts(None) else ""
+    executable = system_chromium()
+    if not starts(executable):
+        return ""
+    return executable or "Playwright's own"
 
 
 def run(*command: str) -> None:
@@ -72,7 +80,10 @@ def from_apt() -> None:
     """The distribution's own package."""
     if os.name != "nt" and shutil.which("apt-get"):
         as_root("apt-get", "update", "-q")
-        as_root("apt-get", "install", "-qy", "--no-install-recommends", "chromium")
+        for package in ("chromium-headless-shell", "chromium"):
+            as_root("apt-get", "install", "-qy", "--no-install-recommends", package)
+            if system_chromium():
+                return
 
 
 def main() -> int:

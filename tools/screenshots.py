@@ -22,7 +22,7 @@ import numpy as np
 from playwright.sync_api import Browser, Page, ViewportSize, expect, sync_playwright
 
 from tools.demo_life import DATASET, add_activity
-from tools.ensure_chromium import SYSTEM_CHROMIUM
+from tools.ensure_chromium import system_chromium
 from unghost import Client, Decision
 
 ROOT: Final = Path(__file__).resolve().parents[1]
@@ -145,10 +145,9 @@ def _address(process: subprocess.Popen[str]) -> str:
 @contextmanager
 def launched() -> Iterator[Browser]:
     """Chromium of the system, or Playwright's own."""
-    system = str(SYSTEM_CHROMIUM) if SYSTEM_CHROMIUM.exists() else None
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
-            executable_path=system, args=["--no-sandbox", "--disable-gpu"]
+            executable_path=system_chromium(), args=["--no-sandbox", "--disable-gpu"]
         )
         yield browser
         browser.close()

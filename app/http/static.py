@@ -1,4 +1,10 @@
-"""The page's shell and files: types, entity tags, and the policy they run under."""
+"""The page's shell and files: types, caching, and the policy they run under.
+
+The shell names all files of the page below an address that changes with any of them:
+`/static/v-9f86d081884c7d65/js/main.js`. Modules import each other by relative
+addresses, so they come from below it, too. A browser may keep such a file for ever and
+asks the server only for the shell. Below `/static/js/main.js` it asks each time.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +12,7 @@ import base64
 import hashlib
 import json
 import re
+import time
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -14,7 +21,7 @@ from typing import Final
 from fastapi import APIRouter, Request, Response
 
 from app.errors import NotFound
-from app.http.files import is_known
+from app.http.files import IMMUTABLE, is_known
 from app.http.openapi import docs_page
 from app.http.routing import ApiRouter, HeadRoute, OpenRouter
 from app.package import static_dir
@@ -41,6 +48,7 @@ _IMPORT: Final = re.compile(
     rb"^(?:import|export)\b[^\"'(]*\bfrom\s+\"(\.[^\"]+)\"", re.MULTILINE
 )
 _ENTRY: Final = b'<script type="module"'
+_VERSION: Final = re.compile(r"v-([0-9a-f]{16})/")
 
 
 @dataclass(frozen=True)
@@ -71,8 +79,28 @@ def page_file(folder: Path, name: str) -> PageFile:
     return _read(path, changed)
 
 
+def version_of(folder: Path) -> str:
+    """Sixteen hexadecimal digits of all files below: the same on every server."""
+    found = hashlib.sha256()
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.suffix in MEDIA_TYPES:
+            etag = _read(path, path.stat().st_mtime_ns).etag
+            found.update(f"{path.relative_to(folder).as_posix()} {etag}\n".encode())
+    return found.hexdigest()[:16]
+
+
+def page_version(folder: Path) -> str:
+    """`version_of`, looked at once a second: somebody may be working on the page."""
+    return _version_at(folder, int(time.monotonic()))
+
+
 @lru_cache(maxsize=4)
-def shell_page(folder: Path) -> PageFile:
+def _version_at(folder: Path, _second: int) -> str:
+    return version_of(folder)
+
+
+@lru_cache(maxsize=4)
+def shell_page(folder: Path, version: str) -> PageFile:
     """The page, with a link that preloads every module that it starts with.
 
     Otherwise a browser finds them one import after the other, each a round trip.
@@ -83,6 +111,7 @@ def shell_page(folder: Path) -> PageFile:
         for name in started_modules(folder, "js/main.js")
     )
     content = page.replace(_ENTRY, links.encode() + _ENTRY, 1)
+    content = content.replace(b'"/static/', f'"/static/v-{version}/'.encode())
     return PageFile(content, MEDIA_TYPES[".html"], _etag(content))
 
 
@@ -140,7 +169,8 @@ description = ApiRouter()
 @shell.get("/", include_in_schema=False)
 async def index(request: Request) -> Response:
     """The page. Its filters live in the URL, so any query parameter is allowed."""
-    answer = _answer(request, shell_page(static_dir()))
+    folder = static_dir()
+    answer = _answer(request, shell_page(folder, page_version(folder)))
     if FORMER_COOKIE in request.cookies:
         answer.delete_cookie(FORMER_COOKIE, httponly=True, samesite="strict")
     return answer
@@ -148,8 +178,15 @@ async def index(request: Request) -> Response:
 
 @files.get("/static/{name:path}", include_in_schema=False)
 async def static_file(name: str, request: Request) -> Response:
-    """One file of the page. Small and kept in memory: not worth a thread each."""
-    return _answer(request, page_file(static_dir(), name))
+    """One file of the page. Small and kept in memory: not worth a thread each.
+
+    A page that was opened before an update asks below the former version. It gets the
+    file of now, which its browser does not keep.
+    """
+    folder, asked = static_dir(), _VERSION.match(name)
+    file = page_file(folder, name[asked.end() :] if asked else name)
+    is_current = asked is not None and asked[1] == page_version(folder)
+    return _answer(request, file, IMMUTABLE if is_current else "no-cache")
 
 
 @description.get("/openapi.json", include_in_schema=False)
@@ -172,8 +209,8 @@ def docs_content(request: Request) -> Response:
     return Response(page, media_type="text/html; charset=utf-8")
 
 
-def _answer(request: Request, file: PageFile) -> Response:
-    headers = {"ETag": file.etag, "Cache-Control": "no-cache"}
+def _answer(request: Request, file: PageFile, cached: str = "no-cache") -> Response:
+    headers = {"ETag": file.etag, "Cache-Control": cached}
     if is_known(request, file.etag):
         return Response(status_code=304, headers=headers)
     return Response(file.content, headers=headers, media_type=file.media_type)

@@ -13,17 +13,15 @@ from playwright.sync_api import (
     Browser,
     StorageState,
     expect,
-    sync_playwright,
 )
 
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.windows import (
-    ARGUMENTS,
-    CHROMIUM,
     Plain,
     Visit,
     Visitor,
+    launched,
     new_context,
 )
 from tests.support.servers import RunningServer
@@ -37,14 +35,9 @@ _numbers = count(1)
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    """Chromium of the system, or the one that Playwright has installed."""
-    path = str(CHROMIUM) if CHROMIUM.exists() else None
-    with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(
-            executable_path=path, args=list(ARGUMENTS)
-        )
-        yield launched
-        launched.close()
+    """One browser for all tests."""
+    with launched() as running:
+        yield running
 
 
 @pytest.fixture(scope="session")

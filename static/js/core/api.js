@@ -147,7 +147,9 @@ function respond(method, path, { body, key, signal, session: shown, ...where } =
   const isJson = body !== undefined && !(body instanceof FormData) && !(body instanceof Blob);
   if (isJson) headers.set("Content-Type", "application/json");
   if (key) headers.set("Idempotency-Key", key);
-  return send(addressOf(path, where), { method, headers, signal, body: isJson ? JSON.stringify(body) : body }, shown);
+  // What is deleted stays so when the page is left: a session that ends before the page is loaded again.
+  const keepalive = method === "DELETE";
+  return send(addressOf(path, where), { method, headers, signal, keepalive, body: isJson ? JSON.stringify(body) : body }, shown);
 }
 
 /** @param {string} method @param {string} path @param {AnyGiven} [given] */

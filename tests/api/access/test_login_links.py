@@ -12,9 +12,10 @@ import httpx
 import pytest
 
 from tests.support.command_line import CommandLine
-from tests.support.page.windows import ARGUMENTS, CHROMIUM
+from tests.support.page.windows import ARGUMENTS
 from tests.support.servers import running_server, token_of
 from tests.support.waiting import until
+from tools.ensure_chromium import system_chromium
 from unghost import Client
 
 DONE, REFUSED = 0, 1
@@ -41,14 +42,15 @@ def machine(tmp_path):
 @pytest.fixture
 def browser(tmp_path):
     """The name of a program that shows pages; its notes lie beside it."""
-    if not CHROMIUM.exists():
+    chromium = system_chromium()
+    if chromium is None:
         pytest.skip("there is no Chromium here")
     notes = tmp_path / "notes"
     notes.mkdir()
     program = notes / "browser"
     arguments = " ".join(ARGUMENTS)
     program.write_text(
-        BROWSER.format(notes=notes, chromium=CHROMIUM, arguments=arguments)
+        BROWSER.format(notes=notes, chromium=chromium, arguments=arguments)
     )
     program.chmod(0o700)
     yield program

@@ -9,7 +9,12 @@ import re
 import pytest
 
 from app.errors import NotFound
-from app.http.static import content_security_policy, page_file, started_modules
+from app.http.static import (
+    content_security_policy,
+    page_file,
+    started_modules,
+    version_of,
+)
 from app.package import static_dir
 
 FILES = sorted(
@@ -37,7 +42,7 @@ def test_the_shell_names_every_module_that_it_starts_with(anybody):
     """Else a browser learns of them one round trip after the other."""
     page = anybody.get("/").text
 
-    named = re.findall(r'rel="modulepreload" href="/static/([^"]+)"', page)
+    named = re.findall(r'rel="modulepreload" href="/static/v-\w+/([^"]+)"', page)
 
     assert named == started_modules(static_dir(), "js/main.js")
     assert {"js/main.js", "js/shell/shell.js", "js/datasets/frames.js"} < set(named)
@@ -74,6 +79,44 @@ def test_a_file_that_is_known_is_not_sent_again(anybody):
 
     assert (again.status_code, again.content, other.status_code) == (304, b"", 200)
     assert again.headers["etag"] == etag
+
+
+def versioned(client):
+    """The address below which the page names its files."""
+    return re.findall(r'"(/static/v-\w+/)js/main.js"', client.get("/").text)[0]
+
+
+def test_a_browser_keeps_the_files_that_the_page_names(anybody):
+    page = anybody.get("/")
+
+    answer = anybody.get(f"{versioned(anybody)}{FILES[0]}")
+
+    assert page.headers["cache-control"] == "no-cache"
+    assert "immutable" in answer.headers["cache-control"]
+    assert answer.content == (static_dir() / FILES[0]).read_bytes()
+    assert re.findall(r'"/static/(?!v-)[^"]*', page.text) == []
+
+
+@pytest.mark.parametrize("below", ["", "v-0123456789abcdef/"])
+def test_a_file_below_another_version_is_asked_for_each_time(anybody, below):
+    answer = anybody.get(f"/static/{below}{FILES[0]}")
+
+    assert answer.content == (static_dir() / FILES[0]).read_bytes()
+    assert answer.headers["cache-control"] == "no-cache"
+
+
+@pytest.mark.parametrize("change", ["changed", "added", "removed"])
+def test_the_version_is_another_one_with_any_change(tmp_path, change):
+    (tmp_path / "a.js").write_text("1")
+    before = version_of(tmp_path)
+    if change == "added":
+        (tmp_path / "b.js").touch()
+    elif change == "removed":
+        (tmp_path / "a.js").unlink()
+    else:
+        (tmp_path / "a.js").write_text("22")
+
+    assert version_of(tmp_path) != before
 
 
 def test_the_description_of_the_api_that_is_known_is_not_sent_again(admin):

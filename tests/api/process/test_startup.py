@@ -1,4 +1,4 @@
-"""Starting and stopping, as a process of its own."""
+"""Starting and stopping, as a process of its own; three of them start Python anew."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import signal
 import socket
 import stat
-from functools import partial
 
 import httpx
 import pytest
@@ -15,6 +14,7 @@ from app.serve import listen
 from tests.support.servers import (
     SERVER,
     running_server,
+    start,
     start_anew,
     stop,
     token_of,
@@ -29,18 +29,15 @@ def note_of(server):
     return state / "unghost" / "servers" / f"127.0.0.1_{port}.json"
 
 
-started = partial(running_server, anew=True)
-
-
 @pytest.fixture
 def running(data_dir):
-    with started(data_dir) as server:
+    with running_server(data_dir) as server:
         yield server
 
 
 def refused(data, log, **settings):
     """The exit code of a server that cannot start."""
-    with start_anew(SERVER, data, log, settings) as process:
+    with start(["app"], data, log, settings) as process:
         return process.wait(60)
 
 
@@ -97,18 +94,19 @@ def test_a_command_finds_the_note_by_any_name_of_the_address(
 
 
 def test_the_note_goes_when_the_server_goes(data_dir):
-    with started(data_dir) as server:
+    with running_server(data_dir) as server:
         note = note_of(server)
         assert note.exists()
 
     assert not note.exists()
 
 
-def test_an_interrupt_is_a_clean_end(running):
-    running.process.send_signal(signal.SIGINT)
+def test_an_interrupt_is_a_clean_end(data_dir):
+    with running_server(data_dir, anew=True) as server:
+        server.process.send_signal(signal.SIGINT)
 
-    assert running.process.wait(30) == 0
-    assert "Traceback" not in running.log.read_text()
+        assert server.process.wait(30) == 0
+    assert "Traceback" not in server.log.read_text()
 
 
 def test_a_port_that_is_taken_is_said_in_one_line(running, tmp_path):
@@ -123,9 +121,10 @@ def test_a_port_that_is_taken_is_said_in_one_line(running, tmp_path):
 
 
 def test_a_setting_that_cannot_be_is_named(tmp_path):
-    log = tmp_path / "log"
+    data, log = tmp_path / "data", tmp_path / "log"
 
-    code = refused(tmp_path / "data", log, UNGHOST_PORT="many")
+    with start_anew(SERVER, data, log, {"UNGHOST_PORT": "many"}) as process:
+        code = process.wait(60)
 
     assert code == 2
     assert log.read_text().startswith("UNGHOST_PORT: ")
@@ -173,7 +172,7 @@ def test_two_processes_that_start_together_migrate_once(tmp_path):
 
 
 def test_the_token_is_in_no_log(data_dir):
-    with started(data_dir) as server:
+    with running_server(data_dir) as server:
         httpx.get(f"{server.url}/version?token={server.token}")
         httpx.get(f"{server.url}/version", headers=server.headers)
 
@@ -185,13 +184,13 @@ def test_the_token_is_in_no_log(data_dir):
 @pytest.mark.sqlite_files("the database is a file of the folder")
 def test_the_database_is_for_its_owner_alone_in_a_folder_for_all(data_dir):
     data_dir.chmod(0o755)
-    with started(data_dir) as server:
+    with running_server(data_dir) as server:
         httpx.get(f"{server.url}/readyz", trust_env=False)
         modes = {
             path.name: stat.S_IMODE(path.stat().st_mode) for path in data_dir.iterdir()
         }
     (data_dir / "unghost.db").chmod(0o644)  # as older versions made it
-    with started(data_dir):
+    with running_server(data_dir):
         again = stat.S_IMODE((data_dir / "unghost.db").stat().st_mode)
 
     private = {0o600, 0o700}
@@ -201,7 +200,7 @@ def test_the_database_is_for_its_owner_alone_in_a_folder_for_all(data_dir):
 
 
 def test_a_line_break_in_a_path_starts_no_line_in_the_log(data_dir):
-    with started(data_dir) as server:
+    with running_server(data_dir) as server:
         httpx.get(f"{server.url}/a%0A2026-01-01%20forged%1b[2J")
 
     lines = [json.loads(line) for line in server.log.read_text().splitlines()]

@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,12 +16,13 @@ from playwright.sync_api import (
     StorageState,
     ViewportSize,
     expect,
+    sync_playwright,
 )
 
 from tests.support.page.stage import after_drawing
 from tests.support.servers import SESSION_KEY
+from tools.ensure_chromium import system_chromium
 
-CHROMIUM = Path("/usr/bin/chromium")
 ARGUMENTS = (
     "--no-sandbox",
     "--disable-gpu",
@@ -30,6 +30,8 @@ ARGUMENTS = (
     "--disable-component-update",
     "--disable-sync",
     "--no-first-run",
+    # One process for all windows that show the server: each would start its own.
+    "--process-per-site",
 )
 # What is between the narrow and the wide, and dark, is looked at by the long tests.
 SCHEMES = ["light", pytest.param("dark", marks=pytest.mark.long)]
@@ -120,6 +122,19 @@ class Plain:
         for page in self.context.pages:
             if page is not self.kept:
                 page.close()
+
+
+@contextmanager
+def launched() -> Iterator[Browser]:
+    """Chromium of the system, or Playwright's own."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=system_chromium(), args=list(ARGUMENTS)
+        )
+        try:
+            yield browser
+        finally:
+            browser.close()
 
 
 @contextmanager
