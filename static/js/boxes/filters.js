@@ -1,9 +1,8 @@
 // @ts-check
-// Filters of boxes: as parts of the address, as parameters of the API, as a test of one box, and the choices of their controls.
+// Filters of boxes: as parts of the address, as parameters of the API, and as a test of one box.
 
 import { linkTo } from "../core/router.js";
 import { answerOf, isUndecided } from "./box.js";
-import { REASONS } from "./wording.js";
 
 /** @typedef {import("./box.js").Decision} Decision */
 /** @typedef {import("../core/openapi.js").BoxSelection} BoxSelection */
@@ -14,15 +13,6 @@ export const FILTER_KEYS = /** @type {const} */ (["verdict", "reason", "class", 
 
 /** The verdict filters that the key V switches between. */
 export const VERDICT_CYCLE = /** @type {const} */ (["", "kept", "rejected"]);
-
-/** @type {readonly {value: string, text: string}[]} */
-export const REVIEW_CHOICES = [
-  { value: "undecided", text: "Undecided" },
-  { value: "decided", text: "Decided" },
-  { value: "keep", text: "Answered keep" },
-  { value: "reject", text: "Answered reject" },
-  { value: "unsure", text: "Unsure" },
-];
 
 /** @param {Decision} box @param {Query} query */
 export function isShown(box, query) {
@@ -159,15 +149,6 @@ export const listQuery = (ids) => ({ boxes: ids.slice(0, MOST).join(",") });
 
 /** @param {Query} query @returns {Query} */
 export const withoutList = ({ boxes: _, ...rest }) => rest;
-
-export const VERDICT_CHOICES = [
-  { value: "", text: "All" },
-  { value: "kept", text: "Kept" },
-  { value: "rejected", text: "Rejected" },
-  { value: "unmeasured", text: "Unmeasured" },
-];
-
-export const REASON_CHOICES = Object.entries(REASONS).map(([value, text]) => ({ value, text }));
 
 /** Shows kept, rejected or all boxes, in turn. @param {import("../core/app.js").App} app */
 export function cycleVerdict(app) {

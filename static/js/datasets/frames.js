@@ -2,14 +2,15 @@
 // The frames of a dataset as thumbnails, with filters; more are loaded while one scrolls.
 
 import { NearPicture } from "../boxes/crops.js";
-import { FILTER_KEYS, REASON_CHOICES, REVIEW_CHOICES, VERDICT_CHOICES, filtersOf, selectionOf } from "../boxes/filters.js";
+import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
+import { FILTER_KEYS, filtersOf, selectionOf } from "../boxes/filters.js";
 import { VerdictBar } from "../boxes/signs.js";
 import { get } from "../core/api.js";
 import { useHead, useLoaded, usePages, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
-import { Failure, Notice, Segments, Select } from "../core/parts.js";
+import { Failure, Notice } from "../core/parts.js";
 import { thumbnailUrl } from "../core/pictures.js";
 import { linkTo } from "../core/router.js";
 import { DatasetDialog } from "./settings.js";
@@ -51,14 +52,15 @@ export function FramesView({ app, route }) {
 /** @param {Query} query */
 const apiParams = (query) => ({ ...selectionOf(filtersOf(query)), key: query.key });
 
-const FRAME_FILTERS = /** @type {const} */ ([...FILTER_KEYS, "key"]);
+/** @param {Query} query */
+const hasFilters = (query) => [...FILTER_KEYS, "key"].some((key) => query[key]);
 
 /** @param {{app: App, dataset: string, query: Query, total: number | null, onClear: () => void}} props */
 function FrameGrid({ app, dataset, query, total, onClear }) {
   const { items, isDone, error, more } = usePages(`${dataset} ${JSON.stringify(apiParams(query))}`, PAGE_SIZE, (limit, cursor) =>
     get("/api/v1/datasets/{dataset}/frames", { path: { dataset }, query: { ...apiParams(query), limit, cursor } }),
   );
-  const isFiltered = FRAME_FILTERS.some((key) => query[key]);
+  const isFiltered = hasFilters(query);
   if (error && items.length === 0) return html`<${Failure} error=${error} onRetry=${more} />`;
   if (isDone && items.length === 0) return html`<${Nothing} isFiltered=${isFiltered} onClear=${onClear} />`;
   return html`<p class="page__count" role="status">${countLine(items.length, isDone, isFiltered, total)}</p>
@@ -117,16 +119,11 @@ const TYPING_PAUSE_MS = 250;
 
 /** @param {{classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
 export function FrameFilters({ classes, query, onChange }) {
-  /** @param {string} key */
-  const set = (key) => (/** @type {string} */ value) => onChange({ ...query, [key]: value });
-  const isSet = [...FILTER_KEYS, "key"].some((key) => query[key]);
   return html`<div class="filters" role="search" aria-label="Filter frames">
-    <${Segments} label="Verdict" value=${query.verdict ?? ""} choices=${VERDICT_CHOICES} onChange=${set("verdict")} />
-    <${Select} label="Reason" any="Any reason" value=${query.reason ?? ""} choices=${REASON_CHOICES} onChange=${set("reason")} />
-    <${Select} label="Class" any="Any class" value=${query.class ?? ""} choices=${classes.map((name) => ({ value: name, text: name }))} onChange=${set("class")} />
-    <${Select} label="Review" any="Answered or not" value=${query.review ?? ""} choices=${REVIEW_CHOICES} onChange=${set("review")} />
-    <${KeyPrefix} value=${query.key ?? ""} onChange=${set("key")} />
-    ${isSet && html`<button class="button button--quiet" onClick=${() => onChange({})}><${Icon} name="cross" />Clear</button>`}
+    <${VerdictFilter} query=${query} onChange=${onChange} />
+    <${FilterMenus} query=${query} own=${{ class: { choices: classChoices(classes) } }} onChange=${onChange} onClear=${hasFilters(query) ? () => onChange({}) : null}>
+      <${KeyPrefix} value=${query.key ?? ""} onChange=${(/** @type {string} */ key) => onChange({ ...query, key })} />
+    <//>
   </div>`;
 }
 

@@ -1,13 +1,14 @@
 // @ts-check
 // The grid view: filters, status, answers on many boxes that are not saved yet, and the bar for selected boxes.
 
-import { REASON_CHOICES, REVIEW_CHOICES, SORTS, VERDICT_CHOICES, countOfMore, cycleVerdict, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
+import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
+import { SORTS, countOfMore, cycleVerdict, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
 import { get } from "../core/api.js";
 import { useActions, useClosing, useHead, useLoaded, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
-import { Failure, Notice, Segments, Select } from "../core/parts.js";
+import { Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { GridBar } from "../review/acts.js";
 import { GridCells } from "./cells.js";
@@ -204,21 +205,17 @@ export const LARGEST_PX = 360;
 
 /** @param {{app: App, classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
 export function GridFilters({ app, classes, query, onChange }) {
-  /** @param {string} key */
-  const set = (key) => (/** @type {string} */ value) => onChange({ ...query, [key]: value });
   const [isOpen, setOpen] = useState(false);
   return html`<div class="grid-filters" role="search" aria-label="Filter boxes">
-    <${Segments} label="Verdict" value=${query.verdict ?? ""} choices=${VERDICT_CHOICES} onChange=${set("verdict")} />
+    <${VerdictFilter} query=${query} onChange=${onChange} />
     <button class="button grid-filters__toggle ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
     <div class="grid-filters__rest ${isOpen ? "is-open" : ""}">
-    <${Select} label="Reason" any="Any reason" value=${query.reason ?? ""} choices=${REASON_CHOICES} onChange=${set("reason")} />
-    <${Select} label="Class" any="Any class" value=${query.class ?? ""} choices=${classes.map((name) => ({ value: name, text: name }))} onChange=${set("class")} />
-    <${Select} label="Review" any="Answered or not" value=${query.review ?? ""} choices=${REVIEW_CHOICES} onChange=${set("review")} />
-    <${More} query=${query} onChange=${onChange} />
-    ${isFiltered(query) && html`<button class="button button--quiet" onClick=${() => onChange(withoutFilters(query))}><${Icon} name="cross" />Clear</button>`}
+      <${FilterMenus} query=${query} own=${{ class: { choices: classChoices(classes) } }} onChange=${onChange} onClear=${isFiltered(query) ? () => onChange(withoutFilters(query)) : null}>
+        <${More} query=${query} onChange=${onChange} />
+      <//>
     </div>
     <span class="grid-filters__middle"></span>
-    <${Order} value=${sortOf(query)} onChange=${set("sort")} />
+    <${Order} value=${sortOf(query)} onChange=${(/** @type {string} */ sort) => onChange({ ...query, sort })} />
     <${SizeSlider} app=${app} />
   </div>`;
 }

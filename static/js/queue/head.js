@@ -3,14 +3,15 @@
 
 import { veiled } from "../boxes/box.js";
 import { Picture } from "../boxes/crops.js";
-import { REASON_CHOICES, REVIEW_CHOICES, VERDICT_CHOICES, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
+import { FilterMenus, classChoices } from "../boxes/filter_bar.js";
+import { isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
 import { AnswerSign } from "../boxes/signs.js";
 import { spokenText } from "../boxes/wording.js";
 import { useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
-import { Segments, Select } from "../core/parts.js";
+import { Segments } from "../core/parts.js";
 import { ahead, currentOf, isBlind, lookedAt, paceOf } from "./line.js";
 import { ORDERS, orderOf } from "./session.js";
 
@@ -22,31 +23,27 @@ import { ORDERS, orderOf } from "./session.js";
 /** @param {{app: App, session: Session, classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
 export function QueueHead({ app, session, classes, query, onChange }) {
   const prefs = useValue(app.prefs);
-  /** @param {string} key */
-  const set = (key) => (/** @type {string} */ value) => onChange({ ...query, [key]: value });
   return html`<div class="queue__head">
     ${session.listed.length > 0
       ? html`<p class="queue__listed">${countOf(session.listed.length, "chosen box", "chosen boxes")} <button class="button button--small" onClick=${() => onChange(withoutList(query))}>The whole queue</button></p>`
-      : html`<${Choices} classes=${classes} query=${query} set=${set} onChange=${onChange} />`}
+      : html`<${Choices} classes=${classes} query=${query} onChange=${onChange} />`}
     <label class="switch queue__blind" title="Hide the filter's verdict and earlier answers until you have answered">
-      <input type="checkbox" checked=${isBlind(query, prefs)} onChange=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => set("blind")(event.currentTarget.checked ? "on" : "off")} /><span>Blind</span>
+      <input type="checkbox" checked=${isBlind(query, prefs)} onChange=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => onChange({ ...query, blind: event.currentTarget.checked ? "on" : "off" })} /><span>Blind</span>
     </label>
     <span class="queue__middle"></span>
     <${Progress} session=${session} />
   </div>`;
 }
 
-/** The order and the filters of the queue. @param {{classes: readonly string[], query: Query, set: (key: string) => (value: string) => void, onChange: (query: Query) => void}} props */
-function Choices({ classes, query, set, onChange }) {
+/** The order and the filters of the queue. @param {{classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
+function Choices({ classes, query, onChange }) {
   const [isOpen, setOpen] = useState(false);
-  return html`<${Segments} label="Order" value=${orderOf(query)} choices=${ORDERS} onChange=${set("order")} />
+  const order = orderOf(query);
+  const own = { class: { choices: classChoices(classes) }, reason: { any: "Any reason in the image" }, review: { any: order === "audit" ? "Decided" : "Undecided" } };
+  return html`<${Segments} label="Order" value=${order} choices=${ORDERS} onChange=${(/** @type {string} */ value) => onChange({ ...query, order: value })} />
     <button class="button queue__more ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
     <div class="queue__filters ${isOpen ? "is-open" : ""}" role="search" aria-label="Filter boxes">
-      <${Select} label="Verdict" any="Any verdict" value=${query.verdict ?? ""} choices=${VERDICT_CHOICES.slice(1)} onChange=${set("verdict")} />
-      <${Select} label="Class" any="Any class" value=${query.class ?? ""} choices=${classes.map((name) => ({ value: name, text: name }))} onChange=${set("class")} />
-      <${Select} label="Reason" any="Any reason in the image" value=${query.reason ?? ""} choices=${REASON_CHOICES} onChange=${set("reason")} />
-      <${Select} label="Review" any=${orderOf(query) === "audit" ? "Decided" : "Undecided"} value=${query.review ?? ""} choices=${REVIEW_CHOICES} onChange=${set("review")} />
-      ${isFiltered(query) && html`<button class="button button--quiet" onClick=${() => onChange(withoutFilters(query))}><${Icon} name="cross" />Clear</button>`}
+      <${FilterMenus} query=${query} keys=${["verdict", "class", "reason", "review"]} own=${own} onChange=${onChange} onClear=${isFiltered(query) ? () => onChange(withoutFilters(query)) : null} />
     </div>`;
 }
 

@@ -1,12 +1,12 @@
 // @ts-check
 // The boxes of a frame as a list, with filters.
 
-import { FILTER_KEYS, REVIEW_CHOICES, countsBy } from "../boxes/filters.js";
+import { FilterMenus, VERDICT_CHOICES, VerdictFilter } from "../boxes/filter_bar.js";
+import { FILTER_KEYS, countsBy } from "../boxes/filters.js";
 import { AnswerSign, StrokeSwatch } from "../boxes/signs.js";
 import { matchText, reasonText } from "../boxes/wording.js";
 import { Component, html, useEffect, useRef } from "../core/html.js";
 import { countOf, countText } from "../core/numbers.js";
-import { Segments, Select } from "../core/parts.js";
 
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../core/router.js").Query} Query */
@@ -48,19 +48,15 @@ const cleared = (query) => Object.fromEntries(Object.entries(query).filter(([key
 
 /** @param {{boxes: readonly Decision[], query: Query, onQuery: (query: Query) => void}} props */
 function Filters({ boxes, query, onQuery }) {
-  /** @param {string} key */
-  const set = (key) => (/** @type {string} */ value) => onQuery({ ...query, [key]: value });
   const verdicts = countsBy(boxes, "verdict");
-  const choices = ["kept", "rejected", "unmeasured"]
-    .filter((verdict) => verdicts.has(verdict) || query.verdict === verdict)
-    .map((verdict) => ({ value: verdict, text: html`<${StrokeSwatch} verdict=${verdict} /><span class="num">${verdicts.get(verdict) ?? 0}</span><span class="sr-only">${verdict}</span>` }));
+  const choices = VERDICT_CHOICES.filter(({ value }) => verdicts.has(value) || query.verdict === value).map(({ value }) => ({
+    value,
+    text: html`<${StrokeSwatch} verdict=${value} /><span class="num">${verdicts.get(value) ?? 0}</span><span class="sr-only">${value}</span>`,
+  }));
+  const own = { reason: { choices: counted(countsBy(boxes, "reason"), reasonText) }, class: { choices: counted(countsBy(boxes, "class"), String) } };
   return html`<div class="panel__filters" role="search" aria-label="Filter boxes">
-    <${Segments} label="Verdict" value=${query.verdict ?? ""} choices=${[{ value: "", text: "All" }, ...choices]} onChange=${set("verdict")} />
-    <div class="panel__selects">
-      <${Select} label="Reason" any="Any reason" value=${query.reason ?? ""} choices=${counted(countsBy(boxes, "reason"), reasonText)} onChange=${set("reason")} />
-      <${Select} label="Class" any="Any class" value=${query.class ?? ""} choices=${counted(countsBy(boxes, "class"), String)} onChange=${set("class")} />
-      <${Select} label="Review" any="Answered or not" value=${query.review ?? ""} choices=${REVIEW_CHOICES} onChange=${set("review")} />
-    </div>
+    <${VerdictFilter} query=${query} choices=${choices} onChange=${onQuery} />
+    <div class="panel__selects"><${FilterMenus} query=${query} own=${own} onChange=${onQuery} /></div>
   </div>`;
 }
 

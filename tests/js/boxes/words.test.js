@@ -4,7 +4,8 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
-import { BOX_FILTER_KEYS, REVIEW_CHOICES, SORTS, VERDICT_CYCLE } from "../../../static/js/boxes/filters.js";
+import { REVIEW_CHOICES } from "../../../static/js/boxes/filter_bar.js";
+import { BOX_FILTER_KEYS, SORTS, VERDICT_CYCLE } from "../../../static/js/boxes/filters.js";
 import { ANSWER_TEXT, CHANNELS, REASONS, VERDICT_SIGN } from "../../../static/js/boxes/wording.js";
 import { ORDERS } from "../../../static/js/queue/session.js";
 import { exportForm } from "../../../static/js/runs/exports.js";

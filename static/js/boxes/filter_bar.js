@@ -1,0 +1,62 @@
+// @ts-check
+// The controls of the filters that every list of boxes has: verdict, reason, class, review, and a button that clears them.
+
+import { html } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { Segments, Select } from "../core/parts.js";
+import { REASONS } from "./wording.js";
+
+/** @typedef {import("../core/router.js").Query} Query */
+/** @typedef {readonly {value: string, text: string}[]} Choices */
+/** @typedef {{label: string, any: string, choices: Choices}} Control  `any`: the text of the choice that filters nothing */
+/** @typedef {"verdict" | "reason" | "class" | "review"} Key */
+
+/** @type {Choices} */
+export const VERDICT_CHOICES = [
+  { value: "kept", text: "Kept" },
+  { value: "rejected", text: "Rejected" },
+  { value: "unmeasured", text: "Unmeasured" },
+];
+
+const REASON_CHOICES = Object.entries(REASONS).map(([value, text]) => ({ value, text }));
+
+/** @type {Choices} */
+export const REVIEW_CHOICES = [
+  { value: "undecided", text: "Undecided" },
+  { value: "decided", text: "Decided" },
+  { value: "keep", text: "Answered keep" },
+  { value: "reject", text: "Answered reject" },
+  { value: "unsure", text: "Unsure" },
+];
+
+/** @param {readonly string[]} classes @returns {Choices} */
+export const classChoices = (classes) => classes.map((name) => ({ value: name, text: name }));
+
+/** @type {Record<Key, Control>} */
+const CONTROLS = {
+  verdict: { label: "Verdict", any: "Any verdict", choices: VERDICT_CHOICES },
+  reason: { label: "Reason", any: "Any reason", choices: REASON_CHOICES },
+  class: { label: "Class", any: "Any class", choices: [] },
+  review: { label: "Review", any: "Answered or not", choices: REVIEW_CHOICES },
+};
+
+/** The verdict as a row of buttons. @param {{query: Query, choices?: Choices, onChange: (query: Query) => void}} props */
+export function VerdictFilter({ query, choices = VERDICT_CHOICES, onChange }) {
+  return html`<${Segments} label="Verdict" value=${query.verdict ?? ""} choices=${[{ value: "", text: "All" }, ...choices]}
+    onChange=${(/** @type {string} */ verdict) => onChange({ ...query, verdict })} />`;
+}
+
+/**
+ * The filters as menus, then what the view adds, then a button that clears all.
+ * @param {{query: Query, keys?: readonly Key[], own: Partial<Record<Key, Partial<Control>>>, onChange: (query: Query) => void,
+ *   onClear?: (() => void) | null, children?: unknown}} props
+ *   `own`: what differs in this view, such as the classes of its dataset; `onClear`: null while there is nothing to clear
+ */
+export function FilterMenus({ query, keys = ["reason", "class", "review"], own, onChange, onClear = null, children }) {
+  return html`${keys.map((key) => {
+      const { label, any, choices } = { ...CONTROLS[key], ...own[key] };
+      return html`<${Select} key=${key} label=${label} any=${any} value=${query[key] ?? ""} choices=${choices} onChange=${(/** @type {string} */ value) => onChange({ ...query, [key]: value })} />`;
+    })}
+    ${children}
+    ${onClear && html`<button class="button button--quiet" onClick=${onClear}><${Icon} name="cross" />Clear</button>`}`;
+}
