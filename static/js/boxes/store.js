@@ -1,14 +1,11 @@
 // @ts-check
 // All boxes that the page shows, each stored once: as the server last sent it, combined with answers not saved yet.
 
-import * as api from "../core/api.js";
 import { useValue } from "../core/hooks.js";
 import { useEffect, useLayoutEffect, useMemo, useState } from "../core/html.js";
-import { fetchAhead, fileUrl } from "../core/pictures.js";
 import { seen, seenRevision, withAnswer } from "./box.js";
 
 /** @typedef {import("./box.js").Decision} Decision */
-/** @typedef {import("../core/openapi.js").Frame} Frame */
 /** @typedef {{verdict: import("./box.js").Answer, comment: string}} GivenAnswer */
 
 /**
@@ -113,47 +110,6 @@ const isSame = (one, other) => one === other || JSON.stringify(one) === JSON.str
 
 /** @param {GivenAnswer | undefined} one @param {GivenAnswer | undefined} other */
 const isSameAnswer = (one, other) => one?.verdict === other?.verdict && one?.comment === other?.comment;
-
-/** How long a frame that was fetched ahead may be used: others may answer its boxes meanwhile. */
-const FRESH_MS = 20_000;
-
-/** @param {number} id @param {AbortSignal} [signal] */
-const frameOf = (id, signal) => api.get("/api/v1/frames/{frame_id}", { path: { frame_id: id }, signal });
-
-/** Loads frames, and fetches the one that is likely next in advance. */
-export function createFrames() {
-  /** @type {Map<number, {frame: Promise<Frame>, at: number}>} */
-  const ahead = new Map();
-  return {
-    /** @param {number} id @param {AbortSignal} signal @returns {Promise<Frame>} */
-    load(id, signal) {
-      const known = ahead.get(id);
-      ahead.delete(id);
-      return known && Date.now() - known.at < FRESH_MS ? known.frame : frameOf(id, signal);
-    },
-
-    /** @param {number | null} id */
-    fetchAhead(id) {
-      if (id === null || ahead.has(id)) return;
-      ahead.clear();
-      const frame = frameOf(id);
-      ahead.set(id, { frame, at: Date.now() });
-      frame.then(
-        (found) => found.has_image && fetchAhead(fileUrl(found, "image")),
-        () => ahead.delete(id),
-      );
-    },
-
-    /** The frame has changed since it was fetched ahead. @param {number | undefined} id */
-    forget(id) {
-      if (id !== undefined) ahead.delete(id);
-    },
-
-    forgetAll: () => ahead.clear(),
-  };
-}
-
-/** @typedef {ReturnType<typeof createFrames>} Frames */
 
 /** The boxes with these ids; the component is drawn again when one of them changes. @param {Boxes} boxes @param {readonly number[]} ids */
 export function useBoxes(boxes, ids) {

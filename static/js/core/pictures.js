@@ -1,5 +1,5 @@
 // @ts-check
-// Pictures, fetched with the session and decoded; the one that is likely next, ahead of time.
+// The addresses of pictures, and a picture fetched with the session and decoded.
 
 import { blob, url } from "./api.js";
 
@@ -12,21 +12,8 @@ export const paintedUrl = (id) => url("/api/v1/frames/{frame_id}/overlay", { pat
 /** @param {number} id  of a frame */
 export const thumbnailUrl = (id) => url("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: id } });
 
-/** The picture that is likely to be shown next, already requested. @type {{address: string, coming: Promise<HTMLImageElement>} | null} */
-let ahead = null;
-
-/** Fetch and decode a picture before it is asked for. @param {string} address */
-export function fetchAhead(address) {
-  if (ahead?.address === address) return;
-  ahead = { address, coming: imageFrom(address) };
-  ahead.coming.catch(() => (ahead = null));
-}
-
-/** @param {string} address @param {AbortSignal} [signal] @returns {Promise<HTMLImageElement>} */
-export const imageAt = (address, signal) => (ahead?.address === address ? ahead.coming : imageFrom(address, signal));
-
 /** @param {string} address @param {AbortSignal} [signal] */
-async function imageFrom(address, signal) {
+export async function imageAt(address, signal) {
   const image = new Image();
   // By fetch, because an <img> sends no session. A decoded image no longer needs its address.
   image.src = URL.createObjectURL(await blob(address, signal));

@@ -16,10 +16,11 @@ import { linkTo } from "../core/router.js";
 import { AnswerBar, ConflictNotice } from "../review/acts.js";
 import { Inspector } from "../review/inspector.js";
 import { createMedia } from "../stage/media.js";
-import { QueueStage, createLookActions } from "../stage/view.js";
+import { createLookActions } from "../stage/view.js";
 import { QueueHead, QueueStrip } from "./head.js";
 import { again, ahead, currentOf, isBlind, lookedAt, nextOpen, passed, stepped } from "./line.js";
 import { sessionOf, touch } from "./session.js";
+import { QueueStage } from "./stage.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../review/answers.js").ReviewApp} App */
@@ -82,13 +83,13 @@ function SessionView({ app, session, query, isEmpty, onQuery }) {
     <${QueueStrip} app=${app} session=${session} line=${line} isHidden=${isHidden} onShow=${actions.show} />
     ${box && shown
       ? html`<div class="review__stage queue__stage">
-            <${QueueStage} app=${app} box=${shown} media=${media} view=${view} isBlind=${isHidden} actions=${actions.byName} stageRef=${stage} />
+            <${QueueStage} app=${app} box=${shown} media=${media.of(box.frame_id)} view=${view} actions=${actions.byName} stageRef=${stage} />
             <${Conflicts} app=${app} session=${session} onShow=${actions.show} />
             <${AnswerBar} app=${app} box=${shown} isWaiting=${isWaiting} actions=${actions.byName} />
           </div>
           ${isHidden
             ? html`<${BlindPanel} key=${box.box_id} box=${shown} session=${session} onSee=${() => onQuery({ ...query, blind: "off" })} />`
-            : html`<${Inspector} app=${app} frame=${media.ready(box.frame_id)?.frame ?? null} box=${box} boxes=${[]} actions=${actions} commentRef=${comment} isWaiting=${isWaiting} />`}`
+            : html`<${Inspector} app=${app} frame=${null} box=${box} boxes=${[]} actions=${actions} commentRef=${comment} isWaiting=${isWaiting} />`}`
       : html`<${NoBox} app=${app} session=${session} query=${query} actions=${actions} isEmpty=${isEmpty} onQuery=${onQuery} />`}
   </div>`;
 }
@@ -115,8 +116,10 @@ function useSupply(app, session, media) {
     };
   }, [session]);
   useEffect(() => {
-    const frames = new Set(ahead(line, AHEAD).flatMap((id) => app.boxes.get(id)?.frame_id ?? []));
-    for (const frame of frames) (lit || mask ? media.wantAll(frame) : media.want(frame)).catch(() => {});
+    for (const id of new Set(ahead(line, AHEAD).flatMap((id) => app.boxes.get(id)?.frame_id ?? []))) {
+      const next = media.of(id);
+      for (const one of [next.picture, ...(lit ? [next.segmentation] : []), ...(mask ? [next.mask] : [])]) one.get().catch(() => {});
+    }
   }, [line, lit, mask]);
 }
 

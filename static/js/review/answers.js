@@ -2,7 +2,6 @@
 // All changes of answers go through here: answer one box or many, undo, replace somebody else's answer, discard.
 
 import { answerTo, seenRevision, withAnswer, withStored } from "../boxes/box.js";
-import { createFrames } from "../boxes/store.js";
 import { ApiError, get, post } from "../core/api.js";
 import { countOf } from "../core/numbers.js";
 import { createValue } from "../core/observable.js";
@@ -31,7 +30,6 @@ const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", cl
 export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   const { toasts } = app;
   const items = createOutbox(storage, tab, app.owner);
-  const frames = createFrames();
   const steps = createSteps(boxes);
   /** The boxes that were answered last are held in the store, so that an older answer of the server, still on its way, does not replace them. @type {(() => void)[]} */
   const answered = [];
@@ -41,6 +39,8 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     answered.push(boxes.hold(ids));
     if (answered.length > DEPTH) answered.shift()?.();
   }
+  /** The frame whose answers the server has stored last, so that a frame fetched before is not used; `id` is null after an act on many boxes. */
+  const changedFrame = createValue(/** @type {{id: number | null}} */ ({ id: null }));
   /** Answers that were not saved because somebody else had answered first. */
   const conflicts = createValue(/** @type {ReadonlyMap<number, QueuedAnswer>} */ (new Map()));
 
@@ -53,11 +53,11 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     }
   }
 
-  const acts = createActs({ boxes, frames, toasts, steps, remember, lookAgain, start: (act, key) => sender.start(act, key) });
+  const acts = createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, start: (act, key) => sender.start(act, key) });
   const sender = createSender(items, { answer: (boxId, body, key) => post("/api/v1/boxes/{box_id}/reviews", { path: { box_id: boxId }, body, key }), act: sendBulk }, {
     onStored(stored) {
       const box = boxes.get(stored.box_id);
-      frames.forget(box?.frame_id);
+      changedFrame.set({ id: box?.frame_id ?? null });
       if (box) boxes.receive([withStored(box, stored)]);
     },
     onConflict(item, current) {
@@ -128,7 +128,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
   return {
     boxes,
-    frames,
+    changedFrame,
     outbox: sender,
     acts,
     conflicts,
@@ -163,11 +163,11 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
 /**
  * Answers on many boxes ("acts"): shown at once, reported when they are stored, undone as a whole.
- * @param {{boxes: Boxes, frames: import("../boxes/store.js").Frames, toasts: import("../core/app.js").App["toasts"], steps: Steps,
+ * @param {{boxes: Boxes, changedFrame: import("../core/observable.js").Value<{id: number | null}>, toasts: import("../core/app.js").App["toasts"], steps: Steps,
  *   remember: (boxIds: readonly number[]) => void, lookAgain: (boxIds: readonly number[]) => Promise<void>,
  *   start: (act: import("./outbox.js").WantedAct, key: string) => void}} page
  */
-function createActs({ boxes, frames, toasts, steps, remember, lookAgain, start }) {
+function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, start }) {
   /** The earlier answers on the boxes of each act that is not stored yet. @type {Map<string, readonly Given[]>} */
   const before = new Map();
   /** The messages that offer to undo an act, by its batch. @type {Map<number, number>} */
@@ -213,7 +213,7 @@ function createActs({ boxes, frames, toasts, steps, remember, lookAgain, start }
   function undone({ batchId = 0, before: given }, { undone: count, skipped }) {
     toasts.dismiss(offers.get(batchId) ?? 0);
     stored(given, skipped);
-    frames.forgetAll();
+    changedFrame.set({ id: null });
     if (given.length === 0) sweeps.set(sweeps.get() + 1);
     toasts.show(`${countOf(count, "answer")} undone`);
     report.set(skipped.length ? { text: `${countOf(skipped.length, "answer was", "answers were")} left as ${skipped.length === 1 ? "it is" : "they are"}: somebody has answered since.`, boxes: skipped } : null);
@@ -225,7 +225,7 @@ function createActs({ boxes, frames, toasts, steps, remember, lookAgain, start }
 
     /** An act was stored. @param {import("./outbox.js").DoneAct} done */
     done({ batchId, act, skipped, stale }) {
-      frames.forgetAll();
+      changedFrame.set({ id: null });
       const left = new Set([...stale, ...skipped]);
       const step = { batchId, before: (before.get(act.key) ?? []).filter(({ boxId }) => !left.has(boxId)) };
       before.delete(act.key);

@@ -8,8 +8,11 @@ import { spokenText } from "../boxes/wording.js";
 import { useActions, useHead, useLoaded, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
+import { Toggle } from "../core/keymap.js";
+import { countOf } from "../core/numbers.js";
 import { Failure } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
+import { createMedia } from "../stage/media.js";
 import { LookBar, StageView, createLookActions } from "../stage/view.js";
 import { AnswerBar } from "./acts.js";
 import { BoxList } from "./boxlist.js";
@@ -23,13 +26,15 @@ import { Inspector } from "./inspector.js";
 /** @param {{app: App, route: import("../core/router.js").Route}} props */
 export function FrameView({ app, route }) {
   const id = Number(route.params.id);
-  const loaded = useLoaded((signal) => app.frames.load(id, signal), [id]);
+  const media = useMemo(createMedia, []);
+  useEffect(() => app.changedFrame.observe((changed) => media.forget(changed.id)), [app, media]);
+  const loaded = useLoaded((signal) => media.frame(id, signal), [id]);
   const frame = loaded.value?.id === id ? loaded.value : null;
   if (loaded.state === "error" && !frame) {
     return html`<${NoFrame} app=${app} error=${loaded.error} onRetry=${loaded.reload} />`;
   }
   if (!frame) return html`<${Skeleton} app=${app} last=${loaded.value} />`;
-  return html`<${FrameReview} key=${frame.id} app=${app} frame=${frame} query=${route.query} />`;
+  return html`<${FrameReview} key=${frame.id} app=${app} frame=${frame} media=${media} query=${route.query} />`;
 }
 
 /** @param {{app: App, error: Error, onRetry: () => void}} props */
@@ -38,8 +43,8 @@ function NoFrame({ app, error, onRetry }) {
   return html`<main id="main" class="page" tabindex="-1"><${Failure} error=${error} onRetry=${onRetry} /></main>`;
 }
 
-/** @param {{app: App, frame: Frame, query: import("../core/router.js").Query}} props */
-function FrameReview({ app, frame, query }) {
+/** @param {{app: App, frame: Frame, media: import("../stage/media.js").MediaCache, query: import("../core/router.js").Query}} props */
+function FrameReview({ app, frame, media, query }) {
   useHead(app, {
     title: `${frame.key} · ${frame.dataset}`,
     dataset: frame.dataset,
@@ -66,7 +71,9 @@ function FrameReview({ app, frame, query }) {
     return createFrameActions(app, frame, ids, { stage: () => stage.current, openComment });
   }, [app, frame, ids]);
   useActions(app, actions.byName);
-  useEffect(() => app.frames.fetchAhead(frame.next_id), [app, frame]);
+  useEffect(() => {
+    if (frame.next_id !== null) media.fetchAhead(frame.next_id);
+  }, [media, frame]);
   useArrival(app, actions, query);
 
   const answered = useBoxes(app.boxes, ids);
@@ -81,13 +88,43 @@ function FrameReview({ app, frame, query }) {
       <${BoxList} app=${app} boxes=${boxes} shown=${shown} selected=${selected} query=${query} waiting=${waiting}
         onSelect=${actions.select} onQuery=${(/** @type {import("../core/router.js").Query} */ next) => app.router.replace(linkTo("frame", { id: frame.id }, next))} />
       <div class="review__stage">
-        <${StageView} app=${app} frame=${frame} shown=${shown} selected=${selected} onSelect=${actions.select} stageRef=${stage} />
-        <${LookBar} app=${app} frame=${frame} actions=${actions.byName} />
+        <${FrameStage} app=${app} frame=${frame} media=${media.of(frame.id)} shown=${shown} selected=${selected} onSelect=${actions.select} stageRef=${stage} />
+        <${FrameLook} app=${app} frame=${frame} actions=${actions.byName} />
         <${AnswerBar} app=${app} box=${selected} isWaiting=${selected !== null && waiting.has(selected.box_id)} actions=${actions.byName} />
       </div>
       <${Inspector} app=${app} frame=${frame} box=${selected} boxes=${boxes} actions=${actions} commentRef=${comment}
         isWaiting=${selected !== null && waiting.has(selected.box_id)} />
     </main>`;
+}
+
+/**
+ * @param {{app: App, frame: Frame, media: import("../stage/media.js").Media, shown: readonly Decision[], selected: Decision | null,
+ *   onSelect: (boxId: number | null) => void, stageRef: {current: import("../stage/stage.js").Stage | null}}} props
+ *   `shown`: the boxes that the filters leave; the selected one is drawn even if it is not among them
+ */
+function FrameStage({ app, frame, media, shown, selected, onSelect, stageRef }) {
+  const { crop } = useValue(app.prefs);
+  const boxes = useMemo(() => (selected && !shown.includes(selected) ? [...shown, selected] : shown), [shown, selected]);
+  const words = `${countOf(shown.length, "box", "boxes")} shown${selected ? `; selected: ${spokenText(selected)}` : ""}`;
+  return html`<${StageView} app=${app} frame=${frame} media=${media} boxes=${boxes} selected=${selected} isCrop=${crop}
+    label=${`Frame ${frame.key}: ${words}`} onSelect=${onSelect} onCrop=${(/** @type {boolean} */ isOnBox) => app.prefs.change({ crop: isOnBox })} stageRef=${stageRef} />`;
+}
+
+/** @param {{app: App, frame: Frame, actions: import("../core/app.js").Actions}} props */
+function FrameLook({ app, frame, actions }) {
+  const { mask, opacity, lit, edges, blind, crop } = useValue(app.prefs);
+  const hasEdges = frame.boxes.some((box) => box.edges?.length);
+  /** @param {{currentTarget: HTMLInputElement}} event */
+  const setOpacity = ({ currentTarget }) => app.prefs.change({ opacity: Number(currentTarget.value), mask: true });
+  return html`<${LookBar} app=${app} actions=${actions} isCrop=${crop} hasZoomText=${true}>
+    ${frame.has_segmentation &&
+    html`<${Toggle} app=${app} action="mask" icon="layers" isOn=${mask} run=${actions.mask} />
+      <input class="slider" type="range" min="0.1" max="1" step="0.05" value=${opacity} aria-label="Segmentation opacity" onInput=${setOpacity} />
+      <${Toggle} app=${app} action="lit" icon="light" isOn=${lit} run=${actions.lit} />`}
+    ${hasEdges && html`<${Toggle} app=${app} action="edges" icon="cube" isOn=${edges} run=${actions.edges} />`}
+    <${Toggle} app=${app} action="blind" icon="blind" isOn=${blind} run=${actions.blind} />
+    <span class="bar__rule" aria-hidden="true"></span>
+  <//>`;
 }
 
 /** In the order of the upload, but boxes outside the image come last. @param {readonly Decision[]} boxes */

@@ -1,91 +1,158 @@
 // @ts-check
-// Frames with their picture and segmentation, loaded in advance for the queue; the eight used last are kept.
+// Frames with their picture and segmentation, each loaded once for all who draw them, and some of them in advance.
 
 import { blob, get } from "../core/api.js";
+import { useEffect, useState } from "../core/html.js";
 import { fileUrl, imageAt, paintedUrl } from "../core/pictures.js";
 import { canvasOf, isPaintedAlready } from "./pixels.js";
 
 /** @typedef {import("../core/openapi.js").Frame} Frame */
 
 /**
- * @typedef {object} Media
- * @property {Frame} frame
- * @property {HTMLImageElement | null} picture  null: there is none, or it cannot be shown
- * @property {HTMLCanvasElement | null} segmentation  null until it was requested
+ * Something that is loaded when it is first asked for.
+ * @template T
+ * @typedef {{value: T | undefined, get: (signal?: AbortSignal) => Promise<T>}} Lazy  `value` is undefined until it is there
  */
 
+/**
+ * @typedef {object} Media  what there is to draw of one frame
+ * @property {Lazy<Frame>} frame
+ * @property {Lazy<HTMLImageElement | null>} picture  null: the frame has none
+ * @property {Lazy<HTMLCanvasElement | null>} segmentation  its stored pixels; null: the frame has none
+ * @property {Lazy<CanvasImageSource | null>} mask  the segmentation in the colours of its palette
+ */
+
+/** How many frames are kept: those used last. */
 const KEPT = 8;
 
-export function createMedia() {
-  /** The one used last comes last. @type {Map<number, {ready: Media | null, coming: Promise<Media>}>} */
-  const known = new Map();
-  /** @type {Map<number, Promise<HTMLCanvasElement | null>>} */
-  const segmentations = new Map();
+/** How long a frame that was fetched ahead may be used where its boxes are shown: others may answer them meanwhile. */
+const FRESH_MS = 20_000;
 
-  /** @param {number} frameId @returns {Promise<Media>} */
-  async function load(frameId) {
-    const frame = await get("/api/v1/frames/{frame_id}", { path: { frame_id: frameId } });
-    const picture = frame.has_image ? await imageAt(fileUrl(frame, "image")).catch(() => null) : null;
-    return { frame, picture, segmentation: null };
+/** Each view makes one; what it has loaded is dropped with it. */
+export function createMedia() {
+  /** The frame used last comes last. @type {Map<number, Media>} */
+  const known = new Map();
+  /** Until when frames that were fetched ahead may be used where their boxes are shown, ms. @type {Map<number, number>} */
+  const freshUntil = new Map();
+
+  /** Loads nothing yet. @param {number} frameId */
+  function of(frameId) {
+    const media = known.get(frameId) ?? mediaOf(frameId);
+    known.delete(frameId);
+    known.set(frameId, media);
+    for (const old of [...known.keys()].slice(0, -KEPT)) known.delete(old);
+    return media;
   }
 
   /** @param {number} frameId */
-  function want(frameId) {
-    const found = known.get(frameId);
-    if (found) {
-      known.delete(frameId);
-      known.set(frameId, found);
-      return found.coming;
-    }
-    const entry = { ready: /** @type {Media | null} */ (null), coming: load(frameId) };
-    known.set(frameId, entry);
-    entry.coming.then(
-      (media) => void (entry.ready ??= media),
-      () => known.delete(frameId),
-    );
-    for (const old of [...known.keys()].slice(0, -KEPT)) {
-      known.delete(old);
-      segmentations.delete(old);
-    }
-    return entry.coming;
-  }
-
-  /** @param {number} frameId @returns {Promise<HTMLCanvasElement | null>} */
-  async function segmentation(frameId) {
-    const { frame } = await want(frameId);
-    if (!frame.has_segmentation || !frame.segmentation) return null;
-    const known = segmentations.get(frameId);
-    if (known) return known;
-    const coming = blob(fileUrl(frame, "segmentation")).then(canvasOf);
-    segmentations.set(frameId, coming);
-    coming.catch(() => segmentations.delete(frameId));
-    return coming;
-  }
+  const isFresh = (frameId) => Date.now() < (freshUntil.get(frameId) ?? 0);
 
   return {
-    /** What can be drawn at once. @param {number} frameId */
-    ready: (frameId) => known.get(frameId)?.ready ?? null,
-    want,
+    of,
 
-    /** With its segmentation. @param {number} frameId @returns {Promise<Media>} */
-    async wantAll(frameId) {
-      const media = await want(frameId);
-      const canvas = await segmentation(frameId).catch(() => null);
-      const all = { ...media, segmentation: canvas };
-      const entry = known.get(frameId);
-      if (entry) entry.ready = all;
-      return all;
+    /** A frame whose boxes are to be shown: the one that was fetched ahead, once; else a new one. @param {number} frameId @param {AbortSignal} signal */
+    frame(frameId, signal) {
+      if (!isFresh(frameId)) known.delete(frameId);
+      freshUntil.delete(frameId);
+      return of(frameId).frame.get(signal);
     },
 
-    /** The segmentation as a picture in its palette's colours. @param {Media} media @returns {Promise<CanvasImageSource | null>} */
-    async mask({ frame, segmentation: canvas }) {
-      if (!frame.has_segmentation || !frame.segmentation) return null;
-      return isPaintedAlready(frame.segmentation) ? canvas : imageAt(paintedUrl(frame.id));
+    /** Fetch a frame whose boxes will be shown, and its picture. @param {number} frameId */
+    fetchAhead(frameId) {
+      if (isFresh(frameId)) return;
+      known.delete(frameId);
+      freshUntil.set(frameId, Date.now() + FRESH_MS);
+      of(frameId).picture.get().catch(() => {});
     },
 
-    /** A frame that could not be loaded may be there now. @param {number} frameId */
-    forget: (frameId) => void known.delete(frameId),
+    /** The answers on the boxes of a frame have changed since it was fetched ahead. @param {number | null} frameId  null: those of any frame may have */
+    forget(frameId) {
+      if (frameId === null) freshUntil.clear();
+      else freshUntil.delete(frameId);
+    },
   };
 }
 
 /** @typedef {ReturnType<typeof createMedia>} MediaCache */
+
+/** @param {number} frameId @returns {Media} */
+function mediaOf(frameId) {
+  const frame = createLazy((signal) => get("/api/v1/frames/{frame_id}", { path: { frame_id: frameId }, signal }));
+  const picture = createLazy(async (signal) => {
+    const found = await frame.get(signal);
+    return found.has_image ? imageAt(fileUrl(found, "image"), signal) : null;
+  });
+  const segmentation = createLazy(async (signal) => {
+    const found = await frame.get(signal);
+    return found.has_segmentation ? canvasOf(await blob(fileUrl(found, "segmentation"), signal)) : null;
+  });
+  const mask = createLazy(async (signal) => {
+    const { has_segmentation, segmentation: form } = await frame.get(signal);
+    if (!has_segmentation) return null;
+    return form && isPaintedAlready(form) ? segmentation.get(signal) : imageAt(paintedUrl(frameId), signal);
+  });
+  return { frame, picture, segmentation, mask };
+}
+
+/**
+ * One request serves all who ask. It is aborted when everybody who asked has gone; after that,
+ * or when it has failed, the next who asks starts another one.
+ * @template T @param {(signal: AbortSignal) => Promise<T>} request @returns {Lazy<T>}
+ */
+export function createLazy(request) {
+  /** @type {{coming: Promise<T>, stop: AbortController, askers: number} | null} */
+  let running = null;
+
+  function start() {
+    const stop = new AbortController();
+    const started = { coming: request(stop.signal), stop, askers: 0 };
+    started.coming.then(
+      (value) => void (lazy.value = value),
+      () => end(started),
+    );
+    return started;
+  }
+
+  /** @param {typeof running} one */
+  function end(one) {
+    if (running === one) running = null;
+  }
+
+  const lazy = {
+    value: /** @type {T | undefined} */ (undefined),
+
+    /** @param {AbortSignal} [signal]  whoever gives none never goes */
+    get(signal) {
+      const asked = (running ??= start());
+      asked.askers += 1;
+      signal?.addEventListener("abort", () => {
+        asked.askers -= 1;
+        if (asked.askers > 0 || lazy.value !== undefined) return;
+        end(asked);
+        asked.stop.abort();
+      });
+      return asked.coming;
+    },
+  };
+  return lazy;
+}
+
+/**
+ * Ask for something while the component is on the page. `value` is undefined until it is there.
+ * @template T @param {Lazy<T> | null} lazy  null: it is not wanted
+ */
+export function useLazy(lazy) {
+  const [settled, setSettled] = useState(/** @type {{lazy: Lazy<T> | null, error: Error | null}} */ ({ lazy: null, error: null }));
+  const [attempt, setAttempt] = useState(0);
+  const value = lazy?.value;
+  useEffect(() => {
+    if (!lazy || value !== undefined) return;
+    const stop = new AbortController();
+    /** @param {Error | null} error */
+    const settle = (error) => !stop.signal.aborted && setSettled({ lazy, error });
+    lazy.get(stop.signal).then(() => settle(null), settle);
+    return () => stop.abort();
+  }, [lazy, attempt]);
+  const error = value === undefined && settled.lazy === lazy ? settled.error : null;
+  return { value, error, retry: () => setAttempt((n) => n + 1) };
+}

@@ -142,3 +142,23 @@ test("what was read of a box before it was answered is older, also when it comes
 
   assert.deepEqual([app.boxes.get(99)?.review, app.boxes.get(99)?.revision], [null, 2]);
 });
+
+for (const [what, id, act] of /** @type {[string, number | null, () => void][]} */ ([
+  ["an answer", 12, () => app.answer(99, "keep")],
+  ["an act on many boxes", null, () => app.acts.answer("d", "keep", [99], new Map())],
+])) {
+  test(`when ${what} is stored, whoever has fetched the frame is told`, async () => {
+    globalThis.fetch = async (address) =>
+      Response.json(String(address).endsWith("/bulk") ? { id: 7, count: 1, skipped: [], stale: [] } : { box_id: 99, revision: 1, verdict: "keep", reviewer: "ada", comment: "", effective_verdict: "kept" }, { status: 201 });
+    app.boxes.hold(app.boxes.receive([OTHER]));
+    /** @type {unknown[]} */
+    const told = [];
+    app.changedFrame.observe((/** @type {{id: number | null}} */ changed) => told.push(changed.id));
+
+    act();
+    assert.deepEqual(told, []);
+    await new Promise((resolve) => setTimeout(resolve, 20));
+
+    assert.deepEqual(told, [id]);
+  });
+}

@@ -1,0 +1,91 @@
+// @ts-check
+// The stage of the queue: the current box close up or in its frame, with a small map of the frame and a measure of its speed.
+
+import { isVeiled } from "../boxes/box.js";
+import { spokenText } from "../boxes/wording.js";
+import { useValue } from "../core/hooks.js";
+import { html, useLayoutEffect, useMemo, useRef } from "../core/html.js";
+import { Toggle } from "../core/keymap.js";
+import { Failure } from "../core/parts.js";
+import { useLazy } from "../stage/media.js";
+import { LookBar, StageView } from "../stage/view.js";
+
+/** @typedef {import("../core/app.js").Actions} Actions */
+/** @typedef {import("../core/app.js").App} App */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @typedef {import("../core/openapi.js").Frame} Frame */
+
+/**
+ * @param {{app: App, box: Decision, media: import("../stage/media.js").Media, view: import("../core/observable.js").Value<"crop" | "frame">,
+ *   actions: Actions, stageRef: {current: import("../stage/stage.js").Stage | null}}} props
+ *   `box`: veiled until it is answered in a blind review; then its frame's other boxes are not shown either
+ */
+export function QueueStage({ app, box, media, view, actions, stageRef }) {
+  const mode = useValue(view);
+  const isBlind = isVeiled(box);
+  const { value: frame = null, error, retry } = useLazy(media.frame);
+  const { value: picture = null, error: noPicture } = useLazy(frame?.has_image ? media.picture : null);
+  const boxes = useMemo(() => {
+    const others = frame && mode === "frame" && !isBlind ? frame.boxes.filter(({ box_id }) => box_id !== box.box_id) : [];
+    return [...others, box];
+  }, [frame, mode, box]);
+  useMeasure(box.box_id, frame !== null && (!frame.has_image || picture !== null || noPicture !== null));
+  if (error) return html`<div class="stage__note queue__note"><${Failure} error=${error} onRetry=${retry} /></div>`;
+  return html`<${StageView} app=${app} frame=${frame} media=${media} boxes=${boxes} selected=${box} isCrop=${mode === "crop"} isDim=${mode === "crop"} scene=${box.box_id}
+    label=${`Box: ${isBlind ? `${box.class} ${box.id}` : spokenText(box)}`} onCrop=${() => view.set(view.get() === "crop" ? "frame" : "crop")} stageRef=${stageRef}>
+    ${frame && html`<${Minimap} frame=${frame} picture=${picture} box=${box} mode=${mode} onClick=${actions.crop} />`}
+    ${frame && html`<${QueueLook} app=${app} frame=${frame} mode=${mode} isBlind=${isBlind} actions=${actions} />`}
+  <//>`;
+}
+
+/** @param {{app: App, frame: Frame, mode: string, isBlind: boolean, actions: Actions}} props */
+function QueueLook({ app, frame, mode, isBlind, actions }) {
+  const { mask, lit } = useValue(app.prefs);
+  return html`<${LookBar} app=${app} actions=${actions} isCrop=${mode === "crop"} isFit=${mode === "frame"}>
+    ${frame.has_segmentation && html`<${Toggle} app=${app} action="mask" icon="layers" isOn=${mask} run=${actions.mask} />`}
+    ${frame.has_segmentation && !isBlind && html`<${Toggle} app=${app} action="lit" icon="light" isOn=${lit} run=${actions.lit} />`}
+  <//>`;
+}
+
+/** Twice what it is wide on the page, for sharp screens. */
+const MINIMAP_PX = 336;
+
+/** A small picture of the frame that shows where the box is. @param {{frame: Frame, picture: HTMLImageElement | null, box: Decision, mode: string, onClick: (() => void) | undefined}} props */
+function Minimap({ frame, picture, box, mode, onClick }) {
+  const { width, height } = frame;
+  if (!width || !height || !box.xyxy || !picture || mode === "frame") return null;
+  const [x0, y0, x1, y1] = box.xyxy;
+  const place = { left: `${(100 * x0) / width}%`, top: `${(100 * y0) / height}%`, width: `${(100 * (x1 - x0)) / width}%`, height: `${(100 * (y1 - y0)) / height}%` };
+  return html`<button class="minimap" title="The whole frame (C)" aria-label="Show the whole frame" onClick=${onClick} style=${{ aspectRatio: `${width} / ${height}` }}>
+    <${SmallPicture} picture=${picture} /><span class="minimap__box" style=${place} />
+  </button>`;
+}
+
+/** The picture, drawn smaller on a canvas: its blob address is no longer valid. @param {{picture: HTMLImageElement}} props */
+function SmallPicture({ picture }) {
+  const canvas = useRef(/** @type {HTMLCanvasElement | null} */ (null));
+  useLayoutEffect(() => {
+    const context = canvas.current?.getContext("2d");
+    if (!canvas.current || !context) return;
+    canvas.current.width = MINIMAP_PX;
+    canvas.current.height = Math.round((MINIMAP_PX * picture.naturalHeight) / picture.naturalWidth);
+    context.imageSmoothingQuality = "high";
+    context.drawImage(picture, 0, 0, canvas.current.width, canvas.current.height);
+  }, [picture]);
+  return html`<canvas ref=${canvas} aria-hidden="true" />`;
+}
+
+/** Measure the time from an answer until the next box is on the screen (performance entry "queue:next"). @param {number} boxId @param {boolean} isHere */
+function useMeasure(boxId, isHere) {
+  useLayoutEffect(() => {
+    if (!isHere || performance.getEntriesByName("queue:answer").length === 0) return;
+    // After the stage has drawn, and after what it drew was given to the screen.
+    requestAnimationFrame(() =>
+      setTimeout(() => {
+        if (performance.getEntriesByName("queue:answer").length === 0) return;
+        performance.measure("queue:next", "queue:answer");
+        performance.clearMarks("queue:answer");
+      }),
+    );
+  }, [boxId, isHere]);
+}
