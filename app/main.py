@@ -22,7 +22,7 @@ from app.exports.routes import router as exports_router
 from app.http import openapi, problems
 from app.http.bodies import MAX_READERS
 from app.http.deps import MAX_BATCHES, MAX_FOLDERS, MAX_UPLOADS, MAX_WRITERS
-from app.http.idempotency import AlreadyAnswered
+from app.http.idempotency import RepeatedRequest
 from app.http.middleware import (
     AccessLog,
     BodyLimit,
@@ -32,7 +32,7 @@ from app.http.middleware import (
     RequestId,
     SecurityHeaders,
 )
-from app.http.routing import MAX_READS_PER_TOKEN, TokenPlaces, repeat_answer
+from app.http.routing import MAX_READS_PER_TOKEN, TokenPlaces, repeat_response
 from app.http.static import content_security_policy
 from app.http.static import router as page_router
 from app.ingest.folder_routes import router as folders_router
@@ -99,7 +99,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.connections = Connections.of(settings)
     app.state.gate = TokenGate()
     problems.install(app)
-    app.add_exception_handler(AlreadyAnswered, repeat_answer)
+    app.add_exception_handler(RepeatedRequest, repeat_response)
     for router in ROUTERS:
         app.include_router(router)
     app.openapi = partial(openapi.document, app)  # type: ignore[method-assign]  # FastAPI's own way

@@ -55,7 +55,7 @@ def list_audit(wanted: Newest, session: ReadSession) -> Response:
 
 
 PREFIX: Final = "/api/v1"
-# Neither a cache nor the answer kept for an Idempotency-Key may hold a secret.
+# Neither a cache nor the response kept for an Idempotency-Key may hold a secret.
 NO_STORE: Final = {"Cache-Control": "no-store"}
 
 login_router = OpenRouter(prefix=PREFIX, tag="session")
@@ -168,7 +168,7 @@ def create_token(body: TokenIn, audit: Audited) -> Response:
     ends = body.ends(utc_now())
     made, secret = access.issue(audit, body.name, body.role, ends)
     token = Token.model_validate(made, from_attributes=True)
-    # no-store: neither a cache nor the answer kept for an Idempotency-Key holds it.
+    # no-store: neither a cache nor the response kept for an Idempotency-Key holds it.
     shown = NewToken(**dict(token), token=secret)
     return json_response(shown, 201, {"Cache-Control": "no-store"})
 

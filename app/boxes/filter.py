@@ -64,6 +64,9 @@ _NAMES = {spec.name for spec in fields(Selection)}
 class ClassThresholds:
     """The thresholds of a class in the active configuration, in percent.
 
+    They are those of `filter_core`'s `Thresholds`, with the id of the class, to be
+    written into SQL conditions.
+
     A large box has to reach `large` and, by the published code's rules, `small` as
     well: `kept_large` is the higher one of those that apply.
     """

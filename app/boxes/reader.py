@@ -110,7 +110,7 @@ class ServerFields(TypedDict):
 
 
 class StoredDecision(Decision, ServerFields):
-    """A decision of a stored box, as it is answered."""
+    """A decision of a stored box, as responses show it."""
 
 
 class DecidedFrame(NamedTuple):
@@ -230,7 +230,7 @@ class DecisionReader:
         return StoredBoxes(rows, frames, self._config, self._classes)
 
     def records(self, boxes: StoredBoxes) -> list[StoredDecision]:
-        """One object per box, as it is answered.
+        """One object per box, as responses show it.
 
         What boxes of a frame have in common is asked once per frame, and the database
         once for all frames.

@@ -153,7 +153,7 @@ def list_problems(
     """Frames that were refused and have not come in since, newest first."""
     found = DatasetRepository(session).named(dataset)
     rows = ProblemRepository(session).page(found.id, wanted.page)
-    return wanted.answer(rows, _refused)
+    return wanted.response(rows, _refused)
 
 
 def _stored(mask: wire.IgnoreMask | None) -> dict[str, object] | None:

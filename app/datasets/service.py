@@ -144,7 +144,7 @@ def remove_dataset(
 
 
 def describe_dataset(session: Session, dataset: Dataset) -> wire.Dataset:
-    """A dataset as it is answered."""
+    """A dataset as responses show it."""
     counts = count(TallyRepository(session).of_dataset(dataset.id))
     frames = FrameRepository(session)
     return wire.Dataset(

@@ -56,7 +56,7 @@ def list_exports(
     """Exports of a dataset, newest first."""
     found = DatasetRepository(session).named(dataset)
     rows = ExportRepository(session).page(found.id, wanted.page)
-    return wanted.answer(rows, lambda export: describe_export(export, dataset))
+    return wanted.response(rows, lambda export: describe_export(export, dataset))
 
 
 @inside.post("/datasets/{dataset}/exports", status_code=202, response_model=Export)
@@ -144,7 +144,7 @@ def create_download_link(
     finished_file(services, export)
     key, ends = access.make_link(session, principal.token_id, export_id)
     url = f"/api/v1/exports/{export_id}/file?key={key}"
-    # no-store: neither a cache nor the answer kept for an Idempotency-Key holds it.
+    # no-store: neither a cache nor the response kept for an Idempotency-Key holds it.
     link = DownloadLink(url=url, expires_at=ends)
     return json_response(link, 201, {"Cache-Control": "no-store"})
 

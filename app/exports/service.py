@@ -70,7 +70,7 @@ def finished_file(context: ServiceContext, export: tables.Export) -> Blob:
 
 
 def describe_export(export: tables.Export, dataset: str) -> wire.Export:
-    """An export as it is answered."""
+    """An export as responses show it."""
     done = export.state == "done"
     return wire.Export.model_validate(
         {

@@ -1,4 +1,4 @@
-"""Files as answers: strong entity tags, conditional requests, single ranges."""
+"""Files as responses: strong entity tags, conditional requests, single ranges."""
 
 from __future__ import annotations
 

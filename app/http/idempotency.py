@@ -1,8 +1,8 @@
 """A POST that is sent twice with one Idempotency-Key is done once.
 
 The key is claimed by the first statement of the request's own transaction and the
-answer is stored in it before it commits. Of two requests at the same time, the second
-waits for the first and then gets its answer; if the first failed, the second does it.
+response is stored in it before it commits. Of two requests at the same time, the second
+waits for the first and then gets its response; if the first failed, the second does it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from app.db.tables.access import IdempotencyKey
 from app.errors import BadRequest, IdempotencyKeyReuse
 
 
-class StoredAnswer(NamedTuple):
+class StoredResponse(NamedTuple):
     """The digest of a request, and its response; status 0: there is none yet."""
 
     request_digest: str
@@ -63,7 +63,7 @@ class IdempotencyKeys:
             return False
         return True
 
-    def stored(self, key: str) -> StoredAnswer:
+    def stored(self, key: str) -> StoredResponse:
         """What is stored under a key that is taken."""
         columns = (
             IdempotencyKey.request_digest,
@@ -76,18 +76,18 @@ class IdempotencyKeys:
         digest, status, media_type, headers, body = self._connection.execute(
             statement
         ).one()
-        return StoredAnswer(digest, status, media_type, json.loads(headers), body)
+        return StoredResponse(digest, status, media_type, json.loads(headers), body)
 
-    def store(self, key: str, answer: StoredAnswer) -> None:
-        """Keep the answer of the request that claimed the key."""
+    def store(self, key: str, response: StoredResponse) -> None:
+        """Keep the response to the request that claimed the key."""
         statement = (
             update(IdempotencyKey)
             .where(*self._is(key))
             .values(
-                status=answer.status,
-                media_type=answer.media_type,
-                headers=json.dumps(dict(answer.headers)),
-                body=answer.body,
+                status=response.status,
+                media_type=response.media_type,
+                headers=json.dumps(dict(response.headers)),
+                body=response.body,
             )
         )
         self._connection.execute(statement)
@@ -108,7 +108,7 @@ class IdempotencyKeys:
         return (IdempotencyKey.token_id == self._token_id, IdempotencyKey.key == key)
 
 
-def forget_answers_before(connection: Connection, cutoff: datetime) -> None:
+def forget_responses_before(connection: Connection, cutoff: datetime) -> None:
     """Delete stored responses from before a time."""
     connection.execute(delete(IdempotencyKey).where(IdempotencyKey.created_at < cutoff))
 
@@ -117,12 +117,12 @@ _KEY: Final = re.compile(r"[\x21-\x7e]{1,200}")
 _STORED_HEADERS: Final = ("location", "etag")
 
 
-class AlreadyAnswered(Exception):
+class RepeatedRequest(Exception):
     """Raised in a repeated request; carries the response of the first one."""
 
-    def __init__(self, answer: StoredAnswer) -> None:
-        super().__init__("this request was answered before")
-        self.answer = answer
+    def __init__(self, response: StoredResponse) -> None:
+        super().__init__("this request is repeated")
+        self.response = response
 
 
 @dataclass(frozen=True)
@@ -174,15 +174,15 @@ def _claim(connection: Connection, request: RepeatableRequest) -> None:
     keys.release_if_older(request.key, utc_now() - request.keep)
     if keys.claim(request.key, request.digest):
         return
-    answer = keys.stored(request.key)
-    if answer.request_digest != request.digest:
+    response = keys.stored(request.key)
+    if response.request_digest != request.digest:
         raise IdempotencyKeyReuse(
             f"Idempotency-Key {request.key!r} was used for another request"
         )
-    raise AlreadyAnswered(answer)
+    raise RepeatedRequest(response)
 
 
-def store_answer(
+def store_response(
     session: Session,
     request: RepeatableRequest,
     *,
@@ -199,12 +199,12 @@ def store_answer(
         keys.release(request.key)
         return
     kept = {name: headers[name] for name in _STORED_HEADERS if name in headers}
-    answer = StoredAnswer(
+    response = StoredResponse(
         request.digest, status, headers.get("content-type", ""), kept, body
     )
-    keys.store(request.key, answer)
+    keys.store(request.key, response)
 
 
-def forget_old_answers(session: Session, keep: timedelta) -> None:
+def forget_old_responses(session: Session, keep: timedelta) -> None:
     """Delete responses that were kept long enough."""
-    forget_answers_before(session.connection(), utc_now() - keep)
+    forget_responses_before(session.connection(), utc_now() - keep)

@@ -141,7 +141,7 @@ class AccessLog:
 
 
 class SecurityHeaders:
-    """Puts the strict headers on every answer; a route may have set its own."""
+    """Puts the strict headers on every response; a route may have set its own."""
 
     def __init__(self, app: ASGIApp, content_security_policy: str) -> None:
         self._app = app
@@ -190,7 +190,7 @@ class Problems:
         except Exception as exc:
             if started:
                 # Part of the response was sent: only a cut connection tells the client.
-                error_log.error("failed while answering", exc_info=exc)
+                error_log.error("failed while sending a response", exc_info=exc)
                 raise
             response = refusal_of(exc).response(
                 instance=scope["path"], request_id=current_request_id.get()

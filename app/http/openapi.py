@@ -25,7 +25,7 @@ _METHODS: Final = ("get", "post", "put", "patch", "delete")
 
 
 def docs_page(schema: _Object) -> str:
-    """All routes by tag, each with its parameters and answers."""
+    """All routes by tag, each with its parameters and responses."""
     sections: dict[str, list[str]] = {}
     for path, operations in schema["paths"].items():
         for method in _METHODS:
@@ -56,7 +56,7 @@ def _route(method: str, path: str, operation: _Object) -> str:
         f'<details><summary><code><span class="method">{method.upper()}</span>'
         f"{escape(path)}</code> "
         f'<span class="brief">{escape(operation.get("summary", ""))}</span></summary>'
-        f"<p>{description}</p>{_parameters(operation)}{_answers(operation)}</details>"
+        f"<p>{description}</p>{_parameters(operation)}{_responses(operation)}</details>"
     )
 
 
@@ -73,10 +73,10 @@ def _body_types(operation: _Object) -> list[str]:
     return list(operation.get("requestBody", {}).get("content", {}))
 
 
-def _answers(operation: _Object) -> str:
+def _responses(operation: _Object) -> str:
     return _table(
-        (status, answer.get("description", "problem"), "")
-        for status, answer in operation["responses"].items()
+        (status, response.get("description", "problem"), "")
+        for status, response in operation["responses"].items()
     )
 
 
@@ -153,8 +153,8 @@ def _add_components(schema: _Object) -> None:
         schemas.setdefault(name, schema_of_model)
     # The wire knows that it is an object, the library knows its keys.
     schemas[FilterConfigIn.__name__] = schema_of(FilterConfig)
-    answered = schemas[ConfigVersion.__name__]["properties"]
-    answered["config"] = {"$ref": f"#/components/schemas/{FilterConfigIn.__name__}"}
+    stored = schemas[ConfigVersion.__name__]["properties"]
+    stored["config"] = {"$ref": f"#/components/schemas/{FilterConfigIn.__name__}"}
     # The same holds for formats: the wire has their names.
     asked = schemas[ExportIn.__name__]["properties"]["format"]
     asked["x-titles"] = {name: FORMATS[name].title for name in EXPORT_FORMATS}

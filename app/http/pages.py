@@ -21,7 +21,7 @@ class NewestFirst:
     request: Request
     page: NewestPage
 
-    def answer(
+    def response(
         self,
         rows: Sequence[Row],
         describe: Callable[[Row], Mapping[str, object] | ResponseModel],

@@ -115,11 +115,11 @@ def install(app: FastAPI) -> None:
 
     All other exceptions are left to `middleware.Problems`.
     """
-    app.add_exception_handler(HTTPException, _answer)
-    app.add_exception_handler(RequestValidationError, _answer)
+    app.add_exception_handler(HTTPException, _respond)
+    app.add_exception_handler(RequestValidationError, _respond)
 
 
-async def _answer(request: Request, exc: Exception) -> Response:
+async def _respond(request: Request, exc: Exception) -> Response:
     refusal = refusal_of(exc)
     errors.forget_frames(exc)
     path = request.url.path

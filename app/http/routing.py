@@ -28,11 +28,11 @@ from app.errors import UnknownParameter, UnsupportedMedia
 from app.http.bodies import StrictRequest, run_off_loop
 from app.http.deps import BEARER, authorise, services_of, settings_of, write_session
 from app.http.idempotency import (
-    AlreadyAnswered,
     RepeatableRequest,
+    RepeatedRequest,
     checked_key,
     request_digest,
-    store_answer,
+    store_response,
 )
 from app.http.middleware import BODY_ALLOWANCE, MAX_UNASKED_BYTES, BodyAllowance
 from app.incoming import HeldBytes, OpenBodies
@@ -64,7 +64,7 @@ class HeadRoute(APIRoute):
         """The endpoint; a HEAD gets the status and headers of its response."""
         endpoint = super().get_route_handler()
 
-        async def answer(request: Request) -> Response:
+        async def respond(request: Request) -> Response:
             response = await endpoint(request)
             if not asks_for_head(request):
                 return response
@@ -73,7 +73,7 @@ class HeadRoute(APIRoute):
                 return without_body(response)
             return response
 
-        return answer
+        return respond
 
     def _as_get(self, scope: Scope) -> Scope:
         if scope["type"] != "http" or scope["method"] != "HEAD":
@@ -185,7 +185,7 @@ class OpenRoute(HeadRoute):
             return MAX_UNASKED_BYTES
         return int(getattr(settings_of(request), name))
 
-    async def answer(self, endpoint: Handler, request: Request) -> Response:
+    async def respond(self, endpoint: Handler, request: Request) -> Response:
         """Call the endpoint."""
         return await endpoint(request)
 
@@ -201,7 +201,7 @@ class OpenRoute(HeadRoute):
             if takes_json:
                 _expect_json(request)
             strict = StrictRequest(request.scope, request.receive)
-            return await self.answer(endpoint, strict)
+            return await self.respond(endpoint, strict)
 
         return checked
 
@@ -222,12 +222,12 @@ class ApiRoute(OpenRoute):
         held = HeldBytes(bodies, request.state.principal.token_id)
         allowance.count_in(held, is_streamed=self.is_streamed)
 
-    async def answer(self, endpoint: Handler, request: Request) -> Response:
+    async def respond(self, endpoint: Handler, request: Request) -> Response:
         """Call the endpoint; a repeated request gets the response of the first one."""
         if request.method == "POST" and "idempotency-key" in request.headers:
             checked_key(request.headers["idempotency-key"])
             if is_repeatable(self) and not self.is_streamed:
-                return await _answer_once(endpoint, request)
+                return await _respond_once(endpoint, request)
         if request.method in SAFE_METHODS:
             return await _call_limited(endpoint, request)
         return await endpoint(request)
@@ -313,18 +313,18 @@ def is_repeatable(route: APIRoute) -> bool:
     return "POST" in (route.methods or ()) and _uses(route.dependant, write_session)
 
 
-async def repeat_answer(_request: Request, exc: Exception) -> Response:
-    """The exception handler of `AlreadyAnswered`: sends the stored response."""
-    if not isinstance(exc, AlreadyAnswered):
+async def repeat_response(_request: Request, exc: Exception) -> Response:
+    """The exception handler of `RepeatedRequest`: sends the stored response."""
+    if not isinstance(exc, RepeatedRequest):
         raise exc
-    answer = exc.answer
-    headers = {**answer.headers, "Idempotent-Replayed": "true"}
-    if answer.media_type:
-        headers["Content-Type"] = answer.media_type
-    return Response(answer.body, answer.status, headers)
+    stored = exc.response
+    headers = {**stored.headers, "Idempotent-Replayed": "true"}
+    if stored.media_type:
+        headers["Content-Type"] = stored.media_type
+    return Response(stored.body, stored.status, headers)
 
 
-async def _answer_once(endpoint: Handler, request: Request) -> Response:
+async def _respond_once(endpoint: Handler, request: Request) -> Response:
     """Call the endpoint; its transaction claims the key and stores the response."""
     url = request.url
     about = (
@@ -344,7 +344,9 @@ async def _answer_once(endpoint: Handler, request: Request) -> Response:
     response = await endpoint(request)
     if request.state.repeatable is not None:
         # A thread of its own: the shared ones may all be waiting for this transaction.
-        await to_thread.run_sync(_store, request, response, limiter=CapacityLimiter(1))
+        await to_thread.run_sync(
+            _store_response, request, response, limiter=CapacityLimiter(1)
+        )
     return response
 
 
@@ -354,17 +356,17 @@ def committed(request: Request, response: Response) -> Response:
     Otherwise `write_session` commits later, in another thread, and nobody else can
     write until then. For routes that are called very often.
     """
-    _store(request, response)
+    _store_response(request, response)
     request.state.write_session.commit()
     return response
 
 
-def _store(request: Request, response: Response) -> None:
+def _store_response(request: Request, response: Response) -> None:
     """Store the response in the request's transaction, if it has an Idempotency-Key."""
     repeatable = getattr(request.state, "repeatable", None)
     if repeatable is None:
         return
-    store_answer(
+    store_response(
         request.state.write_session,
         repeatable,
         status=response.status_code,

@@ -170,10 +170,10 @@ description = ApiRouter()
 async def index(request: Request) -> Response:
     """The page. Its filters live in the URL, so any query parameter is allowed."""
     folder = static_dir()
-    answer = _answer(request, shell_page(folder, page_version(folder)))
+    response = _file_response(request, shell_page(folder, page_version(folder)))
     if FORMER_COOKIE in request.cookies:
-        answer.delete_cookie(FORMER_COOKIE, httponly=True, samesite="strict")
-    return answer
+        response.delete_cookie(FORMER_COOKIE, httponly=True, samesite="strict")
+    return response
 
 
 @files.get("/static/{name:path}", include_in_schema=False)
@@ -186,20 +186,22 @@ async def static_file(name: str, request: Request) -> Response:
     folder, asked = static_dir(), _VERSION.match(name)
     file = page_file(folder, name[asked.end() :] if asked else name)
     is_current = asked is not None and asked[1] == page_version(folder)
-    return _answer(request, file, IMMUTABLE if is_current else "no-cache")
+    return _file_response(request, file, IMMUTABLE if is_current else "no-cache")
 
 
 @description.get("/openapi.json", include_in_schema=False)
 def openapi(request: Request) -> Response:
     """The API, for machines; in a thread, since making it the first time takes long."""
     content = json.dumps(request.app.openapi(), ensure_ascii=False).encode()
-    return _answer(request, PageFile(content, MEDIA_TYPES[".json"], _etag(content)))
+    return _file_response(
+        request, PageFile(content, MEDIA_TYPES[".json"], _etag(content))
+    )
 
 
 @files.get("/docs", include_in_schema=False)
 async def docs(request: Request) -> Response:
     """The page that shows `/docs/content` to whoever is signed in."""
-    return _answer(request, page_file(static_dir(), "docs.html"))
+    return _file_response(request, page_file(static_dir(), "docs.html"))
 
 
 @description.get("/docs/content", include_in_schema=False)
@@ -209,7 +211,9 @@ def docs_content(request: Request) -> Response:
     return Response(page, media_type="text/html; charset=utf-8")
 
 
-def _answer(request: Request, file: PageFile, cached: str = "no-cache") -> Response:
+def _file_response(
+    request: Request, file: PageFile, cached: str = "no-cache"
+) -> Response:
     headers = {"ETag": file.etag, "Cache-Control": cached}
     if is_known(request, file.etag):
         return Response(status_code=304, headers=headers)

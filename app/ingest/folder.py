@@ -3,8 +3,8 @@
 The files come as a tar: text files as they are, pictures and other files without their
 content, since readers of folders go by names. They are laid into a folder of their own
 (`SentFolder`), and a child process reads it with the readers that ``unghost push`` uses
-and writes the answer beside it (`write_answer`). Strangers chose these files, so the
-child has a limit of memory and time (`app.engine.children`).
+and writes the response beside it (`write_response`). Strangers chose these files, so
+the child has a limit of memory and time (`app.engine.children`).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from unghost.wire.folders import (
 from unghost.wire.model import Fault, ResponseModel
 
 PREFIX: Final = "folder-"
-"""Of the names of folders that hold what was sent and what is answered."""
+"""Of the names of folders that hold what was sent, and the response."""
 ROOT: Final = "these files"
 """The name of the folder, as errors call it where what was sent has none."""
 MOST_NAME_BYTES: Final = 1024
@@ -49,7 +49,7 @@ MOST_PART_BYTES: Final = 255
 MOST_DEPTH: Final = 32
 """Folders inside of each other."""
 MOST_LONGER: Final = 4
-"""The answer on a folder may be so many times as long as the folder."""
+"""The response on a folder may be so many times as long as the folder."""
 _TEXTS: Final = (".txt", ".xml", ".json", ".jsonl", ".yaml", ".yml", ".names")
 """What readers look into; which of them each reader does is not known here."""
 _DEVICE: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
@@ -75,7 +75,7 @@ class SentFolder:
         self._place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=parent))
         self.root = self._place / ROOT
         self.root.mkdir()
-        self.answer = self._place / "answer.jsonl"
+        self.response = self._place / "response.jsonl"
         self.refused: list[tuple[str, str]] = []
         self._most_files, self._most_file_bytes = most_files, most_file_bytes
         self._folders: set[str] = {""}
@@ -153,36 +153,36 @@ class FolderTask:
     ----------
     root : Path
         The folder with the files.
-    answer : Path
+    response : Path
         The file to write.
     layout : str
         One of `LAYOUTS`; ``auto`` takes the likeliest.
     refused : tuple of (str, str)
         Files that are not in the folder, each with the reason.
     most_bytes : int
-        Of the answer.
+        Of the response.
     """
 
     root: Path
-    answer: Path
+    response: Path
     layout: str
     refused: tuple[tuple[str, str], ...]
     most_bytes: int
 
 
-def write_answer(task: FolderTask) -> int:
+def write_response(task: FolderTask) -> int:
     """Read a folder and write what is found, a line of JSON for each thing.
 
     Returns
     -------
     int
-        The bytes of the answer.
+        The bytes of the response.
 
     Raises
     ------
     LayoutError
         No layout is recognised, or not the one that was named; a list of classes cannot
-        be read; the answer would be too long.
+        be read; the response would be too long.
     """
     source = _only_folder(task.root)
     layouts = possible_layouts(source)
@@ -190,8 +190,8 @@ def write_answer(task: FolderTask) -> int:
     if layout == "auto" and layouts:
         layout = layouts[0]
     found = read_source(source, layout)
-    with _Answer(task, source) as answer:
-        answer.write(
+    with _Response(task, source) as response:
+        response.write(
             FolderHead.model_validate(
                 {
                     "layout": found.layout,
@@ -201,17 +201,17 @@ def write_answer(task: FolderTask) -> int:
                 }
             )
         )
-        answer.write_frames(found)
-        answer.write_unmatched(found)
-        answer.write(
+        response.write_frames(found)
+        response.write_unmatched(found)
+        response.write(
             FolderEnd(
                 end=True,
-                frames=answer.frames,
-                faulty=answer.faulty,
-                unmatched=answer.unmatched,
+                frames=response.frames,
+                faulty=response.faulty,
+                unmatched=response.unmatched,
             )
         )
-        return answer.size
+        return response.size
 
 
 def _only_folder(root: Path) -> Path:
@@ -222,8 +222,8 @@ def _only_folder(root: Path) -> Path:
 
 
 @dataclass
-class _Answer:
-    """The lines of the answer, and what was counted on the way."""
+class _Response:
+    """The lines of the response, and what was counted on the way."""
 
     task: FolderTask
     source: Path
@@ -233,8 +233,8 @@ class _Answer:
     size: int = 0
     used: set[str] = field(default_factory=set)
 
-    def __enter__(self) -> _Answer:
-        self._file = self.task.answer.open("wb")
+    def __enter__(self) -> _Response:
+        self._file = self.task.response.open("wb")
         self._names = {
             _relative(Path(folder, name), self.task.root)
             for folder, _, files in os.walk(self.task.root)

@@ -29,7 +29,7 @@ from app.ingest.folder import (
     MOST_LONGER,
     FolderTask,
     SentFolder,
-    write_answer,
+    write_response,
 )
 from app.ingest.routes import (
     ARCHIVE_BODY,
@@ -84,13 +84,13 @@ async def read_folder(
         await _receive(request, services, sent)
         task = FolderTask(
             root=sent.root,
-            answer=sent.answer,
+            response=sent.response,
             layout=layout,
             refused=tuple(sent.refused),
             most_bytes=MOST_LONGER * int(settings.max_folder_bytes),
         )
         size = await _in_child(request, services, task)
-        return FolderAnswer(sent.answer, size, opened.pop_all())
+        return FolderResponse(sent.response, size, opened.pop_all())
 
 
 def _new_folder(services: ServiceContext) -> SentFolder:
@@ -138,13 +138,13 @@ async def _receive(
 async def _in_child(
     request: Request, services: ServiceContext, task: FolderTask
 ) -> int:
-    """The size of the answer that a child process writes; given up with the request."""
+    """The size of the response, which a child writes; given up with the request."""
     given_up = threading.Event()
     watching = asyncio.ensure_future(tell_when_left(request, given_up))
     places: CapacityLimiter = request.app.state.folders
     try:
         return await to_thread.run_sync(
-            partial(services.folders.run, write_answer, task, given_up=given_up),
+            partial(services.folders.run, write_response, task, given_up=given_up),
             limiter=places,
         )
     except GivenUp:
@@ -153,8 +153,8 @@ async def _in_child(
         watching.cancel()
 
 
-class FolderAnswer(StreamingResponse):
-    """The answer from its file, which is removed when it is sent or given up."""
+class FolderResponse(StreamingResponse):
+    """The response from its file, which is removed when it is sent or given up."""
 
     def __init__(self, file: Path, size: int, opened: AsyncExitStack) -> None:
         super().__init__(

@@ -72,7 +72,7 @@ ARCHIVE_BODY: Final = {
 def lines_of(
     *models: type[ResponseModel], description: str
 ) -> dict[int | str, dict[str, object]]:
-    """An answer of lines for the OpenAPI document, each one of these models."""
+    """A response of lines for the OpenAPI document, each one of these models."""
     kinds = [{"$ref": f"#/components/schemas/{model.__name__}"} for model in models]
     content = {LINES: {"itemSchema": {"anyOf": kinds}}}
     return {200: {"content": content, "description": description}}
@@ -107,7 +107,7 @@ async def post_batch(
 ) -> Response:
     """Store the frames of a tar while it comes; each is answered once it is durable."""
     expect_archive(request)
-    return BatchAnswer(request, services, common)
+    return BatchResponse(request, services, common)
 
 
 def expect_archive(request: Request) -> None:
@@ -125,8 +125,8 @@ def expect_archive(request: Request) -> None:
         )
 
 
-class BatchAnswer(Response):
-    """Reads the request while it answers; nothing else may listen to the request."""
+class BatchResponse(Response):
+    """Reads the request while it responds; nothing else may listen to the request."""
 
     media_type = LINES
 
@@ -148,7 +148,7 @@ class BatchAnswer(Response):
                 held: HeldBytes = scope[BODY_ALLOWANCE].held
                 frames = ArchiveFrames(services.settings, pieces, held)
                 await frames.begin()
-                await self._answer(frames, send)
+                await self._respond(frames, send)
 
     def _place(self) -> AbstractContextManager[None]:
         settings = self._services.settings
@@ -158,7 +158,7 @@ class BatchAnswer(Response):
             most_of_one=settings.max_open_batches_per_token,
         )
 
-    async def _answer(self, frames: ArchiveFrames, send: Send) -> None:
+    async def _respond(self, frames: ArchiveFrames, send: Send) -> None:
         await send(
             {
                 "type": "http.response.start",
@@ -336,8 +336,8 @@ def _store(
         # Made when others may write again: it takes as long as all the rows.
         return json_response(stored.describe(), 201, headers)
     with services.database.read() as session:
-        answer = frames.describe_stored(session, stored.frame_id)
-    return json_response(answer, 200, headers)
+        described = frames.describe_stored(session, stored.frame_id)
+    return json_response(described, 200, headers)
 
 
 @known_frames_router.post(

@@ -1,4 +1,4 @@
-"""New frames as rows, all or nothing, and as the answers to their uploads."""
+"""New frames as rows, all or nothing, and as the responses to their uploads."""
 
 from __future__ import annotations
 
@@ -341,7 +341,7 @@ def _details(frame: NewFrame) -> FrameDetails:
 
 def _decisions(frame: NewFrame) -> list[StoredDecision]:
     measured, geometry = frame.ready.measured, frame.ready.measured.geometry
-    if frame.revision > 1:  # answered as if it was read, as it always has been
+    if frame.revision > 1:  # rounded as where a stored frame is read
         edges = [None if one is None else rounded_edges(one) for one in geometry.edges]
         geometry = replace(geometry, edges=edges)
     facts = replace(measured.facts(frame.active.config), key=frame.key)

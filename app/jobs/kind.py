@@ -42,7 +42,7 @@ _T = TypeVar("_T")
 
 
 class Described(Protocol):
-    """A job as it is answered: a model of the wire."""
+    """A job as responses show it: a model of the wire."""
 
     @property
     def state(self) -> str:
@@ -61,7 +61,7 @@ class Described(Protocol):
         """True when nothing will happen to it any more."""
 
     def model_dump_json(self) -> str:
-        """As it is written into an answer."""
+        """As it is written into a response."""
 
 
 class JobKind(Protocol[Row]):
@@ -124,7 +124,7 @@ class JobKind(Protocol[Row]):
     def describe(
         self, context: ServiceContext, session: Session, row: Row
     ) -> Described:
-        """A job as it is answered."""
+        """A job as responses show it."""
 
 
 AnyKind: TypeAlias = JobKind[Any]

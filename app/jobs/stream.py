@@ -37,7 +37,7 @@ LastEventId = Annotated[
 
 
 def events_of(model: type[BaseModel], what: str) -> dict[int | str, dict[str, object]]:
-    """The answers of a route of events, with this model as their data."""
+    """The responses of a route of events, with this model as their data."""
     schema = {
         "type": "object",
         "required": ["data", "event", "id"],
@@ -84,7 +84,7 @@ def number_of(last_event_id: str | None) -> int:
 def event_stream(
     request: Request, events: AsyncGenerator[JobEvent | None, None]
 ) -> StreamingResponse:
-    """The answer; it ends when its reader goes away, and no proxy may hold it back."""
+    """The response; it ends when its reader goes away, and no proxy may buffer it."""
     return StreamingResponse(
         _lines(request, events),
         media_type=EVENT_STREAM,

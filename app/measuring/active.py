@@ -164,7 +164,7 @@ def config_of(version: tables.ConfigVersion) -> FilterConfig:
 
 
 def describe_version(dataset: Dataset, version: tables.ConfigVersion) -> ConfigVersion:
-    """A version as it is answered."""
+    """A version as responses show it."""
     return ConfigVersion(
         digest=version.digest,
         config=version.body,

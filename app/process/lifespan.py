@@ -18,7 +18,7 @@ from app.engine.cluster import ClusterEngine, Scheduler
 from app.engine.dask import Certificates
 from app.exports.service import EXPORTS
 from app.http.deps import MAX_FOLDERS
-from app.http.idempotency import forget_old_answers
+from app.http.idempotency import forget_old_responses
 from app.incoming import OpenBodies
 from app.jobs.kind import register
 from app.jobs.queries import LeaseRepository
@@ -59,7 +59,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
             migrate(database.engine, migrations_dir())
         with database.write() as session:
             ensure_first_token(session, settings.token_file)
-            forget_old_answers(session, timedelta(hours=settings.idempotency_hours))
+            forget_old_responses(session, timedelta(hours=settings.idempotency_hours))
         with usable_store(settings):
             store.prepare()
             check_moved(settings, database, store)

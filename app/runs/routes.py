@@ -103,7 +103,7 @@ def list_configs(
     """Versions of a dataset's configuration, newest first."""
     found = DatasetRepository(session).named(dataset)
     rows = ConfigRepository(session).page(found.id, wanted.page)
-    return wanted.answer(rows, lambda version: describe_version(found, version))
+    return wanted.response(rows, lambda version: describe_version(found, version))
 
 
 @configs_router.post(
@@ -193,7 +193,7 @@ def list_runs(
     def describe(run: tables.Run) -> Run:
         return describe_run(services, run, dataset, digests[run.config_id])
 
-    return wanted.answer(rows, describe)
+    return wanted.response(rows, describe)
 
 
 @router.post("/datasets/{dataset}/runs", status_code=202, response_model=Run)
@@ -213,11 +213,11 @@ def create_run(
         activate=body.activate,
     )
     run = request_run(services, session, found, wanted)
-    answer = described_run(services, session, run)
+    described = described_run(services, session, run)
     if run.activate:
-        activated = {"config": answer.config, "run": run.id}
+        activated = {"config": described.config, "run": run.id}
         audit.note(Act.CONFIG_ACTIVATED, dataset, **activated)
-    return accepted(answer)
+    return accepted(described)
 
 
 @router.get("/runs/{run_id}")
@@ -245,9 +245,9 @@ def stop_run(
 ) -> Response:
     """End a run that is not over; nothing changes in its dataset. 409 if it is over."""
     run = cancel(services, session, RUNS, run_id)
-    answer = described_run(services, session, run)
-    audit.note(Act.RUN_CANCELLED, run_id, dataset=answer.dataset)
-    return accepted(answer)
+    described = described_run(services, session, run)
+    audit.note(Act.RUN_CANCELLED, run_id, dataset=described.dataset)
+    return accepted(described)
 
 
 async def diff_page(limit: Limit = 100, cursor: Cursor = None) -> DiffPage:

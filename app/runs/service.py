@@ -101,7 +101,7 @@ def _version(session: Session, dataset: Dataset, wanted: RunRequest) -> ConfigVe
 def describe_run(
     context: ServiceContext, run: Run, dataset: str, digest: str
 ) -> wire.Run:
-    """A run as it is answered."""
+    """A run as responses show it."""
     reported = context.engine.reported(job_of(run)) if run.state == "running" else 0
     return wire.Run.model_validate(
         {

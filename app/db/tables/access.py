@@ -76,7 +76,7 @@ class DownloadLink(Base):
 
 
 class IdempotencyKey(Base):
-    """The answer that a repeated request gets again."""
+    """The response that a repeated request gets again."""
 
     __tablename__ = "idempotency_keys"
 
