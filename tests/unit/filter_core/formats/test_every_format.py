@@ -112,7 +112,7 @@ def test_memory_does_not_grow_with_the_dataset(name, tmp_path):
         return used
 
     peak(1)
-    assert peak(340) - peak(60) < 300 * (340 - 60)
+    assert peak(190) - peak(50) < 300 * (190 - 50)
 
 
 def swallow(_file, pieces):
