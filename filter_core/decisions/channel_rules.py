@@ -38,9 +38,6 @@ _BEFORE_CHANNELS: Final = (
 )
 """Rules that read no pixel: no channel overwrites their decisions."""
 
-OPEN_TO_CHANNELS: Final = frozenset(Reason) - {*_BEFORE_CHANNELS}
-"""The reasons of boxes that a channel judged if it had a number for them."""
-
 
 def apply_channels(
     evidence: Evidence, config: DecideConfig, decisions: Decisions
@@ -58,8 +55,7 @@ def apply_channels(
     if evidence.channels is None or config.evidence == SEMANTIC:
         return
     boxes = _boxes_to_judge(evidence, evidence.channels, config)
-    may_judge = ~np.isin(decisions.reason, _BEFORE_CHANNELS)
-    for name, rows in _rows_of_channels(boxes, may_judge):
+    for name, rows in _rows_of_channels(boxes, decisions):
         decisions.reason[rows] = _CHANNELS[name].reasons(boxes)[rows]
         decisions.threshold[rows] = np.nan
         decisions.margin[rows] = np.nan
@@ -68,12 +64,12 @@ def apply_channels(
 
 
 class JudgedBy(NamedTuple):
-    """What each of N boxes is judged by.
+    """What each of N boxes was judged by.
 
     Attributes
     ----------
     channel : list of N EvidenceName
-        The channel, or ``semantic``.
+        The channel, or ``semantic`` where no channel judged the box.
     number, needed : (N,) float64
         What the channel measured and the number that is needed, see `_CHANNELS`; NaN
         for ``semantic``.
@@ -84,18 +80,24 @@ class JudgedBy(NamedTuple):
     needed: FloatArray
 
 
-def judged_by(evidence: Evidence, config: DecideConfig) -> JudgedBy:
-    """The channel that each of N boxes is judged by, its number and what is needed.
+def judged_by(
+    evidence: Evidence, config: DecideConfig, decisions: Decisions
+) -> JudgedBy:
+    """The channel that judged each of N boxes, its number and what is needed.
 
-    `evidence` is that of the N boxes. Also a box that is rejected before any channel is
-    asked, such as one that is out of range, gets the channel that has a number for it.
+    Parameters
+    ----------
+    evidence : Evidence of N boxes
+    config : DecideConfig
+    decisions : Decisions of N boxes
+        What `decide` gives for this evidence and configuration.
     """
     count = len(evidence)
     channel = np.full(count, SEMANTIC, dtype=object)
     number, needed = np.full(count, np.nan), np.full(count, np.nan)
     if evidence.channels is not None:
         boxes = _boxes_to_judge(evidence, evidence.channels, config)
-        for name, rows in _rows_of_channels(boxes, np.ones(count, np.bool_)):
+        for name, rows in _rows_of_channels(boxes, decisions):
             channel[rows] = name
             number[rows] = _CHANNELS[name].number_of(boxes.numbers)[rows]
             needed[rows] = np.broadcast_to(_CHANNELS[name].needed(boxes), count)[rows]
@@ -119,10 +121,13 @@ def _boxes_to_judge(
 
 
 def _rows_of_channels(
-    boxes: BoxesToJudge, may_judge: BoolArray
+    boxes: BoxesToJudge, decisions: Decisions
 ) -> Iterator[tuple[ChannelName, IntArray]]:
-    """Each channel and the rows that it judges: rows of `may_judge`, none twice."""
-    remaining = may_judge.copy()
+    """Each channel and the rows of the boxes that it judges, none twice.
+
+    Boxes that `decisions` rejects before any channel is asked are in no rows.
+    """
+    remaining = ~np.isin(decisions.reason, _BEFORE_CHANNELS)
     for name in boxes.config.channels:
         rows = np.flatnonzero(remaining & _CHANNELS[name].has_number(boxes.numbers))
         remaining[rows] = False
@@ -200,9 +205,6 @@ class _Channel:
         The reason of boxes that are not kept, as (N,) or one for all.
     words : callable
         The sentence: why it kept or rejected a box.
-    in_short : reason and str
-        A reason that only channels reject for, and the sentence about a box of which
-        nothing but this reason is known.
     at_most : bool
         `needed` is the greatest number that keeps a box, not the least.
     """
@@ -211,7 +213,6 @@ class _Channel:
     needed: Callable[[BoxesToJudge], IntArray | float]
     rejected: Callable[[BoxesToJudge], IntArray | Reason]
     words: Callable[[ChannelJudgement], str]
-    in_short: tuple[Reason, str]
     at_most: bool = False
 
     def number_of(self, numbers: ChannelNumbers) -> FloatArray | IntArray:
@@ -313,35 +314,24 @@ def _apart(gap: float) -> str:
     return f"{metres:.0f} m {where}" if metres >= 10 else f"{metres:.1f} m {where}"
 
 
-_AT_ANOTHER_DEPTH: Final = (
-    Reason.HIDDEN_BY_DEPTH,
-    "what is seen there is at another depth",
-)
-
 _CHANNELS: Final[Mapping[ChannelName, _Channel]] = {
     "ordered": _Channel(
         number="owned_pixels",
         needed=_ordered_needed,
         rejected=_ordered_rejected,
         words=_ordered_words,
-        in_short=(
-            Reason.EXPLAINED_BY_NEARER,
-            "nearer boxes explain all of its pixels",
-        ),
     ),
     "depth": _Channel(
         number="depth_pixels",
         needed=lambda boxes: boxes.min_visible_pixels,
         rejected=lambda _: Reason.HIDDEN_BY_DEPTH,
         words=_depth_words,
-        in_short=_AT_ANOTHER_DEPTH,
     ),
     "depth_center": _Channel(
         number="center_gap",
         needed=lambda boxes: boxes.config.depth_tolerance,
         rejected=lambda _: Reason.HIDDEN_BY_DEPTH,
         words=_center_words,
-        in_short=_AT_ANOTHER_DEPTH,
         at_most=True,
     ),
     "instance": _Channel(
@@ -350,24 +340,11 @@ _CHANNELS: Final[Mapping[ChannelName, _Channel]] = {
         needed=lambda boxes: np.maximum(boxes.min_visible_pixels, 1),
         rejected=lambda _: Reason.HIDDEN_BY_INSTANCE,
         words=_instance_words,
-        in_short=(
-            Reason.HIDDEN_BY_INSTANCE,
-            "no instance in the image belongs to it",
-        ),
     ),
     "lidar": _Channel(
         number="lidar_points",
         needed=lambda boxes: boxes.config.lidar_min_points,
         rejected=lambda _: Reason.TOO_FEW_LIDAR_POINTS,
         words=_lidar_words,
-        in_short=(
-            Reason.TOO_FEW_LIDAR_POINTS,
-            "too few LiDAR points lie inside it",
-        ),
     ),
 }
-
-IN_SHORT: Final[Mapping[Reason, str]] = dict(
-    channel.in_short for channel in _CHANNELS.values()
-)
-"""Sentences about boxes of which nothing but the reason of a channel is known."""

@@ -11,7 +11,6 @@ import numpy as np
 from filter_core.classes import accepts
 from filter_core.config.filter import ClassLimits
 from filter_core.decisions.channel_rules import (
-    IN_SHORT,
     ChannelJudgement,
     any_of,
     explain_channel,
@@ -50,7 +49,8 @@ class Judgement(NamedTuple):
         Profile ``carlasimu``, which needs more than the threshold where profile
         ``paper`` needs at least the threshold.
     channel : ChannelJudgement or None
-        Given where a channel besides the segmentation judged the box.
+        What a channel says of the box; None where none judged it. The reasons that only
+        channels reject for have no sentence without it.
     """
 
     reason: Reason
@@ -128,8 +128,6 @@ def explain(judgement: Judgement) -> str:
     """
     if judgement.channel is not None:
         sentence = explain_channel(judgement.channel)
-    elif judgement.reason in IN_SHORT:
-        sentence = IN_SHORT[judgement.reason]
     else:
         sentence = _SENTENCES[judgement.reason](judgement)
     return f"{judgement.reason.verdict.value}: {sentence}"

@@ -20,7 +20,6 @@ from filter_core.classes import accepted_names
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import SEMANTIC, EvidenceName
 from filter_core.decisions.channel_rules import (
-    OPEN_TO_CHANNELS,
     ChannelJudgement,
     JudgedBy,
     judged_by,
@@ -248,7 +247,7 @@ def _composed(
         channels = ChannelNumbers.absent(count)
     reasons = [Reason(code) for code in decisions.reason.tolist()]
     hidden, nearer = _hiding_tags(frames, evidence), _explaining_boxes(frames, evidence)
-    judged = judged_by(evidence, config)
+    judged = judged_by(evidence, config, decisions)
     by_channels = _by_channels(frames, evidence, decisions, judged, nearer)
     judgements = _judgements(frames, evidence, decisions, hidden, by_channels)
     amodal, visible, edges = _projected(geometry, count)
@@ -335,7 +334,7 @@ def _by_channels(
     reasons, masks = decisions.reason.tolist(), evidence.accept_mask.tolist()
     numbers, needed = judged.number.tolist(), judged.needed.tolist()
     for row, channel in enumerate(judged.channel):
-        if channel != SEMANTIC and reasons[row] in OPEN_TO_CHANNELS:
+        if channel != SEMANTIC:
             box = nearer[row]
             found[row] = ChannelJudgement(
                 channel=channel,

@@ -15,8 +15,9 @@ from filter_core.decisions.channel_rules import (
     has_number,
     judged_by,
 )
-from filter_core.types import ChannelNumbers
-from tests.support.evidence import evidence_of
+from filter_core.decisions.rules import decide
+from filter_core.types import BoxState, ChannelNumbers
+from tests.support.evidence import ACCEPTS_CAR, evidence_of
 
 
 def said(channel, *, kept=False, **more):
@@ -115,10 +116,10 @@ def measured(**columns):
 
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_every_channel_of_a_configuration_judges(channel):
-    evidence = evidence_of([{}])
+    evidence = replace(evidence_of([{}]), channels=ChannelNumbers.absent(1))
     config = FilterConfig(evidence=channel)
 
-    judged = judged_by(replace(evidence, channels=ChannelNumbers.absent(1)), config)
+    judged = judged_by(evidence, config, decide(evidence, config))
 
     assert judged.channel == ["semantic"]
     assert np.isnan([judged.number, judged.needed]).all()
@@ -134,7 +135,7 @@ def test_the_first_channel_with_a_number_judges():
     )
     config = FilterConfig(evidence="auto", min_visible_pixels=6, ordered_min_pixels=2)
 
-    judged = judged_by(evidence, config)
+    judged = judged_by(evidence, config, decide(evidence, config))
 
     assert judged.channel == ["instance", "depth", "ordered", "semantic"]
     np.testing.assert_array_equal(judged.number, [4, 7, 5, np.nan])
@@ -145,3 +146,18 @@ def test_the_first_channel_with_a_number_judges():
     )
     assert instance.tolist() == [True, False, False, False]
     assert semantic.tolist() == [True] * 4
+
+
+def test_a_box_that_is_rejected_before_channels_are_asked_is_judged_by_none():
+    evidence = replace(
+        measured(depth_pixels=[9, 9, 9, 9]),
+        state=np.array([BoxState.OUTSIDE_IMAGE, 0, 0, 0], np.uint8),
+        accept_mask=np.array([ACCEPTS_CAR, 0, ACCEPTS_CAR, ACCEPTS_CAR]),
+        distance=np.array([20.0, 20.0, 300.0, 20.0]),
+    )
+    config = FilterConfig(evidence="depth", max_distance=200)
+
+    judged = judged_by(evidence, config, decide(evidence, config))
+
+    assert judged.channel == ["semantic"] * 3 + ["depth"]
+    np.testing.assert_array_equal(judged.number, [np.nan] * 3 + [9])

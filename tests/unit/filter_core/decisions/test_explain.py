@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from filter_core.config.filter import ClassLimits
+from filter_core.decisions.channel_rules import ChannelJudgement
 from filter_core.decisions.explain import (
     Judgement,
     explain,
@@ -14,6 +15,15 @@ from filter_core.decisions.explain import (
 from filter_core.types import N_TAGS, HiddenBy, Reason
 
 VEGETATION: HiddenBy = {"tag": 9, "name": "Vegetation", "percent": 71.2}
+
+
+CHANNEL_OF = {
+    Reason.EXPLAINED_BY_NEARER: "ordered",
+    Reason.HIDDEN_BY_DEPTH: "depth",
+    Reason.HIDDEN_BY_INSTANCE: "instance",
+    Reason.TOO_FEW_LIDAR_POINTS: "lidar",
+}
+"""The reasons that only channels give, and a channel that gives each."""
 
 
 @pytest.mark.parametrize(
@@ -117,22 +127,12 @@ def test_a_decision_in_one_sentence(judgement, sentence):
     assert explain(judgement) == sentence
 
 
-@pytest.mark.parametrize(
-    ("reason", "sentence"),
-    [
-        (Reason.EXPLAINED_BY_NEARER, "nearer boxes explain all of its pixels"),
-        (Reason.HIDDEN_BY_DEPTH, "what is seen there is at another depth"),
-        (Reason.HIDDEN_BY_INSTANCE, "no instance in the image belongs to it"),
-        (Reason.TOO_FEW_LIDAR_POINTS, "too few LiDAR points lie inside it"),
-    ],
-)
-def test_a_channels_reason_has_a_sentence_without_its_numbers(reason, sentence):
-    assert explain(Judgement(reason, "car")) == f"rejected: {sentence}"
-
-
 @pytest.mark.parametrize("reason", list(Reason))
 def test_every_reason_has_a_sentence_that_begins_with_its_verdict(reason):
-    sentence = explain(Judgement(reason, "car"))
+    channel = CHANNEL_OF.get(reason)
+    by_channel = channel and ChannelJudgement(channel, kept=False, number=0)
+
+    sentence = explain(Judgement(reason, "car", channel=by_channel))
 
     assert sentence.startswith(f"{reason.verdict.value}: ")
     assert "None" not in sentence
