@@ -9,11 +9,12 @@ from typing import Final, NamedTuple
 
 DONE: Final = "done"
 RETURNED: Final = "returned"
-"""The process that worked on it stops: another process continues."""
+"""It is to be tried again: the process that worked on it stops, or the database was
+away."""
 FAILED: Final = "failed"
-"""The reason is in the chunk's row."""
+"""The chunk's row has the error that its job is to fail with."""
 UNWANTED: Final = "unwanted"
-"""Its job was cancelled."""
+"""Its job is over, cancelled or deleted: nobody wants the result any more."""
 QUARANTINED: Final = "quarantined"
 """Its process has died too often: it is not tried again."""
 ELSEWHERE: Final = "elsewhere"

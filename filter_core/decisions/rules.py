@@ -80,14 +80,12 @@ _REASON_OF_BITS: Final = np.array(
 Looking a box up here is faster than applying one mask per rule.
 """
 
-_IF_LARGE: Final = 16
-"""Where `_COLUMN_OF_REASON` begins anew, for large boxes.
+_IF_LARGE: Final = 1 + max(Reason)
+"""The offset of the half for large boxes in `_COLUMN_OF_REASON`."""
 
-A large box's place in it is its reason plus this number, which is greater than the
-number of any `Reason`.
-"""
+_THRESHOLD_COLUMNS: Final = 4
 
-_SMALL_BOX, _BIG_BOX, _KEPT_LARGE_BOX, _NO_THRESHOLD = range(4)
+_SMALL_BOX, _BIG_BOX, _KEPT_LARGE_BOX, _NO_THRESHOLD = range(_THRESHOLD_COLUMNS)
 """Which threshold applied to a box: the columns of the table in `_Block._threshold`.
 
 The first three are `Thresholds.threshold_small_box`, `threshold_big_box` and
@@ -106,7 +104,7 @@ def _columns_of_reasons() -> NDArray[np.uint8]:
 
 
 _COLUMN_OF_REASON: Final = _columns_of_reasons()
-"""(32,) uint8: which threshold applied to a box, by its reason.
+"""(2 * _IF_LARGE,) uint8: which threshold applied to a box, by its reason.
 
 The place is the reason's number; for large boxes, that plus `_IF_LARGE`.
 """
@@ -225,7 +223,9 @@ class _Block:
         small, big = self.limits.threshold_small_box, self.limits.threshold_big_box
         kept_large = self.limits.threshold_kept_large_box
         table = np.column_stack([small, big, kept_large, np.full(len(small), np.nan)])
-        threshold: FloatArray = table.take(self.class_index * 4 + column)
+        threshold: FloatArray = table.take(
+            self.class_index * _THRESHOLD_COLUMNS + column
+        )
         return threshold
 
     def _has_too_few_pixels(self) -> BoolArray:

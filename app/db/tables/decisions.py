@@ -106,7 +106,10 @@ class Tally(Base):
 
 
 class Flips(Base):
-    """Boxes whose reason a run changed, thousands to a row; see `flip_record`."""
+    """Boxes whose reason a run changed, thousands to a row.
+
+    `boxes` has a record for each, in order of id: `FLIP` in `app/runs/queries.py`.
+    """
 
     __tablename__ = "flips"
 

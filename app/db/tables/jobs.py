@@ -15,9 +15,10 @@ from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
 class Chunk(Base):
     """A part of a job: frames from one id to another that lacked their numbers.
 
-    An export is one chunk, and so is the decision that ends a run; their ids are 0, and
-    so is the number of a decision. `attempts` counts the processes in a row that
-    ended while they worked on it; where the driver itself does, also the one that does.
+    An export is one chunk, and so is the final step of a run (deciding); both have 0
+    in place of the frames' ids, and the number of the final step is 0 too. `attempts`
+    counts the processes in a row that ended while they worked on it; where the driver
+    itself does, also the one that does.
     """
 
     __tablename__ = "chunks"
