@@ -257,17 +257,20 @@ class DecideConfig(ClassKeys[Number, int, Number | None]):
         get_args(Profile),
         "How boxes are counted and compared: as the paper says, or bit for bit as its "
         "authors' published code does.",
+        needs_pixels=True,
         shown_before="threshold_small_box",
     )
     evidence: EvidenceChoice = choice(
         SEMANTIC,
         get_args(EvidenceChoice),
         "By what boxes are judged: the segmentation, or a channel besides it.",
+        needs_pixels=True,
     )
     depth_tolerance: Number = metres(
         0.15,
         "How far in front of a box and behind it a depth may lie and still be its own.",
         evidence=("depth", "depth_center"),
+        needs_pixels=True,
     )
     ordered_min_pixels: int = count(
         3,
@@ -396,27 +399,32 @@ class FilterConfig(DecideConfig):
         "clipped",
         get_args(ProjectionMode),
         "How 3D boxes become rectangles: cut exactly at the image, or as in the paper.",
+        needs_pixels=True,
         shown_before="depth_tolerance",
     )
     palette: str = choice(
         "auto",
         PALETTES,
         "Which of CARLA's tables of tags segmentations are made with.",
+        needs_pixels=True,
     )
     encoding: Encoding = choice(
         "auto",
         get_args(Encoding),
         "What pixels of segmentations are: colours of a palette, or raw tag numbers.",
+        needs_pixels=True,
     )
     channel_order: OrderOfChannels = choice(
         "auto",
         get_args(OrderOfChannels),
         "Order of the colour channels of segmentations.",
+        needs_pixels=True,
     )
     lossy_segmentation: Lossy = choice(
         "refuse",
         get_args(Lossy),
         "Whether segmentations as JPEG are refused, or read by the nearest colours.",
+        needs_pixels=True,
     )
 
     # `dataclass` would hash the fields, and `classes` cannot be hashed.

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import Field, field, fields
 from typing import (
+    TYPE_CHECKING,
     Any,
     ClassVar,
     Final,
@@ -18,11 +19,15 @@ from typing import (
     NamedTuple,
     Protocol,
     TypeAlias,
+    TypedDict,
     get_args,
 )
 
 from filter_core.errors import ConfigError
 from filter_core.values import place_of, pointer_token, shown, similar
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 Number: TypeAlias = float | int
 
@@ -187,72 +192,47 @@ def declared(key: Key) -> _Field:
     return field(default=key.default, metadata={_KEY: key})
 
 
-def percent(
-    default: Number,
-    sentence: str,
-    *,
-    evidence: tuple[str, ...],
-    carlasimu: str | None = None,
-    later: bool = False,
-) -> _Field:
-    """A key from 0 to 100 percent; see `Key` for the parameters."""
-    allowed = NumberRange(0, 100, "percent")
-    key = Key(allowed, default, sentence, evidence, carlasimu=carlasimu, later=later)
-    return declared(key)
+class KeyFacts(TypedDict, total=False):
+    """What any key can declare besides its range and sentence: attributes of `Key`."""
+
+    evidence: tuple[str, ...]
+    needs_pixels: bool
+    carlasimu: str
+    shown_before: str
+    later: bool
 
 
-def count(
-    default: int,
-    unit: str,
-    sentence: str,
-    *,
-    evidence: tuple[str, ...],
-    later: bool = False,
-) -> _Field:
+def percent(default: Number, sentence: str, **facts: Unpack[KeyFacts]) -> _Field:
+    """A key from 0 to 100 percent."""
+    return declared(Key(NumberRange(0, 100, "percent"), default, sentence, **facts))
+
+
+def count(default: int, unit: str, sentence: str, **facts: Unpack[KeyFacts]) -> _Field:
     """A key that counts something, such as pixels: the unit of `NumberRange`."""
     allowed = NumberRange(0, _MAX_COUNT, unit, whole=True)
-    return declared(Key(allowed, default, sentence, evidence, later=later))
+    return declared(Key(allowed, default, sentence, **facts))
 
 
-def limit(
-    null: float, sentence: str, *, carlasimu: str | None = None, later: bool = False
-) -> _Field:
+def limit(null: float, sentence: str, **facts: Unpack[KeyFacts]) -> _Field:
     """A distance in metres that boxes are compared with; by default there is no limit.
 
     In files, null means no limit; in arrays, the number `null` does (-inf or inf).
     """
     allowed = NumberRange(0, _MAX_METRES, "metres", null=null)
-    return declared(Key(allowed, None, sentence, carlasimu=carlasimu, later=later))
+    return declared(Key(allowed, None, sentence, **facts))
 
 
-def metres(
-    default: Number, sentence: str, *, evidence: tuple[str, ...], later: bool = False
-) -> _Field:
-    """A length in metres that measured numbers depend on."""
+def metres(default: Number, sentence: str, **facts: Unpack[KeyFacts]) -> _Field:
+    """A length in metres."""
     allowed = NumberRange(0, _MAX_METRES, "metres")
-    key = Key(allowed, default, sentence, evidence, needs_pixels=True, later=later)
-    return declared(key)
+    return declared(Key(allowed, default, sentence, **facts))
 
 
 def choice(
-    default: str,
-    words: tuple[str, ...],
-    sentence: str,
-    *,
-    shown_before: str | None = None,
-    later: bool = False,
+    default: str, words: tuple[str, ...], sentence: str, **facts: Unpack[KeyFacts]
 ) -> _Field:
-    """A key whose value is one of a few words; measured numbers depend on it."""
-    return declared(
-        Key(
-            AllowedWords(words),
-            default,
-            sentence,
-            needs_pixels=True,
-            shown_before=shown_before,
-            later=later,
-        )
-    )
+    """A key whose value is one of a few words."""
+    return declared(Key(AllowedWords(words), default, sentence, **facts))
 
 
 class _Dataclass(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, make_dataclass, replace
 
 import numpy as np
 import pytest
@@ -20,7 +20,17 @@ from filter_core.config.filter import (
     diff_configs,
     schema_of,
 )
-from filter_core.config.keys import CHANNELS, SEMANTIC, NumberRange, count, keys_of
+from filter_core.config.keys import (
+    CHANNELS,
+    SEMANTIC,
+    NumberRange,
+    choice,
+    count,
+    keys_of,
+    limit,
+    metres,
+    percent,
+)
 from filter_core.decisions.rules import decide
 from filter_core.errors import ConfigError
 from filter_core.types import ChannelNumbers
@@ -94,6 +104,30 @@ def test_a_later_key_counts_in_the_digest_as_soon_as_it_is_not_its_default():
     assert len(digests) == 3
     assert WithLaterKey(min_side=3).digest == WithFirstKey(min_side=3).digest
     assert WithLaterKey().as_dict()["min_side"] == 2
+
+
+@pytest.mark.parametrize("needs_pixels", [False, True])
+@pytest.mark.parametrize(
+    ("make", "first"),
+    [
+        (percent, (5,)),
+        (count, (5, "pixels")),
+        (limit, (np.inf,)),
+        (metres, (5,)),
+        (choice, ("a", ("a", "b"))),
+    ],
+)
+def test_a_key_of_any_kind_says_whose_rule_it_is_and_whether_it_needs_pixels(
+    make, first, needs_pixels
+):
+    facts = {"evidence": ("lidar",), "needs_pixels": needs_pixels, "later": True}
+    made = make_dataclass("Made", [("key", object, make(*first, "A key.", **facts))])
+
+    (key,) = keys_of(made).values()
+
+    assert key.schema()["x-evidence"] == ["lidar"]
+    assert key.schema()["x-needs-pixels"] is needs_pixels
+    assert key.is_left_out(key.default)
 
 
 def test_ten_and_ten_point_zero_are_one_configuration():
