@@ -1,7 +1,7 @@
 // @ts-check
 // Texts for reasons, verdicts and numbers of a box, the same in all views.
 
-import { metresText, percentText } from "../core/numbers.js";
+import { exactPercentText, metresText, percentText, wholePercentText } from "../core/numbers.js";
 
 /** @typedef {import("./box.js").Decision} Decision */
 /** @typedef {import("./box.js").Verdict} Verdict */
@@ -38,9 +38,6 @@ export const ANSWER_TEXT = { keep: "keep", reject: "reject", unsure: "unsure", c
 
 export const NO_TOKEN_LINKS = "Links with a token in them are no longer used. `unghost login` prints a new one.";
 
-/** Rounded to whole percent, where no threshold is compared. @param {number} percent */
-const wholePercent = (percent) => (percent < 1 ? percentText(percent) : `${Math.round(percent)} %`);
-
 /** "Car" or "Motorcycle + Rider". @param {Decision} box */
 export const acceptedText = (box) =>
   box.accepted_tags?.map(({ name }) => name).join(" + ") || box.class;
@@ -49,7 +46,7 @@ export const acceptedText = (box) =>
 export const isByShare = ({ evidence }) => !evidence || evidence === "semantic";
 
 /** The share of matching pixels if it decided, else an empty text. @param {Decision} box */
-export const matchText = (box) => (isMeasured(box) && isByShare(box) ? percentText(box.match_percent) : "");
+export const matchText = (box) => (isMeasured(box) && isByShare(box) ? shareText(box) : "");
 
 /** What the box's label says: "4.1 % Car < 10 % · hidden by Vegetation 71 %". @param {Decision} box */
 export function labelText(box) {
@@ -78,18 +75,17 @@ function measureText(box) {
   const tags = acceptedText(box);
   switch (box.reason) {
     case "visible":
-      return isMeasured(box) ? `${percentText(box.match_percent)} ${tags}${thresholdText(box, "≥")}` : "visible";
+      return isMeasured(box) ? `${shareText(box)} ${tags}${thresholdText(box, "≥")}` : "visible";
     case "below_threshold":
     case "large_below_threshold":
-      return `${percentText(box.match_percent)} ${tags}${thresholdText(box, "<")}`;
+      // In profile carlasimu, a match equal to the threshold is too low.
+      return `${shareText(box)} ${tags}${thresholdText(box, box.match_percent === box.threshold ? "≤" : "<")}`;
     case "no_visible_pixels":
       return box.matched_pixels ? `too few ${tags.replaceAll(" + ", " or ")} pixels` : `no ${tags.replaceAll(" + ", " or ")} pixel`;
     case "out_of_range":
       return `${metresText(box.distance)}: out of range`;
     case "veiled":
       return `${box.class} ${box.id}`;
-    case "explained_by_nearer":
-      return box.explained_by ? `explained by nearer box ${box.explained_by}` : reasonText(box.reason);
     default:
       return reasonText(box.reason);
   }
@@ -99,17 +95,20 @@ function measureText(box) {
 const isMeasured = (box) => box.match_percent !== null && box.match_percent !== undefined;
 
 /** @param {Decision} box @param {string} sign */
-const thresholdText = (box, sign) => (box.threshold === null ? "" : ` ${sign} ${percentText(box.threshold)}`);
+const thresholdText = (box, sign) => (box.threshold === null ? "" : ` ${sign} ${exactPercentText(box.threshold)}`);
+
+/** The share of matching pixels, on its side of the threshold. @param {Decision} box */
+const shareText = ({ match_percent: match, threshold }) => percentText(match, threshold);
 
 /** @param {Decision} box */
 function hiddenText(box) {
   const most = box.hidden_by?.[0];
-  return most && box.verdict === "rejected" ? `hidden by ${most.name} ${wholePercent(most.percent)}` : "";
+  return most && box.verdict === "rejected" ? `hidden by ${most.name} ${wholePercentText(most.percent)}` : "";
 }
 
 /** What the smallest label says: "car 4.1 %". @param {Decision} box */
 export function shortText(box) {
-  return isMeasured(box) && isByShare(box) ? `${box.class} ${percentText(box.match_percent)}` : box.class;
+  return isMeasured(box) && isByShare(box) ? `${box.class} ${shareText(box)}` : box.class;
 }
 
 /** One sentence for screen readers. @param {Decision} box */

@@ -24,14 +24,28 @@ export const countOf = (n, one, many = `${one}s`) =>
   `${countText(n)} ${n === 1 ? one : many}`;
 
 /**
- * Three digits are enough to compare, but never 0 or a threshold by rounding: small numbers keep one more.
- * @param {number | null | undefined} percent
+ * Three digits are enough to compare. More are shown where the rounded number would be 0, 100 or `against`, or beyond
+ * it, and the exact one is not: 9.96 % is never shown as the 10 % that are needed.
+ * @param {number | null | undefined} percent @param {number | null} [against]
  */
-export function percentText(percent) {
+export function percentText(percent, against = null) {
   if (percent === null || percent === undefined || Number.isNaN(percent)) return "–";
-  const size = Math.abs(percent);
-  const digits = size === 0 || size >= 99.95 ? 0 : size < 1 ? 2 : 1;
-  return `${percent.toFixed(digits).replace(/\.0$/, "")} %`;
+  return roundedText(percent, Math.abs(percent) < 1 ? 2 : 1, against);
+}
+
+/** Rounded to whole percent, but not to 0 or 100. @param {number} percent */
+export const wholePercentText = (percent) => roundedText(percent, percent < 1 ? 2 : 0);
+
+/** Not rounded, but for what a sum of decimals leaves behind: 0.30000000000000004 is "0.3 %". @param {number} percent */
+export const exactPercentText = (percent) => `${Number(percent.toPrecision(15))} %`;
+
+/** With at least so many decimals, less zeros at the end. @param {number} percent @param {number} decimals @param {number | null} [against] */
+function roundedText(percent, decimals, against = null) {
+  const marks = against === null ? [0, 100] : [0, 100, against];
+  const isOnItsSides = (/** @type {number} */ shown) => marks.every((mark) => Math.sign(shown - mark) === Math.sign(percent - mark));
+  let shown = Number(percent.toFixed(decimals));
+  while (!isOnItsSides(shown) && decimals < 15) shown = Number(percent.toFixed(++decimals));
+  return `${shown} %`;
 }
 
 /** @param {number | null} bytes */

@@ -9,7 +9,7 @@ import { useLoaded, useValue } from "../core/hooks.js";
 import { html, useMemo, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { Keys, useKeys } from "../core/keymap.js";
-import { agoText, countOf, countText, metresText, percentText, unbroken } from "../core/numbers.js";
+import { agoText, countOf, countText, exactPercentText, metresText, percentText, unbroken } from "../core/numbers.js";
 import { overlapping } from "../stage/geometry.js";
 import { ConflictNotice } from "./acts.js";
 
@@ -67,14 +67,16 @@ function MatchBar({ box }) {
   const { match_percent: match, threshold } = box;
   if (!isByShare(box) && !isVeiled(box)) return html`<${OtherChannel} box=${box} />`;
   if (match === null || match === undefined) return null;
-  const text = `${percentText(match)} of the box is ${acceptedText(box)}${threshold === null ? "" : `, ${percentText(threshold)} needed`}`;
+  const share = percentText(match, threshold);
+  const limit = threshold === null ? "" : `threshold ${exactPercentText(threshold)}`;
+  const text = `${share} of the box is ${acceptedText(box)}${limit && `, ${limit}`}`;
   return html`<div class="match">
-    <div class="match__text"><span>${acceptedText(box)}</span><span class="num">${percentText(match)}</span></div>
+    <div class="match__text"><span>${acceptedText(box)}</span><span class="num">${share}</span></div>
     <div class="match__track" role="img" aria-label=${text}>
       <span class="match__fill match__fill--${box.verdict}" style=${{ width: `${Math.min(100, match)}%` }} />
       ${threshold !== null && html`<span class="match__tick" style=${{ left: `${Math.min(100, threshold)}%` }} />`}
     </div>
-    ${threshold !== null && html`<div class="match__scale"><span style=${{ left: `${Math.min(92, Math.max(0, threshold))}%` }}>${percentText(threshold)} needed</span></div>`}
+    ${threshold !== null && html`<div class="match__scale"><span style=${{ left: `${Math.min(65, threshold)}%` }}>${limit}</span></div>`}
     ${box.toss_up && html`<p class="match__note"><${Icon} name="warn" />A toss-up: too few pixels to be certain on which side of the threshold the box is.</p>`}
   </div>`;
 }
@@ -227,7 +229,7 @@ function DecisionLine({ item }) {
   const { verdict, reason, match_percent: match, threshold, run } = item;
   // Without a threshold the share decided nothing.
   const isByShare = typeof match === "number" && typeof threshold === "number";
-  const numbers = isByShare ? ` · ${percentText(match)} of ${percentText(threshold)}` : "";
+  const numbers = isByShare ? ` · ${percentText(match, threshold)} of ${exactPercentText(threshold)}` : "";
   return html`<span class="sign sign--filter"><${Icon} name="filter" /></span>
     <div><p>Run ${run}: ${verdict ? html`<b>${verdict}</b>, ${reasonText(reason ?? "")}${unbroken(numbers)}` : "its measurements are no longer stored"} <${When} at=${item.at} /></p></div>`;
 }

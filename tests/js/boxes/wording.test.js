@@ -10,6 +10,32 @@ test("the label says the number, what was needed, and what hides the box", () =>
   assert.equal(labelText(decision()), "4.1 % Car < 10 % · hidden by Vegetation 71 %");
 });
 
+test("the label is true of a match that is equal to its threshold, or nearly", () => {
+  const said = (/** @type {object} */ numbers) => labelText(decision({ hidden_by: [], threshold: 10, ...numbers }));
+  const kept = { verdict: "kept", reason: "visible" };
+  assert.equal(said({ match_percent: 10 }), "10 % Car ≤ 10 %"); // rejected: profile carlasimu needs more
+  assert.equal(said({ match_percent: 50, threshold: 50, reason: "large_below_threshold" }), "50 % Car ≤ 50 %");
+  assert.equal(said({ match_percent: 9.96 }), "9.96 % Car < 10 %");
+  assert.equal(said({ match_percent: 9.9999 }), "9.9999 % Car < 10 %");
+  assert.equal(said({ match_percent: 10, ...kept }), "10 % Car ≥ 10 %");
+  assert.equal(said({ match_percent: 10.0004, ...kept }), "10.0004 % Car ≥ 10 %");
+  assert.equal(said({ match_percent: 12.26, threshold: 12.25, ...kept }), "12.3 % Car ≥ 12.25 %");
+  assert.equal(said({ match_percent: 0.004, threshold: 0.5 }), "0.004 % Car < 0.5 %");
+  assert.equal(said({ match_percent: 99.99, threshold: 10, ...kept }), "99.99 % Car ≥ 10 %");
+});
+
+test("what hides a box covers all of it only if it does", () => {
+  const said = (/** @type {number} */ percent) => labelText(decision({ hidden_by: [{ tag: 9, name: "Vegetation", percent }] }));
+  assert.match(said(99.7), /hidden by Vegetation 99\.7 %$/);
+  assert.match(said(100), /hidden by Vegetation 100 %$/);
+  assert.match(said(0.3), /hidden by Vegetation 0\.3 %$/);
+});
+
+test("lists stay on the side of the threshold too", () => {
+  assert.equal(matchText(decision({ match_percent: 9.96 })), "9.96 %");
+  assert.equal(shortText(decision({ match_percent: 9.96 })), "car 9.96 %");
+});
+
 test("a kept box does not say what hides it", () => {
   assert.equal(labelText(decision({ verdict: "kept", reason: "visible", match_percent: 62 })), "62 % Car ≥ 10 %");
 });
@@ -21,7 +47,6 @@ test("each reason has words of its own", () => {
     [{ matched_pixels: 0, reason: "no_visible_pixels", match_percent: 0, threshold: null, hidden_by: [], accepted_tags: bike }, "no Motorcycle or Rider pixel"],
     [{ reason: "out_of_range", distance: 214.3, hidden_by: [] }, "214 m: out of range"],
     [{ reason: "outside_image", hidden_by: [] }, "outside the image"],
-    [{ reason: "explained_by_nearer", explained_by: "12", hidden_by: [] }, "explained by nearer box 12"],
     [{ reason: "no_segmentation", verdict: "unmeasured", match_percent: null, hidden_by: [] }, "not measured"],
   ];
   for (const [some, expected] of cases) assert.equal(labelText(decision(/** @type {any} */ (some))), expected);
@@ -50,7 +75,8 @@ test("without the server's sentence the reason is named", () => {
 });
 
 test("percentages keep what matters", () => {
-  assert.deepEqual([0, 0.04, 0.96, 4.08, 10, 71.25, 99.97, null].map(percentText), ["0 %", "0.04 %", "0.96 %", "4.1 %", "10 %", "71.3 %", "100 %", "–"]);
+  const shown = [0, 0.004, 0.04, 0.5, 0.96, 4.08, 10, 71.25, 99.97, 100, null].map((percent) => percentText(percent));
+  assert.deepEqual(shown, ["0 %", "0.004 %", "0.04 %", "0.5 %", "0.96 %", "4.1 %", "10 %", "71.3 %", "99.97 %", "100 %", "–"]);
 });
 
 test("a reason of a later server is still readable", () => {
