@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,7 +18,7 @@ from typing import Final
 from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
-from app.db.tables import JobRow
+from app.db.tables import Chunk, JobRow
 from app.db.transient import in_a_line, is_transient
 from app.engine import EngineAway, Job, JobStopped, WorkerDied
 from app.engine.chunk import DONE, ELSEWHERE, FAILED, QUARANTINED, RETURNED, UNWANTED
@@ -321,15 +321,29 @@ class JobDriver:
     def _check_quarantine(self) -> None:
         with self.context.database.read() as session:
             chunks = ChunkRepository(session).quarantined(self.lease.job)
-            if not chunks:
-                return
-            if is_final(chunks[0].number):
-                what = self.kind.final_step
-            else:
-                what = self.kind.name_unfinished(session, self._row(session), chunks)
-        if what:
-            detail = (
+            sentences = list(self._quarantine_in_words(session, chunks))
+        if sentences:
+            detail = "; ".join(sentences)
+            raise ChunkFailed({"code": "quarantined", "detail": detail})
+
+    def _quarantine_in_words(
+        self, session: Session, chunks: Sequence[Chunk]
+    ) -> Iterator[str]:
+        """What ended processes, and what cannot be read; nothing if all is done."""
+        reasons = dict.fromkeys(str(one.error["detail"]) for one in chunks if one.error)
+        if what := self._unfinished_in(
+            session, [one for one in chunks if not one.error]
+        ):
+            yield (
                 f"{what} ended the process that was at it {MOST_ATTEMPTS} times; the "
                 "log of the process may say why"
             )
-            raise ChunkFailed({"code": "quarantined", "detail": detail})
+        if what := self._unfinished_in(session, [one for one in chunks if one.error]):
+            yield f"{what} cannot be read: {'; '.join(reasons)}"
+
+    def _unfinished_in(self, session: Session, chunks: Sequence[Chunk]) -> str:
+        if not chunks:
+            return ""
+        if is_final(chunks[0].number):
+            return self.kind.final_step or ""
+        return self.kind.name_unfinished(session, self._row(session), chunks)

@@ -27,6 +27,7 @@ from app.jobs.queries import (
     open_job,
     tell_done,
 )
+from filter_core.errors import FilterError
 
 READ_ROW_EVERY_S: Final = 0.5
 """How often a task reads its job's row, to notice that the job has ended."""
@@ -230,6 +231,14 @@ class Task(Generic[Row]):
     def chunk_done(self, session: Session) -> None:
         """The whole chunk is stored with this transaction; once more is no harm."""
         ChunkRepository(session).finish(self.job, self.number)
+
+    def chunk_refused(self, session: Session, why: FilterError) -> None:
+        """All of the chunk is stored that can be; the job fails once others are done.
+
+        What is left of it is put into quarantine, as after a process that ended.
+        """
+        error = {"code": why.kind, "detail": why.detail}
+        ChunkRepository(session).refuse(self.job, self.number, error)
 
     def end(self, session: Session) -> None:
         """The job is done with this transaction; JobStopped if it is over already."""

@@ -175,6 +175,14 @@ class ChunkRepository:
             .values(state="done", error=None, finished_at=utc_now())
         )
 
+    def refuse(self, job: Job, number: int, error: Mapping[str, object]) -> None:
+        """Put a chunk into quarantine that a living process cannot do, and say why."""
+        self._session.execute(
+            update(Chunk)
+            .where(*_chunks_of(job), Chunk.number == number, Chunk.state == "waiting")
+            .values(state="quarantined", error=dict(error), finished_at=utc_now())
+        )
+
     def fail(self, job: Job, number: int, error: Mapping[str, object]) -> None:
         """Note what its job is to fail with."""
         self._session.execute(

@@ -15,6 +15,7 @@ from app.boxes.queries import FileRow, FrameRepository
 from app.context import ServiceContext
 from app.db.tables import Chunk, Frame, Run
 from app.engine import JobStopped
+from app.engine.children import PixelsRefused
 from app.jobs.kind import Task
 from app.jobs.queries import Span
 from app.measuring.active import config_of
@@ -165,12 +166,16 @@ def measure_chunk(task: Task[Run]) -> None:
 
 
 class _Measured(NamedTuple):
-    """The row of a frame's numbers; which of its files is damaged, if one is."""
+    """The row of a frame's numbers; which of its files is damaged, if one is.
+
+    Or, in place of the row, why its pictures cannot be read within the limits.
+    """
 
     frame_id: int
     row: dict[str, object]
     key: str = ""
     damage: FilterError | None = None
+    refusal: PixelsRefused | None = None
 
 
 def _numbers(task: Task[Run], part: _Part, frame_id: int) -> _Measured:
@@ -194,11 +199,15 @@ class _CommitBuffer:
     def __init__(self, task: Task[Run], part: _Part) -> None:
         self._task, self._part = task, part
         self._measured: list[_Measured] = []
+        self._refusal: PixelsRefused | None = None
         self._begun = time.monotonic()
 
     def add(self, measured: _Measured, *, is_last: bool) -> None:
         """One more; the last one waits for the caller's `commit`."""
-        self._measured.append(measured)
+        if measured.refusal is None:
+            self._measured.append(measured)
+        else:
+            self._refusal = measured.refusal
         is_due = time.monotonic() - self._begun >= COMMIT_EVERY_S
         if not is_last and (is_due or self._part.is_suspect):
             self.commit(is_whole=False)
@@ -206,7 +215,9 @@ class _CommitBuffer:
     def commit(self, *, is_whole: bool) -> None:
         """Store numbers, count them, and note a chunk that is whole: one transaction.
 
-        Frames that another process has measured meanwhile are not counted again.
+        Frames that another process has measured meanwhile are not counted again. A
+        chunk with frames that cannot be read is put into quarantine once all others of
+        it are stored.
         """
         measured, self._measured, self._begun = self._measured, [], time.monotonic()
         scope = self._part.scope
@@ -225,7 +236,9 @@ class _CommitBuffer:
             run.done = min(run.total, run.done + len(new))
             if new:
                 self._task.stored(session)
-            if is_whole:
+            if is_whole and self._refusal is not None:
+                self._task.chunk_refused(session, self._refusal)
+            elif is_whole:
                 self._task.chunk_done(session)
 
 
@@ -271,9 +284,12 @@ def _remeasured(
         try:
             with error_context(frame.key, "/segmentation"):
                 pixels = FrameFiles.of(left, size)
-                measured = measure_files(
-                    context.pixels, source.plan, annotation, pixels
-                )
+                try:
+                    measured = measure_files(
+                        context.pixels, source.plan, annotation, pixels
+                    )
+                except PixelsRefused as refusal:
+                    return _Measured(frame.id, {}, refusal=refusal)
             break
         except FilterError as fault:
             kind = fault.pointer.strip("/")

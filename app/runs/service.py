@@ -34,6 +34,8 @@ from app.runs.queries import RunRepository
 from filter_core.config.filter import FilterConfig
 from unghost.wire import runs as wire
 
+_MOST_NAMED: Final = 20
+
 
 @dataclass(frozen=True)
 class RunRequest:
@@ -174,16 +176,24 @@ class RunKind:
         self, session: Session, row: Run, chunks: Sequence[Chunk]
     ) -> str:
         """The frames that lack their numbers, by their keys."""
-        left = [unmeasured_of(session, row, chunk) for chunk in chunks]
-        ends = sorted({(ids[0], ids[-1]) for ids in left if ids})
-        heads = FrameRepository(session).heads({id_ for both in ends for id_ in both})
+        ends: set[tuple[int, int]] = set()
+        for chunk in chunks:
+            left = unmeasured_of(session, row, chunk)
+            if chunk.error:  # these could not be read, and those between them could
+                ends.update((frame_id, frame_id) for frame_id in left)
+            elif left:
+                ends.add((left[0], left[-1]))
+        shown = sorted(ends)[:_MOST_NAMED]
+        heads = FrameRepository(session).heads({id_ for both in shown for id_ in both})
         keys = {id_: repr(frame.key) for id_, frame in heads.items()}
-        named = ", ".join(
+        named = [
             keys[first] if first == last else f"{keys[first]} to {keys[last]}"
-            for first, last in ends
-        )
-        word = "frame" if named in keys.values() else "frames"
-        return f"{word} {named}" if named else ""
+            for first, last in shown
+        ]
+        if len(ends) > len(shown):
+            named.append(f"{len(ends) - len(shown)} more")
+        word = "frame" if len(keys) == 1 else "frames"
+        return f"{word} {', '.join(named)}" if named else ""
 
     def describe(self, context: ServiceContext, session: Session, row: Run) -> wire.Run:
         """A run with the names of what it refers to."""

@@ -10,8 +10,10 @@ from contextlib import contextmanager
 from functools import partial
 
 import httpx
+import numpy as np
 import pytest
 
+from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
 from tests.support.api import FINISHED, Api
 from tests.support.cluster import PATIENCE_S
@@ -31,6 +33,7 @@ NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 BEFORE = 60
 KILLS = 5
 MANY = 240
+SIDE = 6000
 
 
 @pytest.fixture
@@ -70,6 +73,15 @@ def put_poison(api, name, key):
     api.stored(name, key, EMPTY, **poisoned_files())
 
 
+def put_large(api, name, key):
+    """A frame without boxes whose segmentation is small as a file only."""
+    palette = FAMILIES[scene.FAMILY]
+    road = np.full((SIDE, SIDE), palette.tag_of("Road"), np.uint8)
+    camera = {"width": SIDE, "height": SIDE, "fov": 90}
+    body = {"carla_version": "0.9.15", "camera": camera, "boxes": []}
+    api.stored(name, key, body, segmentation=scene.png(palette.paint(road)))
+
+
 def asked(api, url, body):
     """Ask for a job of which the server may die before it can answer."""
     try:
@@ -83,10 +95,10 @@ def wanted(api, name, config=FROM_PIXELS):
     asked(api, f"/datasets/{name}/runs", {"config": config, "activate": True})
 
 
-def measured(servers, run_id):
+def measured(data, run_id):
     """The keys of the frames that a run has numbers of, and how often."""
     rows = rows_of(
-        servers.data,
+        data,
         "SELECT frames.key FROM evidence JOIN frames ON frames.id = evidence.frame_id "
         "JOIN runs ON runs.measurement_id = evidence.measurement_id "
         "WHERE runs.id = :run",
@@ -144,10 +156,32 @@ def test_a_frame_that_kills_the_service_is_named_and_all_others_are_measured(ser
     assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
     assert failed["error"]["detail"].startswith("frame 'm-poison' ended the process")
     assert (failed["done"], failed["total"]) == (4, 5)
-    assert measured(servers, run_id) == dict.fromkeys(("a", "b", "x", "y"), 1)
+    assert measured(servers.data, run_id) == dict.fromkeys(("a", "b", "x", "y"), 1)
 
     with alive(servers, servers.server()) as api:
         check_totals(api, name, api.run(name, FROM_PIXELS), 5, empty=1)
+
+
+def test_frames_whose_pictures_need_too_much_are_named_and_all_others_measured(data):
+    with served(data) as (_, api):
+        name = api.dataset()
+        put(api, name, "a", "b")
+        for key in ("large/1", "large/2"):
+            put_large(api, name, key)
+        put(api, name, "x")
+    with served(data, UNGHOST_MAX_PIXEL_MEMORY_BYTES="64MiB") as (_, api):
+        wanted(api, name)
+        failed = ended(api, last_run(data)[0])
+
+    assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
+    detail = failed["error"]["detail"]
+    assert detail.startswith("frames 'large/1', 'large/2' cannot be read: ")
+    assert "UNGHOST_MAX_PIXEL_MEMORY_BYTES" in detail
+    assert (failed["done"], failed["total"]) == (3, 5)
+    assert measured(data, failed["id"]) == dict.fromkeys(("a", "b", "x"), 1)
+
+    with served(data) as (_, api):
+        check_totals(api, name, api.run(name, FROM_PIXELS), 5, empty=2)
 
 
 @pytest.mark.long
