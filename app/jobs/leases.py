@@ -23,7 +23,8 @@ from sqlalchemy.orm import Session
 
 from app.db.engine import Database, once_committed
 from app.engine import Job, JobStopped
-from app.jobs.queries import LeaseRepository
+from app.jobs.kind import kind_of
+from app.jobs.queries import OPEN, LeaseRepository, find_job
 
 RENEW_EVERY_S: Final = 2.0
 
@@ -83,13 +84,21 @@ class JobLease:
             raise LeaseLost(self.job)
 
     def give_back(self) -> None:
-        """Give the lease back before the job has ended: others can go on at once."""
+        """Say that the job is driven here no more.
+
+        If it has not ended, any watchdog takes it up when it looks next.
+        """
         self._over.set()
         if not self._is_mine or self._is_lost:
             return
         try:
             with self._database.write_beside() as session:
-                LeaseRepository(session).end(self.job, self._holder)
+                leases = LeaseRepository(session)
+                row = find_job(session, kind_of(self.job).table, self.job.id)
+                if row is not None and row.state in OPEN:
+                    leases.leave(self.job, self._holder)
+                else:
+                    leases.end(self.job, self._holder)
         except SQLAlchemyError as exc:  # it runs out by itself
             log.warning("the lease of %s %d stays: %s", *self.job, exc)
 

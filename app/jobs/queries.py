@@ -353,8 +353,18 @@ class LeaseRepository:
         rows = select(Lease.holder).where(*_lease_of(job)).with_for_update()
         return self._session.scalar(rows) == holder
 
+    def leave(self, job: Job, holder: str) -> None:
+        """Let a lease that is one's own run out now: the job is anybody's.
+
+        The row stays. Without it, a watchdog would take the job for a new one, and wait
+        for the service that was asked for it.
+        """
+        mine = update(Lease).where(*_lease_of(job), Lease.holder == holder)
+        # Without a holder, so that no renewal on its way makes it last again.
+        self._session.execute(mine.values(holder="", until=self.now()))
+
     def end(self, job: Job, holder: str) -> None:
-        """Give a lease back that is one's own."""
+        """Remove a lease that is one's own; its job is over."""
         mine = delete(Lease).where(*_lease_of(job), Lease.holder == holder)
         self._session.execute(mine)
 

@@ -40,7 +40,10 @@ class Chunk(Base):
 
 
 class Lease(Base):
-    """The process that drives a job, until when unless it says so again."""
+    """The process that drives a job, until when unless it says so again.
+
+    An empty `holder` has left the job unfinished.
+    """
 
     __tablename__ = "leases"
 

@@ -16,6 +16,7 @@ from app.runs.queries import RunRepository
 from app.runs.service import RUNS
 from tests.support.leases import ended_process, nobody
 from tests.support.services import run_job
+from tests.support.waiting import until
 
 ELSEWHERE = "another-machine/1/2/3"
 _numbers = count(10**6)
@@ -29,6 +30,11 @@ def write(services):
 @pytest.fixture
 def job():
     return Job("run", next(_numbers))
+
+
+def has_lease(context, job):
+    with context.database.read() as session:
+        return session.get(Lease, job) is not None
 
 
 def test_a_process_knows_itself_and_the_dead_from_the_living():
@@ -115,6 +121,22 @@ def test_a_job_whose_driver_died_is_found_at_once(services, write):
 
     assert job in watch.abandoned()
     street.wait(run_id)
+
+
+def test_a_job_that_its_driver_leaves_unfinished_is_found_at_once(services, write):
+    context, street = services.context, services.dataset()
+    run_id = street.request({})
+    watch = Watchdog(context)
+    assert run_job(run_id) not in watch.abandoned()
+
+    with context.one(Leases).driving(context.database, run_job(run_id)) as lease:
+        with write() as session:
+            lease.take(session)
+        assert run_job(run_id) not in watch.abandoned()
+
+    assert run_job(run_id) in watch.abandoned()
+    street.wait(run_id)
+    until(lambda: not has_lease(context, run_job(run_id)))
 
 
 @pytest.mark.parametrize("ahead", [timedelta(hours=1), timedelta(hours=-1)])
