@@ -24,7 +24,14 @@ from app.verdicts import (
     is_not_in_conflict,
     reasons_of,
 )
-from filter_core.types import BoolArray, Decisions, IntArray, Reason, Verdict
+from filter_core.types import (
+    BoolArray,
+    Decisions,
+    FloatArray,
+    IntArray,
+    Reason,
+    Verdict,
+)
 from unghost.wire.boxes import BoxSelection
 
 THRESHOLD_REASONS = (
@@ -69,12 +76,17 @@ class ClassThresholds:
 
     A large box has to reach `large` and, by the published code's rules, `small` as
     well: `kept_large` is the higher one of those that apply.
+
+    Where `by_channels`, channels judge boxes whatever their match is, and `decisions`
+    does not say which boxes. Lists sort and filter those that a channel kept by their
+    distance from `small`, on either side.
     """
 
     class_id: int
     small: float
     large: float
     kept_large: float
+    by_channels: bool = False
 
     def sides(self) -> Iterator[Side]:
         """The sides of the thresholds on which there can be boxes."""
@@ -84,6 +96,8 @@ class ClassThresholds:
         yield Side(Reason.LARGE_BELOW_THRESHOLD, True, self.large, -1)
         if self.kept_large > self.large:
             yield Side(Reason.BELOW_THRESHOLD, True, self.small, -1)
+        if self.by_channels:
+            yield Side(Reason.VISIBLE, False, self.small, -1)
 
 
 @dataclass(frozen=True)
@@ -176,9 +190,10 @@ class BoxFilter:
 
 
 class Side(NamedTuple):
-    """Boxes of one class on one side of the threshold that decided them.
+    """Boxes of one class on one side of their threshold.
 
-    `sign` is 1 where their matches lie above the threshold, -1 where below.
+    `sign` is 1 where their matches lie above the threshold, -1 where below. Kept boxes
+    whose match equals the threshold are on the upper side.
     """
 
     reason: Reason
@@ -198,7 +213,7 @@ def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilte
     config = config_of(active_version(session, dataset))
     limits = config.thresholds_for(list(classes))
     thresholds = tuple(
-        ClassThresholds(*one)
+        ClassThresholds(*one, by_channels=bool(config.channels))
         for one in zip(
             classes.values(),
             limits.threshold_small_box.tolist(),
@@ -359,8 +374,9 @@ def selected(
     if wanted.toss_up is not None:
         chosen &= decisions.toss_up == wanted.toss_up
     if wanted.margin_max is not None:
-        chosen &= match >= decisions.threshold - wanted.margin_max
-        chosen &= match <= decisions.threshold + wanted.margin_max
+        threshold = _thresholds(numbers, decisions, wanted.thresholds)
+        chosen &= match >= threshold - wanted.margin_max
+        chosen &= match <= threshold + wanted.margin_max
     for column, low, high in (
         (match, wanted.match_min, wanted.match_max),
         (distance, wanted.distance_min, wanted.distance_max),
@@ -370,3 +386,19 @@ def selected(
         if high is not None:
             chosen &= column <= high
     return chosen
+
+
+def _thresholds(
+    numbers: DatasetColumns,
+    decisions: Decisions,
+    thresholds: Sequence[ClassThresholds],
+) -> FloatArray:
+    """The threshold of each box; of those that channels kept, that of small boxes."""
+    small_of = {one.class_id: one.small for one in thresholds if one.by_channels}
+    by_channel = np.isnan(decisions.threshold) & (decisions.reason == Reason.VISIBLE)
+    if not small_of or not by_channel.any():
+        return decisions.threshold
+    found = decisions.threshold.copy()
+    class_ids = numbers.class_ids[by_channel].tolist()
+    found[by_channel] = [small_of.get(class_id, np.nan) for class_id in class_ids]
+    return found

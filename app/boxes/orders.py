@@ -129,7 +129,7 @@ class BoxOrder:
         return self._crowding([Decision.toss_up.is_(False), far, self._is_crowded()])
 
     def far(self) -> list[Stream]:
-        """All others that a threshold decided."""
+        """All others that have a threshold."""
         if not self._goes_beyond_near():
             return []
         far = not_(is_near(self._thresholds(), NEAR_PERCENT))
@@ -137,7 +137,7 @@ class BoxOrder:
         return self._around([plain, far, not_(self._is_crowded())])
 
     def without_threshold(self) -> list[Stream]:
-        """Those that no threshold decided, by reason and id."""
+        """Those that no threshold decided and those without a match, by id."""
         if not self._goes_beyond_near():
             return []
         others = [
@@ -147,9 +147,22 @@ class BoxOrder:
             and (not self.wanted.reasons or reason in self.wanted.reasons)
         ]
         every = replace(self.wanted, reasons=()).conditions()
+        parts = [[self._column(Decision.reason) == reason] for reason in others]
+        parts += self._kept_without_match()
+        return [Stream(Decision.box_id, [*every, *part]) for part in parts]
+
+    def _kept_without_match(self) -> list[list[ColumnElement[bool]]]:
+        """Boxes that a channel kept and of which no pixel was counted, by class."""
+        if self.wanted.reasons and int(Reason.VISIBLE) not in self.wanted.reasons:
+            return []
         return [
-            Stream(Decision.box_id, [*every, self._column(Decision.reason) == reason])
-            for reason in others
+            [
+                Decision.class_id == each.class_id,
+                Decision.reason == int(Reason.VISIBLE),
+                self._column(Decision.match_percent).is_(None),
+            ]
+            for each in self._thresholds()
+            if each.by_channels
         ]
 
     def _goes_beyond_near(self) -> bool:
@@ -245,6 +258,7 @@ class BoxOrder:
                     Decision.class_id == wanted.class_id,
                     Decision.large.is_(side.large),
                     Decision.reason == int(side.reason),
+                    *_bounds(side, None),
                 ),
                 (Decision.match_percent - side.threshold) * side.sign,
             )
@@ -354,6 +368,8 @@ class Stream:
 def _bounds(side: Side, within: float | None) -> list[ColumnElement[bool]]:
     column, threshold = Decision.match_percent, side.threshold
     inner = column >= threshold if side.sign > 0 else column <= threshold
+    if side.sign < 0 and side.reason is Reason.VISIBLE:
+        inner = column < threshold
     if within is None:
         return [inner]
     limit = threshold + side.sign * within

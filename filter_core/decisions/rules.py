@@ -65,7 +65,11 @@ _RULES: Final = (
 )
 """Reason, mask, value, in the order of Algorithm 2.
 
-The first row with ``bits & mask == value`` decides.
+The first row with ``bits & mask == value`` decides. Who changes how thresholds decide
+changes also what repeats it: lists find the boxes around a threshold in SQL
+(`ClassThresholds.sides` and `THRESHOLD_REASONS` in `app/boxes/filter.py`;
+`tests/unit/app/boxes/test_thresholds_in_sql.py` compares), and labels on the page
+compare match and threshold (`static/js/boxes/wording.js`).
 """
 
 _REASON_OF_BITS: Final = np.array(

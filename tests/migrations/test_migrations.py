@@ -23,10 +23,13 @@ from app.db.migrate import (
 )
 from app.db.tables import access as access_tables
 from app.package import migrations_dir
+from filter_core.types import Reason
 from tests.support.filled_database import contents, fill, revisions
 
 SCRIPTS = migrations_dir()
 TOKENS = access_tables.Token.__tablename__
+DECIDE = text("UPDATE decisions SET reason = :reason WHERE box_id = :box")
+NAMED = text("SELECT verdict, reason FROM readable_decisions WHERE box_id = :box")
 EXPORT = text(
     "INSERT INTO exports (dataset_id, format, options, state, created_by, created_at)"
     " VALUES (:dataset, 'yolo', '{}', :state, 'ada', '2026-01-01')"
@@ -161,6 +164,23 @@ def test_constraints_have_names_that_say_what_is_wrong(engine, name):
     checks = inspect(engine).get_check_constraints(name.split("_")[1])
 
     assert name in {check["name"] for check in checks}
+
+
+def test_every_reason_can_be_stored_and_is_named_for_people_with_a_shell(engine):
+    migrate(engine, SCRIPTS)
+    fill(engine, revisions()[-1])
+    shown = {}
+
+    with engine.begin() as connection:
+        decided = connection.execute(text("SELECT min(box_id) FROM decisions"))
+        values = {"box": decided.scalar_one()}
+        for reason in Reason:
+            connection.execute(DECIDE, values | {"reason": int(reason)})
+            shown[reason] = connection.execute(NAMED, values).one()
+    with pytest.raises(IntegrityError), engine.begin() as connection:
+        connection.execute(DECIDE, values | {"reason": 1 + max(Reason)})
+
+    assert shown == {reason: (reason.verdict.value, reason.label) for reason in Reason}
 
 
 @pytest.mark.parametrize(

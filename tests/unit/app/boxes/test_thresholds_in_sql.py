@@ -1,0 +1,187 @@
+"""Lists find boxes around thresholds in SQL: the same that the rules decided by them.
+
+Every reason occurs, and every number of evidence is below, at and above its threshold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from sqlalchemy import create_engine, insert, select
+from sqlalchemy.orm import Session
+
+from app.boxes.counts import tallies_of
+from app.boxes.current import TallyRepository, replace_tallies
+from app.boxes.filter import BoxFilter, ClassThresholds, selected
+from app.boxes.orders import ORDERS, BoxPages
+from app.db.base import Base
+from app.db.tables import Decision
+from app.measuring.columns import DatasetColumns
+from filter_core.config.filter import FilterConfig
+from filter_core.decisions.rules import decide
+from filter_core.types import BoxState, ChannelNumbers, Reason, floats_or_none
+from tests.support.evidence import evidence_of
+
+DATASET = 1
+CLASSES = ("car", "pole")
+SPECIAL = (
+    {"state": BoxState.OUTSIDE_IMAGE},
+    {"state": BoxState.COVERS_IMAGE},
+    {"state": BoxState.DEGENERATE},
+    {"distance": 300.0},
+    {"accept_mask": 0},
+    {"measured": False, "match_percent": np.nan},
+    {"match_percent": 0.0},
+)
+MATCHES = (2.0, 3.0, 4.0, 7.0, 9.9, 10.0, 10.1, 14.0, 49.0, 50.0, 51.0, 54.0, 90.0)
+BOXES = (
+    *SPECIAL,
+    *(
+        {"match_percent": match, "area_percent": area}
+        for match in MATCHES
+        for area in (1.0, 90.0)
+    ),
+)
+NUMBERS = {
+    "ordered": ("owned_pixels", (-1, 0, 9)),
+    "depth": ("depth_pixels", (-1, 0, 9)),
+    "instance": ("instance_pixels", (-1, 0, 9)),
+    "lidar": ("lidar_points", (-1, 0, 9)),
+}
+CONFIGS = [
+    FilterConfig.from_mapping(
+        {
+            "profile": profile,
+            "evidence": evidence,
+            "max_distance": 200,
+            "classes": {"pole": {"threshold_small_box": 3, "threshold_big_box": 2}},
+        }
+    )
+    for profile in ("paper", "carlasimu")
+    for evidence in ("semantic", *NUMBERS)
+]
+
+
+def evidence_for(config):
+    """All boxes of both classes, with every number that the channel can have."""
+    channel, numbers = NUMBERS.get(config.evidence, ("", (-1,)))
+    rows = list(product(range(len(CLASSES)), BOXES, numbers))
+    evidence = evidence_of(
+        [box | {"class_index": index} for index, box, _ in rows], CLASSES
+    )
+    if not channel:
+        return evidence
+    channels = ChannelNumbers.absent(len(rows))
+    getattr(channels, channel)[:] = [number for *_, number in rows]
+    channels.explained_by[:] = 0
+    return replace(evidence, channels=channels)
+
+
+class Stored:
+    """The boxes of a configuration, decided, and as the database has them."""
+
+    def __init__(self, session, config):
+        self.session, evidence = session, evidence_for(config)
+        self.decisions = decide(evidence, config)
+        count = len(evidence)
+        self.ids = np.arange(1, count + 1)
+        class_ids = evidence.class_index.astype(np.int64) + 1
+        self.numbers = DatasetColumns(
+            (0, 0), True, self.ids, self.ids, class_ids, evidence
+        )
+        limits = config.thresholds_for(CLASSES)
+        self.thresholds = tuple(
+            ClassThresholds(*one, by_channels=bool(config.channels))
+            for one in zip(
+                (1, 2),
+                limits.threshold_small_box.tolist(),
+                limits.threshold_big_box.tolist(),
+                limits.threshold_kept_large_box.tolist(),
+                strict=True,
+            )
+        )
+        columns = {
+            "box_id": self.ids.tolist(),
+            "class_id": class_ids.tolist(),
+            "match_percent": floats_or_none(evidence.match_percent),
+            "distance": floats_or_none(evidence.distance),
+            "crowding": (self.ids % 100).astype(float).tolist(),
+            "reason": self.decisions.reason.tolist(),
+            "large": self.decisions.large.tolist(),
+            "toss_up": self.decisions.toss_up.tolist(),
+            "review": [None if id_ % 3 else "unsure" for id_ in self.ids.tolist()],
+        }
+        same = {"dataset_id": DATASET, "frame_id": 1, "revision": 0}
+        names = list(columns)
+        session.execute(
+            insert(Decision),
+            [
+                dict(zip(names, row, strict=True)) | same
+                for row in zip(*columns.values(), strict=True)
+            ],
+        )
+        counted = ("class_id", "reason", "toss_up", "review")
+        alike = zip(*(columns[name] for name in counted), strict=True)
+        replace_tallies(session, DATASET, tallies_of(alike))
+
+    def listed(self, order, wanted):
+        """The ids of all pages of a list."""
+        present = TallyRepository(self.session).present(DATASET)
+        found, cursor = [], ""
+        while cursor is not None:
+            page, cursor = BoxPages(self.session, wanted, present).page(
+                order, cursor, 50
+            )
+            found += page
+        return found
+
+
+@pytest.fixture(
+    params=CONFIGS, ids=lambda config: f"{config.profile}-{config.evidence}"
+)
+def stored(request):
+    engine = create_engine("sqlite://")
+    Base.metadata.create_all(engine)
+    with Session(engine) as session:
+        yield Stored(session, request.param)
+    engine.dispose()
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_every_box_is_once_in_each_order(stored, order):
+    found = stored.listed(order, BoxFilter(DATASET, thresholds=stored.thresholds))
+
+    assert sorted(found) == stored.ids.tolist()
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_every_answered_box_is_once_in_each_order(stored, order):
+    wanted = BoxFilter(DATASET, thresholds=stored.thresholds, review="any")
+
+    assert sorted(stored.listed(order, wanted)) == stored.ids[2::3].tolist()
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.5, 5.0, 60.0])
+def test_boxes_within_a_margin_are_the_same_in_sql_and_on_columns(stored, margin):
+    wanted = BoxFilter(DATASET, thresholds=stored.thresholds, margin_max=margin)
+    chosen = selected(stored.numbers, stored.decisions, wanted)
+    rows = select(Decision.box_id).where(*wanted.conditions())
+
+    by_columns = stored.ids[chosen].tolist()
+
+    assert sorted(stored.session.scalars(rows)) == by_columns
+    for order in ORDERS:
+        assert sorted(stored.listed(order, wanted)) == by_columns
+
+
+def test_every_reason_occurs():
+    reasons = {
+        reason
+        for config in CONFIGS
+        for reason in decide(evidence_for(config), config).reason.tolist()
+    }
+
+    assert reasons == set(map(int, Reason))
