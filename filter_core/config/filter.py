@@ -26,20 +26,20 @@ from filter_core.classes import MAX_ACCEPT, canonical_accept, canonical_class
 from filter_core.config.keys import (
     AUTO,
     CHANNELS,
+    METRES,
+    PERCENT,
     SEMANTIC,
     STRONGEST_FIRST,
+    AllowedWords,
     ChannelName,
     EvidenceChoice,
     Key,
     Number,
     NumberRange,
-    choice,
-    count,
+    counted,
     declared,
     keys_of,
     limit,
-    metres,
-    percent,
     refuse_unknown_keys,
 )
 from filter_core.config.measure import MeasureConfig
@@ -82,41 +82,58 @@ class ClassKeys(Generic[ShareT, CountT, DistanceT]):
     that apply to each of several classes, as arrays.
     """
 
-    threshold_small_box: ShareT = percent(
-        10,
-        "Share of a box's pixels that must carry a tag of its class.",
-        evidence=(SEMANTIC,),
-        carlasimu="sitting.threshold_small_box",
+    threshold_small_box: ShareT = declared(
+        Key(
+            PERCENT,
+            10,
+            "Share of a box's pixels that must carry a tag of its class.",
+            evidence=(SEMANTIC,),
+            carlasimu="sitting.threshold_small_box",
+        )
     )
-    size_big_box: ShareT = percent(
-        70,
-        "A box is large if it covers more than this share of the image; in profile "
-        "carlasimu, this share or more.",
-        evidence=(SEMANTIC,),
-        carlasimu="sitting.size_big_box",
+    size_big_box: ShareT = declared(
+        Key(
+            PERCENT,
+            70,
+            "A box is large if it covers more than this share of the image; in profile "
+            "carlasimu, this share or more.",
+            evidence=(SEMANTIC,),
+            carlasimu="sitting.size_big_box",
+        )
     )
-    threshold_big_box: ShareT = percent(
-        50,
-        "Share of a large box's pixels that must carry a tag of its class.",
-        evidence=(SEMANTIC,),
-        carlasimu="sitting.threshold_big_box",
+    threshold_big_box: ShareT = declared(
+        Key(
+            PERCENT,
+            50,
+            "Share of a large box's pixels that must carry a tag of its class.",
+            evidence=(SEMANTIC,),
+            carlasimu="sitting.threshold_big_box",
+        )
     )
-    min_visible_pixels: CountT = count(
-        1,
-        "pixels",
-        "Fewest pixels that must be seen of a box: with a tag of its class, or of its "
-        "instance.",
-        evidence=(SEMANTIC, "ordered", "depth", "instance"),
+    min_visible_pixels: CountT = declared(
+        Key(
+            counted("pixels"),
+            1,
+            "Fewest pixels that must be seen of a box: with a tag of its class, or of "
+            "its instance.",
+            evidence=(SEMANTIC, "ordered", "depth", "instance"),
+        )
     )
-    min_distance: DistanceT = limit(
-        -np.inf,
-        "Nearest distance at which boxes are kept; null: no limit.",
-        carlasimu="sitting.cam_rgb.min_distance",
+    min_distance: DistanceT = declared(
+        Key(
+            limit(-np.inf),
+            None,
+            "Nearest distance at which boxes are kept; null: no limit.",
+            carlasimu="sitting.cam_rgb.min_distance",
+        )
     )
-    max_distance: DistanceT = limit(
-        np.inf,
-        "Farthest distance at which boxes are kept; null: no limit.",
-        carlasimu="sitting.cam_rgb.max_distance",
+    max_distance: DistanceT = declared(
+        Key(
+            limit(np.inf),
+            None,
+            "Farthest distance at which boxes are kept; null: no limit.",
+            carlasimu="sitting.cam_rgb.max_distance",
+        )
     )
 
 
@@ -252,37 +269,50 @@ class DecideConfig(ClassKeys[Number, int, Number | None]):
     `ConfigError` when the object is made, so every `DecideConfig` is valid.
     """
 
-    profile: Profile = choice(
-        "paper",
-        get_args(Profile),
-        "How boxes are counted and compared: as the paper says, or bit for bit as its "
-        "authors' published code does.",
-        needs_pixels=True,
-        shown_before="threshold_small_box",
+    profile: Profile = declared(
+        Key(
+            AllowedWords(get_args(Profile)),
+            "paper",
+            "How boxes are counted and compared: as the paper says, or bit for bit as "
+            "its authors' published code does.",
+            needs_pixels=True,
+            shown_before="threshold_small_box",
+        )
     )
-    evidence: EvidenceChoice = choice(
-        SEMANTIC,
-        get_args(EvidenceChoice),
-        "By what boxes are judged: the segmentation, or a channel besides it.",
-        needs_pixels=True,
+    evidence: EvidenceChoice = declared(
+        Key(
+            AllowedWords(get_args(EvidenceChoice)),
+            SEMANTIC,
+            "By what boxes are judged: the segmentation, or a channel besides it.",
+            needs_pixels=True,
+        )
     )
-    depth_tolerance: Number = metres(
-        0.15,
-        "How far in front of a box and behind it a depth may lie and still be its own.",
-        evidence=("depth", "depth_center"),
-        needs_pixels=True,
+    depth_tolerance: Number = declared(
+        Key(
+            METRES,
+            0.15,
+            "How far in front of a box and behind it a depth may lie and still be its "
+            "own.",
+            evidence=("depth", "depth_center"),
+            needs_pixels=True,
+        )
     )
-    ordered_min_pixels: int = count(
-        3,
-        "pixels",
-        "Fewest pixels with a tag of its class that nearer boxes must leave to a box.",
-        evidence=("ordered",),
+    ordered_min_pixels: int = declared(
+        Key(
+            counted("pixels"),
+            3,
+            "Fewest pixels with a tag of its class that nearer boxes must leave to a "
+            "box.",
+            evidence=("ordered",),
+        )
     )
-    lidar_min_points: int = count(
-        5,
-        "points",
-        "Fewest LiDAR points with a tag of its class that must lie inside a box.",
-        evidence=("lidar",),
+    lidar_min_points: int = declared(
+        Key(
+            counted("points"),
+            5,
+            "Fewest LiDAR points with a tag of its class that must lie inside a box.",
+            evidence=("lidar",),
+        )
     )
     classes: Mapping[str, ClassConfig] = field(default_factory=dict)
 
@@ -395,36 +425,49 @@ class FilterConfig(DecideConfig):
     boxes projected.
     """
 
-    projection: ProjectionMode = choice(
-        "clipped",
-        get_args(ProjectionMode),
-        "How 3D boxes become rectangles: cut exactly at the image, or as in the paper.",
-        needs_pixels=True,
-        shown_before="depth_tolerance",
+    projection: ProjectionMode = declared(
+        Key(
+            AllowedWords(get_args(ProjectionMode)),
+            "clipped",
+            "How 3D boxes become rectangles: cut exactly at the image, or as in the "
+            "paper.",
+            needs_pixels=True,
+            shown_before="depth_tolerance",
+        )
     )
-    palette: str = choice(
-        "auto",
-        PALETTES,
-        "Which of CARLA's tables of tags segmentations are made with.",
-        needs_pixels=True,
+    palette: str = declared(
+        Key(
+            AllowedWords(PALETTES),
+            "auto",
+            "Which of CARLA's tables of tags segmentations are made with.",
+            needs_pixels=True,
+        )
     )
-    encoding: Encoding = choice(
-        "auto",
-        get_args(Encoding),
-        "What pixels of segmentations are: colours of a palette, or raw tag numbers.",
-        needs_pixels=True,
+    encoding: Encoding = declared(
+        Key(
+            AllowedWords(get_args(Encoding)),
+            "auto",
+            "What pixels of segmentations are: colours of a palette, or raw tag "
+            "numbers.",
+            needs_pixels=True,
+        )
     )
-    channel_order: OrderOfChannels = choice(
-        "auto",
-        get_args(OrderOfChannels),
-        "Order of the colour channels of segmentations.",
-        needs_pixels=True,
+    channel_order: OrderOfChannels = declared(
+        Key(
+            AllowedWords(get_args(OrderOfChannels)),
+            "auto",
+            "Order of the colour channels of segmentations.",
+            needs_pixels=True,
+        )
     )
-    lossy_segmentation: Lossy = choice(
-        "refuse",
-        get_args(Lossy),
-        "Whether segmentations as JPEG are refused, or read by the nearest colours.",
-        needs_pixels=True,
+    lossy_segmentation: Lossy = declared(
+        Key(
+            AllowedWords(get_args(Lossy)),
+            "refuse",
+            "Whether segmentations as JPEG are refused, or read by the nearest "
+            "colours.",
+            needs_pixels=True,
+        )
     )
 
     # `dataclass` would hash the fields, and `classes` cannot be hashed.

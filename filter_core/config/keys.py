@@ -1,9 +1,9 @@
 """Declaring the keys of a configuration, and the kinds of evidence that one can name.
 
 A key is a field of a dataclass whose metadata hold a `Key`: its allowed values, default
-and description. `percent`, `count`, `limit`, `metres` and `choice` make such fields.
-`keys_of` lists the keys of a class, for the checks, the JSON schema, the documentation
-and the reader of carlasimu's files.
+and description. `declared` makes such a field; `PERCENT`, `METRES`, `counted`, `limit`
+and `AllowedWords` are allowed values. `keys_of` lists the keys of a class, for the
+checks, the JSON schema, the documentation and the reader of carlasimu's files.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import Field, field, fields
 from typing import (
-    TYPE_CHECKING,
     Any,
     ClassVar,
     Final,
@@ -19,15 +18,11 @@ from typing import (
     NamedTuple,
     Protocol,
     TypeAlias,
-    TypedDict,
     get_args,
 )
 
 from filter_core.errors import ConfigError
 from filter_core.values import place_of, pointer_token, shown, similar
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
 
 Number: TypeAlias = float | int
 
@@ -183,6 +178,24 @@ _MAX_METRES: Final = 1_000_000
 # The largest signed 32-bit integer, so that every count can be stored anywhere.
 _MAX_COUNT: Final = 2**31 - 1
 
+PERCENT: Final = NumberRange(0, 100, "percent")
+
+METRES: Final = NumberRange(0, _MAX_METRES, "metres")
+
+
+def counted(unit: str) -> NumberRange:
+    """Whole numbers of something, such as ``pixels``."""
+    return NumberRange(0, _MAX_COUNT, unit, whole=True)
+
+
+def limit(null: float) -> NumberRange:
+    """Distances in metres that boxes are compared with.
+
+    In files, null means no limit; in arrays, the number `null` does (-inf or inf).
+    """
+    return METRES._replace(null=null)
+
+
 _Field: TypeAlias = Any
 """A dataclass field: `dataclasses.field` itself says that it fits every annotation."""
 
@@ -190,49 +203,6 @@ _Field: TypeAlias = Any
 def declared(key: Key) -> _Field:
     """A dataclass field that declares this key."""
     return field(default=key.default, metadata={_KEY: key})
-
-
-class KeyFacts(TypedDict, total=False):
-    """What any key can declare besides its range and sentence: attributes of `Key`."""
-
-    evidence: tuple[str, ...]
-    needs_pixels: bool
-    carlasimu: str
-    shown_before: str
-    later: bool
-
-
-def percent(default: Number, sentence: str, **facts: Unpack[KeyFacts]) -> _Field:
-    """A key from 0 to 100 percent."""
-    return declared(Key(NumberRange(0, 100, "percent"), default, sentence, **facts))
-
-
-def count(default: int, unit: str, sentence: str, **facts: Unpack[KeyFacts]) -> _Field:
-    """A key that counts something, such as pixels: the unit of `NumberRange`."""
-    allowed = NumberRange(0, _MAX_COUNT, unit, whole=True)
-    return declared(Key(allowed, default, sentence, **facts))
-
-
-def limit(null: float, sentence: str, **facts: Unpack[KeyFacts]) -> _Field:
-    """A distance in metres that boxes are compared with; by default there is no limit.
-
-    In files, null means no limit; in arrays, the number `null` does (-inf or inf).
-    """
-    allowed = NumberRange(0, _MAX_METRES, "metres", null=null)
-    return declared(Key(allowed, None, sentence, **facts))
-
-
-def metres(default: Number, sentence: str, **facts: Unpack[KeyFacts]) -> _Field:
-    """A length in metres."""
-    allowed = NumberRange(0, _MAX_METRES, "metres")
-    return declared(Key(allowed, default, sentence, **facts))
-
-
-def choice(
-    default: str, words: tuple[str, ...], sentence: str, **facts: Unpack[KeyFacts]
-) -> _Field:
-    """A key whose value is one of a few words."""
-    return declared(Key(AllowedWords(words), default, sentence, **facts))
 
 
 class _Dataclass(Protocol):

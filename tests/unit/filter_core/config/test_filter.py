@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
-from dataclasses import dataclass, make_dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -23,13 +23,11 @@ from filter_core.config.filter import (
 from filter_core.config.keys import (
     CHANNELS,
     SEMANTIC,
+    Key,
     NumberRange,
-    choice,
-    count,
+    counted,
+    declared,
     keys_of,
-    limit,
-    metres,
-    percent,
 )
 from filter_core.decisions.rules import decide
 from filter_core.errors import ConfigError
@@ -71,20 +69,21 @@ def test_the_digest_never_changes_for_the_same_configuration():
     assert len(FilterConfig().digest) == 64
 
 
+SIDES = counted("pixels")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WithLaterKey(FilterConfig):
     """The keys of today and one that was added after digests had been stored."""
 
-    min_side: int = count(
-        2, "pixels", "Shortest side.", evidence=(SEMANTIC,), later=True
-    )
+    min_side: int = declared(Key(SIDES, 2, "Shortest side.", (SEMANTIC,), later=True))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WithFirstKey(FilterConfig):
     """The keys of today and one that is hashed from the beginning."""
 
-    min_side: int = count(2, "pixels", "Shortest side.", evidence=(SEMANTIC,))
+    min_side: int = declared(Key(SIDES, 2, "Shortest side.", (SEMANTIC,)))
 
 
 @pytest.mark.parametrize(
@@ -104,30 +103,6 @@ def test_a_later_key_counts_in_the_digest_as_soon_as_it_is_not_its_default():
     assert len(digests) == 3
     assert WithLaterKey(min_side=3).digest == WithFirstKey(min_side=3).digest
     assert WithLaterKey().as_dict()["min_side"] == 2
-
-
-@pytest.mark.parametrize("needs_pixels", [False, True])
-@pytest.mark.parametrize(
-    ("make", "first"),
-    [
-        (percent, (5,)),
-        (count, (5, "pixels")),
-        (limit, (np.inf,)),
-        (metres, (5,)),
-        (choice, ("a", ("a", "b"))),
-    ],
-)
-def test_a_key_of_any_kind_says_whose_rule_it_is_and_whether_it_needs_pixels(
-    make, first, needs_pixels
-):
-    facts = {"evidence": ("lidar",), "needs_pixels": needs_pixels, "later": True}
-    made = make_dataclass("Made", [("key", object, make(*first, "A key.", **facts))])
-
-    (key,) = keys_of(made).values()
-
-    assert key.schema()["x-evidence"] == ["lidar"]
-    assert key.schema()["x-needs-pixels"] is needs_pixels
-    assert key.is_left_out(key.default)
 
 
 def test_ten_and_ten_point_zero_are_one_configuration():
