@@ -398,7 +398,7 @@ def _thresholds(
     by_channel = np.isnan(decisions.threshold) & (decisions.reason == Reason.VISIBLE)
     if not small_of or not by_channel.any():
         return decisions.threshold
-    found = decisions.threshold.copy()
+    found: FloatArray = decisions.threshold.copy()
     class_ids = numbers.class_ids[by_channel].tolist()
     found[by_channel] = [small_of.get(class_id, np.nan) for class_id in class_ids]
     return found

@@ -22,12 +22,18 @@ from app.db.tables import Decision
 from app.measuring.columns import DatasetColumns
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
-from filter_core.types import BoxState, ChannelNumbers, Reason, floats_or_none
+from filter_core.types import (
+    NOT_MEASURED,
+    BoxState,
+    ChannelNumbers,
+    Reason,
+    floats_or_none,
+)
 from tests.support.evidence import evidence_of
 
 DATASET = 1
 CLASSES = ("car", "pole")
-SPECIAL = (
+SPECIAL: tuple[dict[str, object], ...] = (
     {"state": BoxState.OUTSIDE_IMAGE},
     {"state": BoxState.COVERS_IMAGE},
     {"state": BoxState.DEGENERATE},
@@ -37,20 +43,20 @@ SPECIAL = (
     {"match_percent": 0.0},
 )
 MATCHES = (2.0, 3.0, 4.0, 7.0, 9.9, 10.0, 10.1, 14.0, 49.0, 50.0, 51.0, 54.0, 90.0)
-BOXES = (
-    *SPECIAL,
-    *(
-        {"match_percent": match, "area_percent": area}
-        for match in MATCHES
-        for area in (1.0, 90.0)
-    ),
+MEASURED: tuple[dict[str, object], ...] = tuple(
+    {"match_percent": match, "area_percent": area}
+    for match in MATCHES
+    for area in (1.0, 90.0)
 )
-NUMBERS = {
-    "ordered": ("owned_pixels", (-1, 0, 9)),
-    "depth": ("depth_pixels", (-1, 0, 9)),
-    "instance": ("instance_pixels", (-1, 0, 9)),
-    "lidar": ("lidar_points", (-1, 0, 9)),
+BOXES = (*SPECIAL, *MEASURED)
+COLUMNS = {
+    "ordered": "owned_pixels",
+    "depth": "depth_pixels",
+    "instance": "instance_pixels",
+    "lidar": "lidar_points",
 }
+"""The number that each channel judges by."""
+
 CONFIGS = [
     FilterConfig.from_mapping(
         {
@@ -61,21 +67,22 @@ CONFIGS = [
         }
     )
     for profile in ("paper", "carlasimu")
-    for evidence in ("semantic", *NUMBERS)
+    for evidence in ("semantic", *COLUMNS)
 ]
 
 
 def evidence_for(config):
     """All boxes of both classes, with every number that the channel can have."""
-    channel, numbers = NUMBERS.get(config.evidence, ("", (-1,)))
+    column = COLUMNS.get(config.evidence)
+    numbers = (NOT_MEASURED, 0, 9) if column else (NOT_MEASURED,)
     rows = list(product(range(len(CLASSES)), BOXES, numbers))
     evidence = evidence_of(
         [box | {"class_index": index} for index, box, _ in rows], CLASSES
     )
-    if not channel:
+    if column is None:
         return evidence
     channels = ChannelNumbers.absent(len(rows))
-    getattr(channels, channel)[:] = [number for *_, number in rows]
+    getattr(channels, column)[:] = [number for *_, number in rows]
     channels.explained_by[:] = 0
     return replace(evidence, channels=channels)
 
@@ -130,11 +137,11 @@ class Stored:
     def listed(self, order, wanted):
         """The ids of all pages of a list."""
         present = TallyRepository(self.session).present(DATASET)
-        found, cursor = [], ""
+        found: list[int] = []
+        cursor: str | None = ""
         while cursor is not None:
-            page, cursor = BoxPages(self.session, wanted, present).page(
-                order, cursor, 50
-            )
+            pages = BoxPages(self.session, wanted, present)
+            page, cursor = pages.page(order, cursor, 50)
             found += page
         return found
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from filter_core.config.filter import ClassLimits
+from filter_core.config.keys import ChannelName
 from filter_core.decisions.channel_rules import ChannelJudgement
 from filter_core.decisions.explain import (
     Judgement,
@@ -17,7 +18,7 @@ from filter_core.types import N_TAGS, HiddenBy, Reason
 VEGETATION: HiddenBy = {"tag": 9, "name": "Vegetation", "percent": 71.2}
 
 
-CHANNEL_OF = {
+CHANNEL_OF: dict[Reason, ChannelName] = {
     Reason.EXPLAINED_BY_NEARER: "ordered",
     Reason.HIDDEN_BY_DEPTH: "depth",
     Reason.HIDDEN_BY_INSTANCE: "instance",
@@ -130,9 +131,9 @@ def test_a_decision_in_one_sentence(judgement, sentence):
 @pytest.mark.parametrize("reason", list(Reason))
 def test_every_reason_has_a_sentence_that_begins_with_its_verdict(reason):
     channel = CHANNEL_OF.get(reason)
-    by_channel = channel and ChannelJudgement(channel, kept=False, number=0)
+    said = None if channel is None else ChannelJudgement(channel, kept=False, number=0)
 
-    sentence = explain(Judgement(reason, "car", channel=by_channel))
+    sentence = explain(Judgement(reason, "car", channel=said))
 
     assert sentence.startswith(f"{reason.verdict.value}: ")
     assert "None" not in sentence
