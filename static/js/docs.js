@@ -1,7 +1,7 @@
 // @ts-check
 // The documentation of the API as a page. The server makes its content, for people who are signed in.
 
-import { ApiError, send, showSession } from "./core/api.js";
+import { ApiError, send, setSession } from "./core/api.js";
 import { createSession } from "./core/connection.js";
 
 /** @param {string} words @param {string} [href] */
@@ -39,6 +39,6 @@ async function show() {
   }
 }
 
-showSession(createSession(localStorage).current.get()?.session ?? "");
+setSession(createSession(localStorage).current.get()?.session ?? "");
 
 show().catch((error) => say(error instanceof ApiError && error.status === 401 ? "Sign in first, then open this page again." : error.message));

@@ -39,7 +39,23 @@ async function signIn({ kind, secret }) {
 const first = takeLogin();
 
 const core = createApp(localStorage);
-const app = { ...core, ...createAnswers(core, createBoxes(), localStorage, await nameThisTab()), uploads: createUploads(uploadCalls, core.isSignedIn) };
+const answers = createAnswers(core, createBoxes(), localStorage, await nameThisTab());
+const app = {
+  ...core,
+  boxes: answers.boxes,
+  outbox: answers.outbox,
+  acts: answers.acts,
+  conflicts: answers.conflicts,
+  changedFrame: answers.changedFrame,
+  answer: answers.answer,
+  undo: answers.undo,
+  insist: answers.insist,
+  closeConflict: answers.closeConflict,
+  kept: answers.kept,
+  offerUnowned: answers.offerUnowned,
+  resume: answers.resume,
+  uploads: createUploads(uploadCalls, core.isSignedIn),
+};
 
 const linkError = first ? await signIn(first) : "";
 

@@ -1,5 +1,5 @@
 // @ts-check
-// Every call of the API goes through here. Paths, parameters, bodies and answers are type-checked against openapi.d.ts.
+// Every call of the API goes through here. Paths, parameters, bodies and responses are type-checked against openapi.d.ts.
 
 /** @typedef {import("./openapi.js").paths} Paths */
 /** @typedef {"get" | "post" | "put" | "patch" | "delete"} Method */
@@ -27,17 +27,17 @@
 
 /**
  * What a call is given: parameters and body by the description. `key` makes a repeated POST the same one
- * (Idempotency-Key); `session` is shown in place of the page's own; `signal` abandons the call.
+ * (Idempotency-Key); `session` is sent in place of the page's own; `signal` abandons the call.
  * @template {Method} M
  * @template {PathOf<M>} P
  * @typedef {Pick<Operation<M, P>["parameters"], "path" | "query"> & Body<Operation<M, P>> & {key?: string, session?: string, signal?: AbortSignal}} Given
  */
 
 /**
- * The JSON that a call is answered with; nothing where there is none.
+ * The JSON of the response to a call; nothing where there is none.
  * @template {Method} M
  * @template {PathOf<M>} P
- * @typedef {{[S in 200 | 201 | 202]: Operation<M, P>["responses"] extends Record<S, {content: {"application/json": infer A}}> ? A : never}[200 | 201 | 202]} Answer
+ * @typedef {{[S in 200 | 201 | 202]: Operation<M, P>["responses"] extends Record<S, {content: {"application/json": infer A}}> ? A : never}[200 | 201 | 202]} ApiResponse
  */
 
 /**
@@ -51,13 +51,13 @@ let session = "";
 /** @type {(error: ApiError) => void} */
 let onSignedOut = () => {};
 
-/** @param {string} secret  empty: nothing */
-export const showSession = (secret) => void (session = secret);
+/** Set the secret of the session that requests are sent with. @param {string} secret  empty: none */
+export const setSession = (secret) => void (session = secret);
 
 /** Set who is told when the server no longer accepts the session. @param {(error: ApiError) => void} tell */
 export const whenSignedOut = (tell) => void (onSignedOut = tell);
 
-/** The server answered, and said no. */
+/** The server responded, and refused. */
 export class ApiError extends Error {
   /** @param {number} status @param {Problem} problem @param {number | null} retryAfterS */
   constructor(status, problem, retryAfterS) {
@@ -75,25 +75,25 @@ export class ApiError extends Error {
 }
 
 /** The server could not be reached. */
-export class NoAnswer extends Error {
+export class NoResponse extends Error {
   /** @param {unknown} cause */
   constructor(cause) {
     super("The server does not answer.", { cause });
-    this.name = "NoAnswer";
+    this.name = "NoResponse";
   }
 }
 
 /**
  * Fetch from this server. If the server answers 401 to the page's own session, the callback of `whenSignedOut` is called.
  * @param {string} address @param {RequestInit} [init] @param {string} [shown]  the session, empty for none
- * @returns {Promise<Response>} a successful response; anything else is thrown as ApiError or NoAnswer
+ * @returns {Promise<Response>} a successful response; anything else is thrown as ApiError or NoResponse
  */
 export async function send(address, init = {}, shown = session) {
   const headers = new Headers(init.headers);
   if (shown) headers.set("Authorization", `Bearer ${shown}`);
   const response = await fetch(address, { credentials: "omit", ...init, headers }).catch((cause) => {
     if (init.signal?.aborted) throw cause;
-    throw new NoAnswer(cause);
+    throw new NoResponse(cause);
   });
   if (response.ok) return response;
   const error = new ApiError(response.status, problemOf(await response.text()), retryAfterOf(response));
@@ -168,25 +168,25 @@ export const ask = (method, path, ...[given]) => respond(method.toUpperCase(), p
 
 /**
  * @template {PathOf<"get">} P
- * @param {P} path @param {Rest<Given<"get", P>>} given @returns {Promise<Answer<"get", P>>}
+ * @param {P} path @param {Rest<Given<"get", P>>} given @returns {Promise<ApiResponse<"get", P>>}
  */
 export const get = (path, ...[given]) => call("GET", path, given);
 
 /**
  * @template {PathOf<"post">} P
- * @param {P} path @param {Rest<Given<"post", P>>} given @returns {Promise<Answer<"post", P>>}
+ * @param {P} path @param {Rest<Given<"post", P>>} given @returns {Promise<ApiResponse<"post", P>>}
  */
 export const post = (path, ...[given]) => call("POST", path, given);
 
 /**
  * @template {PathOf<"put">} P
- * @param {P} path @param {Rest<Given<"put", P>>} given @returns {Promise<Answer<"put", P>>}
+ * @param {P} path @param {Rest<Given<"put", P>>} given @returns {Promise<ApiResponse<"put", P>>}
  */
 export const put = (path, ...[given]) => call("PUT", path, given);
 
 /**
  * @template {PathOf<"patch">} P
- * @param {P} path @param {Rest<Given<"patch", P>>} given @returns {Promise<Answer<"patch", P>>}
+ * @param {P} path @param {Rest<Given<"patch", P>>} given @returns {Promise<ApiResponse<"patch", P>>}
  */
 export const patch = (path, ...[given]) => call("PATCH", path, given);
 

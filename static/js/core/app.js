@@ -36,7 +36,7 @@ export function createApp(storage, startAnew = () => location.reload()) {
   keys.observe((settings) => saveKeys(storage, settings));
 
   /** The session has changed. @param {boolean} isMine  false: it is another person's now */
-  const settle = (isMine) => {
+  const sessionChanged = (isMine) => {
     if (!isMine) return startAnew();
     const isIn = session.current.get() !== null;
     if (isIn) ended.set("");
@@ -47,7 +47,7 @@ export function createApp(storage, startAnew = () => location.reload()) {
     const before = session.current.get()?.session;
     const isMine = session.keep(next);
     if (before && before !== next.session) void signOut(before).catch(() => {});
-    settle(isMine);
+    sessionChanged(isMine);
   };
   /** @param {string} secret  of the session that ends */
   const signOut = (secret) => remove(SESSION, { session: secret });
@@ -56,9 +56,9 @@ export function createApp(storage, startAnew = () => location.reload()) {
   // Signed out is a state of the page, not an error of a view.
   whenSignedOut(({ problem }) => {
     ended.set(endedText(problem.code));
-    settle(session.end());
+    sessionChanged(session.end());
   });
-  addEventListener("storage", ({ key }) => (key === SESSION_KEY || key === null) && settle(session.follow()));
+  addEventListener("storage", ({ key }) => (key === SESSION_KEY || key === null) && sessionChanged(session.follow()));
 
   return {
     router: createRouter(),
@@ -86,7 +86,7 @@ export function createApp(storage, startAnew = () => location.reload()) {
     greet: () => get(SESSION).then(person.set, () => {}),
 
     /** The server no longer accepts the session. */
-    endSession: () => settle(session.end()),
+    endSession: () => sessionChanged(session.end()),
 
     /** @param {Credential} credential */
     signIn: async (credential) => enter(await signIn(credential)),
@@ -113,7 +113,7 @@ export function createApp(storage, startAnew = () => location.reload()) {
 
     async signOut() {
       await signOut(session.current.get()?.session ?? "");
-      settle(session.end());
+      sessionChanged(session.end());
     },
   };
 }

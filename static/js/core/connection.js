@@ -2,7 +2,7 @@
 // Who is signed in, in this browser. The session is kept in localStorage: unlike a cookie, it is
 // never sent to other ports of this host, and only this page's own requests carry it. All tabs share it.
 
-import { showSession } from "./api.js";
+import { setSession } from "./api.js";
 import { createValue } from "./observable.js";
 
 /** @typedef {import("./openapi.js").NewSession} NewSession */
@@ -12,7 +12,7 @@ export const SESSION_KEY = "unghost.session.v1";
 /** @param {Storage} storage */
 export function createSession(storage) {
   const current = createValue(stored(storage));
-  showSession(current.get()?.session ?? "");
+  setSession(current.get()?.session ?? "");
   /** The person whose answers this page holds: the first one who was signed in on it. */
   let owner = current.get()?.name ?? "";
 
@@ -20,7 +20,7 @@ export function createSession(storage) {
   function take(next) {
     if (next && owner && next.name !== owner) return false;
     owner ||= next?.name ?? "";
-    showSession(next?.session ?? "");
+    setSession(next?.session ?? "");
     current.set(next);
     return true;
   }

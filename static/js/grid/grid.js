@@ -10,7 +10,7 @@ import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { GridBar } from "../review/acts.js";
+import { GridBar } from "../review/answer_bar.js";
 import { GridCells } from "./cells.js";
 import { leave, placeOf } from "./pager.js";
 import { allBut, everything, nothing, sizeOf, toggled } from "./selection.js";

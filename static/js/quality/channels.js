@@ -81,11 +81,11 @@ const MeasureButton = ({ measuring: { start, isBusy } }) => html`<button class="
 function useMeasuring(app, dataset, onDone) {
   const [asked, setAsked] = useState(/** @type {Run | null} */ (null));
   /** @param {Run} run */
-  const settle = (run) => {
+  const afterEnd = (run) => {
     if (run.state === "done") setAsked(null);
     onDone();
   };
-  const run = useWatched(runEvents, asked, settle);
+  const run = useWatched(runEvents, asked, afterEnd);
   useEffect(() => {
     const stop = new AbortController();
     const look = async () => {
@@ -100,7 +100,7 @@ function useMeasuring(app, dataset, onDone) {
   /** Measure every channel that the frames' files allow. */
   const start = useTask(async () => {
     const started = await post("/api/v1/datasets/{dataset}/evaluations", { path: { dataset } });
-    if (isOver(started)) settle(started);
+    if (isOver(started)) afterEnd(started);
     else setAsked(started);
   }, app.toasts.fail);
   return { run, isBusy: start.isBusy || (run !== null && !isOver(run)), start: () => void start.run(), close: () => setAsked(null) };

@@ -63,7 +63,7 @@ export function lookedAt(line, id) {
 }
 
 /** Put the skipped boxes after the answered ones, and make the first of them current. @param {Line} line @returns {Line} */
-export function again(line) {
+export function skippedAgain(line) {
   const open = passed(line);
   const seen = line.ids.slice(0, line.at).filter((id) => line.answered.has(id));
   return { ...line, ids: [...seen, ...open, ...line.ids.slice(line.at)], at: seen.length };

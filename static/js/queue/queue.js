@@ -13,12 +13,12 @@ import { countOf, countText, metresText } from "../core/numbers.js";
 import { createValue } from "../core/observable.js";
 import { Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { AnswerBar, ConflictNotice } from "../review/acts.js";
+import { AnswerBar, ConflictNotice } from "../review/answer_bar.js";
 import { Inspector } from "../review/inspector.js";
 import { createMedia } from "../stage/media.js";
 import { createLookActions } from "../stage/view.js";
 import { QueueHead, QueueStrip } from "./head.js";
-import { again, ahead, currentOf, isBlind, lookedAt, nextOpen, passed, stepped } from "./line.js";
+import { ahead, currentOf, isBlind, lookedAt, nextOpen, passed, skippedAgain, stepped } from "./line.js";
 import { sessionOf, touch } from "./session.js";
 import { QueueStage } from "./stage.js";
 
@@ -181,7 +181,7 @@ export function createQueueActions(app, session, page) {
       session.comment(box, answerOf(box) ?? verdict, comment);
     },
 
-    again: () => show(again(line.get())),
+    reviewSkipped: () => show(skippedAgain(line.get())),
 
     /** By the names of the keymap. */
     byName: {
@@ -251,7 +251,7 @@ export const NoBoxesYet = () => html`<div class="queue__message"><${Notice} icon
 
 /** What one can do now. @param {{dataset: string, order: string, query: Query, open: number, elsewhere: number, session: Session, actions: QueueActions, onAll: () => void}} props */
 function Ways({ dataset, order, query, open, elsewhere, session, actions, onAll }) {
-  return html`${open > 0 && html`<button class="button button--primary" onClick=${actions.again}>Review ${open === 1 ? "it" : "them"} now</button>`}
+  return html`${open > 0 && html`<button class="button button--primary" onClick=${actions.reviewSkipped}>Review ${open === 1 ? "it" : "them"} now</button>`}
     ${elsewhere > 0 && html`<button class="button" onClick=${session.lookAgain}>Look again</button>`}
     ${(isFiltered(query) || session.listed.length > 0) && html`<button class="button" onClick=${onAll}>${session.listed.length > 0 ? "The whole queue" : "Without the filters"}</button>`}
     ${order !== "audit" && html`<a class="button" href=${linkTo("queue", { dataset }, { order: "audit" })}>Audit the answers</a>`}

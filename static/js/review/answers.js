@@ -104,7 +104,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   }
 
   /** @param {number} boxId */
-  function settle(boxId) {
+  function closeConflict(boxId) {
     if (!conflicts.get().has(boxId)) return;
     const rest = new Map(conflicts.get());
     rest.delete(boxId);
@@ -113,7 +113,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
   /** @param {Decision} box @param {Answer} verdict @param {string} comment */
   function give(box, verdict, comment) {
-    settle(box.box_id);
+    closeConflict(box.box_id);
     remember([box.box_id]);
     sender.answer({ boxId: box.box_id, frameId: box.frame_id, verdict, comment, seenRevision: seenRevision(box) });
   }
@@ -138,7 +138,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     /** How many answers of each person wait in this browser. */
     kept: items.kept,
     /** A conflict that the person has seen. */
-    settle,
+    closeConflict,
 
     /** Replace somebody else's answer with one that was not saved because of it. @param {QueuedAnswer} item */
     insist: ({ boxId, verdict, comment }) => answer(boxId, verdict, comment),

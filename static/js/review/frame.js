@@ -14,7 +14,7 @@ import { Failure } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { createMedia } from "../stage/media.js";
 import { LookBar, StageView, createLookActions } from "../stage/view.js";
-import { AnswerBar } from "./acts.js";
+import { AnswerBar } from "./answer_bar.js";
 import { BoxList } from "./boxlist.js";
 import { Inspector } from "./inspector.js";
 

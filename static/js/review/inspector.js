@@ -11,7 +11,7 @@ import { Icon } from "../core/icons.js";
 import { Keys, useKeys } from "../core/keymap.js";
 import { agoText, countOf, countText, exactPercentText, metresText, percentText, unbroken } from "../core/numbers.js";
 import { overlapping } from "../stage/geometry.js";
-import { ConflictNotice } from "./acts.js";
+import { ConflictNotice } from "./answer_bar.js";
 
 /** @typedef {import("./answers.js").ReviewApp} App */
 /** @typedef {import("../boxes/box.js").Decision} Decision */

@@ -3,7 +3,7 @@
 // localStorage and sent one after the other, in the order in which they were given.
 
 import { seenRevision } from "../boxes/box.js";
-import { ApiError, NoAnswer, post } from "../core/api.js";
+import { ApiError, NoResponse, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
@@ -119,7 +119,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     markAttempted: (item) => write({ ...item, attempted: true }),
 
     /** Queue an answer again that was not stored, now for this revision. @param {QueuedAnswer} item @param {number} revision */
-    again(item, revision) {
+    requeue(item, revision) {
       storage.removeItem(nameOf(item));
       write({ ...item, key: newKey(), seenRevision: revision, attempted: false });
     },
@@ -127,10 +127,10 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     /** @param {Item} item */
     remove: (item) => storage.removeItem(nameOf(item)),
 
-    /** Set the revision that later answers on this box have seen. @param {Item} than @param {number} boxId @param {number} revision */
-    rebase(than, boxId, revision) {
+    /** Set the revision that answers on this box have seen which were given after `earlier`. @param {Item} earlier @param {number} boxId @param {number} revision */
+    setSeenRevision(earlier, boxId, revision) {
       for (const item of mine()) {
-        if (item.order <= than.order) continue;
+        if (item.order <= earlier.order) continue;
         if (!isAct(item)) {
           if (item.boxId === boxId) write({ ...item, seenRevision: revision });
           continue;
@@ -292,7 +292,7 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
       else await sendAnswer(item);
       return true;
     } catch (error) {
-      return settle(item, error);
+      return afterError(item, error);
     }
   }
 
@@ -302,7 +302,7 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     outbox.markAttempted(item);
     const stored = await calls.answer(boxId, { verdict, comment, seen_revision }, item.key);
     outbox.remove(item);
-    outbox.rebase(item, boxId, stored.revision);
+    outbox.setSeenRevision(item, boxId, stored.revision);
     events.onStored(stored);
   }
 
@@ -311,13 +311,13 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     const out = await calls.act(act);
     outbox.remove(act);
     if (act.filter) filterActs = act.order;
-    act.boxIds?.forEach((boxId, i) => out.stale.includes(boxId) || outbox.rebase(act, boxId, (act.seen?.[i] ?? 0) + 1));
+    act.boxIds?.forEach((boxId, i) => out.stale.includes(boxId) || outbox.setSeenRevision(act, boxId, (act.seen?.[i] ?? 0) + 1));
     events.onDone({ batchId: out.id, act, skipped: out.skipped, stale: out.stale });
   }
 
   /** @param {Item} item @param {unknown} error @returns {boolean} go on with the next? */
-  function settle(item, error) {
-    if (error instanceof NoAnswer) return waitAndRetry("offline", retryS, "the server does not answer");
+  function afterError(item, error) {
+    if (error instanceof NoResponse) return waitAndRetry("offline", retryS, "the server does not answer");
     if (!(error instanceof ApiError)) throw error;
     if (error.status === 401) {
       sayWaiting("you are signed out");
@@ -333,7 +333,7 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     }
     const current = error.status === 412 ? (error.problem.current ?? null) : null;
     if (current && isOwn(item, current)) {
-      outbox.again(item, seenRevision(current));
+      outbox.requeue(item, seenRevision(current));
       return true;
     }
     outbox.remove(item);
@@ -350,8 +350,8 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
 
   /** It was not stored, so later answers on its boxes get the revision that it had seen. @param {Item} item */
   function leftOut(item) {
-    if (!isAct(item)) return outbox.rebase(item, item.boxId, item.seenRevision);
-    return item.boxIds?.forEach((boxId, i) => outbox.rebase(item, boxId, item.seen?.[i] ?? 0));
+    if (!isAct(item)) return outbox.setSeenRevision(item, item.boxId, item.seenRevision);
+    return item.boxIds?.forEach((boxId, i) => outbox.setSeenRevision(item, boxId, item.seen?.[i] ?? 0));
   }
 
   /** @param {Phase} phase @param {number} seconds @param {string} text */

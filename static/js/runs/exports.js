@@ -57,7 +57,7 @@ function ExportRow({ app, listed, form, onOver }) {
       ${!isOver(item) && html`<${JobBar} job=${item} label=${`Export ${item.id}`} /><p class="faint num">${item.total ? `${countText(item.done ?? 0)} of ${countOf(item.total, "frame")}, ${percentDone(item)} %` : "being written"}</p>`}
       ${item.state === "cancelled" && html`<p class="faint">Stopped; nothing was written.</p>`}
       ${item.state === "failed" && html`<p class="run__error"><strong>Failed.</strong> ${item.error?.detail ?? ""}</p>`}
-      ${item.state === "done" && html`<${Books} counts=${item.counts ?? {}} /><${Sum} sum=${item.sha256 ?? ""} />`}
+      ${item.state === "done" && html`<${ExportCounts} counts=${item.counts ?? {}} /><${Sum} sum=${item.sha256 ?? ""} />`}
     </div>
     <div class="run__actions">
       ${!isOver(item) && html`<${Canceller} app=${app} what=${`export ${item.id}`} cancel=${() => post("/api/v1/exports/{export_id}/cancel", { path: { export_id: item.id } })} />`}
@@ -76,8 +76,8 @@ async function download(id) {
 }
 
 /** The counts of the archive's manifest; zeros are left out. @param {{counts: Record<string, unknown>}} props */
-function Books({ counts }) {
-  const { lines, classes } = booksOf(counts);
+function ExportCounts({ counts }) {
+  const { lines, classes } = countLinesOf(counts);
   return html`<dl class="books num">
       ${lines.map(({ text, count }) => html`<div key=${text}><dt>${text}</dt><dd>${countText(count)}</dd></div>`)}
     </dl>
@@ -147,7 +147,7 @@ function wordsOf({ key, text, choices }, value) {
 }
 
 /** @type {readonly (readonly [string, string, string])[]} part of the manifest, its key, how it is said */
-const BOOKS = [
+const COUNT_LINES = [
   ["frames", "in", "frames"],
   ["frames", "train", "to train"],
   ["frames", "val", "to validate"],
@@ -158,8 +158,8 @@ const BOOKS = [
 ];
 
 /** The counts of an archive's manifest, with texts. @param {Schema} counts */
-export function booksOf(counts) {
-  const lines = BOOKS.map(([part, key, text]) => ({ text, count: Number(counts[part]?.[key] ?? 0) }));
+export function countLinesOf(counts) {
+  const lines = COUNT_LINES.map(([part, key, text]) => ({ text, count: Number(counts[part]?.[key] ?? 0) }));
   const classes = Object.entries(counts.classes ?? {}).map(([name, row]) => ({
     name,
     counts: ["in", "out", "dropped", "clipped"].map((key) => Number(/** @type {Schema} */ (row)[key] ?? 0)),

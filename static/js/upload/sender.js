@@ -1,7 +1,7 @@
 // @ts-check
 // Uploads frames, a few at a time: pause, resume, cancel, retry refused frames.
 
-import { ApiError, NoAnswer, ask, post } from "../core/api.js";
+import { ApiError, NoResponse, ask, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 
 /** @typedef {import("./folder.js").Entry} Entry */
@@ -57,7 +57,7 @@ export function createSender(frames, put, later = (run, delayMs) => void setTime
 
   /** @param {ReadFrame} frame */
   async function sendOne(frame) {
-    await put(frame, stop.signal).then(count, (error) => stop.signal.aborted || settle(frame, error));
+    await put(frame, stop.signal).then(count, (error) => stop.signal.aborted || afterError(frame, error));
     active--;
     fill();
   }
@@ -70,11 +70,11 @@ export function createSender(frames, put, later = (run, delayMs) => void setTime
   }
 
   /** @param {ReadFrame} frame @param {Error} error */
-  function settle(frame, error) {
-    if (error instanceof NoAnswer) return again(frame, "offline", retryS);
+  function afterError(frame, error) {
+    if (error instanceof NoResponse) return retryLater(frame, "offline", retryS);
     if (error instanceof ApiError) {
-      if (error.isTemporary) return again(frame, "busy", error.retryAfterS ?? retryS);
-      if (error.status === 401) return again(frame, "signed-out", null);
+      if (error.isTemporary) return retryLater(frame, "busy", error.retryAfterS ?? retryS);
+      if (error.status === 401) return retryLater(frame, "signed-out", null);
       if (HOPELESS.includes(error.status)) return end(error.message);
     }
     refusedFrames.set(frame.key, frame);
@@ -82,7 +82,7 @@ export function createSender(frames, put, later = (run, delayMs) => void setTime
   }
 
   /** Queue a frame again; sending resumes after `seconds`, or, if null, when `resume` is called. @param {ReadFrame} frame @param {Phase} phase @param {number | null} seconds */
-  function again(frame, phase, seconds) {
+  function retryLater(frame, phase, seconds) {
     queue.unshift(frame);
     if (state.get().phase !== "sending") return;
     change({ phase });

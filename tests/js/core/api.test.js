@@ -3,7 +3,7 @@ import { once } from "node:events";
 import { createServer } from "node:http";
 import { after, before, test } from "node:test";
 
-import { ApiError, NoAnswer, send, showSession, url, whenSignedOut } from "../../../static/js/core/api.js";
+import { ApiError, NoResponse, send, setSession, url, whenSignedOut } from "../../../static/js/core/api.js";
 
 /** What the server was shown, in order. @type {(string | undefined)[]} */
 const shown = [];
@@ -37,13 +37,13 @@ test("the server refusing the page's own session is told at once, and of no othe
   const told = [];
   whenSignedOut(({ problem }) => told.push(problem.code));
 
-  showSession("us_good");
+  setSession("us_good");
   await send(address);
   await assert.rejects(send(address, {}, "us_another"), ApiError);
   await assert.rejects(send(address, {}, ""), ApiError);
   assert.deepEqual(told, []);
 
-  showSession("us_old");
+  setSession("us_old");
   await assert.rejects(send(address), (error) => error instanceof ApiError && error.status === 401 && error.retryAfterS === 7 && error.message === "Sign in again.");
   assert.deepEqual(told, ["session_expired"]);
   assert.deepEqual(shown, ["Bearer us_good", "Bearer us_another", undefined, "Bearer us_old"]);
@@ -52,9 +52,9 @@ test("the server refusing the page's own session is told at once, and of no othe
 test("an answer to a session that has been replaced meanwhile signs nobody out", async () => {
   let times = 0;
   whenSignedOut(() => void (times += 1));
-  showSession("us_old");
+  setSession("us_old");
   const asked = send(address);
-  showSession("us_good");
+  setSession("us_good");
 
   await assert.rejects(asked, ApiError);
 
@@ -62,7 +62,7 @@ test("an answer to a session that has been replaced meanwhile signs nobody out",
 });
 
 test("no answer is another error than a refusal, and giving up is neither", async () => {
-  await assert.rejects(send("http://127.0.0.1:1/"), NoAnswer);
+  await assert.rejects(send("http://127.0.0.1:1/"), NoResponse);
   const stop = new AbortController();
   stop.abort();
   await assert.rejects(send(address, { signal: stop.signal }), { name: "AbortError" });

@@ -3,7 +3,7 @@ import { once } from "node:events";
 import { createServer } from "node:http";
 import { test } from "node:test";
 
-import { showSession } from "../../../static/js/core/api.js";
+import { setSession } from "../../../static/js/core/api.js";
 import { EventStream } from "../../../static/js/jobs/job.js";
 
 /**
@@ -41,7 +41,7 @@ test("events are told with their names, however they are cut", async () => {
       response.end();
     },
   ]);
-  showSession("us_secret");
+  setSession("us_secret");
   /** @type {string[]} */
   const heard = [];
   const stream = new EventStream(url);

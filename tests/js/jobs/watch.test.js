@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { ApiError, NoAnswer } from "../../../static/js/core/api.js";
+import { ApiError, NoResponse } from "../../../static/js/core/api.js";
 import { percentDone, watchJob } from "../../../static/js/jobs/job.js";
 
 /** An event source that does what the test says; `readyState` as in browsers. */
@@ -53,7 +53,7 @@ test("a connection that the browser opens again is waited for", () => {
 });
 
 test("without events the run is asked for until it is over", async () => {
-  const answers = [{ state: "running", done: 1 }, new NoAnswer(null), { state: "cancelled", done: 2 }];
+  const answers = [{ state: "running", done: 1 }, new NoResponse(null), { state: "cancelled", done: 2 }];
   const { source, heard } = watched(async () => {
     const next = answers.shift();
     if (next instanceof Error) throw next;

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { EMPTY, again, ahead, answered, currentOf, inHand, joined, lookedAt, nextOpen, paceOf, passed, stepped, takenBack } from "../../../static/js/queue/line.js";
+import { EMPTY, ahead, answered, currentOf, inHand, joined, lookedAt, nextOpen, paceOf, passed, skippedAgain, stepped, takenBack } from "../../../static/js/queue/line.js";
 
 const five = joined(EMPTY, [1, 2, 3, 4, 5]);
 
@@ -51,7 +51,7 @@ test("those passed over come again", () => {
   const end = stepped(stepped(answered(stepped(five, 1), 2), 1), 1);
   const once = nextOpen(end);
 
-  const anew = again(once);
+  const anew = skippedAgain(once);
 
   assert.equal(currentOf(anew), 1);
   assert.deepEqual(ahead(anew, 9), [3, 4, 5].filter((id) => passed(once).includes(id)));

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { ApiError, NoAnswer } from "../../../static/js/core/api.js";
+import { ApiError, NoResponse } from "../../../static/js/core/api.js";
 import { createOutbox, createSender } from "../../../static/js/review/outbox.js";
 import { memoryStorage } from "../builders.js";
 
@@ -48,7 +48,7 @@ test("an act is sent once and forgotten when it is stored", async () => {
 });
 
 for (const [name, error] of [
-  ["offline", new NoAnswer(null)],
+  ["offline", new NoResponse(null)],
   ["signed out", new ApiError(401, {}, null)],
   ["busy", new ApiError(503, { detail: "busy" }, 1)],
 ]) {
@@ -67,7 +67,7 @@ for (const [name, error] of [
 }
 
 test("an act survives its page, and goes on in the next one or in another tab", async () => {
-  const { sender, storage } = actsWith([new NoAnswer(null)]);
+  const { sender, storage } = actsWith([new NoResponse(null)]);
   sender.start(MANY);
   await tick();
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { ApiError, NoAnswer } from "../../../static/js/core/api.js";
+import { ApiError, NoResponse } from "../../../static/js/core/api.js";
 import { createOutbox, createSender } from "../../../static/js/review/outbox.js";
 import { decision, memoryStorage } from "../builders.js";
 
@@ -101,7 +101,7 @@ test("a second answer waits for the first and has seen its revision", async () =
 });
 
 test("without a network answers wait, survive a reload, and are sent in order", async () => {
-  refusals = [new NoAnswer("gone"), new NoAnswer("gone")];
+  refusals = [new NoResponse("gone"), new NoResponse("gone")];
   const { saver } = saverOf();
   answer(saver, 1, "keep");
   await settled();
@@ -118,7 +118,7 @@ test("without a network answers wait, survive a reload, and are sent in order", 
 });
 
 test("an answer that may have arrived is repeated word for word, under the same key", async () => {
-  refusals = [new NoAnswer("lost on the way back")];
+  refusals = [new NoResponse("lost on the way back")];
   const { saver } = saverOf();
   answer(saver, 1, "keep");
   await settled();
@@ -139,7 +139,7 @@ test("answers that were never sent are replaced by the latest on that box", asyn
 });
 
 test("the pause between attempts grows, and any success resets it", async () => {
-  refusals = [new NoAnswer(""), new NoAnswer(""), new NoAnswer("")];
+  refusals = [new NoResponse(""), new NoResponse(""), new NoResponse("")];
   const { saver } = saverOf();
   answer(saver, 1, "keep");
   for (let i = 0; i < 4; i++) {
@@ -227,7 +227,7 @@ test("rubbish in the storage is not an answer", () => {
 
 test("a network that comes back while an attempt is still failing is not waited for", async () => {
   const { saver } = saverOf();
-  refusals = [new NoAnswer(new Error("down")), new NoAnswer(new Error("down")), new NoAnswer(new Error("down"))];
+  refusals = [new NoResponse(new Error("down")), new NoResponse(new Error("down")), new NoResponse(new Error("down"))];
   answer(saver, 1, "keep");
   void saver.resume();
   await settled();
@@ -242,7 +242,7 @@ test("a network that comes back while an attempt is still failing is not waited 
 const answerMany = (saver, verdict, boxIds, seen) => saver.start({ dataset: "d", verdict, boxIds, seen, count: boxIds.length });
 
 test("away from the server, an answer after an act on many boxes is sent after it", async () => {
-  refusals = [new NoAnswer("away"), new NoAnswer("away")];
+  refusals = [new NoResponse("away"), new NoResponse("away")];
   const { saver } = saverOf();
   answerMany(saver, "reject", [1, 2], [0, 0]);
   await settled();
@@ -256,7 +256,7 @@ test("away from the server, an answer after an act on many boxes is sent after i
 });
 
 test("away from the server, an act on many boxes is sent after the answers before it", async () => {
-  refusals = [new NoAnswer("away"), new NoAnswer("away")];
+  refusals = [new NoResponse("away"), new NoResponse("away")];
   const { saver } = saverOf();
   answer(saver, 1, "keep");
   await settled();
@@ -303,7 +303,7 @@ test("an answer is not replaced by one that was given after an act on the box", 
 });
 
 test("what rests on an answer that somebody was faster than overwrites nothing", async () => {
-  refusals = [new NoAnswer("away"), new NoAnswer("away")];
+  refusals = [new NoResponse("away"), new NoResponse("away")];
   const { saver } = saverOf();
   answer(saver, 1, "keep");
   await settled();
@@ -332,7 +332,7 @@ test("an act that is given up takes nothing with it that was answered later", as
 });
 
 test("an answer after one's own act on all of a filter meets nobody else", async () => {
-  refusals = [new NoAnswer("away"), new NoAnswer("away")];
+  refusals = [new NoResponse("away"), new NoResponse("away")];
   const { saver } = saverOf();
   saver.start({ dataset: "d", verdict: "reject", filter: { class: "car" }, snapshot: "s", count: 2 });
   await settled();

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { booksOf, exportForm, formatText, optionsText } from "../../../static/js/runs/exports.js";
+import { countLinesOf, exportForm, formatText, optionsText } from "../../../static/js/runs/exports.js";
 import { optionsOf, parseNumbers } from "../../../static/js/core/form.js";
 import { splitText, tookText } from "../../../static/js/core/numbers.js";
 import { sizeText } from "../../../static/js/core/numbers.js";
@@ -76,10 +76,10 @@ test("sizes, shares and times are short", () => {
   assert.equal(tookText("2026-01-01T00:00:00Z", null), "");
 });
 
-test("the books say what the manifest counts, and not what there is none of", () => {
-  const books = booksOf({ frames: { in: 48, train: 35, val: 13 }, boxes: { out: 7, dropped: 2, clipped: 0 }, classes: { car: { in: 9, out: 7, dropped: 2, clipped: 0 } } });
+test("the counts of an export are those of its manifest, and not what there is none of", () => {
+  const counts = countLinesOf({ frames: { in: 48, train: 35, val: 13 }, boxes: { out: 7, dropped: 2, clipped: 0 }, classes: { car: { in: 9, out: 7, dropped: 2, clipped: 0 } } });
 
-  assert.deepEqual(books.lines.map(({ text, count }) => `${count} ${text}`), ["48 frames", "35 to train", "13 to validate", "7 boxes written", "2 dropped"]);
-  assert.deepEqual(books.classes, [{ name: "car", counts: [9, 7, 2, 0] }]);
-  assert.deepEqual(booksOf({}), { lines: [], classes: [] });
+  assert.deepEqual(counts.lines.map(({ text, count }) => `${count} ${text}`), ["48 frames", "35 to train", "13 to validate", "7 boxes written", "2 dropped"]);
+  assert.deepEqual(counts.classes, [{ name: "car", counts: [9, 7, 2, 0] }]);
+  assert.deepEqual(countLinesOf({}), { lines: [], classes: [] });
 });

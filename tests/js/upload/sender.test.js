@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { ApiError, NoAnswer } from "../../../static/js/core/api.js";
+import { ApiError, NoResponse } from "../../../static/js/core/api.js";
 import { createSender } from "../../../static/js/upload/sender.js";
 
 /** @param {number} count @returns {any[]} */
@@ -58,7 +58,7 @@ test("without the server it waits, longer each time, and loses no frame", async 
   const { sender, calls, timers, outline } = sending(1);
   sender.resume();
   for (const i of [0, 1]) {
-    calls[i]?.reject(new NoAnswer(null));
+    calls[i]?.reject(new NoResponse(null));
     await settled();
     assert.equal(outline()[0], "offline");
     timers[i]?.run();

@@ -68,7 +68,7 @@ export function ConflictNotice({ app, box, item, isNamed = false, children }) {
   return html`<section class="conflict" role="alert">
     <p>${isNamed && html`<${Icon} name="warn" /> ${box.class} ${box.id}: `}<b>${reviewer || "Somebody else"} ${theirs}</b> while you answered ${item.verdict}. Your answer was not saved.</p>
     <div class="conflict__actions">
-      <button class="button button--small" onClick=${() => app.settle(box.box_id)}>Keep theirs</button>
+      <button class="button button--small" onClick=${() => app.closeConflict(box.box_id)}>Keep theirs</button>
       <button class="button button--small button--primary" onClick=${() => app.insist(item)}>Use mine: ${item.verdict}</button>
       ${children}
     </div>
