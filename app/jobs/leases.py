@@ -67,7 +67,7 @@ class JobLease:
             raise LeaseLost(self.job)
 
     def end(self, session: Session) -> None:
-        """Give the lease back in the transaction in which the job fails.
+        """Release the lease in the transaction in which the job fails.
 
         Raises
         ------
@@ -83,7 +83,7 @@ class JobLease:
         if self._is_lost:
             raise LeaseLost(self.job)
 
-    def give_back(self) -> None:
+    def release(self) -> None:
         """Say that the job is driven here no more.
 
         If it has not ended, any watchdog takes it up when it looks next.
@@ -140,7 +140,7 @@ class Leases:
 
     @contextmanager
     def driving(self, database: Database, job: Job) -> Iterator[JobLease]:
-        """The lease of a job, not taken yet; given back when the block ends.
+        """The lease of a job, not taken yet; released when the block ends.
 
         Waits while another thread of this process drives the same job.
         """
@@ -151,7 +151,7 @@ class Leases:
         try:
             yield lease
         finally:
-            lease.give_back()
+            lease.release()
             with self._free:
                 self._driven.discard(job)
                 self._free.notify_all()

@@ -625,8 +625,8 @@ def _thresholds_for(config: DecideConfig, names: tuple[str, ...]) -> Thresholds:
             [allowed.null if value is None else value for value in values],
             np.int64 if allowed.whole else np.float64,
         )
-    small, big = columns["threshold_small_box"], columns["threshold_big_box"]
-    kept_large = np.maximum(small, big) if config.profile == "carlasimu" else big
+    small, large = columns["threshold_small_box"], columns["threshold_big_box"]
+    kept_large = np.maximum(small, large) if config.profile == "carlasimu" else large
     columns["threshold_kept_large_box"] = kept_large
     for column in columns.values():
         column.setflags(write=False)

@@ -116,8 +116,8 @@ def has_number(evidence: Evidence, channel: EvidenceName) -> BoolArray:
 def _boxes_to_judge(
     evidence: Evidence, numbers: ChannelNumbers, config: DecideConfig
 ) -> BoxesToJudge:
-    limits = config.thresholds_for(evidence.class_names).min_visible_pixels
-    return BoxesToJudge(numbers, config, limits[evidence.class_index])
+    needed = config.thresholds_for(evidence.class_names).min_visible_pixels
+    return BoxesToJudge(numbers, config, needed[evidence.class_index])
 
 
 def _rows_of_channels(

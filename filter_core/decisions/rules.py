@@ -30,7 +30,7 @@ Z95: Final = 1.959963984540054
 _BLOCK: Final = 1 << 15
 """Boxes per block: temporary arrays of 256 KiB stay in the processor's cache."""
 
-_Limit: TypeAlias = FloatArray | IntArray | np.float64 | np.int64
+_PerBox: TypeAlias = FloatArray | IntArray | np.float64 | np.int64
 """An array with one number per box, or one number if all classes share it."""
 
 
@@ -89,7 +89,7 @@ _IF_LARGE: Final = 1 + max(Reason)
 
 _THRESHOLD_COLUMNS: Final = 4
 
-_SMALL_BOX, _BIG_BOX, _KEPT_LARGE_BOX, _NO_THRESHOLD = range(_THRESHOLD_COLUMNS)
+_SMALL_BOX, _LARGE_BOX, _KEPT_LARGE_BOX, _NO_THRESHOLD = range(_THRESHOLD_COLUMNS)
 """Which threshold applied to a box: the columns of the table in `_Block._threshold`.
 
 The first three are `Thresholds.threshold_small_box`, `threshold_big_box` and
@@ -101,7 +101,7 @@ def _columns_of_reasons() -> NDArray[np.uint8]:
     columns = np.full(2 * _IF_LARGE, _NO_THRESHOLD, dtype=np.uint8)
     columns[Reason.BELOW_THRESHOLD] = _SMALL_BOX
     columns[_IF_LARGE + Reason.BELOW_THRESHOLD] = _SMALL_BOX
-    columns[_IF_LARGE + Reason.LARGE_BELOW_THRESHOLD] = _BIG_BOX
+    columns[_IF_LARGE + Reason.LARGE_BELOW_THRESHOLD] = _LARGE_BOX
     columns[Reason.VISIBLE] = _SMALL_BOX
     columns[_IF_LARGE + Reason.VISIBLE] = _KEPT_LARGE_BOX
     return columns
@@ -151,25 +151,25 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
         toss_up=np.empty(count, np.bool_),
         large=np.empty(count, np.bool_),
     )
-    limits = config.thresholds_for(evidence.class_names)
+    thresholds = config.thresholds_for(evidence.class_names)
     as_carlasimu = config.profile == "carlasimu"
     for start in range(0, count, _BLOCK):
         rows = slice(start, start + _BLOCK)
-        _Block(evidence, limits, rows, as_carlasimu).write(decisions)
+        _Block(evidence, thresholds, rows, as_carlasimu).write(decisions)
     apply_channels(evidence, config, decisions)
     return decisions
 
 
 def pixels_needed(evidence: Evidence, config: DecideConfig) -> IntArray:
     """(N,) int64: the fewest pixels with an accepted tag that keep each of N boxes."""
-    limits = config.thresholds_for(evidence.class_names)
+    thresholds = config.thresholds_for(evidence.class_names)
     needed = np.empty(len(evidence), np.int64)
-    needed[:] = _pixels_needed(limits, evidence.class_index)
+    needed[:] = _pixels_needed(thresholds, evidence.class_index)
     return needed
 
 
-def _pixels_needed(limits: Thresholds, class_index: NDArray[np.int32]) -> _Limit:
-    return _per_box(limits.min_visible_pixels, class_index)
+def _pixels_needed(thresholds: Thresholds, class_index: NDArray[np.int32]) -> _PerBox:
+    return _per_box(thresholds.min_visible_pixels, class_index)
 
 
 class _Block:
@@ -181,9 +181,13 @@ class _Block:
     """
 
     def __init__(
-        self, evidence: Evidence, limits: Thresholds, rows: slice, as_carlasimu: bool
+        self,
+        evidence: Evidence,
+        thresholds: Thresholds,
+        rows: slice,
+        as_carlasimu: bool,
     ) -> None:
-        self.evidence, self.limits = evidence, limits
+        self.evidence, self.thresholds = evidence, thresholds
         self.rows, self.as_carlasimu = rows, as_carlasimu
         self.class_index = evidence.class_index[rows]
         self.match = evidence.match_percent[rows]
@@ -204,12 +208,12 @@ class _Block:
         decisions.large[rows] = large & (column != _NO_THRESHOLD)
 
     def _bits(self, large: BoolArray) -> NDArray[np.uint8]:
-        evidence, limits, rows = self.evidence, self.limits, self.rows
-        fails_small_threshold = self._fails(limits.threshold_small_box)
+        evidence, thresholds, rows = self.evidence, self.thresholds, self.rows
+        fails_small_threshold = self._fails(thresholds.threshold_small_box)
         # In carlasimu large boxes must pass the threshold for small ones too.
         if not self.as_carlasimu:
             fails_small_threshold &= ~large
-        fails_large_threshold = self._fails(limits.threshold_big_box) & large
+        fails_large_threshold = self._fails(thresholds.threshold_big_box) & large
         bits: NDArray[np.uint8] = evidence.state[rows].copy()
         for holds, bit in (
             (self._is_out_of_range(), _Bit.OUT_OF_RANGE),
@@ -224,37 +228,39 @@ class _Block:
 
     def _threshold(self, column: NDArray[np.uint8]) -> FloatArray:
         """Each box's threshold: from the row of its class and the given column."""
-        small, big = self.limits.threshold_small_box, self.limits.threshold_big_box
-        kept_large = self.limits.threshold_kept_large_box
-        table = np.column_stack([small, big, kept_large, np.full(len(small), np.nan)])
+        thresholds = self.thresholds
+        small, large = thresholds.threshold_small_box, thresholds.threshold_big_box
+        kept_large = thresholds.threshold_kept_large_box
+        none = np.full(len(small), np.nan)
+        table = np.column_stack([small, large, kept_large, none])
         threshold: FloatArray = table.take(
             self.class_index * _THRESHOLD_COLUMNS + column
         )
         return threshold
 
     def _has_too_few_pixels(self) -> BoolArray:
-        needed = _pixels_needed(self.limits, self.class_index)
+        needed = _pixels_needed(self.thresholds, self.class_index)
         too_few: BoolArray = self.evidence.matched_pixels[self.rows] < needed
         return too_few
 
     def _is_out_of_range(self) -> BoolArray:
-        limits = self.limits
+        nearest, farthest = self.thresholds.min_distance, self.thresholds.max_distance
         distance = self.evidence.distance[self.rows]
-        if np.isinf(limits.min_distance).all() and np.isinf(limits.max_distance).all():
+        if np.isinf(nearest).all() and np.isinf(farthest).all():
             return np.zeros(len(distance), np.bool_)
         # An unknown distance (NaN) is never out of range.
-        out_of_range = distance < self._limit(limits.min_distance)
-        out_of_range |= distance > self._limit(limits.max_distance)
+        out_of_range = distance < self._for_boxes(nearest)
+        out_of_range |= distance > self._for_boxes(farthest)
         return out_of_range
 
     def _is_large(self) -> BoolArray:
         area = self.evidence.area_percent[self.rows]
-        size = self._limit(self.limits.size_big_box)
+        size = self._for_boxes(self.thresholds.size_big_box)
         return area >= size if self.as_carlasimu else area > size
 
     def _fails(self, per_class: FloatArray) -> BoolArray:
         """Whether each box's match is too low for the threshold of its class."""
-        threshold = self._limit(per_class)
+        threshold = self._for_boxes(per_class)
         if self.as_carlasimu:
             return self.match <= threshold
         return self.match < threshold
@@ -268,14 +274,14 @@ class _Block:
         toss_up: BoolArray = deviation <= spread
         return toss_up
 
-    def _limit(self, per_class: FloatArray | IntArray) -> _Limit:
+    def _for_boxes(self, per_class: FloatArray | IntArray) -> _PerBox:
         return _per_box(per_class, self.class_index)
 
 
 def _per_box(
     per_class: FloatArray | IntArray, class_index: NDArray[np.int32]
-) -> _Limit:
+) -> _PerBox:
     """What a (K,) array of numbers by class means for each box."""
     alike = bool((per_class == per_class[0]).all())
-    chosen: _Limit = per_class[0] if alike else per_class.take(class_index)
+    chosen: _PerBox = per_class[0] if alike else per_class.take(class_index)
     return chosen
