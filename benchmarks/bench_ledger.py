@@ -34,7 +34,7 @@ from app.jobs.kind import Task, register
 from app.jobs.queries import Span, job_of
 from app.measuring.plan import DatasetReading
 from app.process.lifespan import running
-from app.runs.service import RunKind
+from app.runs.service import RunJobs
 from app.settings import Settings
 from benchmarks.bench_batch import peak_mib
 from filter_core.config.filter import FilterConfig
@@ -44,7 +44,7 @@ CACHE_KIB = 8 * 1024
 ASKED = 1.1
 
 
-class Chunks(RunKind):
+class Chunks(RunJobs):
     """A run of so many chunks of one frame each; its final step is nothing."""
 
     def __init__(self, chunks: int) -> None:
@@ -63,7 +63,7 @@ class Chunks(RunKind):
     def finish(self, task: Task[Run]) -> None:
         """End it."""
         with task.context.database.write() as session:
-            task.end(session)
+            task.end_job(session)
 
 
 class Instant(LocalEngine):

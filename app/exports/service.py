@@ -94,7 +94,7 @@ def describe_export(export: tables.Export, dataset: str) -> wire.Export:
     )
 
 
-class ExportKind:
+class ExportJobs:
     """One chunk for all frames, so that it sees one state; it ends the export."""
 
     table = tables.Export
@@ -148,4 +148,4 @@ class ExportKind:
         return describe_export(row, dataset.name)
 
 
-EXPORTS: Final = ExportKind()
+EXPORTS: Final = ExportJobs()

@@ -95,7 +95,7 @@ def _end(task: Task[Export], stored: StoredArchive) -> None:
         task.context.storage.require([stored.digest])
         export.sha256, export.size_bytes = stored.digest, stored.size_bytes
         export.counts, export.done = stored.counts, export.total
-        task.end(session)
+        task.end_job(session)
 
 
 @contextmanager

@@ -158,7 +158,7 @@ class JobDriver:
             if not self.kind.may_begin(session, row):
                 raise JobStopped(self.lease.job)
             self.lease.take(session)
-            ChunkRepository(session).begin_again(self.lease.job)
+            ChunkRepository(session).clear_errors(self.lease.job)
             self.kind.begin(session, row)
             row.state = "running"
             session.flush()

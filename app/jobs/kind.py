@@ -230,7 +230,7 @@ class Task(Generic[Row]):
 
     def chunk_done(self, session: Session) -> None:
         """The whole chunk is stored with this transaction; once more is no harm."""
-        ChunkRepository(session).finish(self.job, self.number)
+        ChunkRepository(session).mark_done(self.job, self.number)
 
     def chunk_refused(self, session: Session, why: FilterError) -> None:
         """All of the chunk is stored that can be; the job fails once others are done.
@@ -240,11 +240,11 @@ class Task(Generic[Row]):
         error = {"code": why.kind, "detail": why.detail}
         ChunkRepository(session).refuse(self.job, self.number, error)
 
-    def end(self, session: Session) -> None:
+    def end_job(self, session: Session) -> None:
         """The job is done with this transaction; JobStopped if it is over already."""
         close(session, self.row(session), "done")
 
-    def close(self) -> None:
+    def stop(self) -> None:
         """Nobody waits for this task any more: its threads are to end."""
         self._is_over.set()
 

@@ -167,7 +167,7 @@ class ChunkRepository:
         """Whether a job has chunks."""
         return self._last_number(job) > 0
 
-    def finish(self, job: Job, number: int) -> None:
+    def mark_done(self, job: Job, number: int) -> None:
         """A chunk is done; once more is no harm."""
         self._session.execute(
             update(Chunk)
@@ -237,8 +237,8 @@ class ChunkRepository:
         chunk.first_frame_id, chunk.frames = frame_id + 1, unfinished - 1
         self.quarantine(alone)
 
-    def begin_again(self, job: Job) -> None:
-        """A new driver tries again what an earlier one did not come to report."""
+    def clear_errors(self, job: Job) -> None:
+        """Forget errors of waiting chunks, which an earlier driver has not reported."""
         self._session.execute(
             update(Chunk)
             .where(*_chunks_of(job), Chunk.state == "waiting", Chunk.error.is_not(None))

@@ -77,7 +77,7 @@ def _do(task: AnyTask) -> str:
         else:
             task.kind.work(task)
     finally:
-        task.close()
+        task.stop()
     return DONE
 
 
@@ -208,10 +208,10 @@ class Attempt:
 def _quarantine(session: Session, job: Job, chunk: Chunk) -> None:
     """Put the frame that ends processes into quarantine: the first without a result.
 
-    After its first attempt a chunk is worked on frame by frame, so this is the frame at
-    which the process died. If the frame before it is in quarantine already, the whole
-    chunk goes there: otherwise each of many such frames in a row would end
-    `MOST_ATTEMPTS` processes.
+    Without workers a chunk is worked on frame by frame after its first attempt, so this
+    is the frame at which the process died. If the frame before it is in quarantine
+    already, the whole chunk goes there: otherwise each of many such frames in a row
+    would end `MOST_ATTEMPTS` processes.
     """
     chunks, kind = ChunkRepository(session), kind_of(job)
     unfinished = kind.unfinished(session, open_job(session, kind.table, job.id), chunk)

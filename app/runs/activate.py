@@ -80,9 +80,10 @@ def decide_all(task: Task[Run]) -> None:
         scope = RunScope.of(session, run)
         if is_measured(session, scope):
             _decide_and_store(task, session, run, scope.config)
-            task.end(session)
+            task.end_job(session)
         else:
-            task.stored(session)  # what was measured meanwhile: a sign of life
+            # Frames came in meanwhile; attempts that ended this process count anew.
+            task.stored(session)
 
 
 def _decide_and_store(

@@ -133,7 +133,7 @@ def described_run(context: ServiceContext, session: Session, run: Run) -> wire.R
     return describe_run(context, run, dataset.name, digest)
 
 
-class RunKind:
+class RunJobs:
     """Chunks are frames that lack their numbers; the final step decides all boxes."""
 
     table = Run
@@ -200,4 +200,4 @@ class RunKind:
         return described_run(context, session, row)
 
 
-RUNS: Final = RunKind()
+RUNS: Final = RunJobs()

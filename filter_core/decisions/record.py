@@ -221,7 +221,7 @@ def decision_columns(
         area_percent=evidence.area_percent,
         crowding=evidence.crowding,
         explained_by=[
-            nearer and nearer[0] for nearer in _explaining_boxes(frames, evidence)
+            nearer and nearer[0] for nearer in _nearer_boxes(frames, evidence)
         ],
         hidden_by=_hiding_tags(frames, evidence),
         reviewer=[None] * count,
@@ -246,7 +246,7 @@ def _composed(
     if channels is None:
         channels = ChannelNumbers.absent(count)
     reasons = [Reason(code) for code in decisions.reason.tolist()]
-    hidden, nearer = _hiding_tags(frames, evidence), _explaining_boxes(frames, evidence)
+    hidden, nearer = _hiding_tags(frames, evidence), _nearer_boxes(frames, evidence)
     judged = judged_by(evidence, config, decisions)
     by_channels = _by_channels(frames, evidence, decisions, judged, nearer)
     judgements = _judgements(frames, evidence, decisions, hidden, by_channels)
@@ -365,7 +365,7 @@ def _hiding_tags(
     ]
 
 
-def _explaining_boxes(
+def _nearer_boxes(
     frames: Sequence[FrameFacts], evidence: Evidence
 ) -> list[tuple[str, str] | None]:
     """Id and class of the nearer box that explains each of N boxes, if one does."""

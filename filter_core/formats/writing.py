@@ -234,7 +234,7 @@ def write_labels(
         tally = stack.enter_context(ExportTally(head))
         context = ExportContext(sink, head, options, stack)
         writer = new_writer(context)
-        run = _Run(context, writer, tally)
+        run = _LabelExport(context, writer, tally)
         for frame in frames:
             run.write(frame)
         writer.finish()
@@ -271,7 +271,7 @@ def clipped(xyxy: BoxesXYXY, wh: tuple[int, int]) -> BoxesXYXY:
     return inside
 
 
-class _Run:
+class _LabelExport:
     """The state of one export while its frames are written."""
 
     def __init__(

@@ -43,7 +43,7 @@ const answers = createAnswers(core, createBoxes(), localStorage, await nameThisT
 const app = {
   ...core,
   boxes: answers.boxes,
-  outbox: answers.outbox,
+  sender: answers.sender,
   acts: answers.acts,
   conflicts: answers.conflicts,
   changedFrame: answers.changedFrame,

@@ -105,7 +105,7 @@ ExportFormat: TypeAlias = Literal[
     "decisions-csv",
     "decisions-parquet",
 ]
-"""What labels can be written as."""
+"""What an export can be written as."""
 Include: TypeAlias = Literal["effective", "kept", "all"]
 """Which boxes an export has: by the effective verdict, by the filter's, or all."""
 RejectedBoxes: TypeAlias = Literal["drop", "dontcare"]

@@ -45,7 +45,7 @@ export function GridCells({ app, place, frameSize, actions }) {
 
   const [{ onPick, onOpen }] = useState(() => createPicking(place, actions));
   const rows = Array.from({ length: Math.max(0, sight.end - sight.first) }, (_, i) => sight.first + i);
-  const waiting = app.outbox.waitingIds();
+  const waiting = app.sender.waitingIds();
   const focusId = pager.idAt(selection.focus);
   return html`<div class="grid-scroll" ref=${host} tabindex="0" role="grid" aria-label="Boxes" aria-multiselectable="true" data-known=${pager.known()}
     aria-rowcount=${layout.rows} aria-colcount=${layout.columns} aria-busy=${pager.known() === 0} aria-activedescendant=${focusId === undefined ? undefined : `cell-${focusId}`}>

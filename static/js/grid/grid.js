@@ -53,7 +53,7 @@ function Boxes({ app, dataset, query, inAll, onQuery }) {
   latest.current = { place, query };
   const actions = useMemo(() => createGridActions(app, dataset, () => latest.current), [dataset]);
   useActions(app, actions.byName);
-  useEffect(() => app.acts.sweeps.observe(update), [update]);
+  useEffect(() => app.acts.reloads.observe(update), [update]);
 
   const total = pager.total();
   if (pager.known() === 0 && pager.error()) return html`<${Failure} error=${pager.error()} onRetry=${pager.retry} />`;
@@ -87,7 +87,7 @@ function usePager(app, { pager }) {
   useEffect(() => {
     const change = () => setVersion((n) => n + 1);
     const stop = pager.observe(change);
-    const stopActs = app.outbox.open.observe(change);
+    const stopActs = app.sender.open.observe(change);
     pager.want(0, 1);
     change();
     return () => {
@@ -319,15 +319,15 @@ const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused
 
 /** Answers on many boxes that the server has not stored, each with what the person can do about it. @param {{app: App, dataset: string}} props */
 export function OpenActs({ app, dataset }) {
-  const open = useValue(app.outbox.open).filter(({ act, state }) => act.dataset === dataset && state !== "sending");
+  const open = useValue(app.sender.open).filter(({ act, state }) => act.dataset === dataset && state !== "sending");
   return open.map(({ act, state, text }) => {
     const what = `${WILL[act.verdict]} ${countOf(act.count, "box", "boxes")}`;
     return html`<div key=${act.key} class="strip strip--error" role="alert">
       <${Icon} name="cloud" />
       <p><b>${STATES[state]}: ${what}.</b> ${sentence(text)}</p>
       ${state === "changed" && html`<button class="button button--small" onClick=${() => void acceptNow(app, act)}>Count again</button>`}
-      ${state === "waiting" && html`<button class="button button--small" onClick=${() => app.outbox.retry(act.key)}>Send now</button>`}
-      <button class="button button--small button--quiet" onClick=${() => app.outbox.giveUp(act.key)}>Discard</button>
+      ${state === "waiting" && html`<button class="button button--small" onClick=${() => app.sender.retry(act.key)}>Send now</button>`}
+      <button class="button button--small button--quiet" onClick=${() => app.sender.giveUp(act.key)}>Discard</button>
     </div>`;
   });
 }
@@ -339,8 +339,8 @@ const sentence = (text) => (text ? `${text[0]?.toUpperCase()}${text.slice(1).rep
 async function acceptNow(app, act) {
   const list = await countBoxes(act.dataset, act.filter ?? {}).catch(app.toasts.fail);
   if (!list) return;
-  app.outbox.giveUp(act.key);
-  app.acts.sweeps.set(app.acts.sweeps.get() + 1);
+  app.sender.giveUp(act.key);
+  app.acts.reloads.set(app.acts.reloads.get() + 1);
   app.toasts.show(`The number of boxes changed: ${countText(list.total)} now, ${countText(act.count)} when you selected them.`, {
     action: { text: `${WILL[act.verdict]} all ${countText(list.total)}`, run: () => app.acts.answerAll(act.dataset, act.verdict, act.filter ?? {}, list) },
   });

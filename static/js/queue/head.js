@@ -70,7 +70,7 @@ const SIZE_PX = 56;
 
 /** @param {{app: import("../review/answers.js").ReviewApp, session: import("./session.js").Session, line: Line, isHidden: boolean, onShow: (line: Line) => void}} props */
 export function QueueStrip({ app, session, line, isHidden, onShow }) {
-  const { waiting } = useValue(app.outbox.state);
+  const { waiting } = useValue(app.sender.state);
   const list = useRef(/** @type {HTMLOListElement | null} */ (null));
   const { verdicts } = useValue(session.tally);
   const here = currentOf(line);

@@ -71,7 +71,7 @@ function SessionView({ app, session, query, isEmpty, onQuery }) {
 
   const line = useValue(session.line);
   useBoxes(app.boxes, line.ids);
-  const { waiting } = useValue(app.outbox.state);
+  const { waiting } = useValue(app.sender.state);
   const prefs = useValue(app.prefs);
   const verdicts = useValue(session.tally).verdicts;
   const box = app.boxes.get(currentOf(line) ?? 0) ?? null;
@@ -233,7 +233,7 @@ export const Fetching = () => html`<div class="queue__message" aria-busy="true">
 export function AllDone({ app, session, query, actions, onAll }) {
   const { verdicts } = useValue(session.tally);
   const { elsewhere } = useValue(session.counts);
-  const { waiting } = useValue(app.outbox.state);
+  const { waiting } = useValue(app.sender.state);
   const open = passed(useValue(session.line)).length;
   const { dataset, order } = session;
   const title = verdicts.size ? "All done" : order === "audit" ? "Nothing to audit" : "Nothing to review";

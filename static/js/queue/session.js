@@ -63,7 +63,7 @@ export function createSession(app, dataset, query) {
   async function ask(limit) {
     isAsking = true;
     supply.set({ ...supply.get(), state: "loading", error: null });
-    const waiting = app.outbox.state.get().waiting;
+    const waiting = app.sender.state.get().waiting;
     const exclude = [...new Set([...waiting, ...inHand(line.get(), MOST_EXCLUDED)])].slice(-MOST_EXCLUDED);
     const filters = { reason: LOOKABLE, ...selectionOf(query) };
     const coming = listed.length > 0 ? listedBoxes(listed) : post("/api/v1/datasets/{dataset}/queue", { path: { dataset }, body: { order, filters, limit, exclude } });
@@ -87,7 +87,7 @@ export function createSession(app, dataset, query) {
 
   /** How many answers the server had not received when it counted. */
   function unsent() {
-    const { waiting } = app.outbox.state.get();
+    const { waiting } = app.sender.state.get();
     return order === "audit" ? 0 : [...tally.get().verdicts.keys()].filter((id) => waiting.has(id)).length;
   }
 

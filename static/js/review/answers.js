@@ -29,7 +29,7 @@ const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", cl
  */
 export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   const { toasts } = app;
-  const items = createOutbox(storage, tab, app.owner);
+  const outbox = createOutbox(storage, tab, app.owner);
   const steps = createSteps(boxes);
   /** The boxes that were answered last are held in the store, so that an older answer of the server, still on its way, does not replace them. @type {(() => void)[]} */
   const answered = [];
@@ -46,7 +46,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
   /** Load boxes again that others have answered. @param {readonly number[]} boxIds */
   async function lookAgain(boxIds) {
-    if (boxIds.length > MOST_LOOKS) return acts.sweeps.set(acts.sweeps.get() + 1);
+    if (boxIds.length > MOST_LOOKS) return acts.reloads.set(acts.reloads.get() + 1);
     for (const id of boxIds) {
       const box = await get("/api/v1/boxes/{box_id}", { path: { box_id: id } }).catch(() => null);
       if (box) boxes.receive([box]);
@@ -54,7 +54,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   }
 
   const acts = createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, start: (act, key) => sender.start(act, key) });
-  const sender = createSender(items, { answer: (boxId, body, key) => post("/api/v1/boxes/{box_id}/reviews", { path: { box_id: boxId }, body, key }), act: sendBulk }, {
+  const sender = createSender(outbox, { answer: (boxId, body, key) => post("/api/v1/boxes/{box_id}/reviews", { path: { box_id: boxId }, body, key }), act: sendBulk }, {
     onStored(stored) {
       const box = boxes.get(stored.box_id);
       changedFrame.set({ id: box?.frame_id ?? null });
@@ -82,7 +82,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     onSignedOut: app.endSession,
   });
   // The state changes with every change of the outbox.
-  sender.state.observe(() => boxes.layOver(items.given()));
+  sender.state.observe(() => boxes.layOver(outbox.given()));
   sender.adopt(openTabs);
 
   /** Send answers that are not saved yet. */
@@ -129,14 +129,14 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   return {
     boxes,
     changedFrame,
-    outbox: sender,
+    sender,
     acts,
     conflicts,
     answer,
     offerUnowned,
     resume,
     /** How many answers of each person wait in this browser. */
-    kept: items.kept,
+    kept: outbox.kept,
     /** A conflict that the person has seen. */
     closeConflict,
 
@@ -174,7 +174,7 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, s
   const offers = new Map();
   const report = createValue(/** @type {Report | null} */ (null));
   /** Increases when an act on all boxes of a filter was stored or undone, so that lists are read again. */
-  const sweeps = createValue(0);
+  const reloads = createValue(0);
 
   /** Which boxes were left out, and why. @param {number[]} skipped @param {number[]} stale @returns {Report | null} */
   function leftOut(skipped, stale) {
@@ -214,14 +214,14 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, s
     toasts.dismiss(offers.get(batchId) ?? 0);
     stored(given, skipped);
     changedFrame.set({ id: null });
-    if (given.length === 0) sweeps.set(sweeps.get() + 1);
+    if (given.length === 0) reloads.set(reloads.get() + 1);
     toasts.show(`${countOf(count, "answer")} undone`);
     report.set(skipped.length ? { text: `${countOf(skipped.length, "answer was", "answers were")} left as ${skipped.length === 1 ? "it is" : "they are"}: somebody has answered since.`, boxes: skipped } : null);
   }
 
   return {
     report,
-    sweeps,
+    reloads,
 
     /** An act was stored. @param {import("./outbox.js").DoneAct} done */
     done({ batchId, act, skipped, stale }) {
@@ -231,7 +231,7 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, s
       before.delete(act.key);
       steps.push(step);
       stored((act.boxIds ?? []).map((boxId, i) => ({ boxId, verdict: act.verdict, comment: "", revision: act.seen?.[i] ?? 0 })), [...left]);
-      if (act.filter) sweeps.set(sweeps.get() + 1);
+      if (act.filter) reloads.set(reloads.get() + 1);
       void lookAgain(stale);
       const toast = toasts.show(`${countOf(act.count - skipped.length - stale.length, "box", "boxes")} ${DONE[act.verdict]}`, {
         action: { text: "Undo", run: () => void takeBack(step) },

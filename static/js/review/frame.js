@@ -78,7 +78,7 @@ function FrameReview({ app, frame, media, query }) {
 
   const answered = useBoxes(app.boxes, ids);
   const boxes = useSeen(app, answered);
-  const { waiting } = useValue(app.outbox.state);
+  const { waiting } = useValue(app.sender.state);
   const shown = useMemo(() => boxes.filter((_, i) => isShown(/** @type {Decision} */ (answered[i]), query)), [boxes, ...Object.values(filtersOf(query)), Object.keys(filtersOf(query)).join()]);
   const selected = boxes.find(({ box_id }) => box_id === Number(query.box)) ?? null;
 

@@ -50,7 +50,7 @@ const PHASES = {
 
 /** @param {{app: App}} props */
 function SaveState({ app }) {
-  const { phase, count } = useValue(app.outbox.state);
+  const { phase, count } = useValue(app.sender.state);
   const { icon, text } = PHASES[phase];
   const isWaiting = phase !== "saved" && phase !== "saving";
   const words = isWaiting ? `${countOf(count, "answer")} ${text}` : text;

@@ -136,7 +136,7 @@ test("what was read of a box before it was answered is older, also when it comes
   giveBack();
   app.undo(() => {});
   await new Promise((resolve) => setTimeout(resolve, 20));
-  assert.equal(app.outbox.state.get().phase, "saved");
+  assert.equal(app.sender.state.get().phase, "saved");
 
   app.boxes.receive([{ ...OTHER, revision: 1, review: { verdict: "keep", reviewer: "ada", revision: 1, comment: "" } }]);
 

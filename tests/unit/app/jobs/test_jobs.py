@@ -7,12 +7,12 @@ import pytest
 from app.db.tables import Chunk, Export, Run
 from app.engine import Job, JobStopped
 from app.errors import Conflict
-from app.exports.service import EXPORTS, ExportKind, ExportRequest, request_export
+from app.exports.service import EXPORTS, ExportJobs, ExportRequest, request_export
 from app.jobs.driver import drive_job
 from app.jobs.kind import register
 from app.jobs.queries import ChunkRepository, LeaseRepository, Span, close
 from app.jobs.service import start
-from app.runs.service import RUNS, RunKind
+from app.runs.service import RUNS, RunJobs
 from filter_core.errors import ConfigError
 from tests.support.leases import ended_process, nobody
 from tests.support.services import run_job
@@ -86,11 +86,11 @@ class _Fails:
         raise self._error
 
 
-class FailingRun(_Fails, RunKind):
+class FailingRun(_Fails, RunJobs):
     pass
 
 
-class FailingExport(_Fails, ExportKind):
+class FailingExport(_Fails, ExportJobs):
     pass
 
 
