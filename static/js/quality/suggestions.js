@@ -4,7 +4,7 @@
 import { post } from "../core/api.js";
 import { drawChart } from "../core/chart.js";
 import { useTask } from "../core/hooks.js";
-import { html, useEffect, useRef, useState } from "../core/html.js";
+import { html, useEffect, useRef } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { percentText } from "../core/numbers.js";
 import { Segments } from "../core/parts.js";

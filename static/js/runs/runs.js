@@ -4,7 +4,7 @@
 import { VerdictBar } from "../boxes/signs.js";
 import { get } from "../core/api.js";
 import { useHead, useLoaded, usePages } from "../core/hooks.js";
-import { html, useEffect, useState } from "../core/html.js";
+import { html, useState } from "../core/html.js";
 import { agoText, countOf, countText, tookText } from "../core/numbers.js";
 import { Failure } from "../core/parts.js";
 import { linkTo } from "../core/router.js";

@@ -9,7 +9,6 @@ import { html, useEffect, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, Notice } from "../core/parts.js";
-import { linkTo } from "../core/router.js";
 import { RunStrip, isOver, runEvents, useWatched } from "../jobs/job.js";
 import { AllClasses, ClassCards, Reasons } from "./classes.js";
 import { THRESHOLD, effectiveEdits, keyValue, valueOf, valueText } from "./config.js";
