@@ -13,12 +13,15 @@ trap 'exit 130' INT TERM
 paths() {
     case $1 in
     browser) echo tests/browser tests/replicas ;;
-    service) echo tests/api tests/durability tests/hostile ;;
+    service) echo tests/api ;;
+    durability) echo tests/durability tests/hostile ;;
+    units) echo tests/unit tests/property ;;
     others)
         for folder in tests/*/; do
             case ${folder%/} in
             tests/browser | tests/replicas) ;;
             tests/api | tests/durability | tests/hostile) ;;
+            tests/unit | tests/property) ;;
             tests/__pycache__ | tests/data | tests/support) ;;
             *) echo "${folder%/}" ;;
             esac
@@ -46,7 +49,7 @@ run() {
     exec "$@" -o cache_dir="$work/$group" $(paths "$group")
 }
 
-groups="others service browser"
+groups="units others service durability browser"
 if [ -n "${UNGHOST_TEST_DATABASE:-}" ]; then
     echo "All tests on PostgreSQL."
 elif database=$("$1" -m tests.support.databases); then
