@@ -1,8 +1,9 @@
 """One driver per job: the process that holds its lease, and renews it while it lives.
 
 A lease is taken in the transaction that begins the job. A process that was too slow
-loses it to another one, and notices when it renews the lease or plans chunks. If two
-processes reach the end of a job, the first one ends it, and the second finds it over.
+loses it to another one, and notices when it renews the lease, plans chunks or begins
+the final step. If two processes reach the end of a job, the first one ends it, and the
+second finds it over.
 """
 
 from __future__ import annotations

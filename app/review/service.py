@@ -2,7 +2,8 @@
 
 All of them are stored in one way (`app.review.queries`). An answer goes to a box as
 somebody saw it, by the revision that it had then: if somebody else answered in between,
-one answer alone is refused (StaleReview), and an act on many boxes leaves that box.
+one answer alone is refused (StaleReview), an act on listed boxes leaves that box out,
+and one on all boxes of a filter is refused as a whole (StaleSnapshot, in `routes`).
 """
 
 from __future__ import annotations
