@@ -68,7 +68,7 @@ class JobLease:
             raise LeaseLost(self.job)
 
     def end(self, session: Session) -> None:
-        """Release the lease in the transaction in which the job fails.
+        """Remove the lease in the transaction in which the job fails.
 
         Raises
         ------

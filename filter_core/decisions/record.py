@@ -223,7 +223,7 @@ def decision_columns(
         explained_by=[
             nearer and nearer[0] for nearer in _nearer_boxes(frames, evidence)
         ],
-        hidden_by=_hiding_tags(frames, evidence),
+        hidden_by=_tags_in_front(frames, evidence),
         reviewer=[None] * count,
         comment=[None] * count,
         config=frames[0].config.digest if frames else "",
@@ -246,7 +246,7 @@ def _composed(
     if channels is None:
         channels = ChannelNumbers.absent(count)
     reasons = [Reason(code) for code in decisions.reason.tolist()]
-    hidden, nearer = _hiding_tags(frames, evidence), _nearer_boxes(frames, evidence)
+    hidden, nearer = _tags_in_front(frames, evidence), _nearer_boxes(frames, evidence)
     judged = judged_by(evidence, config, decisions)
     by_channels = _by_channels(frames, evidence, decisions, judged, nearer)
     judgements = _judgements(frames, evidence, decisions, hidden, by_channels)
@@ -352,7 +352,7 @@ def _accepted(frame: FrameFacts, accept_mask: int) -> tuple[str, ...]:
     return accepted_names(accept_mask, frame.family) if frame.family else ()
 
 
-def _hiding_tags(
+def _tags_in_front(
     frames: Sequence[FrameFacts], evidence: Evidence
 ) -> list[list[HiddenBy]]:
     """What hides each of N boxes; nothing where no tags were counted."""

@@ -56,8 +56,8 @@ const isAct = (item) => "count" in item;
 /** @param {Item} item */
 const nameOf = (item) => (isAct(item) ? ACT_PREFIX : ANSWER_PREFIX) + item.key;
 
-/** Whether this act may answer the box: the page does not know which boxes a filter selects. @param {Act} act @param {number} boxId */
-const mayAnswer = (act, boxId) => act.boxIds === undefined || act.boxIds.includes(boxId);
+/** Whether this act may have answered the box: the page does not know which boxes a filter selects. @param {Act} act @param {number} boxId */
+const mayHaveAnswered = (act, boxId) => act.boxIds === undefined || act.boxIds.includes(boxId);
 
 /** @param {Storage} storage @param {string} tab @param {() => string} who  answers now @param {() => string} [newKey] */
 export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID()) {
@@ -95,7 +95,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
      */
     add(answer) {
       const waiting = mine();
-      const last = waiting.findLast((item) => (isAct(item) ? mayAnswer(item, answer.boxId) : item.boxId === answer.boxId));
+      const last = waiting.findLast((item) => (isAct(item) ? mayHaveAnswered(item, answer.boxId) : item.boxId === answer.boxId));
       if (last && !isAct(last) && !last.attempted) {
         storage.removeItem(nameOf(last));
         write({ ...last, key: newKey(), verdict: answer.verdict, comment: answer.comment });
