@@ -13,7 +13,8 @@ trap 'exit 130' INT TERM
 paths() {
     case $1 in
     browser) echo tests/browser tests/replicas ;;
-    service) echo tests/api ;;
+    service) echo tests/api/[a-h]*/ ;;
+    service-too) echo tests/api/[!a-h_]*/ tests/api/test_*.py ;;
     durability) echo tests/durability tests/hostile ;;
     units) echo tests/unit tests/property ;;
     others)
@@ -49,7 +50,7 @@ run() {
     exec "$@" -o cache_dir="$work/$group" $(paths "$group")
 }
 
-groups="units others service durability browser"
+groups="units others service service-too durability browser"
 if [ -n "${UNGHOST_TEST_DATABASE:-}" ]; then
     echo "All tests on PostgreSQL."
 elif database=$("$1" -m tests.support.databases); then

@@ -25,20 +25,33 @@ function asMarkup(text) {
   return policy ? policy.createHTML(text) : text;
 }
 
+/** A link sends no session, so the page fetches the document, and the link leads to that. @param {MouseEvent} event */
+async function download(event) {
+  const link = /** @type {HTMLAnchorElement} */ (event.currentTarget);
+  if (link.download) return;
+  event.preventDefault();
+  try {
+    const text = JSON.stringify(await (await send("/openapi.json")).json(), null, 1);
+    link.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
+    link.download = "openapi.json";
+    link.click();
+  } catch (error) {
+    failed(/** @type {Error} */ (error));
+  }
+}
+
+/** @param {Error} error */
+const failed = (error) => say(error instanceof ApiError && error.status === 401 ? "Sign in first, then open this page again." : error.message);
+
 async function show() {
   const answer = await send("/docs/content");
   const page = new DOMParser().parseFromString(asMarkup(await answer.text()), "text/html");
   document.title = page.title;
   document.body.replaceChildren(...page.body.childNodes);
-  // A link sends no session either: it gets the document itself as a blob.
-  const machine = document.querySelector('a[href="/openapi.json"]');
-  if (machine instanceof HTMLAnchorElement) {
-    const text = JSON.stringify(await (await send("/openapi.json")).json(), null, 1);
-    machine.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
-    machine.download = "openapi.json";
-  }
+  const link = document.querySelector('a[href="/openapi.json"]');
+  if (link instanceof HTMLAnchorElement) link.addEventListener("click", download);
 }
 
 setSession(createSession(localStorage).current.get()?.session ?? "");
 
-show().catch((error) => say(error instanceof ApiError && error.status === 401 ? "Sign in first, then open this page again." : error.message));
+show().catch(failed);

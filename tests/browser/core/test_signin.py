@@ -9,7 +9,7 @@ from uuid import uuid4
 
 import httpx
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Route, expect
 
 from tests.support import databases
 from tests.support.page.windows import Visit, kept_session
@@ -156,12 +156,18 @@ def test_description_of_the_api_is_shown_to_who_is_signed_in(visit, server):
     page.goto(server.login_link)
     expect(page.locator("[data-view=datasets]")).to_be_visible()
 
+    slow: list[Route] = []  # the document comes after the click
+    page.route("**/openapi.json", lambda route: slow.append(route))
     page.goto(f"{server.url}/docs")
 
     expect(page.get_by_role("heading", level=1)).to_contain_text("API")
     expect(page.get_by_text("/api/v1/login-codes").first).to_be_visible()
     with page.expect_download() as download:
         page.get_by_role("link", name="openapi.json").click()
+        while not slow:
+            page.wait_for_timeout(20)
+        for route in slow:
+            route.continue_()
     document = json.loads(Path(download.value.path()).read_text("utf-8"))
     assert "/api/v1/session" in document["paths"]
 
