@@ -135,7 +135,7 @@ class HeldBytes:
         self._counted = 0
 
     def hold(self, size: int) -> None:
-        """It holds so many bytes from now on; raises as `OpenBodies.take`."""
+        """Count so many bytes as held from now on; errors as of `OpenBodies.take`."""
         counted = size if size > UNCOUNTED_BYTES else 0
         more = counted - self._counted
         if more > 0:

@@ -2,9 +2,10 @@
 
 `add` stores the decisions on new boxes, `answered` copies answers of people,
 `decided_again`, `measured_again` and `replace_tallies` are the end of a run, and
-`retire` takes a frame's boxes away. Nothing else writes these two tables. Each of
-them changes both tables, but for the end of a run, where `replace_tallies` counts anew
-after the decisions have changed. The classes at the end only read them.
+`retire` takes a frame's boxes away. Nothing else writes these two tables, but for
+`app.maintenance.removals`, which deletes the rows of deleted datasets. Each of them
+changes both tables, but for the end of a run, where `replace_tallies` counts anew after
+the decisions have changed. The classes at the end only read them.
 """
 
 from __future__ import annotations

@@ -343,7 +343,7 @@ class FrameRepository:
         insert_columns(self._session, Box, columns)
 
     def supersede(self, frame: Frame) -> None:
-        """It is not the newest revision under its key any more."""
+        """Mark a frame as no longer the newest revision under its key."""
         self._session.execute(
             update(Frame).where(Frame.id == frame.id).values(superseded_at=utc_now())
         )

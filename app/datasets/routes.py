@@ -121,8 +121,7 @@ def delete_dataset(
     confirm: Confirmation = None,
 ) -> Response:
     """Delete a dataset with everything in it; `confirm` repeats its name."""
-    found = DatasetRepository(session).named(dataset)
-    datasets.remove_dataset(services, session, found, confirm)
+    datasets.remove_dataset(services, session, dataset, confirm)
     audit.note(Act.DATASET_DELETED, dataset)
     make_room(services, session)
     return Response(status_code=204)

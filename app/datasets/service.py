@@ -16,7 +16,7 @@ from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Dataset, Run
 from app.errors import BadRequest
-from app.jobs.service import end_all
+from app.jobs.service import all_open_jobs, end_all, interrupt
 from app.measuring.active import active_version, add_version
 from app.measuring.plan import DatasetReading, measurement_of, plan_for
 from app.measuring.queries import (
@@ -119,28 +119,39 @@ def change_dataset(
 
 
 def remove_dataset(
-    context: ServiceContext, session: Session, dataset: Dataset, confirmed: str | None
-) -> None:
+    context: ServiceContext, session: Session, name: str, confirmed: str | None
+) -> Dataset:
     """Delete a dataset with everything in it; its blobs stay until they are swept.
 
-    Nobody sees it from the commit on. Its rows go bit by bit after that.
+    Nobody sees it from the commit on. Its rows go bit by bit after that. The session
+    must not have run a statement: the first one waits for the final step of a run, and
+    that of this dataset is to end before. So its jobs are read in a session of its own.
 
     Raises
     ------
+    NotFound
+        There is no such dataset.
     BadRequest
         The name was not said once more.
     """
-    if confirmed != dataset.name:
-        found = "nothing" if confirmed is None else repr(confirmed)
-        raise BadRequest(
-            f"deleting dataset {dataset.name!r} takes all its frames and answers along "
-            f"and cannot be undone; expected ?confirm={dataset.name}, found {found}",
-            code="not_confirmed",
-        )
+    with context.database.read() as before:
+        dataset = DatasetRepository(before).named(name)
+        if confirmed != name:
+            found = "nothing" if confirmed is None else repr(confirmed)
+            raise BadRequest(
+                f"deleting dataset {name!r} takes all its frames and answers along "
+                f"and cannot be undone; expected ?confirm={name}, found {found}",
+                code="not_confirmed",
+            )
+        jobs = all_open_jobs(before, dataset.id)
+    for job in jobs:
+        interrupt(context, session, job)
+    dataset = DatasetRepository(session).named(name)
     end_all(session, dataset.id)
     DatasetRepository(session).hide(dataset)
     replace_tallies(session, dataset.id, {})
     once_committed(session, context.one(DeletionSignal).set)
+    return dataset
 
 
 def describe_dataset(session: Session, dataset: Dataset) -> wire.Dataset:

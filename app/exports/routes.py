@@ -110,7 +110,7 @@ async def watch_export(
     services: AppServices,
     last_event_id: LastEventId = None,
 ) -> Response:
-    """How an export goes on, as server-sent events; the last one is `end`."""
+    """The progress of an export, as server-sent events; the last one is `end`."""
     return await watch(request, services, EXPORTS, export_id, last_event_id)
 
 

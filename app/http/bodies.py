@@ -99,7 +99,7 @@ class UntilStopped:
         self._is_woken = False
 
     def __aiter__(self) -> UntilStopped:
-        """Itself: reading goes on where it was left."""
+        """Itself; iterating again continues after the last piece."""
         return self
 
     async def __anext__(self) -> bytes:

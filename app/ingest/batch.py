@@ -261,7 +261,7 @@ class _CountedFrame:
                 self._lower(0)
 
     def never_started(self) -> None:
-        """Nothing prepared on it."""
+        """Give its bytes back: nobody began to prepare the frame."""
         with self._lock:
             self._lower(0)
 
@@ -286,7 +286,7 @@ class _Room:
         self._free -= size_bytes
 
     def give_back(self, size_bytes: int, _done: object = None) -> None:
-        """These are free again."""
+        """Say that so many bytes are free again."""
         self._free += size_bytes
         self._freed.set()
 

@@ -1,4 +1,4 @@
-"""SQL of frames that are known, and of those that were refused."""
+"""SQL of frames that are known; refused ones are in `app.measuring.queries`."""
 
 from __future__ import annotations
 

@@ -138,7 +138,7 @@ class BatchResponse(Response):
         self._request, self._services, self._common = request, services, common
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """What is wrong before the first frame is a problem, as everywhere."""
+        """Respond; a fault before the first frame is a problem with its own status."""
         services = self._services
         with self._place():
             await run_in_threadpool(self._require_dataset)

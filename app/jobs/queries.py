@@ -354,7 +354,7 @@ class LeaseRepository:
         return self._session.scalar(rows) == holder
 
     def leave(self, job: Job, holder: str) -> None:
-        """Let a lease that is one's own run out now: the job is anybody's.
+        """Let one's own lease run out now, so that any process may take the job.
 
         The row stays. Without it, a watchdog would take the job for a new one, and wait
         for the service that was asked for it.

@@ -119,11 +119,7 @@ def start_waiting(context: ServiceContext, job: Job) -> None:
         row = session.get(kind_of(job).table, job.id)
         if row is None:
             return
-        waiting = [
-            found
-            for kind in kinds()
-            for found in open_jobs(session, kind.table, row.dataset_id)
-        ]
+        waiting = all_open_jobs(session, row.dataset_id)
     start(context, waiting)
 
 
@@ -142,7 +138,7 @@ def cancel(
         It is over already.
     """
     job = Job(kind.table.job_kind, job_id)
-    _interrupt(context, session, job)
+    interrupt(context, session, job)
     row = find_job(session, kind.table, job_id)
     if row is None:
         raise NotFound(*job)
@@ -154,8 +150,8 @@ def cancel(
     return row
 
 
-def _interrupt(context: ServiceContext, session: Session, job: Job) -> None:
-    """Tell a job that it is being cancelled, before the session runs a statement.
+def interrupt(context: ServiceContext, session: Session, job: Job) -> None:
+    """Tell a job that it is about to be cancelled, before the session runs a statement.
 
     The session's first statement waits for whoever writes, and that may be the final
     step of this very job. On PostgreSQL the final step is withdrawn in a separate
@@ -172,6 +168,15 @@ def _interrupt(context: ServiceContext, session: Session, job: Job) -> None:
     event.listen(session, "after_transaction_end", lambda *_: clear())
     again = partial(start, context, [job], even_if_driven=True)
     event.listen(session, "after_rollback", lambda _: again())
+
+
+def all_open_jobs(session: Session, dataset_id: int) -> list[Job]:
+    """The jobs of a dataset, of every kind, that are not over."""
+    return [
+        found
+        for kind in kinds()
+        for found in open_jobs(session, kind.table, dataset_id)
+    ]
 
 
 def end_all(session: Session, dataset_id: int) -> None:

@@ -75,7 +75,7 @@ async def watch(
 
 
 def number_of(last_event_id: str | None) -> int:
-    """The number in a Last-Event-ID; whatever is none of ours starts anew."""
+    """The number in a Last-Event-ID; anything else starts from the beginning."""
     text = last_event_id or ""
     known = text.isascii() and text.isdigit() and len(text) <= _MAX_DIGITS
     return int(text) if known else NOTHING_SEEN

@@ -191,7 +191,7 @@ def _files(backup: Path) -> list[Path]:
 
 
 def size_of(backup: Path) -> int:
-    """Bytes of a backup; zero for what is none."""
+    """Bytes of a backup; 0 if there is none at this path."""
     files = _files(backup) if backup.is_dir() else [backup]
     return sum(file.stat().st_size for file in files if file.is_file())
 

@@ -141,7 +141,7 @@ def remove_deleted(
 
 @contextmanager
 def removing(context: ServiceContext) -> Iterator[None]:
-    """Do so whenever one is deleted, and go on with what is left, until the end."""
+    """Remove rows of deleted datasets in a thread, until the block ends."""
     over = threading.Event()
     watch = threading.Thread(target=_watch, args=(context, over), name="removals")
     watch.start()

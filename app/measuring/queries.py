@@ -1,4 +1,8 @@
-"""SQL of datasets, classes, configurations, measurements and evidence."""
+"""SQL of datasets, classes, configurations, measurements, evidence, refused frames.
+
+Refused frames (`problems`) are here because one statement reads a frame's key and its
+problem.
+"""
 
 from __future__ import annotations
 
@@ -493,7 +497,7 @@ class ProblemRepository:
         self._session = session
 
     def forget(self, dataset_id: int, key: str) -> None:
-        """The frame came in after all."""
+        """Delete the problem of a frame that was stored after all."""
         run(self._session, _FORGET_PROBLEMS, dataset=dataset_id, frame=key)
 
     def add(self, problem: Problem) -> None:
@@ -570,7 +574,7 @@ def active_row_and_key(
 def read_active_snapshot(
     engine: Engine, name: str, key: str
 ) -> tuple[ActiveRow, KeyRow]:
-    """The same, read without a session: for who reads it again before writing."""
+    """As a session would read it, for callers that read it again before writing."""
     return _active_and_key(first_row(engine, _ACTIVE_AND_KEY, name=name, key=key), name)
 
 

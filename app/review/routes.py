@@ -212,7 +212,7 @@ def undo_bulk_review(
     principal: CurrentPrincipal,
     audit: Audited,
 ) -> Response:
-    """Say again what was said before; where someone spoke since, leave it.
+    """Undo a bulk answer: boxes get the answers they had, unless answered since.
 
     Batches of others are undone by admins alone.
     """

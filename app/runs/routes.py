@@ -235,7 +235,7 @@ async def watch_run(
     services: AppServices,
     last_event_id: LastEventId = None,
 ) -> Response:
-    """How a run goes on, as server-sent events; the last one is `end`."""
+    """The progress of a run, as server-sent events; the last one is `end`."""
     return await watch(request, services, RUNS, run_id, last_event_id)
 
 

@@ -8,7 +8,10 @@ from tests.support.sources import python_sources
 
 ENDS = {"commit", "rollback"}
 OPENS = {"read", "write", "write_beside"}
-ALLOWED = {"app/http/routing.py:committed", "app/jobs/service.py:_interrupt"}
+ALLOWED = {
+    *("app/http/routing.py:committed", "app/jobs/service.py:interrupt"),
+    "app/datasets/service.py:remove_dataset",
+}
 """Each says why."""
 LOOKS_AROUND = {"app.jobs.queries"}
 """A final step that takes long asks now and then whether its job is cancelled, and on

@@ -421,7 +421,7 @@ export interface paths {
         };
         /**
          * Watch Export
-         * @description How an export goes on, as server-sent events; the last one is `end`.
+         * @description The progress of an export, as server-sent events; the last one is `end`.
          */
         get: operations["watch_export_api_v1_exports__export_id__events_get"];
         put?: never;
@@ -835,7 +835,7 @@ export interface paths {
         put?: never;
         /**
          * Undo Bulk Review
-         * @description Say again what was said before; where someone spoke since, leave it.
+         * @description Undo a bulk answer: boxes get the answers they had, unless answered since.
          *
          *     Batches of others are undone by admins alone.
          */
@@ -899,7 +899,7 @@ export interface paths {
         };
         /**
          * Watch Run
-         * @description How a run goes on, as server-sent events; the last one is `end`.
+         * @description The progress of a run, as server-sent events; the last one is `end`.
          */
         get: operations["watch_run_api_v1_runs__run_id__events_get"];
         put?: never;

@@ -75,7 +75,8 @@ def test_wrong_ones_are_one_line_of_the_log_and_nothing_in_the_database(
     warnings = [
         record.getMessage()
         for record in caplog.records
-        if record.levelno >= logging.WARNING
+        # What a busy machine says of the event loop is not about tokens.
+        if record.levelno >= logging.WARNING and record.module != "loop_watch"
     ]
     assert warnings == [
         f"within a minute {MANY} wrong tokens, sessions, codes or keys: "

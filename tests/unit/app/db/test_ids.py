@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from app.datasets.service import remove_dataset
-from app.measuring.queries import DatasetRepository
 from tests.support.services import running_services
 
 
@@ -11,8 +10,7 @@ def test_the_id_of_a_deleted_dataset_is_not_used_again(tmp_path):
     with running_services(tmp_path / "data") as services:
         first = services.dataset()
         with services.context.database.write() as session:
-            found = DatasetRepository(session).named(first.name)
-            remove_dataset(services.context, session, found, first.name)
+            remove_dataset(services.context, session, first.name, first.name)
 
         second = services.dataset()
 

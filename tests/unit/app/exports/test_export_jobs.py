@@ -213,8 +213,7 @@ def test_what_a_crash_left_half_written_is_written_anew(street):
 def test_an_export_whose_dataset_is_deleted_is_no_failure(street, caplog):
     export_id = asked_for(street)
     with street.context.database.write() as session:
-        dataset = DatasetRepository(session).named(street.name)
-        remove_dataset(street.context, session, dataset, street.name)
+        remove_dataset(street.context, session, street.name, street.name)
 
     with caplog.at_level(logging.ERROR):
         make_export(street.context, export_id)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import time
+from contextlib import contextmanager
 from threading import Thread
 
 import pytest
 
+from app.datasets.service import remove_dataset
+from app.db.tables import Run
 from app.jobs.driver import drive_job
 from app.jobs.events import INTERVAL_S
 from app.jobs.service import cancel
@@ -58,21 +61,36 @@ def part_way(services, run_id):
     raise AssertionError("it told nothing")
 
 
-def test_a_decision_is_seen_and_cancelled_from_another_service(services, street):
+@contextmanager
+def deciding(services, run_id):
+    """A service drives a run, until the block and the run have ended."""
+    driver = Thread(target=drive_job, args=(services.context, run_job(run_id)))
+    driver.start()
+    try:
+        yield
+    finally:
+        driver.join()
+
+
+def test_a_decision_is_seen_and_ended_from_another_service(services, street):
     one, other = services
     run_id = street.request(NOTHING_VISIBLE)
     before = street.reasons()
-    driver = Thread(target=drive_job, args=(one.context, run_job(run_id)))
-    driver.start()
-    try:
+    with deciding(one, run_id):
         state = part_way(other, run_id)
         with other.context.database.write() as session:
             cancelled = cancel(other.context, session, RUNS, run_id).state
-    finally:
-        driver.join()
 
     assert (state, cancelled) == ("running", "cancelled")
     assert seen_by(one, run_id)[0] == "cancelled"
     assert street.reasons() == before
     # Once more, and nobody is in its way.
     assert street.run(NOTHING_VISIBLE).changed > 0
+    # Deleting the dataset does not wait for a decision either.
+    run_id = street.request({})
+    with deciding(one, run_id):
+        part_way(other, run_id)
+        with other.context.database.write() as session:
+            remove_dataset(other.context, session, street.name, street.name)
+    with one.context.database.read() as session:
+        assert session.get_one(Run, run_id).state == "cancelled"
