@@ -247,8 +247,9 @@ def test_frames_that_kill_among_many_cost_no_other_one_its_numbers(data):
     assert failed["error"]["code"] == "quarantined"
     assert failed["error"]["detail"].startswith("frames 'p', 'q' ended the process")
     assert failed["done"] == failed["total"] - 2 == BEFORE + 4
-    # Three for each, besides those of processes that had stored something.
-    assert 2 * MOST_DEATHS <= deaths <= 4 * MOST_DEATHS
+    # Three for each, besides those of processes that had stored something: how many
+    # these are depends on how soon the threads reach a deadly frame.
+    assert 2 * MOST_DEATHS <= deaths <= 4 * MOST_DEATHS + BEFORE + 4
 
 
 @pytest.mark.long
