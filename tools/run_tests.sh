@@ -13,16 +13,12 @@ trap 'exit 130' INT TERM
 paths() {
     case $1 in
     browser) echo tests/browser tests/replicas ;;
-    service) echo tests/api/[a-h]*/ ;;
-    service-too) echo tests/api/[!a-h_]*/ tests/api/test_*.py ;;
-    durability) echo tests/durability tests/hostile ;;
-    units) echo tests/unit tests/property ;;
+    service) echo tests/api tests/durability tests/hostile ;;
     others)
         for folder in tests/*/; do
             case ${folder%/} in
             tests/browser | tests/replicas) ;;
             tests/api | tests/durability | tests/hostile) ;;
-            tests/unit | tests/property) ;;
             tests/__pycache__ | tests/data | tests/support) ;;
             *) echo "${folder%/}" ;;
             esac
@@ -50,7 +46,7 @@ run() {
     exec "$@" -o cache_dir="$work/$group" $(paths "$group")
 }
 
-groups="units others service service-too durability browser"
+groups="others service browser"
 if [ -n "${UNGHOST_TEST_DATABASE:-}" ]; then
     echo "All tests on PostgreSQL."
 elif database=$("$1" -m tests.support.databases); then
