@@ -1,13 +1,13 @@
 // @ts-check
 // The queue view: stage, panel, and what is shown when there is no box.
 
-import { answerOf, veiled } from "../boxes/box.js";
+import { answerOf, seen } from "../boxes/box.js";
 import { cycleVerdict, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
 import { useBoxes } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
 import { get } from "../core/api.js";
 import { useActions, useHead, useLoaded, useValue } from "../core/hooks.js";
-import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
+import { html, useCallback, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, metresText } from "../core/numbers.js";
 import { createValue } from "../core/observable.js";
@@ -75,15 +75,18 @@ function SessionView({ app, session, query, isEmpty, onQuery }) {
   const prefs = useValue(app.prefs);
   const verdicts = useValue(session.tally).verdicts;
   const box = app.boxes.get(currentOf(line) ?? 0) ?? null;
-  const isHidden = box !== null && isBlind(query, prefs) && !verdicts.has(box.box_id);
-  const shown = isHidden && box ? veiled(box) : box;
+  const isBlindNow = isBlind(query, prefs);
+  const isHidden = box !== null && isBlindNow && !verdicts.has(box.box_id);
+  /** What this session may show of a box. */
+  const see = useCallback((/** @type {import("../boxes/box.js").Decision} */ one) => seen(one, isBlindNow, ({ box_id }) => verdicts.has(box_id)), [isBlindNow, verdicts]);
+  const shown = box && see(box);
   const isWaiting = box !== null && waiting.has(box.box_id);
 
   return html`<div class="queue__body ${box ? "" : "is-empty"}">
     <${QueueStrip} app=${app} session=${session} line=${line} isHidden=${isHidden} onShow=${actions.show} />
     ${box && shown
       ? html`<div class="review__stage queue__stage">
-            <${QueueStage} app=${app} box=${shown} media=${media.of(box.frame_id)} view=${view} actions=${actions.byName} stageRef=${stage} />
+            <${QueueStage} app=${app} box=${shown} see=${see} media=${media.of(box.frame_id)} view=${view} actions=${actions.byName} stageRef=${stage} />
             <${Conflicts} app=${app} session=${session} onShow=${actions.show} />
             <${AnswerBar} app=${app} box=${shown} isWaiting=${isWaiting} actions=${actions.byName} />
           </div>
@@ -159,7 +162,8 @@ export function createQueueActions(app, session, page) {
   }
 
   function undo() {
-    app.undo((box) => {
+    app.undo((box, dataset) => {
+      if (dataset !== session.dataset) return app.router.go(linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) }));
       page.view.set("crop");
       session.takenBack(box);
     });

@@ -2,6 +2,7 @@
 // The stage of the queue: the current box close up or in its frame, with a small map of the frame and a measure of its speed.
 
 import { isVeiled } from "../boxes/box.js";
+import { useBoxes, useHeld } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
 import { useValue } from "../core/hooks.js";
 import { html, useLayoutEffect, useMemo, useRef } from "../core/html.js";
@@ -11,24 +12,29 @@ import { useLazy } from "../stage/media.js";
 import { LookBar, StageView } from "../stage/view.js";
 
 /** @typedef {import("../core/app.js").Actions} Actions */
-/** @typedef {import("../core/app.js").App} App */
+/** @typedef {import("../review/answers.js").ReviewApp} App */
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../core/openapi.js").Frame} Frame */
 
+/** @type {readonly Decision[]} */
+const NONE = [];
+
 /**
- * @param {{app: App, box: Decision, media: import("../stage/media.js").Media, view: import("../core/observable.js").Value<"crop" | "frame">,
+ * @param {{app: App, box: Decision, see: (box: Decision) => Decision, media: import("../stage/media.js").Media, view: import("../core/observable.js").Value<"crop" | "frame">,
  *   actions: Actions, stageRef: {current: import("../stage/stage.js").Stage | null}}} props
- *   `box`: veiled until it is answered in a blind review; then its frame's other boxes are not shown either
+ *   `box`: veiled until it is answered in a blind review; then its frame's other boxes are not shown either; `see`: what may be shown of those
  */
-export function QueueStage({ app, box, media, view, actions, stageRef }) {
+export function QueueStage({ app, box, see, media, view, actions, stageRef }) {
   const mode = useValue(view);
   const isBlind = isVeiled(box);
   const { value: frame = null, error, retry } = useLazy(media.frame);
   const { value: picture = null, error: noPicture } = useLazy(frame?.has_image ? media.picture : null);
+  const inFrame = useBoxes(app.boxes, useHeld(app.boxes, frame && mode === "frame" && !isBlind ? frame.boxes : NONE));
   const boxes = useMemo(() => {
-    const others = frame && mode === "frame" && !isBlind ? frame.boxes.filter(({ box_id }) => box_id !== box.box_id) : [];
-    return [...others, box];
-  }, [frame, mode, box]);
+    // When the box or the view has just changed, the others are still those of before.
+    const others = mode === "frame" && !isBlind ? inFrame.filter(({ box_id, frame_id }) => box_id !== box.box_id && frame_id === box.frame_id) : [];
+    return [...others.map(see), box];
+  }, [inFrame, mode, box, see]);
   useMeasure(box.box_id, frame !== null && (!frame.has_image || picture !== null || noPicture !== null));
   if (error) return html`<div class="stage__note queue__note"><${Failure} error=${error} onRetry=${retry} /></div>`;
   return html`<${StageView} app=${app} frame=${frame} media=${media} boxes=${boxes} selected=${box} isCrop=${mode === "crop"} isDim=${mode === "crop"} scene=${box.box_id}

@@ -2,7 +2,7 @@
 // All changes of answers go through here: answer one box or many, undo, replace somebody else's answer, discard.
 
 import { answerTo, seenRevision, withAnswer, withStored } from "../boxes/box.js";
-import { ApiError, get, post } from "../core/api.js";
+import { get, post } from "../core/api.js";
 import { countOf } from "../core/numbers.js";
 import { createValue } from "../core/observable.js";
 import { createOutbox, createSender, own, sendBulk, undoBulk, unowned } from "./outbox.js";
@@ -12,9 +12,6 @@ import { createOutbox, createSender, own, sendBulk, undoBulk, unowned } from "./
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("./outbox.js").QueuedAnswer} QueuedAnswer */
 /** @typedef {{text: string, boxes: readonly number[]}} Report  boxes that an act or an undo left alone */
-
-/** Why an undo is refused for good. */
-const NEVER_UNDONE = new Set(["already_undone", "others_answers"]);
 
 /** Of more boxes than these, the lists are read again instead. */
 const MOST_LOOKS = 20;
@@ -53,8 +50,8 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     }
   }
 
-  const acts = createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, start: (act, key) => sender.start(act, key) });
-  const sender = createSender(outbox, { answer: (boxId, body, key) => post("/api/v1/boxes/{box_id}/reviews", { path: { box_id: boxId }, body, key }), act: sendBulk }, {
+  const acts = createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, give, start: (act, key) => sender.start(act, key), undo: (undo) => sender.undo(undo) });
+  const sender = createSender(outbox, { answer: (boxId, body, key) => post("/api/v1/boxes/{box_id}/reviews", { path: { box_id: boxId }, body, key }), act: sendBulk, undo: undoBulk }, {
     onStored(stored) {
       const box = boxes.get(stored.box_id);
       changedFrame.set({ id: box?.frame_id ?? null });
@@ -79,6 +76,8 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     },
     onDone: acts.done,
     onGivenUp: acts.givenUp,
+    onUndone: acts.undone,
+    onUndoRefused: acts.undoRefused,
     onSignedOut: app.endSession,
   });
   // The state changes with every change of the outbox.
@@ -122,7 +121,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   function answer(boxId, verdict, comment = "") {
     const box = boxes.get(boxId);
     if (!box) return;
-    steps.push({ before: [answerTo(box)] });
+    steps.push({ before: [answerTo(box)], dataset: app.head.get().dataset });
     give(box, verdict, comment);
   }
 
@@ -143,17 +142,17 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     /** Replace somebody else's answer with one that was not saved because of it. @param {QueuedAnswer} item */
     insist: ({ boxId, verdict, comment }) => answer(boxId, verdict, comment),
 
-    /** Undo what this person did last. @param {(box: Decision) => void} show  the box whose answer it was; not called for an act on many boxes */
+    /** Undo what this person did last. @param {(box: Decision, dataset: string) => void} show  the box whose answer it was, and its dataset; not called for an act on many boxes */
     undo(show) {
       const last = steps.last();
       if (!last) return void toasts.show("Nothing to undo.");
-      if (last.batchId) return void acts.undo(last.batchId);
+      if (last.act) return acts.undo(last);
       const [{ boxId, verdict, comment } = { boxId: 0, verdict: /** @type {Answer} */ ("clear"), comment: "" }] = last.before;
       const box = boxes.get(boxId);
       steps.drop(last);
       if (!box) return;
       give(box, verdict, comment);
-      show(boxes.get(boxId) ?? box);
+      show(boxes.get(boxId) ?? box, last.dataset);
       app.announcement.set(`${box.class} ${box.id}: answer undone`);
     },
   };
@@ -164,14 +163,14 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 /**
  * Answers on many boxes ("acts"): shown at once, reported when they are stored, undone as a whole.
  * @param {{boxes: Boxes, changedFrame: import("../core/observable.js").Value<{id: number | null}>, toasts: import("../core/app.js").App["toasts"], steps: Steps,
- *   remember: (boxIds: readonly number[]) => void, lookAgain: (boxIds: readonly number[]) => Promise<void>,
- *   start: (act: import("./outbox.js").WantedAct, key: string) => void}} page
+ *   remember: (boxIds: readonly number[]) => void, lookAgain: (boxIds: readonly number[]) => Promise<void>, give: (box: Decision, verdict: Answer, comment: string) => void,
+ *   start: (act: import("./outbox.js").WantedAct, key: string) => void, undo: (undo: import("./outbox.js").WantedUndo) => void}} page
  */
-function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, start }) {
-  /** The earlier answers on the boxes of each act that is not stored yet. @type {Map<string, readonly Given[]>} */
-  const before = new Map();
-  /** The messages that offer to undo an act, by its batch. @type {Map<number, number>} */
+function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, give, start, undo }) {
+  /** The messages that offer to undo an act, by its key. @type {Map<string, number>} */
   const offers = new Map();
+  /** The acts whose undo is not stored yet, by their keys. @type {Map<string, Step>} */
+  const undoing = new Map();
   const report = createValue(/** @type {Report | null} */ (null));
   /** Increases when an act on all boxes of a filter was stored or undone, so that lists are read again. */
   const reloads = createValue(0);
@@ -191,32 +190,49 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, s
     boxes.receive(
       given.flatMap(({ boxId, verdict, comment, revision }) => {
         const box = left.has(boxId) ? undefined : boxes.get(boxId);
-        return box ? [withAnswer(box, verdict, comment, (revision ?? seenRevision(box)) + 1)] : [];
+        return box ? [withAnswer(box, verdict, comment, revision + 1)] : [];
       }),
     );
+    changedFrame.set({ id: null });
   }
 
-  /** @param {Step} step @returns {Promise<void>} */
-  async function takeBack(step) {
-    const { batchId = 0 } = step;
-    try {
-      undone(step, await undoBulk(batchId));
-      steps.drop(step);
-    } catch (error) {
-      if (!(error instanceof ApiError)) return void toasts.show("Not undone: the server could not be reached.", { kind: "error" });
-      if (NEVER_UNDONE.has(error.problem.code ?? "")) steps.drop(step);
-      toasts.show(error.message, { kind: "error" });
+  /** The step of this act, which can be undone from now on. @param {import("./outbox.js").WantedAct} act @param {string} key @param {readonly Earlier[]} [before]  unknown of an act that was given before the page was loaded */
+  function pushed({ dataset, count }, key, before = []) {
+    /** @type {Step} */
+    const step = { before, dataset, act: key, batch: null, count };
+    steps.push(step);
+    return step;
+  }
+
+  /** @param {import("./outbox.js").WantedAct} act */
+  function answerMany(act) {
+    const key = crypto.randomUUID();
+    pushed(act, key, boxes.all(act.boxIds ?? []).map(answerTo));
+    start(act, key);
+  }
+
+  /** Boxes that an undone act had answered, and whose later answers were undone too, by new answers. @param {Step} step @param {ReadonlySet<number>} since  boxes that this person has answered since */
+  function restore(step, since) {
+    for (const { boxId, verdict, comment } of step.before) {
+      const box = since.has(boxId) ? undefined : boxes.get(boxId);
+      const now = box && answerTo(box);
+      if (now && (now.verdict !== verdict || now.comment !== comment)) give(box, verdict, comment);
     }
   }
 
-  /** @param {Step} step @param {import("./outbox.js").UndoOut} out */
-  function undone({ batchId = 0, before: given }, { undone: count, skipped }) {
-    toasts.dismiss(offers.get(batchId) ?? 0);
-    stored(given, skipped);
-    changedFrame.set({ id: null });
-    if (given.length === 0) reloads.set(reloads.get() + 1);
-    toasts.show(`${countOf(count, "answer")} undone`);
-    report.set(skipped.length ? { text: `${countOf(skipped.length, "answer was", "answers were")} left as ${skipped.length === 1 ? "it is" : "they are"}: somebody has answered since.`, boxes: skipped } : null);
+  /** Undo a whole act, but for boxes that this person has answered since. @param {Step} step */
+  function undoAct(step) {
+    const { act = "", batch = null, dataset, count = 0 } = step;
+    const since = steps.since(step);
+    const meant = step.before.filter(({ boxId }) => !since.has(boxId));
+    const seen = meant.map(({ boxId }) => seenRevision(boxes.get(boxId) ?? {}));
+    toasts.dismiss(offers.get(act) ?? 0);
+    remember(meant.map(({ boxId }) => boxId));
+    undoing.set(act, step);
+    steps.drop(step);
+    const which = step.before.length ? { boxIds: meant.map(({ boxId }) => boxId), seen } : {};
+    undo({ act, batch, dataset, count, before: meant.map(({ verdict, comment }) => ({ verdict, comment })), ...which });
+    if (!undoing.has(act)) restore(step, since);
   }
 
   return {
@@ -225,44 +241,63 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, s
 
     /** An act was stored. @param {import("./outbox.js").DoneAct} done */
     done({ batchId, act, skipped, stale }) {
-      changedFrame.set({ id: null });
+      const { key } = act;
       const left = new Set([...stale, ...skipped]);
-      const step = { batchId, before: (before.get(act.key) ?? []).filter(({ boxId }) => !left.has(boxId)) };
-      before.delete(act.key);
-      steps.push(step);
+      const step = undoing.get(key) ?? steps.ofAct(key) ?? pushed(act, key);
+      step.batch = batchId;
+      step.before = step.before.filter(({ boxId }) => !left.has(boxId));
       stored((act.boxIds ?? []).map((boxId, i) => ({ boxId, verdict: act.verdict, comment: "", revision: act.seen?.[i] ?? 0 })), [...left]);
       if (act.filter) reloads.set(reloads.get() + 1);
       void lookAgain(stale);
-      const toast = toasts.show(`${countOf(act.count - skipped.length - stale.length, "box", "boxes")} ${DONE[act.verdict]}`, {
-        action: { text: "Undo", run: () => void takeBack(step) },
-      });
-      offers.set(batchId, toast);
+      const action = undoing.has(key) ? undefined : { text: "Undo", run: () => steps.ofAct(key) && undoAct(step) };
+      offers.set(key, toasts.show(`${countOf(act.count - skipped.length - stale.length, "box", "boxes")} ${DONE[act.verdict]}`, { action }));
       report.set(leftOut(skipped, stale));
     },
 
     /** An act was discarded. @param {import("./outbox.js").Act} act */
-    givenUp: (act) => void before.delete(act.key),
-
-    /** One answer on these boxes, shown at once. @param {string} dataset @param {Answer} verdict @param {readonly number[]} boxIds @param {ReadonlyMap<number, number>} revisions  as the person saw them */
-    answer(dataset, verdict, boxIds, revisions) {
-      const key = crypto.randomUUID();
-      before.set(key, boxes.all(boxIds).map(answerTo));
-      start({ dataset, verdict, boxIds: [...boxIds], seen: boxIds.map((id) => revisions.get(id) ?? 0), count: boxIds.length }, key);
+    givenUp({ key }) {
+      const step = steps.ofAct(key);
+      if (step) steps.drop(step);
+      undoing.delete(key);
     },
 
-    /** One answer on all that a filter selected when the list was read. @param {string} dataset @param {Answer} verdict @param {import("./outbox.js").Filter} filter @param {{total: number, snapshot: string}} list */
-    answerAll: (dataset, verdict, filter, { total, snapshot }) => start({ dataset, verdict, filter, snapshot, count: total }, crypto.randomUUID()),
+    /** One answer on these boxes, shown at once. @param {string} dataset @param {Answer} verdict @param {readonly number[]} boxIds @param {ReadonlyMap<number, number>} revisions  as the person saw them */
+    answer: (dataset, verdict, boxIds, revisions) =>
+      answerMany({ dataset, verdict, boxIds: [...boxIds], seen: boxIds.map((id) => revisions.get(id) ?? 0), count: boxIds.length }),
 
-    /** Undo a whole act. @param {number} batchId */
-    async undo(batchId) {
-      const step = steps.ofBatch(batchId);
-      if (step) await takeBack(step);
+    /** One answer on all that a filter selected when the list was read. @param {string} dataset @param {Answer} verdict @param {import("./outbox.js").Filter} filter @param {{total: number, snapshot: string}} list */
+    answerAll: (dataset, verdict, filter, { total, snapshot }) => answerMany({ dataset, verdict, filter, snapshot, count: total }),
+
+    undo: undoAct,
+
+    /** The undo of an act was stored. @param {import("./outbox.js").Undo} item @param {import("./outbox.js").UndoOut} out */
+    undone({ act, boxIds, seen, before }, { undone: count, skipped }) {
+      undoing.delete(act);
+      stored((boxIds ?? []).map((boxId, i) => ({ boxId, verdict: "clear", comment: "", ...before[i], revision: seen?.[i] ?? 0 })), skipped);
+      if (!boxIds) reloads.set(reloads.get() + 1);
+      toasts.show(`${countOf(count, "answer")} undone`);
+      report.set(skipped.length ? { text: `${countOf(skipped.length, "answer was", "answers were")} left as ${skipped.length === 1 ? "it is" : "they are"}: somebody has answered since.`, boxes: skipped } : null);
+    },
+
+    /** The undo of an act will never be stored. @param {import("./outbox.js").Undo} item @param {Error} error */
+    undoRefused({ act, boxIds = [] }, error) {
+      undoing.delete(act);
+      toasts.show(`Not undone: ${error.message}`, { kind: "error" });
+      void lookAgain(boxIds);
     },
   };
 }
 
-/** @typedef {{boxId: number, verdict: Answer, comment: string, revision?: number}} Given  an answer; `revision`: the one it was given on, if the box may have a newer one by now */
-/** @typedef {{before: readonly Given[], batchId?: number}} Step  the earlier answers on some boxes; `batchId`: of an act on many boxes, which is undone as a whole */
+/** @typedef {ReturnType<typeof answerTo>} Earlier  an answer on a box */
+/** @typedef {Earlier & {revision: number}} Given  `revision`: of the box, on which the answer was given */
+/**
+ * @typedef {object} Step
+ * @property {readonly Earlier[]} before  the earlier answers on its boxes; none for an act on boxes that the page does not know
+ * @property {string} dataset
+ * @property {string} [act]  the key of an act on many boxes, which is undone as a whole
+ * @property {number | null} [batch]  the act's id on the server, once it is stored
+ * @property {number} [count]  how many boxes the act was to answer
+ */
 
 const DEPTH = 500;
 
@@ -291,14 +326,17 @@ export function createSteps(boxes) {
     /** The one to undo next. @returns {Step | null} */
     last: () => steps.at(-1)?.step ?? null,
 
-    /** @param {number} batchId */
-    ofBatch: (batchId) => steps.find(({ step }) => step.batchId === batchId)?.step ?? null,
+    /** @param {string} key */
+    ofAct: (key) => steps.find(({ step }) => step.act === key)?.step ?? null,
+
+    /** The boxes that later steps have answered. @param {Step} step */
+    since: (step) => new Set(steps.slice(steps.findIndex((one) => one.step === step) + 1).flatMap((one) => one.step.before.map(({ boxId }) => boxId))),
 
     /** @param {Step} step */
     drop: (step) => remove((one) => one === step),
 
     /** Somebody else has answered the box: this person can no longer undo their own earlier answer. @param {number} boxId */
-    forget: (boxId) => remove(({ batchId, before }) => batchId === undefined && before.some((one) => one.boxId === boxId)),
+    forget: (boxId) => remove(({ act, before }) => act === undefined && before.some((one) => one.boxId === boxId)),
   };
 }
 

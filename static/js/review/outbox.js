@@ -1,6 +1,6 @@
 // @ts-check
-// Answers that the server has not stored yet: on one box, and on many ("acts"). They are kept in
-// localStorage and sent one after the other, in the order in which they were given.
+// Answers that the server has not stored yet: on one box, on many ("acts"), and undos of acts. They are
+// kept in localStorage and sent one after the other, in the order in which they were given.
 
 import { seenRevision } from "../boxes/box.js";
 import { ApiError, NoResponse, post } from "../core/api.js";
@@ -39,24 +39,52 @@ import { createValue } from "../core/observable.js";
  * @property {Filter} [filter]  instead of `boxIds`: all boxes that match it, if they have not changed since the snapshot
  * @property {string} [snapshot]  identifies the state of the list that the person saw
  * @property {number} count
+ * @property {boolean} [attempted]  may have reached the server
  */
 
-/** @typedef {QueuedAnswer | Act} Item */
-/** @typedef {Omit<Act, "key" | "tab" | "person" | "order">} WantedAct */
+/**
+ * @typedef {object} Undo  of an act as a whole
+ * @property {string} key
+ * @property {string} person
+ * @property {string} tab
+ * @property {number} order
+ * @property {string} dataset
+ * @property {string} act  the key of the act
+ * @property {number | null} batch  the act's id on the server; null until the act is stored, which is sent before
+ * @property {number[]} [boxIds]  that get their earlier answers again; missing if the page does not know them
+ * @property {number[]} [seen]  the revision of each of these boxes that the person saw
+ * @property {Earlier[]} before  the earlier answer on each of these boxes
+ * @property {number} count
+ */
+
+/** @typedef {{verdict: Answer, comment: string}} Earlier */
+/** @typedef {QueuedAnswer | Act | Undo} Item */
+/** @typedef {Omit<Act, "key" | "tab" | "person" | "order" | "attempted">} WantedAct */
+/** @typedef {Omit<Undo, "key" | "tab" | "person" | "order">} WantedUndo */
 
 const ANSWER_PREFIX = "unghost.outbox.v1.";
 const ACT_PREFIX = "unghost.bulk.v1.";
+const UNDO_PREFIX = "unghost.undo.v1.";
 
 /** @param {string} name */
-const isOurs = (name) => name.startsWith(ANSWER_PREFIX) || name.startsWith(ACT_PREFIX);
+const isOurs = (name) => [ANSWER_PREFIX, ACT_PREFIX, UNDO_PREFIX].some((prefix) => name.startsWith(prefix));
+
+/** @param {Item} item @returns {item is QueuedAnswer} */
+const isSingle = (item) => "boxId" in item;
+
+/** @param {Item} item @returns {item is Undo} */
+const isUndo = (item) => "act" in item;
 
 /** @param {Item} item @returns {item is Act} */
-const isAct = (item) => "count" in item;
+const isAct = (item) => !isSingle(item) && !isUndo(item);
 
 /** @param {Item} item */
-const nameOf = (item) => (isAct(item) ? ACT_PREFIX : ANSWER_PREFIX) + item.key;
+const nameOf = (item) => (isSingle(item) ? ANSWER_PREFIX : isUndo(item) ? UNDO_PREFIX : ACT_PREFIX) + item.key;
 
-/** Whether this act may have answered the box: the page does not know which boxes a filter selects. @param {Act} act @param {number} boxId */
+/** How many answers it is. @param {Item} item */
+const sizeOf = (item) => (isSingle(item) ? 1 : item.count);
+
+/** Whether this act or undo may have answered the box: the page does not know which boxes a filter selects. @param {Act | Undo} act @param {number} boxId */
 const mayHaveAnswered = (act, boxId) => act.boxIds === undefined || act.boxIds.includes(boxId);
 
 /** @param {Storage} storage @param {string} tab @param {() => string} who  answers now @param {() => string} [newKey] */
@@ -77,10 +105,11 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
 
     /** The last answer on each box. Acts on a filter are left out: the page does not know which boxes they select. @returns {Map<number, {verdict: Answer, comment: string}>} */
     given() {
-      /** @type {Map<number, {verdict: Answer, comment: string}>} */
+      /** @type {Map<number, Earlier>} */
       const last = new Map();
       for (const item of mine()) {
-        if (!isAct(item)) last.set(item.boxId, { verdict: item.verdict, comment: item.comment });
+        if (isSingle(item)) last.set(item.boxId, { verdict: item.verdict, comment: item.comment });
+        else if (isUndo(item)) item.boxIds?.forEach((boxId, i) => last.set(boxId, item.before[i] ?? { verdict: "clear", comment: "" }));
         else for (const boxId of item.boxIds ?? []) last.set(boxId, { verdict: item.verdict, comment: "" });
       }
       return last;
@@ -89,14 +118,17 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     /** The acts on many boxes among them. @returns {Act[]} */
     acts: () => mine().filter(isAct),
 
+    /** The undo of this act, if there is one. @param {string} key */
+    undoOf: (key) => mine().find((item) => isUndo(item) && item.act === key),
+
     /**
      * An answer that has not been sent is replaced, unless the box was part of an act since; one that may have arrived is followed.
      * @param {{boxId: number, frameId: number, verdict: Answer, comment: string, seenRevision: number}} answer  of the person who is signed in
      */
     add(answer) {
       const waiting = mine();
-      const last = waiting.findLast((item) => (isAct(item) ? mayHaveAnswered(item, answer.boxId) : item.boxId === answer.boxId));
-      if (last && !isAct(last) && !last.attempted) {
+      const last = waiting.findLast((item) => (isSingle(item) ? item.boxId === answer.boxId : mayHaveAnswered(item, answer.boxId)));
+      if (last && isSingle(last) && !last.attempted) {
         storage.removeItem(nameOf(last));
         write({ ...last, key: newKey(), verdict: answer.verdict, comment: answer.comment });
         return;
@@ -107,15 +139,30 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     /** @param {WantedAct} act @param {string} [key] */
     addAct: (act, key = newKey()) => write({ ...act, key, person: who(), tab, order: nextOrder(mine()) }),
 
+    /** @param {WantedUndo} undo */
+    addUndo: (undo) => write({ ...undo, key: newKey(), person: who(), tab, order: nextOrder(mine()) }),
+
+    /** An act was stored: its undo can be sent, for all boxes but those that the act has left out. @param {Act} act @param {number} batch @param {readonly number[]} leftOut */
+    actStored(act, batch, leftOut) {
+      const out = new Set(leftOut);
+      for (const item of mine()) {
+        if (!isUndo(item) || item.act !== act.key) continue;
+        const { boxIds, seen, before } = item;
+        /** @type {<T>(values: T[]) => T[]} */
+        const kept = (values) => values.filter((_, i) => !out.has(boxIds?.[i] ?? 0));
+        write({ ...item, batch, before: kept(before), ...(boxIds && seen ? { boxIds: kept(boxIds), seen: kept(seen) } : {}) });
+      }
+    },
+
     /** How many answers of each person are kept in this browser, by any tab. @returns {Map<string, number>} */
     kept() {
       /** @type {Map<string, number>} */
       const counts = new Map();
-      for (const item of everyone()) if (item.person) counts.set(item.person, (counts.get(item.person) ?? 0) + (isAct(item) ? item.count : 1));
+      for (const item of everyone()) if (item.person) counts.set(item.person, (counts.get(item.person) ?? 0) + sizeOf(item));
       return counts;
     },
 
-    /** @param {QueuedAnswer} item */
+    /** @param {QueuedAnswer | Act} item */
     markAttempted: (item) => write({ ...item, attempted: true }),
 
     /** Queue an answer again that was not stored, now for this revision. @param {QueuedAnswer} item @param {number} revision */
@@ -127,16 +174,16 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     /** @param {Item} item */
     remove: (item) => storage.removeItem(nameOf(item)),
 
-    /** Set the revision that answers on this box have seen which were given after `earlier`. @param {Item} earlier @param {number} boxId @param {number} revision */
-    setSeenRevision(earlier, boxId, revision) {
+    /** Set the revisions that answers have seen which were given after `earlier`. @param {Item} earlier @param {ReadonlyMap<number, number>} revisions  by box */
+    setSeenRevisions(earlier, revisions) {
       for (const item of mine()) {
         if (item.order <= earlier.order) continue;
-        if (!isAct(item)) {
-          if (item.boxId === boxId) write({ ...item, seenRevision: revision });
-          continue;
+        if (isSingle(item)) {
+          const revision = revisions.get(item.boxId);
+          if (revision !== undefined) write({ ...item, seenRevision: revision });
+        } else if (item.seen && item.boxIds?.some((boxId) => revisions.has(boxId))) {
+          write({ ...item, seen: item.seen.map((before, i) => revisions.get(item.boxIds?.[i] ?? 0) ?? before) });
         }
-        const at = item.boxIds?.indexOf(boxId) ?? -1;
-        if (at >= 0 && item.seen) write({ ...item, seen: item.seen.with(at, revision) });
       }
     },
 
@@ -208,6 +255,7 @@ function holdLock(name) {
  * @typedef {object} SenderCalls
  * @property {(boxId: number, answer: {verdict: Answer, comment: string, seen_revision: number}, key: string) => Promise<StoredReview>} answer
  * @property {(act: Act) => Promise<BulkOut>} act
+ * @property {(undo: Undo) => Promise<UndoOut>} undo
  */
 
 /**
@@ -217,6 +265,8 @@ function holdLock(name) {
  * @property {(item: QueuedAnswer, error: Error) => void} onRefused  will never be stored
  * @property {(done: DoneAct) => void} onDone
  * @property {(act: Act) => void} onGivenUp
+ * @property {(undo: Undo, out: UndoOut) => void} onUndone
+ * @property {(undo: Undo, error: Error) => void} onUndoRefused  will never be done
  * @property {() => void} onSignedOut  the server stores nothing until somebody signs in
  */
 
@@ -235,12 +285,14 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
   const open = createValue(/** @type {readonly OpenAct[]} */ ([]));
   /** @type {import("../core/observable.js").Value<SenderState>} */
   const state = createValue(stateNow("saved"));
+  /** Boxes of acts, and of their undos, that are not stored. @type {ReadonlySet<number>} */
+  let inMany = new Set();
   let isSending = false;
   /** `resume` was called while an earlier attempt was still running: retry at once if that fails. */
   let isWorthTrying = false;
   let retryS = FIRST_RETRY_S;
   let retries = 0;
-  /** The place in the line of the last act on all of a filter that was stored. */
+  /** The place in the line of the last act, or undo, that was stored and whose boxes the page does not know. */
   let filterActs = 0;
 
   /** Whether it was set aside, until the person decides. @param {Item} item */
@@ -251,14 +303,15 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
   /** @param {Phase} phase @returns {SenderState} */
   function stateNow(phase) {
     const items = outbox.items().filter((item) => !isAside(item));
-    const waiting = new Set(items.flatMap((item) => (isAct(item) ? [] : [item.boxId])));
-    const count = waiting.size + items.reduce((sum, item) => sum + (isAct(item) ? item.count : 0), 0);
+    const waiting = new Set(items.flatMap((item) => (isSingle(item) ? [item.boxId] : [])));
+    const count = waiting.size + items.reduce((sum, item) => sum + (isSingle(item) ? 0 : item.count), 0);
     return { phase: items.length ? phase : "saved", waiting, count };
   }
 
   /** @param {Phase} phase */
   function show(phase) {
     state.set(stateNow(phase));
+    inMany = new Set(outbox.items().flatMap((item) => (isSingle(item) ? [] : (item.boxIds ?? []))));
     open.set(outbox.acts().map((act) => ({ act, ...(told.get(act.key) ?? { state: "sending", text: "" }) })));
   }
 
@@ -288,8 +341,9 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
   /** @param {Item} item @returns {Promise<boolean>} go on with the next? */
   async function deliver(item) {
     try {
-      if (isAct(item)) await sendAct(item);
-      else await sendAnswer(item);
+      if (isSingle(item)) await sendAnswer(item);
+      else if (isUndo(item)) await sendUndo(item);
+      else await sendAct(item);
       return true;
     } catch (error) {
       return afterError(item, error);
@@ -302,17 +356,36 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     outbox.markAttempted(item);
     const stored = await calls.answer(boxId, { verdict, comment, seen_revision }, item.key);
     outbox.remove(item);
-    outbox.setSeenRevision(item, boxId, stored.revision);
+    outbox.setSeenRevisions(item, new Map([[boxId, stored.revision]]));
     events.onStored(stored);
   }
 
   /** @param {Act} act */
   async function sendAct(act) {
+    outbox.markAttempted(act);
     const out = await calls.act(act);
     outbox.remove(act);
-    if (act.filter) filterActs = act.order;
-    act.boxIds?.forEach((boxId, i) => out.stale.includes(boxId) || outbox.setSeenRevision(act, boxId, (act.seen?.[i] ?? 0) + 1));
+    outbox.actStored(act, out.id, [...out.stale, ...out.skipped]);
+    answered(act, out.stale);
     events.onDone({ batchId: out.id, act, skipped: out.skipped, stale: out.stale });
+  }
+
+  /** @param {Undo} undo */
+  async function sendUndo(undo) {
+    const out = await calls.undo(undo);
+    outbox.remove(undo);
+    answered(undo, out.skipped);
+    events.onUndone(undo, out);
+  }
+
+  /** The server has answered these boxes: later answers on them have seen that. @param {Act | Undo} item @param {readonly number[]} but  boxes that it has left alone */
+  function answered(item, but) {
+    const { boxIds, seen = [] } = item;
+    if (!boxIds) filterActs = item.order;
+    const left = new Set(but);
+    const revisions = new Map(boxIds?.map((boxId, i) => [boxId, (seen[i] ?? 0) + 1]));
+    left.forEach((boxId) => revisions.delete(boxId));
+    outbox.setSeenRevisions(item, revisions);
   }
 
   /** @param {Item} item @param {unknown} error @returns {boolean} go on with the next? */
@@ -328,7 +401,14 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     if (error.isTemporary) return waitAndRetry("busy", error.retryAfterS ?? retryS, error.message);
     if (isAct(item)) {
       told.set(item.key, { state: error.problem.code === "stale_snapshot" ? "changed" : "refused", text: error.message });
+      if (outbox.undoOf(item.key)) giveUp(item.key);
+      else leftOut(item);
+      return true;
+    }
+    if (isUndo(item)) {
+      outbox.remove(item);
       leftOut(item);
+      events.onUndoRefused(item, error);
       return true;
     }
     const current = error.status === 412 ? (error.problem.current ?? null) : null;
@@ -343,15 +423,15 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     return true;
   }
 
-  /** Whether the conflicting answer came from this person's own earlier act on a filter: the page did not know which boxes that act answered. @param {QueuedAnswer} item @param {Decision} current */
+  /** Whether the conflicting answer came from this person's own earlier act on a filter, or its undo, which may leave no answer: the page did not know which boxes these answered. @param {QueuedAnswer} item @param {Decision} current */
   function isOwn(item, current) {
-    return filterActs > 0 && item.order > filterActs && current.review?.reviewer === item.person;
+    return filterActs > 0 && item.order > filterActs && (current.review?.reviewer ?? item.person) === item.person;
   }
 
   /** It was not stored, so later answers on its boxes get the revision that it had seen. @param {Item} item */
   function leftOut(item) {
-    if (!isAct(item)) return outbox.setSeenRevision(item, item.boxId, item.seenRevision);
-    return item.boxIds?.forEach((boxId, i) => outbox.setSeenRevision(item, boxId, item.seen?.[i] ?? 0));
+    const { boxIds, seen } = isSingle(item) ? { boxIds: [item.boxId], seen: [item.seenRevision] } : item;
+    outbox.setSeenRevisions(item, new Map(boxIds?.map((boxId, i) => [boxId, seen?.[i] ?? 0])));
   }
 
   /** @param {Phase} phase @param {number} seconds @param {string} text */
@@ -381,6 +461,19 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     return drain();
   }
 
+  /** Discard an act, and its undo. @param {string} key */
+  function giveUp(key) {
+    const act = outbox.acts().find((one) => one.key === key);
+    if (!act) return;
+    const undo = outbox.undoOf(key);
+    if (undo) outbox.remove(undo);
+    outbox.remove(act);
+    leftOut(act);
+    told.delete(key);
+    show(state.get().phase);
+    events.onGivenUp(act);
+  }
+
   show("saved");
 
   return {
@@ -407,19 +500,18 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
       return resume();
     },
 
-    /** Discard an act. @param {string} key */
-    giveUp(key) {
-      const act = outbox.acts().find((one) => one.key === key);
-      if (!act) return;
-      outbox.remove(act);
-      leftOut(act);
-      told.delete(key);
-      show(state.get().phase);
-      events.onGivenUp(act);
+    giveUp,
+
+    /** Undo an act: one that the server cannot have stored is discarded; else the undo is sent like an answer. @param {WantedUndo} undo */
+    undo(undo) {
+      const act = outbox.acts().find(({ key }) => key === undo.act);
+      if (act && (isAside(act) || !act.attempted)) return giveUp(act.key);
+      outbox.addUndo(undo);
+      more();
     },
 
-    /** Boxes of acts that are not stored. */
-    waitingIds: () => new Set(open.get().flatMap(({ act }) => act.boxIds ?? [])),
+    /** Boxes of acts, and of their undos, that are not stored. */
+    waitingIds: () => inMany,
 
     /** Take over this person's unsent answers, of this tab and of closed ones; `resume` sends them. @param {ReadonlySet<string>} openTabs */
     adopt(openTabs) {
@@ -440,8 +532,8 @@ export function sendBulk({ key, dataset, verdict, boxIds, seen, filter, snapshot
   return post("/api/v1/reviews/bulk", { body: { dataset, verdict, ...which }, key });
 }
 
-/** The same key for the same batch: a repeated request undoes once. @param {number} batchId @returns {Promise<UndoOut>} */
-export const undoBulk = (batchId) => post("/api/v1/review-batches/{batch_id}/undo", { path: { batch_id: batchId }, key: `undo-batch-${batchId}` });
+/** The same key for the same batch: a repeated request undoes once. @param {Undo} undo @returns {Promise<UndoOut>} */
+export const undoBulk = ({ batch }) => post("/api/v1/review-batches/{batch_id}/undo", { path: { batch_id: batch ?? 0 }, key: `undo-batch-${batch}` });
 
 /** @typedef {{name: string, item: {person?: string}}} Kept */
 

@@ -120,6 +120,38 @@ def test_undo_leaves_alone_and_lists_what_somebody_answered_since(many, ada, pag
     expect(strip(page)).to_have_count(0)
 
 
+def test_undo_without_a_network_is_shown_at_once_and_sent_later(many, ada, page):
+    select(page, 0, 2)
+    ada.press("x")
+    expect(toast(page)).to_contain_text("3 boxes rejected")
+    page.context.set_offline(True)
+
+    ada.press("z")
+
+    expect(page.locator(".sign--reject")).to_have_count(0)
+    expect(page.locator(".savestate")).to_contain_text("3 answers offline, kept here")
+    page.context.set_offline(False)
+    expect(toast(page)).to_contain_text("3 answers undone")
+    ada.saved()
+    assert answers(many) == {}
+
+
+def test_an_answer_that_waits_while_its_act_is_undone_is_kept(many, ada, page):
+    select(page, 0, 2)
+    ada.press("x")
+    expect(toast(page)).to_contain_text("3 boxes rejected")
+    page.route("**/reviews/bulk", lambda route: route.abort())
+    cell(page, 1).click()
+    ada.press("a")
+    expect(strip(page)).to_contain_text("Not sent yet")
+
+    page.get_by_role("button", name="Undo").click()
+    page.unroute("**/reviews/bulk")
+
+    expect(strip(page)).to_contain_text("1 answer was left as it is")
+    assert answers(many) == {"b1": "keep"}
+
+
 def test_bar_answers_and_says_what_it_will_do(many, page):
     select(page, 4, 9)
     bar = page.get_by_role("toolbar", name="Answer for the selected boxes")

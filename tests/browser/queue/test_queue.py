@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
 from tests.support.page import crowds
 from tests.support.page.crowds import answers, queue, queued
 from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.stage import layer
 from tests.support.page.windows import PHONE, Visit, Visitor
 
 pytestmark = pytest.mark.browser
 
+STANDS_STILL = """() => {
+  const stage = document.querySelector(".stage");
+  const before = stage.viewBefore;
+  stage.viewBefore = stage.dataset.view;
+  return before === stage.dataset.view;
+}"""
 SCALE = "parseFloat(document.querySelector('.stage').dataset.view)"
 
 
@@ -276,3 +284,52 @@ def test_phone_has_large_buttons_where_the_thumbs_are(many, visit: Visit):
 
     bo.saved()
     assert answers(many) == {first: "reject"}
+
+
+def whole_frame(ada: Visitor, page: Page) -> np.ndarray:
+    """What is drawn of the current box's frame, except for what only that box has."""
+    ada.press("f")
+    expect(page.locator(".stage")).to_have_attribute("data-mode", "frame")
+    # The view glides there.
+    page.wait_for_function(STANDS_STILL, polling=300)
+    return layer(page, "base")[..., :3].astype(int)
+
+
+def test_whole_frame_shows_its_other_boxes_as_they_are_answered(make_scene, ada):
+    page = opened(ada, make_scene(boxes=crowds.crowd(2)))
+    first = queued(page)
+    ada.press("j")
+    before = whole_frame(ada, page)
+    ada.press("ArrowLeft")
+    shows(page, first)
+
+    ada.press("x" if first == "b0" else "a")
+
+    assert (whole_frame(ada, page) != before).any()
+
+
+def test_blind_the_whole_frame_tells_no_verdict_of_boxes_without_answer(
+    make_scene, ada
+):
+    page = opened(ada, make_scene(boxes=crowds.crowd(4)), blind="on")
+    first = queued(page)
+    ada.press("Space", "ArrowLeft")
+    shows(page, first)
+
+    drawn = whole_frame(ada, page)
+
+    assert np.ptp(drawn, axis=2).max() < 40, "a colour among greys"
+
+
+def test_undo_of_an_answer_in_another_dataset_goes_to_its_frame(many, make_scene, ada):
+    page = opened(ada, make_scene(boxes=crowds.crowd(4)))
+    name = queued(page)
+    ada.press("x")
+    ada.saved()
+    opened(ada, many)
+    expect(page.locator(".queue__progress")).to_contain_text("20 unanswered")
+
+    ada.press("z")
+
+    expect(page).to_have_url(re.compile(r"#/frames/\d+\?box=\d+$"))
+    shows(page, name)

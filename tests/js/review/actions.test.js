@@ -15,12 +15,15 @@ let app;
 let actions;
 /** @type {string[]} */
 let said;
+/** What the messages offer to do. @type {({run: () => void} | undefined)[]} */
+let offers;
 
 const BOXES = [decision({ box_id: 1 }), decision({ box_id: 2, verdict: "kept" }), decision({ box_id: 3 })];
 const OTHER = decision({ box_id: 99, frame_id: 12 });
 
 beforeEach(() => {
   said = [];
+  offers = [];
   globalThis.addEventListener ??= () => {};
   const route = createValue(parseHash("#/frames/10"));
   const go = (/** @type {string} */ hash) => route.set(parseHash(hash));
@@ -28,8 +31,9 @@ beforeEach(() => {
   globalThis.fetch = () => new Promise(() => {});
   const core = {
     router: { route, go, replace: go },
+    head: createValue({ dataset: "d" }),
     announcement: createValue(""),
-    toasts: { show: (/** @type {string} */ text) => said.push(text) },
+    toasts: { show: (/** @type {string} */ text, /** @type {any} */ { action } = {}) => (said.push(text), offers.push(action)), dismiss: () => {} },
     prefs: createPrefs(memoryStorage()),
     isSignedIn: createValue(true),
     owner: () => "ada",
@@ -162,3 +166,41 @@ for (const [what, id, act] of /** @type {[string, number | null, () => void][]} 
     assert.deepEqual(told, [id]);
   });
 }
+
+test("undo goes back over acts on many boxes and single answers in the order in which they were given", () => {
+  // The first answer is on its way; what follows has not been sent.
+  app.answer(3, "unsure");
+  app.acts.answer("d", "keep", [1, 2], new Map());
+  assert.deepEqual(answers(), ["keep", "keep", "unsure"]);
+  actions.byName.undo();
+  assert.deepEqual(answers(), [null, null, "unsure"]);
+  actions.byName.undo();
+  actions.byName.undo();
+  assert.deepEqual([answers(), said], [[null, null, null], ["Nothing to undo."]]);
+});
+
+test("undo of an act that was not sent restores the boxes that were answered after it too", () => {
+  app.answer(3, "unsure");
+  app.acts.answer("d", "reject", [1, 2], new Map());
+  app.answer(1, "keep");
+  actions.byName.undo();
+  assert.deepEqual(answers(), ["reject", "reject", "unsure"]);
+  actions.byName.undo();
+  assert.deepEqual(answers(), [null, null, "unsure"]);
+});
+
+test("the undo of an act that is on its way is shown at once", () => {
+  app.acts.answer("d", "reject", [1, 2], new Map());
+  actions.byName.undo();
+  assert.deepEqual(answers(), [null, null, null]);
+});
+
+test("the undo of an act, asked for after a later answer, leaves that answer as it is", async () => {
+  globalThis.fetch = async () => Response.json({ id: 7, count: 2, skipped: [], stale: [] }, { status: 201 });
+  app.acts.answer("d", "reject", [1, 2], new Map());
+  await new Promise((resolve) => setTimeout(resolve, 20));
+  globalThis.fetch = () => new Promise(() => {});
+  app.answer(1, "keep");
+  offers.at(-1)?.run();
+  assert.deepEqual([answers(), said], [["keep", null, null], ["2 boxes rejected"]]);
+});

@@ -17,6 +17,8 @@ let sent;
 let refusals;
 /** @type {any[]} */
 let acts;
+/** @type {any[]} */
+let undos;
 /** @type {Map<number, number>} */
 let revisions;
 /** @type {{run: () => void, ms: number}[]} */
@@ -29,6 +31,7 @@ beforeEach(() => {
   person = "ada";
   sent = [];
   acts = [];
+  undos = [];
   refusals = [];
   revisions = new Map();
   timers = [];
@@ -66,13 +69,22 @@ function saverOf(tab = "t1") {
     for (const id of act.boxIds) if (!stale.includes(id)) revisions.set(id, (revisions.get(id) ?? 0) + 1);
     return { id: 7, count: act.boxIds.length, skipped: [], stale };
   };
+  const undo = async (/** @type {any} */ item) => {
+    undos.push(item);
+    const refusal = refusals.shift();
+    if (refusal) throw refusal;
+    const boxIds = item.boxIds ?? [1, 2];
+    for (const id of boxIds) revisions.set(id, (revisions.get(id) ?? 0) + 1);
+    return { id: 8, undone: boxIds.length, skipped: [] };
+  };
   const ofActs = {
     onDone: (/** @type {any} */ done) => told.push(["done", done.stale]),
-    onActFailed: () => {},
+    onUndone: (/** @type {any} */ item, /** @type {any} */ out) => told.push(["undone", item.batch, out.skipped]),
+    onUndoRefused: (/** @type {any} */ item, /** @type {Error} */ error) => told.push(["undo refused", item.batch, error.message]),
     onSignedOut: () => {},
     onGivenUp: () => told.push(["given up"]),
   };
-  return { outbox, saver: createSender(outbox, { answer: send, act }, { ...events, ...ofActs }, (run, ms) => void timers.push({ run, ms })) };
+  return { outbox, saver: createSender(outbox, { answer: send, act, undo }, { ...events, ...ofActs }, (run, ms) => void timers.push({ run, ms })) };
 }
 
 /** An answer that has seen what the server last said of the box: nothing yet. @param {any} saver @param {number} boxId @param {any} verdict */
@@ -357,4 +369,117 @@ test("what was said of each box last is known, whatever it was said with", () =>
     2: { verdict: "reject", comment: "" },
     3: { verdict: "unsure", comment: "" },
   });
+});
+
+/** The undo of an act that rejected boxes 1 and 2, which had no answer. @param {any} saver @param {string} act  its key @param {{batch?: number | null, seen?: number[]}} [some] */
+const undoAct = (saver, act, { batch = null, seen = [0, 0] } = {}) =>
+  saver.undo({ act, batch, dataset: "d", boxIds: [1, 2], seen, before: [1, 2].map(() => ({ verdict: "clear", comment: "" })), count: 2 });
+
+test("the undo of an act is sent after the answers before it, and answers after it have seen it", async () => {
+  revisions = new Map([[1, 1], [2, 1]]);
+  refusals = [new ApiError(503, {}, 7)];
+  const { saver, outbox } = saverOf();
+  answer(saver, 3, "keep");
+  await settled();
+  undoAct(saver, "k0", { batch: 7, seen: [1, 1] });
+  saver.answer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 1 });
+  assert.deepEqual(Object.fromEntries(outbox.given()), { 1: { verdict: "keep", comment: "" }, 2: { verdict: "clear", comment: "" }, 3: { verdict: "keep", comment: "" } });
+
+  await saver.resume();
+  await settled();
+
+  assert.deepEqual(told, [["stored", 3, 1], ["undone", 7, []], ["stored", 1, 3]]);
+  assert.equal(storage.length, 0);
+});
+
+test("without a network the undo of an act waits, survives a reload, and is sent", async () => {
+  revisions = new Map([[1, 1], [2, 1]]);
+  refusals = [new NoResponse("away")];
+  undoAct(saverOf().saver, "k0", { batch: 7, seen: [1, 1] });
+  await settled();
+
+  await saverOf().saver.resume();
+
+  assert.deepEqual(undos.map(({ batch }) => batch), [7, 7]);
+  assert.deepEqual([told, storage.length], [[["undone", 7, []]], 0]);
+});
+
+test("undoing an act that was not sent discards it", async () => {
+  refusals = [new ApiError(401, {}, null)];
+  const { saver, outbox } = saverOf();
+  answer(saver, 3, "keep");
+  await settled();
+  saver.start({ dataset: "d", verdict: "reject", boxIds: [1, 2], seen: [0, 0], count: 2 }, "k1");
+  undoAct(saver, "k1");
+
+  assert.deepEqual([outbox.items().map(({ boxId }) => boxId), told], [[3], [["given up"]]]);
+});
+
+test("the undo of an act that may have arrived waits until the act is stored", async () => {
+  refusals = [new NoResponse("away")];
+  const { saver, outbox } = saverOf();
+  saver.start({ dataset: "d", verdict: "reject", boxIds: [1, 2], seen: [0, 0], count: 2 }, "k1");
+  await settled();
+  undoAct(saver, "k1");
+  assert.deepEqual([...outbox.given()].map(([id, { verdict }]) => [id, verdict]), [[1, "clear"], [2, "clear"]]);
+
+  await saver.resume();
+  await settled();
+
+  assert.deepEqual(told, [["done", []], ["undone", 7, []]]);
+  assert.deepEqual([undos[0].seen, [...revisions]], [[1, 1], [[1, 2], [2, 2]]]);
+});
+
+test("the undo of an act leaves out what the act has left out", async () => {
+  refusals = [new NoResponse("away")];
+  const { saver } = saverOf();
+  saver.start({ dataset: "d", verdict: "reject", boxIds: [1, 2], seen: [0, 0], count: 2 }, "k1");
+  await settled();
+  revisions.set(1, 9); // another person's
+  undoAct(saver, "k1");
+
+  await saver.resume();
+  await settled();
+
+  assert.deepEqual(undos.map(({ boxIds, seen, before }) => [boxIds, seen, before.length]), [[[2], [1], 1]]);
+});
+
+test("an act that is refused is forgotten together with its undo", async () => {
+  refusals = [new NoResponse("away"), new ApiError(413, { detail: "too many" }, null)];
+  const { saver } = saverOf();
+  saver.start({ dataset: "d", verdict: "reject", boxIds: [1, 2], seen: [0, 0], count: 2 }, "k1");
+  await settled();
+  undoAct(saver, "k1");
+  answer(saver, 1, "keep");
+
+  await saver.resume();
+  await settled();
+
+  assert.deepEqual(told, [["given up"], ["stored", 1, 1]]);
+  assert.deepEqual([undos, storage.length, saver.open.get()], [[], 0, []]);
+});
+
+test("an undo that is refused is told, and stops nothing", async () => {
+  revisions = new Map([[1, 1], [2, 1]]);
+  refusals = [new ApiError(409, { code: "already_undone", detail: "was undone already" }, null)];
+  const { saver } = saverOf();
+  undoAct(saver, "k0", { batch: 7, seen: [1, 1] });
+  saver.answer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 1 });
+  await settled();
+
+  assert.deepEqual(told, [["undo refused", 7, "was undone already"], ["stored", 1, 2]]);
+});
+
+test("an answer after the undo of one's act on all of a filter meets nobody else", async () => {
+  revisions = new Map([[1, 1], [2, 1]]);
+  refusals = [new NoResponse("away")];
+  const { saver } = saverOf();
+  saver.undo({ act: "k0", batch: 7, dataset: "d", before: [], count: 2 });
+  saver.answer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 1 });
+  await settled();
+
+  await saver.resume();
+  await settled();
+
+  assert.deepEqual(told, [["undone", 7, []], ["stored", 1, 3]]);
 });
