@@ -8,6 +8,7 @@ import { createValue } from "../core/observable.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @typedef {import("../boxes/store.js").GivenAnswer} GivenAnswer */
 /** @typedef {import("../core/openapi.js").Review} StoredReview */
 
 /**
@@ -53,11 +54,10 @@ import { createValue } from "../core/observable.js";
  * @property {number | null} batch  the act's id on the server; null until the act is stored, which is sent before
  * @property {number[]} [boxIds]  that get their earlier answers again; missing if the page does not know them
  * @property {number[]} [seen]  the revision of each of these boxes that the person saw
- * @property {Earlier[]} before  the earlier answer on each of these boxes
+ * @property {GivenAnswer[]} before  the earlier answer on each of these boxes
  * @property {number} count
  */
 
-/** @typedef {{verdict: Answer, comment: string}} Earlier */
 /** @typedef {QueuedAnswer | Act | Undo} Item */
 /** @typedef {Omit<Act, "key" | "tab" | "person" | "order" | "attempted">} WantedAct */
 /** @typedef {Omit<Undo, "key" | "tab" | "person" | "order">} WantedUndo */
@@ -105,7 +105,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
 
     /** The last answer on each box. Acts on a filter are left out: the page does not know which boxes they select. @returns {Map<number, {verdict: Answer, comment: string}>} */
     given() {
-      /** @type {Map<number, Earlier>} */
+      /** @type {Map<number, GivenAnswer>} */
       const last = new Map();
       for (const item of mine()) {
         if (isSingle(item)) last.set(item.boxId, { verdict: item.verdict, comment: item.comment });
@@ -401,8 +401,8 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     if (error.isTemporary) return waitAndRetry("busy", error.retryAfterS ?? retryS, error.message);
     if (isAct(item)) {
       told.set(item.key, { state: error.problem.code === "stale_snapshot" ? "changed" : "refused", text: error.message });
+      leftOut(item);
       if (outbox.undoOf(item.key)) giveUp(item.key);
-      else leftOut(item);
       return true;
     }
     if (isUndo(item)) {
@@ -468,7 +468,8 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     const undo = outbox.undoOf(key);
     if (undo) outbox.remove(undo);
     outbox.remove(act);
-    leftOut(act);
+    // Later answers know it already of one that was set aside, and may have seen newer ones since.
+    if (!isAside(act)) leftOut(act);
     told.delete(key);
     show(state.get().phase);
     events.onGivenUp(act);

@@ -483,3 +483,19 @@ test("an answer after the undo of one's act on all of a filter meets nobody else
 
   assert.deepEqual(told, [["undone", 7, []], ["stored", 1, 3]]);
 });
+
+test("discarding a refused act leaves alone what was answered on its boxes since", async () => {
+  refusals = [new ApiError(413, { detail: "too many" }, null)];
+  const { saver } = saverOf();
+  answerMany(saver, "reject", [1, 2], [0, 0]);
+  answer(saver, 1, "keep");
+  await settled();
+  refusals = [new NoResponse("away")];
+  saver.answer({ boxId: 1, frameId: 10, verdict: "unsure", comment: "", seenRevision: 1 });
+  await settled();
+
+  saver.giveUp(saver.open.get()[0]?.act.key ?? "");
+  await saver.resume();
+
+  assert.deepEqual(told, [["stored", 1, 1], ["given up"], ["stored", 1, 2]]);
+});
