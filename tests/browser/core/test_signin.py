@@ -205,8 +205,9 @@ def test_page_whose_token_expires_says_so(visit, server, api, scene):
 
 def until_expired(page, server, token):
     """End a token; who was let in is remembered for a second."""
-    change_token(server, token, "expires_at = '2001-01-01 00:00:00'")
+    # Before the change: the page forgets its session with the first refusal.
     shown = {"Authorization": f"Bearer {kept_session(page)['session']}"}
+    change_token(server, token, "expires_at = '2001-01-01 00:00:00'")
     until(
         lambda: not page.request.get(f"{server.url}/api/v1/session", headers=shown).ok
     )
