@@ -2,8 +2,10 @@
 
 `DecisionReader` reads boxes, by their ids or by their frames, as `StoredBoxes`:
 columns, each unpacked when it is first asked for. Neighbours, pictures, counts and
-labels need no more. An object for each box is made where it is written to the wire, and
-nowhere before: by `DecisionReader.records`. `stored_decision` says what is in it.
+labels need no more. (What a picture of a frame shows of its boxes goes as `DrawnBox` to
+the process that draws: verdict, rectangle, edges.) An object for each box is made where
+it is written to the wire, and nowhere before: by `DecisionReader.records`.
+`stored_decision` says what is in it.
 """
 
 from __future__ import annotations
