@@ -1,5 +1,5 @@
 // @ts-check
-// General controls: Notice, Failure, Dialog, Command, Segments, Select, NumberField, FileList.
+// General controls: Notice, Failure, FailureLine, Dialog, Command, Segments, Select, NumberField, FileList.
 
 import { html, useEffect, useRef, useState } from "./html.js";
 import { Icon } from "./icons.js";
@@ -16,7 +16,7 @@ export function Notice({ title, children, icon = "image", actions }) {
   </section>`;
 }
 
-/** What went wrong, in the server's words, with a button to try again. @param {{error: Error, onRetry: () => void}} props */
+/** In place of a view or a list that could not be loaded: why, in the server's words, and a button to try again. @param {{error: Error, onRetry: () => void}} props */
 export function Failure({ error, onRetry }) {
   const { problem, status } = /** @type {{problem?: {title?: string, request_id?: string}, status?: number}} */ (error);
   return html`<${Notice} icon="warn" title=${problem?.title ?? "This could not be loaded"}
@@ -25,6 +25,16 @@ export function Failure({ error, onRetry }) {
     ${problem?.request_id && html`<p class="faint">Request ${problem.request_id}</p>`}
   <//>`;
 }
+
+/**
+ * A part of a view that could not be loaded, or something that was asked for and not done, in one line: why, in the server's words.
+ * @param {{what?: string, error: {message: string}, onRetry?: () => void}} props
+ *   `what`: the part, where its place does not say it; `onRetry`: with a button to try again; without one, the button that was pressed is still there
+ */
+export const FailureLine = ({ what, error, onRetry }) => html`<p class="failure" role="alert">
+  <${Icon} name="warn" /><span class="failure__text">${what && `${what}: `}${error.message}</span>
+  ${onRetry && html`<button type="button" class="button button--small" onClick=${onRetry}>Try again</button>`}
+</p>`;
 
 /** A name that may break behind its dots and underscores, and nowhere else. @param {{text: string}} props */
 export const Words = ({ text }) => text.split(/(?<=[._])/).map((part, i) => (i ? html`<wbr />${part}` : part));

@@ -10,7 +10,7 @@ import { useHead, useLoaded, usePages, useTyped, useValue } from "../core/hooks.
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
-import { Failure, Notice } from "../core/parts.js";
+import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { thumbnailUrl } from "../core/pictures.js";
 import { linkTo } from "../core/router.js";
 import { DatasetDialog } from "./settings.js";
@@ -68,7 +68,7 @@ function FrameGrid({ app, dataset, query, total, onClear }) {
       ${items.map((frame) => html`<li key=${frame.id}><${Thumb} app=${app} frame=${frame} query=${query} /></li>`)}
       ${items.length === 0 && Array.from({ length: 12 }, () => html`<li class="thumb thumb--skeleton" aria-hidden="true"><div class="thumb__picture shimmer" /></li>`)}
     </ul>
-    ${error && html`<p class="more" role="alert">${error.message} <button class="button button--small" onClick=${more}>Try again</button></p>`}
+    ${error && html`<${FailureLine} error=${error} onRetry=${more} />`}
     ${!isDone && !error && html`<${Sentinel} onSeen=${more} />`}`;
 }
 

@@ -6,7 +6,7 @@ import { Control, useFields } from "../core/form.js";
 import { useLoaded, useTask, useValue } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { countOf } from "../core/numbers.js";
-import { Dialog, FileList, useDialog } from "../core/parts.js";
+import { Dialog, FailureLine, FileList, useDialog } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 
 /** @typedef {import("../core/app.js").App} App */
@@ -31,7 +31,7 @@ export function DatasetDialog({ app, dataset, onClose, onChanged }) {
 /** Frames that were refused and have not been uploaded successfully since. @param {{app: App, dataset: Dataset}} props */
 function Problems({ app, dataset }) {
   const loaded = useLoaded((signal) => get("/api/v1/datasets/{dataset}/problems", { path: { dataset: dataset.name }, query: { limit: 200 }, signal }), [dataset.name]);
-  if (loaded.state === "error") return html`<p class="upload__fault" role="alert">${loaded.error.message}</p>`;
+  if (loaded.state === "error") return html`<${FailureLine} what="Refused frames" error=${loaded.error} onRetry=${loaded.reload} />`;
   const items = (loaded.value?.items ?? []).map(({ key, error }) => ({ name: key, why: error.detail }));
   if (loaded.value && items.length === 0) return html`<p class="faint">No frame was refused.</p>`;
   return html`<${FileList} title="Refused frames" items=${items} isOpen=${true} />`;
@@ -60,13 +60,13 @@ function Changes({ app, dataset, onDone }) {
   /** @param {Field} field */
   const ask = (field) => html`<label class="field" title=${field.help}><span>${field.text}</span>
     <${Control} field=${field} value=${chosen[field.key] ?? stored[field.key]} onChange=${(/** @type {unknown} */ value) => setChosen({ ...chosen, [field.key]: value })} /></label>`;
-  if (fields.state === "error") return html`<p class="upload__fault" role="alert">${fields.error.message} <button class="button button--small" onClick=${fields.reload}>Try again</button></p>`;
+  if (fields.state === "error") return html`<${FailureLine} what="Settings" error=${fields.error} onRetry=${fields.reload} />`;
   if (!fields.value) return html`<div class="bone bone--tall shimmer"></div>`;
   return html`<form class="upload" onSubmit=${submit}>
     ${fields.value.filter(({ kind }) => kind === "text").map(ask)}
     <div class="settings__grid">${fields.value.filter(({ kind }) => kind !== "text").map(ask)}</div>
     <p class="faint">A change of how segmentations are read measures ${countOf(dataset.counts.frames, "frame")} again. Answers are kept.</p>
-    <p class="field__error" role="alert">${error?.message}</p>
+    ${error && html`<${FailureLine} error=${error} />`}
     <div><button class="button button--primary" disabled=${isBusy}>Save</button></div>
   </form>`;
 }
@@ -88,6 +88,6 @@ function Removal({ app, dataset }) {
       <label class="field"><span class="sr-only">Name of the dataset</span><input value=${typed} autocomplete="off" spellcheck=${false} onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => setTyped(event.currentTarget.value)} /></label>
       <button class="button button--danger" disabled=${isBusy || typed !== dataset.name} onClick=${run}>Delete</button>
     </div>
-    <p class="field__error" role="alert">${error?.message}</p>
+    ${error && html`<${FailureLine} error=${error} />`}
   </details>`;
 }

@@ -8,7 +8,7 @@ import { useActions, useClosing, useHead, useLoaded, useTyped, useValue } from "
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
-import { Failure, Notice } from "../core/parts.js";
+import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { GridBar } from "../review/answer_bar.js";
 import { GridCells } from "./cells.js";
@@ -287,7 +287,7 @@ export function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll
       ${hidden > 0 && html`<span class="faint"> · ${countText(hidden)} hidden by the filters</span>`}
     </p>
     ${left > 0 && html`<button class="button button--small" onClick=${onUpdate}>${countOf(left, "box no longer matches", "boxes no longer match")} · update</button>`}
-    ${pager.error() && html`<p class="grid-status__error" role="alert"><${Icon} name="warn" />${pager.error()?.message} <button class="button button--small" onClick=${pager.retry}>Try again</button></p>`}
+    ${pager.error() && html`<${FailureLine} error=${pager.error()} onRetry=${pager.retry} />`}
     <span class="grid-status__middle"></span>
     <span class="faint grid-status__hint">${selected ? "" : "Click, drag or Space selects"}</span>
     ${total !== null && total > 0 && html`<button class="button button--small" onClick=${onAll}>Select all ${countText(total)}</button>`}

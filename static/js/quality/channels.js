@@ -8,7 +8,7 @@ import { useLoaded, useTask } from "../core/hooks.js";
 import { html, useEffect, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, percentText } from "../core/numbers.js";
-import { Segments } from "../core/parts.js";
+import { FailureLine, Segments } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { RunStrip, isOver, runEvents, useWatched } from "../jobs/job.js";
 import { MeasureCell } from "./comparison.js";
@@ -36,7 +36,8 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
   const loaded = useLoaded((signal) => get("/api/v1/datasets/{dataset}/evaluations", { path: { dataset }, query: { truth }, signal }), [dataset, truth]);
   const measuring = useMeasuring(app, dataset, () => (loaded.reload(), onMeasured()));
   const [by, setBy] = useState("all");
-  const found = loaded.value;
+  // What was loaded last compares with something else.
+  const found = loaded.error ? null : loaded.value;
   const isCounted = found !== null && found.boxes > 0;
   return html`<section class="panelbox quality__wide" aria-labelledby="channels-title" aria-busy=${loaded.state === "loading"}>
     <header class="panelbox__head"><h2 id="channels-title">Channels compared</h2>
@@ -47,7 +48,7 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
         ${isCounted && found.not_measured.length > 0 && html`<${MeasureButton} measuring=${measuring} />`}
       </span></header>
     ${measuring.run && html`<${RunStrip} app=${app} dataset=${dataset} run=${measuring.run} onClose=${measuring.close} />`}
-    ${loaded.state === "error" && !found && html`<p class="panelbox__empty" role="alert">${loaded.error.message} <button class="button button--small" onClick=${loaded.reload}>Try again</button></p>`}
+    ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${!found && loaded.state === "loading" && html`<div class="bone bone--row shimmer" aria-hidden="true"></div><p class="sr-only" role="status">Loading the comparison of channels</p>`}
     ${found && (isCounted ? html`<${Compared} dataset=${dataset} found=${found} by=${by} active=${active} />` : html`<${Nothing} dataset=${dataset} found=${found} measuring=${measuring} onTruth=${onTruth} />`)}
   </section>`;

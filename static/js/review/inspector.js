@@ -10,6 +10,7 @@ import { html, useMemo, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { Keys, useKeys } from "../core/keymap.js";
 import { agoText, countOf, countText, exactPercentText, metresText, percentText, unbroken } from "../core/numbers.js";
+import { FailureLine } from "../core/parts.js";
 import { overlapping } from "../stage/geometry.js";
 import { ConflictNotice } from "./answer_bar.js";
 
@@ -204,10 +205,11 @@ export function Comment({ box, onSave, fieldRef }) {
 /** @param {{app: import("../core/app.js").App, box: import("../boxes/box.js").Decision}} props */
 export function History({ app, box }) {
   const loaded = useLoaded((signal) => get("/api/v1/boxes/{box_id}/history", { path: { box_id: box.box_id }, signal }), [box.box_id, seenRevision(box), box.run]);
-  const items = loaded.value?.items ?? [];
+  // What was loaded last may be another box's.
+  const items = loaded.error ? [] : (loaded.value?.items ?? []);
   return html`<section class="history" aria-busy=${loaded.state === "loading"}>
     <h3>History</h3>
-    ${loaded.state === "error" && html`<p class="faint">${loaded.error.message} <button class="button button--small" onClick=${loaded.reload}>Try again</button></p>`}
+    ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${loaded.state === "loading" && !loaded.value && html`<div class="bone" /><div class="bone bone--short" />`}
     <ol>${items.map((item) => html`<li class="history__item">${item.kind === "review" ? html`<${ReviewLine} item=${item} />` : html`<${DecisionLine} item=${item} />`}</li>`)}</ol>
   </section>`;

@@ -7,7 +7,7 @@ import { useLoaded, useTask } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText, sizeText, splitText } from "../core/numbers.js";
-import { useCopy } from "../core/parts.js";
+import { FailureLine, useCopy } from "../core/parts.js";
 import { Canceller, JobBar, StateBadge, exportEvents, isOver, percentDone, useLookAgain, useWatched } from "../jobs/job.js";
 
 /** @typedef {import("../core/app.js").App} App */
@@ -36,8 +36,8 @@ export function Exports({ app, dataset }) {
       <span class="panelbox__tools"><button class="button button--primary" aria-expanded=${isAsking} onClick=${() => setAsking(!isAsking)}><${Icon} name="plus" />New export</button></span>
     </header>
     ${isAsking && form.value && html`<${ExportAsk} dataset=${dataset} form=${form.value} onMade=${onMade} onClose=${() => setAsking(false)} />`}
-    ${isAsking && form.state === "error" && html`<p class="problem" role="alert">${form.error.message}</p>`}
-    ${loaded.state === "error" && !items && html`<p class="panelbox__empty" role="alert">${loaded.error.message} <button class="button button--small" onClick=${loaded.reload}>Try again</button></p>`}
+    ${isAsking && form.error && html`<${FailureLine} error=${form.error} onRetry=${form.reload} />`}
+    ${loaded.error && !items && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${items?.length === 0 && !isAsking && html`<p class="panelbox__empty">No export yet. Exports use people's answers, or the filter's verdict where there is none.</p>`}
     <ul class="runs">
       ${items?.map((one) => html`<li key=${one.id}><${ExportRow} app=${app} listed=${one} form=${form.value} onOver=${loaded.reload} /></li>`)}
@@ -194,7 +194,7 @@ function ExportAsk({ dataset, form, onMade, onClose }) {
     <div class="ask__fields">
       ${form.fields.map((field) => html`<${AskField} key=${field.key} field=${field} value=${field.key in chosen ? chosen[field.key] : field.initial} onChange=${(/** @type {unknown} */ value) => setChosen({ ...chosen, [field.key]: value })} />`)}
     </div>
-    ${error && html`<p class="problem" role="alert">${error.message}</p>`}
+    ${error && html`<${FailureLine} error=${error} />`}
     <p class="ask__foot"><span class="faint">The first export fixes the order of the classes.</span>
       <button type="button" class="button" onClick=${onClose}>Cancel</button>
       <button class="button button--primary" disabled=${isBusy || !format}>Make export</button></p>

@@ -6,7 +6,7 @@ import { get } from "../core/api.js";
 import { useHead, useLoaded, usePages } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { agoText, countOf, countText, tookText } from "../core/numbers.js";
-import { Failure } from "../core/parts.js";
+import { Failure, FailureLine } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { CancelButton, JobBar, StateBadge, isOver, percentDone, runEvents, useLookAgain, useWatched } from "../jobs/job.js";
 import { differences } from "../tuning/config.js";
@@ -84,7 +84,7 @@ export function RunDiffPanel({ app, dataset, run, against, runs }) {
       <${Against} dataset=${dataset} run=${run} against=${diff?.against ?? against} runs=${runs} />
       <span class="panelbox__tools"><a class="button button--quiet" href=${linkTo("runs", { dataset })}>Close</a></span>
     </header>
-    ${loaded.state === "error" && html`<p class="panelbox__empty" role="alert">${loaded.error.message}</p>`}
+    ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${loaded.state === "loading" && html`<div class="bone bone--tall shimmer"></div>`}
     ${diff && html`<${Between} app=${app} diff=${diff} runs=${runs} />`}
   </section>`;
@@ -130,6 +130,7 @@ function PerClass({ diff }) {
 function Keys({ app, diff, runs }) {
   const [before, after] = [diff.against, diff.run].map((id) => runs.find((run) => run.id === id)?.config);
   const loaded = useLoaded(async (signal) => (before && after ? Promise.all([configOf(before, signal), configOf(after, signal)]) : null), [before, after]);
+  if (loaded.error) return html`<${FailureLine} what="Configurations" error=${loaded.error} onRetry=${loaded.reload} />`;
   if (!loaded.value) return null;
   const rows = differences(loaded.value[0].config, loaded.value[1].config);
   return rows.length === 0
@@ -147,7 +148,7 @@ function Boxes({ app, diff }) {
   return html`<div class="rundiff__boxes">
     <${WayTabs} way=${way} lost=${diff.kept_to_rejected} won=${diff.rejected_to_kept} onChange=${setWay} />
     <div class="rundiff__flips"><${FlipGrid} items=${shown} />
-      ${error && html`<p role="alert">${error.message}</p>`}
+      ${error && html`<${FailureLine} error=${error} onRetry=${more} />`}
       ${!isDone && items.length > 0 && html`<p class="flippanel__more"><span class="faint">${countText(items.length)} of ${countOf(diff.total, "box", "boxes")}, nearest to the threshold first</span><button class="button button--small" onClick=${more}>Show more</button></p>`}
     </div>
   </div>`;

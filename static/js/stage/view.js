@@ -5,7 +5,7 @@ import { isVeiled } from "../boxes/box.js";
 import { useValue } from "../core/hooks.js";
 import { html, useLayoutEffect, useMemo, useRef } from "../core/html.js";
 import { Toggle } from "../core/keymap.js";
-import { Notice } from "../core/parts.js";
+import { FailureLine, Notice } from "../core/parts.js";
 import { onThemeChange } from "../core/prefs.js";
 import { clamp } from "./geometry.js";
 import { useLazy } from "./media.js";
@@ -27,15 +27,15 @@ import { createStage } from "./stage.js";
 export function StageView({ app, frame, media, boxes, selected, isCrop, isDim = false, scene, label, onSelect = () => {}, onCrop, stageRef, children }) {
   const host = useRef(/** @type {HTMLDivElement | null} */ (null));
   const prefs = useValue(app.prefs);
-  const { value: picture = null, error: noPicture } = useLazy(frame?.has_image ? media.picture : null);
-  const { value: mask = null, error: noMask } = useLazy(frame && prefs.mask ? media.mask : null);
+  const { value: picture = null, error: noPicture, retry: retryPicture } = useLazy(frame?.has_image ? media.picture : null);
+  const { value: mask = null, error: noMask, retry: retryMask } = useLazy(frame && prefs.mask ? media.mask : null);
   const isLit = prefs.lit && selected !== null && !isVeiled(selected);
-  const { value: pixels, error: noPixels } = useLazy(frame && isLit ? media.segmentation : null);
+  const { value: pixels, error: noPixels, retry: retryPixels } = useLazy(frame && isLit ? media.segmentation : null);
   const lit = useMemo(
     () => (isLit && pixels && frame?.segmentation ? litPixels(pixels, frame.segmentation, selected) : null),
     [isLit, selected?.box_id, selected?.accepted_tags, pixels],
   );
-  const hasNoPicture = frame !== null && (!frame.has_image || noPicture !== null);
+  const hasNoPicture = frame !== null && !frame.has_image;
   const noSegmentation = noMask ?? noPixels;
 
   useLayoutEffect(() => {
@@ -56,10 +56,13 @@ export function StageView({ app, frame, media, boxes, selected, isCrop, isDim = 
 
   return html`<div class="stage-wrap">
     <div class="stage" ref=${host} role="img" aria-label=${label} data-box=${selected?.box_id ?? ""} data-mode=${isCrop ? "crop" : "frame"}
-      data-picture=${picture ? "shown" : hasNoPicture ? "failed" : "loading"} data-mask=${mask ? "on" : "off"} data-lit=${lit?.count ?? ""}></div>
-    ${hasNoPicture && html`<div class="stage__note"><${Notice} title="The image cannot be shown"><p>Boxes and numbers are still here.</p><//></div>`}
-    ${!picture && !hasNoPicture && html`<div class="stage__loading shimmer" aria-hidden="true"></div>`}
-    ${noSegmentation && html`<p class="stage__error" role="alert">Segmentation: ${noSegmentation.message}</p>`}
+      data-picture=${picture ? "shown" : hasNoPicture || noPicture ? "failed" : "loading"} data-mask=${mask ? "on" : "off"} data-lit=${lit?.count ?? ""}></div>
+    ${hasNoPicture && html`<div class="stage__note"><${Notice} title="This frame has no image"><p>Its boxes and numbers are here all the same.</p><//></div>`}
+    ${!picture && !hasNoPicture && !noPicture && html`<div class="stage__loading shimmer" aria-hidden="true"></div>`}
+    <div class="stage__failures">
+      ${noPicture && html`<${FailureLine} what="Image" error=${noPicture} onRetry=${retryPicture} />`}
+      ${noSegmentation && html`<${FailureLine} what="Segmentation" error=${noSegmentation} onRetry=${() => (retryMask(), retryPixels())} />`}
+    </div>
     ${children}
   </div>`;
 }

@@ -8,7 +8,7 @@ import { useHead, useLoaded } from "../core/hooks.js";
 import { html, useEffect, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
-import { Failure, Notice } from "../core/parts.js";
+import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { RunStrip, isOver, runEvents, useWatched } from "../jobs/job.js";
 import { AllClasses, ClassCards, Reasons } from "./classes.js";
 import { THRESHOLD, effectiveEdits, keyValue, valueOf, valueText } from "./config.js";
@@ -71,7 +71,7 @@ function Tuner({ app, route, dataset, active, onApplied }) {
   const isUnknown = tuning.preview?.needs_pixels === true;
   return html`<${Summary} tuning=${tuning} isRunning=${isRunning} onReset=${() => tuning.setEdits({})} onSave=${() => setSaving(true)} />
     ${run && html`<${RunStrip} app=${app} dataset=${dataset} run=${run} onClose=${() => setStarted(null)} />`}
-    ${tuning.error && html`<p class="problem" role="alert">${tuning.error.message} <button class="button button--small" onClick=${tuning.retry}>Try again</button></p>`}
+    ${tuning.error && html`<${FailureLine} error=${tuning.error} onRetry=${tuning.retry} />`}
     ${!isUnknown && html`<${ChannelLine} config=${tuning.tried} keys=${keys.value ?? []} />`}
     <div class="tuning ${isUnknown ? "tuning--unknown" : ""}">
       <div class="tuning__main">

@@ -7,7 +7,7 @@ import { useLoaded, useTask } from "../core/hooks.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText } from "../core/numbers.js";
-import { Dialog, Words, useCopy, useDialog } from "../core/parts.js";
+import { Dialog, FailureLine, Words, useCopy, useDialog } from "../core/parts.js";
 import { differences, editsBetween, keyValue, toYaml, valueOf, valueText } from "./config.js";
 
 /** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
@@ -31,7 +31,7 @@ export function Versions({ app, dataset, tuning, saved, isRunning, onRun }) {
   const { run: apply, isBusy } = useTask(async (/** @type {string} */ digest) => onRun(await activate(dataset, digest)), app.toasts.fail);
   return html`<section class="panelbox" aria-labelledby="versions-title">
     <header class="panelbox__head"><h2 id="versions-title">Versions</h2><span class="faint">${loaded.value ? countOf(loaded.value.items.length, "version") : ""}</span></header>
-    ${loaded.state === "error" && html`<p class="panelbox__empty" role="alert">${loaded.error.message} <button class="button button--small" onClick=${loaded.reload}>Try again</button></p>`}
+    ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     <ul class="versions">
       ${loaded.value?.items.map(
         (version) => html`<li key=${version.digest} class="version ${version.digest === active.digest ? "is-active" : ""}">
@@ -65,7 +65,7 @@ export function ConfigPanel({ tuning, keys }) {
   const ofClasses = differences({ ...tried, classes: {} }, tried);
   return html`<section class="panelbox" aria-labelledby="config-title">
     <header class="panelbox__head"><h2 id="config-title">Configuration</h2><span class="faint">all keys; those that do not require measuring again can be changed here</span></header>
-    ${keys.error && html`<p class="panelbox__empty" role="alert">${keys.error.message} <button class="button button--small" onClick=${keys.reload}>Try again</button></p>`}
+    ${keys.error && html`<${FailureLine} error=${keys.error} onRetry=${keys.reload} />`}
     <div class="tablewrap"><table class="table table--keys" aria-busy=${keys.state === "loading"}>
       <thead><tr><th scope="col">Key</th><th scope="col">Value</th><th scope="col">Active</th><th class="table__text" scope="col">Meaning</th></tr></thead>
       <tbody>
@@ -115,7 +115,7 @@ export function SaveDialog({ dataset, tuning, onClose, onSaved, onRun }) {
     <p class="savedialog__digest">Version <code title=${digest}>${digest ? digest.slice(0, 16) : "…"}</code> <span class="faint">differs from the active <code>${tuning.active.digest.slice(0, 8)}</code> in:</span></p>
     <${DiffTable} rows=${differences(tuning.active.config, tuning.tried)} />
     <p class="savedialog__what">${whatText(tuning)}</p>
-    ${error && html`<p class="problem" role="alert">${error.message}</p>`}
+    ${error && html`<${FailureLine} error=${error} />`}
     <footer class="dialog__foot">
       <span class="faint">Versions are never changed or deleted.</span>
       <span class="savedialog__buttons">

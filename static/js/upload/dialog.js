@@ -6,7 +6,7 @@ import { useLoaded } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, sizeText } from "../core/numbers.js";
-import { Command, Dialog, FileList, Segments, useDialog } from "../core/parts.js";
+import { Command, Dialog, FailureLine, FileList, Segments, useDialog } from "../core/parts.js";
 import { hasImages, readFolder, topOf, visibleEntries } from "./folder.js";
 
 /** @typedef {import("./sender.js").UploadApp} App */
@@ -117,7 +117,7 @@ function NotRead({ found: { entries, top, read, retry }, error, close }) {
   return html`<div class="upload">
     ${isUnknown
       ? html`<p role="alert">No frames were recognised in ${entries?.length === 1 ? "this file" : `these ${countOf(entries?.length ?? 0, "file")}`}.</p><p class="faint">${error.message}</p>`
-      : html`<p class="upload__fault" role="alert">${error.message}</p>`}
+      : html`<${FailureLine} error=${error} />`}
     ${isTooLarge && html`<p>The command line takes folders of any size:</p><${Command} text=${commandOf(top, "")} />`}
     <footer class="dialog__foot">
       <button type="button" class="button" onClick=${close}>Cancel</button>
@@ -135,7 +135,7 @@ function Review({ app, found, plan, typed, setTyped, close }) {
   const datasets = useLoaded((signal) => get("/api/v1/datasets", { query: { limit: 500 }, signal }), []);
   const known = datasets.value?.items ?? [];
   // Until the list is loaded it is not known whether a dataset of this name exists.
-  const isKnown = datasets.state !== "loading";
+  const isKnown = datasets.value !== null;
   const name = typed ?? (app.head.get().dataset || slugOf(found.top));
   const [lossy, setLossy] = useState(false);
   const [replace, setReplace] = useState(false);
@@ -170,7 +170,9 @@ function Review({ app, found, plan, typed, setTyped, close }) {
         onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => (setTyped(event.currentTarget.value.trim()), setRefusal(""))} />
       <datalist id="upload-datasets">${known.map((dataset) => html`<option value=${dataset.name} />`)}</datalist>
     </label>
-    <p id="upload-where" class="faint">${!isKnown ? "Loading the list of datasets …" : there ? `Adds to a dataset that has ${countOf(there.counts.frames, "frame")}. Frames that are already stored are not stored again.` : "A new dataset will be created."}</p>
+    ${datasets.error
+      ? html`<${FailureLine} what="List of datasets" error=${datasets.error} onRetry=${datasets.reload} />`
+      : html`<p id="upload-where" class="faint">${!isKnown ? "Loading the list of datasets …" : there ? `Adds to a dataset that has ${countOf(there.counts.frames, "frame")}. Frames that are already stored are not stored again.` : "A new dataset will be created."}</p>`}
     <p id="upload-error" class="field__error" role="alert">${refusal}</p>
     ${there
       ? html`<label class="switch"><input type="checkbox" checked=${replace} onChange=${() => setReplace(!replace)} /><span>Replace frames whose content has changed</span></label>`

@@ -5,7 +5,7 @@ import { useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
-import { FileList } from "../core/parts.js";
+import { FailureLine, FileList } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { doneOf, isOver } from "./sender.js";
 
@@ -179,7 +179,7 @@ export function UploadPanel({ app, job: { dataset, sender } }) {
       <span class="progress__fill ${refused.length ? "has-refused" : ""}" style=${{ width: `${percent}%` }} />
     </div>
     <p class="upload-panel__text" role="status">${isEnd ? outcome(progress) : `${countText(done)} of ${countOf(total, "frame")}`}</p>
-    ${trouble && html`<p class="upload__fault" role="alert">${trouble}</p>`}
+    ${trouble && html`<${FailureLine} error=${{ message: trouble }} />`}
     <${FileList} title="Refused" items=${refused.map(({ key, why, more }) => ({ name: key, why, more }))} isOpen=${isEnd} />
     <footer class="upload-panel__foot">
       ${!isEnd && html`<button class="button" onClick=${sender.cancel}>Cancel</button>`}

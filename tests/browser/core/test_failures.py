@@ -1,0 +1,100 @@
+"""A part of a view that cannot be loaded says why, and comes when it is tried again."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import pytest
+from playwright.sync_api import Page, Route, expect
+
+from tests.support.page import scenes
+from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.tuning import car_at
+from tests.support.page.windows import Visitor
+
+pytestmark = pytest.mark.browser
+
+DETAIL = "the disk is full"
+PROBLEM = {"title": "Internal Server Error", "status": 500, "detail": DETAIL}
+
+
+def refuse(route: Route) -> None:
+    route.fulfill(status=500, json=PROBLEM)
+
+
+@pytest.fixture
+def street(make_scene: MakeScene) -> Scene:
+    """Two boxes, and a run that has changed one."""
+    street = make_scene(boxes=[car_at(30, 0), car_at(55, 1)])
+    street.decide(threshold_small_box=40)
+    return street
+
+
+def view(path: str, *, click: str = "") -> Callable[[Visitor, Scene], None]:
+    """Open a view of the dataset, and press a button of it."""
+
+    def go(ada: Visitor, street: Scene) -> None:
+        page = ada.open(f"#/datasets/{street.dataset}/{path}")
+        if click:
+            page.get_by_role("button", name=click).click()
+
+    return go
+
+
+def latest_run(ada: Visitor, street: Scene) -> None:
+    runs = scenes.get(street.api, f"/datasets/{street.dataset}/runs")["items"]
+    ada.open(f"#/datasets/{street.dataset}/runs?run={runs[0]['id']}")
+
+
+def a_box(ada: Visitor, street: Scene) -> None:
+    box = street.frame["boxes"][0]
+    ada.page.goto(f"{ada.url}/#/frames/{street.frame['id']}?box={box['box_id']}")
+
+
+def segmentation(ada: Visitor, street: Scene) -> None:
+    a_box(ada, street)
+    ada.page.get_by_role("button", name="Segmentation").click()
+
+
+@pytest.mark.parametrize(
+    ("asked", "go", "part"),
+    [
+        (r"/evaluations\?", view("quality"), "Channels compared"),
+        (r"/configs\?", view("thresholds"), "Versions"),
+        (r"/openapi\.json", view("thresholds"), "Configuration"),
+        (r"/exports\?", view("runs"), "Exports"),
+        (r"/openapi\.json", view("runs", click="New export"), "Exports"),
+        (r"/diff\?", latest_run, "What run"),
+        (r"/configs/", latest_run, "What run"),
+        (r"/problems\?", view("frames", click="Dataset settings"), ""),
+        (r"/openapi\.json", view("frames", click="Dataset settings"), ""),
+        (r"/history", a_box, ""),
+        (r"/image$", a_box, ""),
+        (r"/(segmentation|painted)", segmentation, ""),
+    ],
+)
+def test_what_cannot_be_loaded_is_said_and_tried_again(ada, street, asked, go, part):
+    page: Page = ada.page
+    page.route(re.compile(asked), refuse)
+    go(ada, street)
+    place = page.get_by_role("region", name=part) if part else page
+    failure = place.get_by_role("alert")
+    expect(failure).to_contain_text(DETAIL)
+
+    page.unroute(re.compile(asked))
+    failure.get_by_role("button", name="Try again").click()
+
+    expect(failure).to_have_count(0)
+
+
+def test_history_that_cannot_be_loaded_is_not_that_of_the_last_box(ada, street):
+    a_box(ada, street)
+    items = ada.page.locator(".history__item")
+    expect(items.first).to_be_visible()
+
+    ada.page.route(re.compile("/history"), refuse)
+    ada.press("j")
+
+    expect(ada.page.get_by_role("alert")).to_contain_text(DETAIL)
+    expect(items).to_have_count(0)
