@@ -1,4 +1,4 @@
-"""Which folder of the page's modules may import which."""
+"""Which folder of the page's modules may import which, and where their tests are."""
 
 from __future__ import annotations
 
@@ -40,3 +40,23 @@ def test_modules_import_from_folders_below_their_own():
                 upwards.append(f"{own}/{file.name} imports {named}")
 
     assert upwards == []
+
+
+def test_each_test_is_named_for_the_module_it_tests():
+    tests = CHECKOUT / "tests" / "js"
+    named = [
+        file.relative_to(tests).as_posix().removesuffix(".test.js")
+        for file in tests.glob("*/*.test.js")
+    ]
+
+    alone = [
+        name
+        for name in named
+        # A description of types is a module, too: those of the API are tested.
+        if not any(
+            (STATIC / "js" / f"{name}{end}").is_file() for end in (".js", ".d.ts")
+        )
+    ]
+
+    assert named
+    assert alone == []

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { boxIn, createCrops, cropRequest, placed } from "../../../static/js/boxes/crops.js";
 import { ApiError } from "../../../static/js/core/api.js";
-import { createCrops } from "../../../static/js/boxes/crops.js";
 
 /** Crops that arrive when one says so. */
 function source() {
@@ -120,4 +120,71 @@ test("the oldest that nobody shows are discarded", async () => {
   assert.deepEqual(gone, ["b"]);
   assert.equal(crops.ready("b"), null);
   assert.equal(crops.ready("a")?.src, "a");
+});
+
+/** What the server cuts out, and how large it makes it: its own rule. */
+function serverCrop([x0, y0, x1, y1], { pad, height }, frame) {
+  const margin = pad * Math.max(x1 - x0, y1 - y0, 1);
+  const left = Math.max(0, Math.floor(x0 - margin));
+  const top = Math.max(0, Math.floor(y0 - margin));
+  const right = Math.min(frame.width, Math.ceil(x1 + margin));
+  const bottom = Math.min(frame.height, Math.ceil(y1 + margin));
+  const scale = Math.min(height / (bottom - top), 8);
+  return { left, top, right, bottom, natural: { width: Math.round((right - left) * scale), height: Math.round((bottom - top) * scale) } };
+}
+
+const FRAME = { width: 640, height: 360 };
+const BOXES = /** @type {import("../../../static/js/boxes/box.js").Xyxy[]} */ ([
+  [300, 100, 400, 140],
+  [300, 100, 320, 180],
+  [0, 0, 30, 60],
+  [600, 100, 640, 130],
+  [200, 330, 300, 360],
+  [610, 340, 640, 360],
+  [100.4, 50.6, 103.2, 52.1],
+]);
+
+test("a crop covers its cell wherever there is an image", () => {
+  for (const xyxy of BOXES) {
+    const ask = cropRequest(xyxy, 160, 1);
+    const crop = serverCrop(xyxy, ask, FRAME);
+    const { picture } = placed(xyxy, ask.pad, 160, crop.natural, FRAME);
+
+    if (crop.left > 0) assert.ok(picture.left <= 0.5, `${xyxy} left`);
+    if (crop.top > 0) assert.ok(picture.top <= 0.5, `${xyxy} top`);
+    if (crop.right < FRAME.width) assert.ok(picture.left + picture.width >= 159.5, `${xyxy} right`);
+    if (crop.bottom < FRAME.height) assert.ok(picture.top + picture.height >= 159.5, `${xyxy} bottom`);
+  }
+});
+
+test("the box lies on the crop where it lies in the image", () => {
+  for (const xyxy of BOXES) {
+    const ask = cropRequest(xyxy, 160, 1);
+    const crop = serverCrop(xyxy, ask, FRAME);
+    const { picture, box } = placed(xyxy, ask.pad, 160, crop.natural, FRAME);
+    const perPixel = picture.width / (crop.right - crop.left);
+
+    assert.ok(Math.abs(box.left - picture.left - (xyxy[0] - crop.left) * perPixel) < 0.6, `${xyxy}`);
+    assert.ok(Math.abs(box.top - picture.top - (xyxy[1] - crop.top) * perPixel) < 0.6, `${xyxy}`);
+    assert.ok(Math.abs(picture.height / (crop.bottom - crop.top) - perPixel) < 0.05 * perPixel, `${xyxy} keeps its shape`);
+  }
+});
+
+test("a crop cut off at the edge of the image is placed by its shape", () => {
+  for (const xyxy of [BOXES[3], BOXES[4]]) {
+    const ask = cropRequest(xyxy, 160, 2);
+    const crop = serverCrop(xyxy, ask, FRAME);
+    const known = placed(xyxy, ask.pad, 160, crop.natural, FRAME).picture;
+    const guessed = placed(xyxy, ask.pad, 160, crop.natural, null).picture;
+
+    assert.ok(Math.abs(known.width - guessed.width) < 4 && Math.abs(known.height - guessed.height) < 4, `${xyxy}`);
+  }
+});
+
+test("a box is in the middle of its cell, and never fills it", () => {
+  const { left, top, width, height } = boxIn([10, 20, 110, 60], 160);
+
+  assert.ok(Math.abs(left + width / 2 - 80) < 1e-9 && Math.abs(top + height / 2 - 80) < 1e-9);
+  assert.ok(width < 110 && width > 90);
+  assert.ok(boxIn([10, 20, 12, 22], 160).width < 20);
 });

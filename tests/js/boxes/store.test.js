@@ -1,11 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { withAnswer, withStored } from "../../../static/js/boxes/box.js";
 import { createBoxes } from "../../../static/js/boxes/store.js";
-import { createValue } from "../../../static/js/core/observable.js";
-import { createSteps } from "../../../static/js/review/answers.js";
-import { decision } from "../builders.js";
+import { decision } from "../../support/page/builders.js";
 
 /** @param {string} verdict @param {number} revision */
 const answered = (verdict, revision) => decision({ revision, review: { verdict, reviewer: "bo", revision, comment: "" } });
@@ -86,60 +83,4 @@ test("a box that nobody holds any more goes; one that is held again at once stay
   await swept();
 
   assert.deepEqual([1, 2].map((id) => boxes.get(id)?.box_id), [1, undefined]);
-});
-
-test("an answer changes the effective verdict, never the filter's", () => {
-  const box = decision();
-  assert.deepEqual(["keep", "reject", "unsure", "clear"].map((answer) => withAnswer(box, /** @type {any} */ (answer)).effective_verdict), ["kept", "rejected", "rejected", "rejected"]);
-  assert.equal(withAnswer(box, "keep").verdict, "rejected");
-  assert.equal(withAnswer(box, "clear").review, null);
-});
-
-test("what the server has stored brings its revision", () => {
-  const stored = /** @type {any} */ ({ box_id: 1, revision: 4, verdict: "clear", reviewer: "ada", comment: "", effective_verdict: "rejected" });
-  const box = withStored(withAnswer(decision(), "keep"), stored);
-  assert.deepEqual([box.review, box.revision, box.effective_verdict], [null, 4, "rejected"]);
-});
-
-test("steps are taken back the newest first, and keep their boxes until then", async () => {
-  const boxes = createBoxes();
-  const steps = createSteps(boxes);
-  const view = boxes.hold(boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2 })]));
-  const first = { before: [{ boxId: 1, verdict: /** @type {const} */ ("clear"), comment: "" }] };
-  const second = { before: [{ boxId: 2, verdict: /** @type {const} */ ("keep"), comment: "far" }] };
-  steps.push(first);
-  steps.push(second);
-  view();
-  await swept();
-
-  assert.equal(steps.last(), second);
-  steps.drop(second);
-  await swept();
-
-  assert.deepEqual([steps.last(), boxes.get(1)?.box_id, boxes.get(2)], [first, 1, undefined]);
-});
-
-test("what somebody else has answered since is not ours to take back; an act on many boxes is", () => {
-  const steps = createSteps(createBoxes());
-  const before = (/** @type {number} */ boxId) => [{ boxId, verdict: /** @type {const} */ ("clear"), comment: "" }];
-  for (const boxId of [1, 2, 1]) steps.push({ before: before(boxId) });
-  steps.push({ before: before(1), act: "k1" });
-
-  steps.forget(1);
-
-  assert.equal(steps.last()?.act, "k1");
-  steps.drop(/** @type {any} */ (steps.last()));
-  assert.equal(steps.last()?.before[0]?.boxId, 2);
-});
-
-test("observers may leave while they are told", () => {
-  const value = createValue(0);
-  /** @type {number[]} */
-  const seen = [];
-  const stop = value.observe((n) => (seen.push(n), stop()));
-  value.observe((n) => seen.push(n * 10));
-  value.set(1);
-  value.set(1);
-  value.set(2);
-  assert.deepEqual(seen, [1, 10, 20]);
 });

@@ -1,10 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { agoText, countOf, percentText } from "../../../static/js/core/numbers.js";
-import { endedText } from "../../../static/js/core/connection.js";
 import { labelText, matchText, reasonText, shortText, spokenText } from "../../../static/js/boxes/wording.js";
-import { decision } from "../builders.js";
+import { decision } from "../../support/page/builders.js";
 
 test("the label says the number, what was needed, and what hides the box", () => {
   assert.equal(labelText(decision()), "4.1 % Car < 10 % · hidden by Vegetation 71 %");
@@ -74,11 +72,6 @@ test("without the server's sentence the reason is named", () => {
   assert.equal(labelText(box), "too few LiDAR points");
 });
 
-test("percentages keep what matters", () => {
-  const shown = [0, 0.004, 0.04, 0.5, 0.96, 4.08, 10, 71.25, 99.97, 100, null].map((percent) => percentText(percent));
-  assert.deepEqual(shown, ["0 %", "0.004 %", "0.04 %", "0.5 %", "0.96 %", "4.1 %", "10 %", "71.3 %", "99.97 %", "100 %", "–"]);
-});
-
 test("a reason of a later server is still readable", () => {
   assert.equal(reasonText("eaten_by_grue"), "eaten by grue");
 });
@@ -89,27 +82,7 @@ test("what is heard names box, verdict and answer", () => {
   assert.equal(shortText(box), "car 4.1 %");
 });
 
-test("counts are grouped and agree in number", () => {
-  assert.deepEqual([countOf(1, "box", "boxes"), countOf(12345, "box", "boxes")], ["1 box", "12\u2009345 boxes"]);
-});
-
-test("times are told as people do", () => {
-  const now = Date.parse("2026-01-01T12:00:00Z");
-  assert.equal(agoText("2026-01-01T11:59:50Z", now), "just now");
-  assert.equal(agoText("2026-01-01T11:30:00Z", now), "30 min ago");
-  assert.equal(agoText("2026-01-01T09:00:00Z", now), "3 h ago");
-  assert.equal(agoText("2025-12-24T09:00:00Z", now), "Dec 24, 2025");
-});
-
 test("lists show the share where it decided, and nothing where nothing was measured", () => {
   assert.equal(matchText(decision()), "4.1 %");
   assert.equal(matchText(decision({ evidence: null, match_percent: null, threshold: null })), "");
-});
-
-test("why one is signed out is said where it is known", () => {
-  assert.match(endedText("token_expired"), /has expired/);
-  assert.match(endedText("token_revoked"), /revoked/);
-  assert.match(endedText("session_expired"), /has ended/);
-  assert.equal(endedText("unauthorised"), "");
-  assert.equal(endedText(undefined), "");
 });

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { fieldsOf, parseNumber } from "../../../static/js/core/form.js";
+import { fieldsOf, parseNumber, parseNumbers } from "../../../static/js/core/form.js";
 
 /** @param {Record<string, unknown>} properties */
 const described = (properties) => fieldsOf({ components: { schemas: { Thing: { properties } } } }, "Thing");
@@ -42,4 +42,10 @@ test("a number is taken as the field allows it", () => {
   const share = { min: 0, max: 100, isWhole: false };
   assert.deepEqual(["0", " 70.5 ", "100", "100.5", "-1", "", "x"].map((text) => parseNumber(share, text)), [0, 70.5, 100, null, null, null, null]);
   assert.deepEqual(["2", "2.5"].map((text) => parseNumber({ ...share, isWhole: true }, text)), [2, null]);
+});
+
+test("a list of numbers is separated by commas or semicolons, and refused otherwise", () => {
+  assert.deepEqual(parseNumbers("50, 100;200"), [50, 100, 200]);
+  assert.deepEqual(parseNumbers(" "), []);
+  assert.equal(parseNumbers("50, far"), null);
 });

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { DEFAULT_SETTINGS, KEYMAP, actionOf, keysIn, loadKeys, nameOf, rebind, saveKeys } from "../../../static/js/core/keymap.js";
-import { memoryStorage } from "../builders.js";
+import { memoryStorage } from "../../support/page/builders.js";
 
 /** @param {string} key @param {object} [some] */
 const press = (key, some = {}) => ({ key, shiftKey: false, ctrlKey: false, metaKey: false, altKey: false, ...some });

@@ -3,7 +3,7 @@ import { test } from "node:test";
 
 import { createBoxes } from "../../../static/js/boxes/store.js";
 import { createPager } from "../../../static/js/grid/pager.js";
-import { decision } from "../builders.js";
+import { decision } from "../../support/page/builders.js";
 
 /** A server of `size` boxes with ids from 1; its cursor is the last id, and it counts what it was asked. */
 function server(size, { total = true, without = new Set() } = {}) {

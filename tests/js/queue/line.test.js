@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { EMPTY, ahead, answered, currentOf, inHand, joined, lookedAt, nextOpen, paceOf, passed, skippedAgain, stepped, takenBack } from "../../../static/js/queue/line.js";
+import { EMPTY, ahead, answered, compared, currentOf, inHand, isBlind, joined, lookedAt, nextOpen, paceOf, passed, skippedAgain, stepped, takenBack } from "../../../static/js/queue/line.js";
+import { decision } from "../../support/page/builders.js";
 
 const five = joined(EMPTY, [1, 2, 3, 4, 5]);
 
@@ -29,7 +30,7 @@ test("past the last there is nothing until more come", () => {
   assert.equal(currentOf(joined(done, [6])), 6);
 });
 
-test("an answer to a box that is not looked at moves nobody", () => {
+test("an answer on another box does not lead away from the current one", () => {
   assert.equal(currentOf(answered(five, 4)), 1);
 });
 
@@ -68,4 +69,25 @@ test("there is a pace after four answers, and it is of the last ones", () => {
   assert.equal(paceOf([0, 1000, 2000, 3000]), 60);
   const slowThenFast = [0, ...Array.from({ length: 20 }, (_, i) => 600_000 + i * 500)];
   assert.equal(paceOf(slowThenFast), 120);
+});
+
+const review = (verdict) => ({ verdict, reviewer: "bo", revision: 1, comment: "I think so" });
+
+test("an audit hides verdicts unless the address asks for them", () => {
+  assert.ok(isBlind({ order: "audit" }, { blind: false }));
+  assert.ok(!isBlind({ order: "audit", blind: "off" }, { blind: true }));
+  assert.ok(!isBlind({}, { blind: false }));
+  assert.ok(isBlind({}, { blind: true }));
+  assert.ok(isBlind({ blind: "on" }, {}));
+});
+
+test("an answer is compared with the earlier answer, else with the filter's verdict", () => {
+  const reviewed = decision({ review: review("keep") });
+
+  assert.equal(compared(reviewed, "keep")?.agrees, true);
+  assert.match(compared(reviewed, "reject")?.words ?? "", /bo said keep, you said reject/);
+  assert.equal(compared(decision({ verdict: "rejected" }), "reject")?.agrees, true);
+  assert.equal(compared(decision({ verdict: "rejected" }), "keep")?.agrees, false);
+  assert.equal(compared(reviewed, "unsure"), null);
+  assert.equal(compared(decision({ verdict: "unmeasured" }), "keep"), null);
 });

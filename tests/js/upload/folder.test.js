@@ -6,7 +6,7 @@ import { join } from "node:path";
 import { test } from "node:test";
 
 import { archiveOf, linesOf, planOf, topOf, visibleEntries } from "../../../static/js/upload/folder.js";
-import { entriesOf } from "../builders.js";
+import { entriesOf } from "../../support/page/builders.js";
 
 const never = new AbortController().signal;
 const silent = () => {};

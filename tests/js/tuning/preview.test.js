@@ -26,7 +26,7 @@ function listen(ask) {
 
 const turn = () => new Promise((done) => setImmediate(done));
 
-test("one question is on its way, and of those that wait only the last one goes", async () => {
+test("one request is under way at a time, and of those that wait only the last is sent", async () => {
   const { open, ask } = slowServer();
   const { heard, latest } = listen(ask);
 
@@ -41,7 +41,7 @@ test("one question is on its way, and of those that wait only the last one goes"
   assert.deepEqual(heard, [true, [1, "one"], [4, "four"], false]);
 });
 
-test("a refusal is told, and what waits is asked all the same", async () => {
+test("a refusal is reported, and what waits is sent all the same", async () => {
   const { open, ask } = slowServer();
   const { heard, latest } = listen(ask);
 
@@ -55,7 +55,7 @@ test("a refusal is told, and what waits is asked all the same", async () => {
   assert.deepEqual(heard, [true, "Error: no", [2, "two"], false]);
 });
 
-test("after stopping nothing is told any more", async () => {
+test("nothing is reported after the end", async () => {
   const { open, ask } = slowServer();
   const { heard, latest } = listen(ask);
 

@@ -1,14 +1,13 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { own, unowned } from "../../../static/js/review/outbox.js";
-import { SESSION_KEY, createSession } from "../../../static/js/core/connection.js";
-import { memoryStorage } from "../builders.js";
+import { SESSION_KEY, createSession, endedText } from "../../../static/js/core/connection.js";
+import { memoryStorage } from "../../support/page/builders.js";
 
 /** @param {string} name @param {string} [session] */
 const of = (name, session = `us_${name}`) => ({ session, name, role: "reviewer", expires_at: null });
 
-test("a session outlives its page and is one for all tabs", () => {
+test("a session is stored, for all tabs and for the next page", () => {
   const storage = memoryStorage();
   const one = createSession(storage);
   assert.deepEqual([one.current.get(), one.owner()], [null, ""]);
@@ -19,7 +18,7 @@ test("a session outlives its page and is one for all tabs", () => {
   assert.equal(one.owner(), "ada");
 });
 
-test("a page never turns into another person's", () => {
+test("a page does not take over the session of another person", () => {
   const storage = memoryStorage();
   const tab = createSession(storage);
   tab.keep(of("ada"));
@@ -31,7 +30,7 @@ test("a page never turns into another person's", () => {
   assert.deepEqual([tab.current.get()?.name, tab.owner()], ["ada", "ada"]);
 });
 
-test("signed out in one tab is signed out in the other, who may come back", () => {
+test("signing out in one tab signs out the others, where the same person may sign in again", () => {
   const storage = memoryStorage();
   const one = createSession(storage);
   one.keep(of("ada"));
@@ -46,7 +45,7 @@ test("signed out in one tab is signed out in the other, who may come back", () =
   assert.equal(one.current.get()?.session, "us_new");
 });
 
-test("a session that has ended does not take the next one with it", () => {
+test("the end of an old session leaves a newer one of another tab", () => {
   const storage = memoryStorage();
   const late = createSession(storage);
   late.keep(of("ada", "us_old"));
@@ -57,7 +56,7 @@ test("a session that has ended does not take the next one with it", () => {
   assert.equal(late.current.get()?.session, "us_new");
 });
 
-test("rubbish in the storage is no session", () => {
+test("a stored text that is not a session is ignored", () => {
   for (const text of ["{", "7", "null", "{}", '{"session": 7, "name": "ada"}']) {
     const storage = memoryStorage();
     storage.setItem(SESSION_KEY, text);
@@ -65,16 +64,10 @@ test("rubbish in the storage is no session", () => {
   }
 });
 
-test("answers without a name wait until somebody says that they are theirs", () => {
-  const storage = memoryStorage();
-  storage.setItem("unghost.outbox.v1.a", JSON.stringify({ boxId: 1 }));
-  storage.setItem("unghost.bulk.v1.b", JSON.stringify({ key: "b", person: "bo" }));
-  storage.setItem("unghost.prefs", JSON.stringify({}));
-
-  assert.deepEqual(unowned(storage).map(({ name }) => name), ["unghost.outbox.v1.a"]);
-  own(storage, "ada");
-
-  assert.deepEqual(unowned(storage), []);
-  assert.equal(JSON.parse(storage.getItem("unghost.outbox.v1.a") ?? "").person, "ada");
-  assert.equal(JSON.parse(storage.getItem("unghost.bulk.v1.b") ?? "").person, "bo");
+test("the reason of the end of a session is said where it is known", () => {
+  assert.match(endedText("token_expired"), /has expired/);
+  assert.match(endedText("token_revoked"), /revoked/);
+  assert.match(endedText("session_expired"), /has ended/);
+  assert.equal(endedText("unauthorised"), "");
+  assert.equal(endedText(undefined), "");
 });

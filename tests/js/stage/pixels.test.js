@@ -2,7 +2,6 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { contrast, lightPixels, tagMatcher } from "../../../static/js/stage/pixels.js";
-import { swatchOf } from "../../../static/js/review/inspector.js";
 
 /** @type {any} */
 const CAR = { tag: 14, name: "Car", rgb: [0, 0, 142] };
@@ -42,11 +41,6 @@ test("matching pixels are lit, the others are not, and the count is told", () =>
   const rgba = new Uint8ClampedArray([0, 0, 142, 255, 70, 70, 70, 255]);
   assert.equal(lightPixels(rgba, tagMatcher([CAR], RGB), LIT, UNLIT), 1);
   assert.deepEqual([...rgba], [...LIT, ...UNLIT]);
-});
-
-test("an unknown tag has no swatch", () => {
-  assert.equal(swatchOf("Vegetation"), "rgb(107 142 35)");
-  assert.equal(swatchOf("<img src=x>"), "transparent");
 });
 
 test("contrast is WCAG's", () => {

@@ -1,0 +1,130 @@
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+
+import { createBoxes } from "../../../static/js/boxes/store.js";
+import { createSteps } from "../../../static/js/review/answers.js";
+import { decision } from "../../support/page/builders.js";
+import { reviewPage } from "../../support/page/review_page.js";
+
+/** @type {any} */
+let app;
+/** @type {string[]} */
+let said;
+/** What the messages offer to do. @type {({run: () => void} | undefined)[]} */
+let offers;
+
+const OTHER = decision({ box_id: 99, frame_id: 12 });
+
+beforeEach(() => {
+  ({ app, said, offers } = reviewPage());
+});
+
+const answers = () => app.boxes.all([1, 2, 3]).map((/** @type {any} */ box) => box.review?.verdict ?? null);
+const undo = () => app.undo(() => {});
+const swept = () => new Promise((resolve) => setImmediate(resolve));
+
+test("a box read before it was answered is older, also when it arrives later", async () => {
+  globalThis.fetch = async (_, { body } = {}) => {
+    const { verdict, seen_revision } = JSON.parse(String(body));
+    return Response.json({ box_id: 99, revision: seen_revision + 1, verdict, reviewer: "ada", comment: "", effective_verdict: "rejected" }, { status: 201 });
+  };
+  const giveBack = app.boxes.hold(app.boxes.receive([OTHER]));
+  app.answer(99, "keep");
+  giveBack();
+  app.undo(() => {});
+  await new Promise((resolve) => setTimeout(resolve, 20));
+  assert.equal(app.sender.state.get().phase, "saved");
+
+  app.boxes.receive([{ ...OTHER, revision: 1, review: { verdict: "keep", reviewer: "ada", revision: 1, comment: "" } }]);
+
+  assert.deepEqual([app.boxes.get(99)?.review, app.boxes.get(99)?.revision], [null, 2]);
+});
+
+for (const [what, id, act] of /** @type {[string, number | null, () => void][]} */ ([
+  ["an answer", 12, () => app.answer(99, "keep")],
+  ["an act on many boxes", null, () => app.acts.answer("d", "keep", [99], new Map())],
+])) {
+  test(`when ${what} is stored, whoever has fetched the frame is told`, async () => {
+    globalThis.fetch = async (address) =>
+      Response.json(String(address).endsWith("/bulk") ? { id: 7, count: 1, skipped: [], stale: [] } : { box_id: 99, revision: 1, verdict: "keep", reviewer: "ada", comment: "", effective_verdict: "kept" }, { status: 201 });
+    app.boxes.hold(app.boxes.receive([OTHER]));
+    /** @type {unknown[]} */
+    const told = [];
+    app.changedFrame.observe((/** @type {{id: number | null}} */ changed) => told.push(changed.id));
+
+    act();
+    assert.deepEqual(told, []);
+    await new Promise((resolve) => setTimeout(resolve, 20));
+
+    assert.deepEqual(told, [id]);
+  });
+}
+
+test("undo goes back over acts on many boxes and single answers in the order in which they were given", () => {
+  // The first answer is on its way; what follows has not been sent.
+  app.answer(3, "unsure");
+  app.acts.answer("d", "keep", [1, 2], new Map());
+  assert.deepEqual(answers(), ["keep", "keep", "unsure"]);
+  undo();
+  assert.deepEqual(answers(), [null, null, "unsure"]);
+  undo();
+  undo();
+  assert.deepEqual([answers(), said], [[null, null, null], ["Nothing to undo."]]);
+});
+
+test("undo of an act that was not sent restores the boxes that were answered after it too", () => {
+  app.answer(3, "unsure");
+  app.acts.answer("d", "reject", [1, 2], new Map());
+  app.answer(1, "keep");
+  undo();
+  assert.deepEqual(answers(), ["reject", "reject", "unsure"]);
+  undo();
+  assert.deepEqual(answers(), [null, null, "unsure"]);
+});
+
+test("the undo of an act that is on its way is shown at once", () => {
+  app.acts.answer("d", "reject", [1, 2], new Map());
+  undo();
+  assert.deepEqual(answers(), [null, null, null]);
+});
+
+test("the undo of an act, asked for after a later answer, leaves that answer as it is", async () => {
+  globalThis.fetch = async () => Response.json({ id: 7, count: 2, skipped: [], stale: [] }, { status: 201 });
+  app.acts.answer("d", "reject", [1, 2], new Map());
+  await new Promise((resolve) => setTimeout(resolve, 20));
+  globalThis.fetch = () => new Promise(() => {});
+  app.answer(1, "keep");
+  offers.at(-1)?.run();
+  assert.deepEqual([answers(), said], [["keep", null, null], ["2 boxes rejected"]]);
+});
+
+test("steps are undone from the newest to the oldest, and hold their boxes until then", async () => {
+  const boxes = createBoxes();
+  const steps = createSteps(boxes);
+  const view = boxes.hold(boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2 })]));
+  const first = { before: [{ boxId: 1, verdict: /** @type {const} */ ("clear"), comment: "" }] };
+  const second = { before: [{ boxId: 2, verdict: /** @type {const} */ ("keep"), comment: "far" }] };
+  steps.push(first);
+  steps.push(second);
+  view();
+  await swept();
+
+  assert.equal(steps.last(), second);
+  steps.drop(second);
+  await swept();
+
+  assert.deepEqual([steps.last(), boxes.get(1)?.box_id, boxes.get(2)], [first, 1, undefined]);
+});
+
+test("an answer that somebody else has replaced cannot be undone; an act on many boxes can", () => {
+  const steps = createSteps(createBoxes());
+  const before = (/** @type {number} */ boxId) => [{ boxId, verdict: /** @type {const} */ ("clear"), comment: "" }];
+  for (const boxId of [1, 2, 1]) steps.push({ before: before(boxId) });
+  steps.push({ before: before(1), act: "k1" });
+
+  steps.forget(1);
+
+  assert.equal(steps.last()?.act, "k1");
+  steps.drop(/** @type {any} */ (steps.last()));
+  assert.equal(steps.last()?.before[0]?.boxId, 2);
+});

@@ -1,0 +1,33 @@
+// A page on which people answer, without a browser: what views are given, and a server that never answers.
+
+import { createBoxes } from "../../../static/js/boxes/store.js";
+import { createValue } from "../../../static/js/core/observable.js";
+import { createPrefs } from "../../../static/js/core/prefs.js";
+import { parseHash } from "../../../static/js/core/router.js";
+import { createAnswers } from "../../../static/js/review/answers.js";
+import { decision, memoryStorage } from "./builders.js";
+
+/** Frame 10 with the boxes 1 to 3; `said`: its messages, `offers`: what each offers to do. */
+export function reviewPage(storage = memoryStorage()) {
+  globalThis.addEventListener ??= () => {};
+  globalThis.fetch = () => new Promise(() => {});
+  /** @type {string[]} */
+  const said = [];
+  /** @type {any[]} */
+  const offers = [];
+  const route = createValue(parseHash("#/frames/10"));
+  const go = (/** @type {string} */ hash) => route.set(parseHash(hash));
+  const core = {
+    router: { route, go, replace: go },
+    head: createValue({ dataset: "d" }),
+    announcement: createValue(""),
+    toasts: { show: (/** @type {string} */ text, /** @type {any} */ { action } = {}) => (said.push(text), offers.push(action)), dismiss: () => {} },
+    prefs: createPrefs(memoryStorage()),
+    isSignedIn: createValue(true),
+    owner: () => "ada",
+    endSession: () => {},
+  };
+  const answers = createAnswers(/** @type {any} */ (core), createBoxes(), storage, { tab: "t1", openTabs: new Set() });
+  answers.boxes.hold(answers.boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2, verdict: "kept" }), decision({ box_id: 3 })]));
+  return { app: /** @type {any} */ ({ ...core, ...answers }), said, offers };
+}
