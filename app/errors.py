@@ -130,7 +130,7 @@ class FrameConflict(Conflict):
 
 
 class CountChanged(Conflict):
-    """More or fewer boxes are listed than whoever asked expected."""
+    """More or fewer boxes are listed than the client expected."""
 
     code = "count_changed"
 

@@ -38,7 +38,7 @@ def keep_freed_memory() -> None:
 
 
 def settle() -> None:
-    """Take what is there after the start out of the collector's sight.
+    """Exclude the objects that exist after the start from garbage collection.
 
     Modules, tables and compiled statements live as long as the process. Looking through
     them again and again made one answer in twenty sixty milliseconds late. What comes

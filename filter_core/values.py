@@ -182,7 +182,7 @@ def read_numbers(
 
 
 def plain_numbers(items: Iterable[object]) -> tuple[float, ...] | None:
-    """Items that are all ints and floats without a fault; None if any needs a look.
+    """Items that are all ints and floats without a fault; None if any must be checked.
 
     The usual case, and cheap: readers look again, item by item, where it is None.
     """

@@ -31,7 +31,7 @@ cd ../../tools/page_types
 fetched
 if ! report=$(npm run --silent check 2>&1); then
     echo "$report"
-    echo "static/js/core/openapi.d.ts is not what the API says of itself: cd tools/page_types && npm run write"
+    echo "static/js/core/openapi.d.ts does not match the API's schema: cd tools/page_types && npm run write"
     exit 1
 fi
 echo "The page's JavaScript: types are sound, and those of the API are current."

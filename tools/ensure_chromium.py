@@ -1,6 +1,6 @@
 """Makes sure that the browser tests have a Chromium that starts.
 
-What is there is used: the system's Chromium, or Playwright's own. Otherwise Playwright
+An installed one is used: the system's Chromium, or Playwright's. Otherwise Playwright
 downloads its build; where that download is out of reach, apt is asked. The headless
 shell is preferred, also by Playwright: the same engine without a browser's windows,
 which takes a quarter less time.

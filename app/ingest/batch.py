@@ -108,7 +108,7 @@ class ArchiveFrames:
         self._hold()
 
     def _given(self) -> Iterator[UploadedFrame]:
-        """Frames that are complete; whoever takes one counts it from there on."""
+        """Frames that are complete; the caller counts each one from then on."""
         while self._ready:
             frame = self._ready.popleft()
             self._hold()
@@ -272,7 +272,7 @@ class _CountedFrame:
 
 
 class _Room:
-    """Bytes that may be held; whoever needs more waits."""
+    """Bytes that may be held; a frame that needs more waits."""
 
     def __init__(self, size_bytes: int) -> None:
         self._free = size_bytes

@@ -207,7 +207,7 @@ def store_frames(
         try:
             return _store_together(context, request, frames)
         except (AppError, FilterError, IntegrityError):
-            # One of them stands in the way of the others: each by itself, then.
+            # One frame makes the others fail: store each by itself, then.
             log.info("a batch is stored frame by frame", exc_info=True)
     return [_store_alone(context, request, frame) for frame in frames]
 

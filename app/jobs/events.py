@@ -29,7 +29,7 @@ INTERVAL_S: Final = 0.2
 
 
 class JobEvent(NamedTuple):
-    """How a job is; `number` grows, and is the same whoever looks."""
+    """The state of a job; `number` grows, and is the same for every client."""
 
     name: str
     number: int

@@ -252,7 +252,7 @@ class Task(Generic[Row]):
         with self.context.database.read() as session:
             if not is_final(self.number):
                 self.row(session)
-            # Whoever cancels waits for the final step's transaction before the row.
+            # A cancellation waits for the final step's transaction before the row.
             elif not ChunkRepository(session).has_final(self.job):
                 raise JobStopped(self.job)
 

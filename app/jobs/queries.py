@@ -324,7 +324,7 @@ class LeaseRepository:
         process which holds it has ended.
         """
         now = self.now()
-        # Whoever is storing the job's end holds its row: not to be waited for.
+        # A process that is storing the job's end holds its row: do not wait for it.
         rows = select(Lease).where(*_lease_of(job)).with_for_update(skip_locked=True)
         lease = self._session.scalar(rows)
         if lease is None:

@@ -90,7 +90,7 @@ def _files_alone(settings: Settings) -> str:
 
 
 def keep_private(settings: Settings) -> None:
-    """Let nobody but its owner read the database, whoever may look into its folder.
+    """Let only its owner read the database, even if others may list its folder.
 
     It is made here because SQLite would let everybody read it; the log beside it gets
     the same mode as itself.

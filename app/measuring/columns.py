@@ -177,7 +177,7 @@ class DatasetColumns:
         return held[1]
 
     def counted(self, what: Hashable, count: Callable[[], int]) -> int:
-        """A count of these numbers, kept for whoever asks for the same again."""
+        """A count of these numbers, kept for the next request of the same."""
         held = self._known.counts
         found = held.get(what)
         if found is None:

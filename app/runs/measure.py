@@ -88,7 +88,7 @@ class _Part:
 
     @classmethod
     def of(cls, session: Session, task: Task[Run]) -> _Part:
-        """What is there to do; nothing in a chunk that is done."""
+        """The work of a chunk; nothing if the chunk is done."""
         run = task.row(session)
         scope, chunk = RunScope.of(session, run), task.chunk(session)
         missing = [] if chunk is None else unmeasured_of(session, run, chunk)

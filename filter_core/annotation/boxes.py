@@ -148,7 +148,7 @@ def _read_instance(raw: Mapping[str, object], at: Place, faults: Faults) -> int 
 def read_extra(
     raw: Mapping[str, object], known: frozenset[str], at: Place, faults: Faults
 ) -> dict[str, object]:
-    """What exports give back unchanged: ``extra``, and every key not in `known`."""
+    """What exports write unchanged: ``extra``, and every key not in `known`."""
     given = raw.get("extra")
     extra = {} if given is None else read_kept_object(given, at / "extra", faults)
     if raw.keys() <= known:

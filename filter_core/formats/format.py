@@ -1,4 +1,4 @@
-"""What a format says of itself: how it is recognised, read and written.
+"""What a format declares: how it is recognised, read and written.
 
 Each format's module declares one `Format`; `filter_core.formats.registry` lists them.
 """

@@ -230,7 +230,7 @@ def content(response: httpx.Response) -> bytes:
 
 
 def nothing(_: httpx.Response) -> None:
-    """Reads an answer that says no more than that it is a success."""
+    """Reads an answer of which only the success matters."""
 
 
 def read_object(read: Callable[[Json], T], raw: Json, response: httpx.Response) -> T:
