@@ -12,12 +12,12 @@ trap 'exit 130' INT TERM
 # The files and folders of a group.
 paths() {
     case $1 in
-    browser) echo tests/browser tests/replicas ;;
+    browser) echo tests/browser tests/replicas tests/s3 tests/migrations tests/packaging ;;
     service) echo tests/api tests/durability tests/hostile ;;
     others)
         for folder in tests/*/; do
             case ${folder%/} in
-            tests/browser | tests/replicas) ;;
+            tests/browser | tests/replicas | tests/s3 | tests/migrations | tests/packaging) ;;
             tests/api | tests/durability | tests/hostile) ;;
             tests/__pycache__ | tests/data | tests/support) ;;
             *) echo "${folder%/}" ;;
