@@ -34,7 +34,7 @@ export const reasonText = (reason) => (reason === "veiled" ? VEILED : (REASONS[r
 export const VERDICT_SIGN = { kept: "✓", rejected: "✕", unmeasured: "?", veiled: "•" };
 
 /** @type {Record<string, string>} */
-export const ANSWER_TEXT = { keep: "keep", reject: "reject", unsure: "unsure", clear: "undid the answer" };
+export const ANSWER_TEXT = { keep: "keep", reject: "reject", unsure: "unsure", clear: "removed the answer" };
 
 export const NO_TOKEN_LINKS = "Links with a token in them are no longer used. `unghost login` prints a new one.";
 

@@ -30,7 +30,7 @@ export const KEYMAP = [
   { action: "grid", keys: ["G"], help: "Boxes as a grid; from the grid, frames", group: "Move" },
   { action: "select", keys: ["Space", "Enter"], help: "Select or deselect the box", group: "In the grid", where: "grid" },
   { action: "selectAll", keys: ["Ctrl+A"], help: "Select all boxes that match the filters", group: "In the grid", where: "grid" },
-  { action: "clear", keys: ["Delete"], help: "Undo the answers", group: "In the grid", where: "grid" },
+  { action: "clear", keys: ["Delete"], help: "Remove the answers", group: "In the grid", where: "grid" },
   { action: "left", keys: ["ArrowLeft"], help: "Left; Shift with an arrow extends the selection", group: "In the grid", where: "grid" },
   { action: "right", keys: ["ArrowRight"], help: "Right", group: "In the grid", where: "grid" },
   { action: "up", keys: ["ArrowUp"], help: "Up", group: "In the grid", where: "grid" },

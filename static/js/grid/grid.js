@@ -312,7 +312,7 @@ function BoxLink({ app, id }) {
 }
 
 /** @type {Record<string, string>} */
-const WILL = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: "undo the answers on" };
+const WILL = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: "remove the answers of" };
 
 /** @type {Record<string, string>} */
 const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused" };

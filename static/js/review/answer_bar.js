@@ -40,7 +40,7 @@ const ANSWERS_TO_MANY = /** @type {const} */ ([
   { action: "keep", icon: "check", text: "Keep" },
   { action: "reject", icon: "cross", text: "Reject" },
   { action: "unsure", icon: "question", text: "Unsure" },
-  { action: "clear", icon: "undo", text: "Clear" },
+  { action: "clear", icon: "minus", text: "Remove" },
 ]);
 
 /** @param {{app: import("../core/app.js").App, selected: number, isAll: boolean, actions: Record<string, () => void>, onNone: () => void}} props */
@@ -64,7 +64,7 @@ export function GridBar({ app, selected, isAll, actions, onNone }) {
 /** Somebody else has answered first: their answer is kept, and this person can replace it. @param {{app: import("./answers.js").ReviewApp, box: Decision, item: import("./outbox.js").QueuedAnswer, isNamed?: boolean, children?: unknown}} props  `isNamed`: the box is not the one on show */
 export function ConflictNotice({ app, box, item, isNamed = false, children }) {
   const { reviewer = "", verdict = "clear" } = box.review ?? {};
-  const theirs = verdict === "clear" ? "undid the answer" : `answered ${verdict}`;
+  const theirs = verdict === "clear" ? "removed the answer" : `answered ${verdict}`;
   return html`<section class="conflict" role="alert">
     <p>${isNamed && html`<${Icon} name="warn" /> ${box.class} ${box.id}: `}<b>${reviewer || "Somebody else"} ${theirs}</b> while you answered ${item.verdict}. Your answer was not saved.</p>
     <div class="conflict__actions">

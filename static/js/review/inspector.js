@@ -215,7 +215,7 @@ export function History({ app, box }) {
   </section>`;
 }
 
-const SIGNS = /** @type {Record<string, string>} */ ({ keep: "check", reject: "cross", unsure: "question", clear: "undo" });
+const SIGNS = /** @type {Record<string, string>} */ ({ keep: "check", reject: "cross", unsure: "question", clear: "minus" });
 
 /** @param {{item: HistoryEntry}} props */
 function ReviewLine({ item }) {

@@ -221,8 +221,8 @@ def test_help_lists_every_binding_of_the_keymap(scene, ada):
 @pytest.mark.parametrize(
     ("view", "used", "unused"),
     [
-        ("frame", "Next frame", "Undo the answers"),
-        ("grid", "Undo the answers", "Next frame"),
+        ("frame", "Next frame", "Remove the answers"),
+        ("grid", "Remove the answers", "Next frame"),
     ],
 )
 def test_help_says_which_keys_the_view_has_no_use_for(scene, ada, view, used, unused):
