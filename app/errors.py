@@ -282,7 +282,7 @@ class StorageReadOnly(TryLater):
 class StorageAway(TryLater):
     """The store of the files does not answer, or not as it should.
 
-    `reason` is for whoever runs the service: a word, as S3 calls it.
+    `reason` is for the service's operator: a word, as S3 calls it.
     """
 
     code = "storage_away"

@@ -64,7 +64,7 @@ def is_first_token_due(session: Session, file: Path) -> bool:
 
 
 def make_first_code(session: Session, file: Path) -> tuple[LoginCode, str]:
-    """A login code, and its secret, for whoever starts the service."""
+    """A login code, and its secret, for the person who starts the service."""
     first = by_token(session, _read(file) or "")
     return make_code(AuditTrail(session), first.token_id)
 

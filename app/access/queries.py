@@ -155,7 +155,7 @@ class Tokens:
         return list(self._session.scalars(statement, {"now": now}))
 
     def revoke(self, token: Token, now: datetime) -> None:
-        """Make the token invalid for ever; a second call changes nothing."""
+        """Make the token invalid permanently; a second call changes nothing."""
         token.revoked_at = token.revoked_at or now
         self.end_sessions_of(token.id)
         self._session.execute(delete(LoginCode).where(LoginCode.token_id == token.id))

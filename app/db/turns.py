@@ -22,7 +22,7 @@ _HELD: Final = "turn"
 class Turns:
     """The turn to write, which one transaction of a process has at a time.
 
-    SQLite's own lock goes to whoever tries at the right moment, and those who wait try
+    SQLite's own lock goes to the one that tries at the right moment; those who wait try
     less and less often, so that some wait for seconds while others get it again and
     again. Here a transaction that ends hands the turn to the one that has waited
     longest: first to what a person waits for, then to other work, such as uploads and

@@ -39,7 +39,7 @@ from unghost.wire.model import Page
 from unghost.wire.runs import DownloadLink, Export, ExportIn
 
 inside = ApiRouter(prefix="/api/v1", tag="exports")
-# Whoever may download may have an address to download from.
+# A token that may download an export may also ask for its address.
 addresses = ApiRouter(prefix="/api/v1", tag="exports", write="viewer")
 by_address = OpenRouter(prefix="/api/v1", tag="exports")
 

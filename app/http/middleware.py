@@ -278,7 +278,7 @@ class BodyLimit:
     """Refuses a body that is larger than allowed, whatever its Content-Length says.
 
     Until a route has set its limit, `MAX_UNASKED_BYTES` are allowed. A body that stops
-    arriving is refused as well: it would hold its connection for ever.
+    arriving is refused as well: it would hold its connection forever.
     """
 
     def __init__(self, app: ASGIApp, wait_s: float) -> None:

@@ -2,7 +2,7 @@
 
 The shell names all files of the page below an address that changes with any of them:
 `/static/v-9f86d081884c7d65/js/main.js`. Modules import each other by relative
-addresses, so they come from below it, too. A browser may keep such a file for ever and
+addresses, so they come from below it, too. A browser may keep such a file forever and
 asks the server only for the shell. Below `/static/js/main.js` it asks each time.
 """
 
@@ -200,7 +200,7 @@ def openapi(request: Request) -> Response:
 
 @files.get("/docs", include_in_schema=False)
 async def docs(request: Request) -> Response:
-    """The page that shows `/docs/content` to whoever is signed in."""
+    """The page that shows `/docs/content` to people who are signed in."""
     return _file_response(request, page_file(static_dir(), "docs.html"))
 
 

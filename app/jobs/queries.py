@@ -84,7 +84,7 @@ def close(
     state: FinishedState,
     error: Mapping[str, object] | None = None,
 ) -> None:
-    """End a job for ever.
+    """End a job; this is final.
 
     Its chunks are removed. Of a job that failed, those in quarantine stay, so that it
     can be found out why it failed.
@@ -131,7 +131,7 @@ class ChunkRepository:
         return FINAL
 
     def withdraw_final(self, job: Job) -> None:
-        """Let whoever is at a job's final step notice that it is being cancelled."""
+        """Let the process in a job's final step notice that it is being cancelled."""
         waiting = Chunk.number == FINAL, Chunk.state == "waiting"
         self._session.execute(delete(Chunk).where(*_chunks_of(job), *waiting))
 

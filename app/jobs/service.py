@@ -1,7 +1,7 @@
 """Jobs in the background: asked for, started, cancelled, and looked after.
 
-A job is **queued** by `ask` in the transaction of whoever asks, **running** once a
-driver has taken it, and then **done**, **failed** or **cancelled** for ever.
+A job is **queued** by `ask` in the transaction of its caller, **running** once a
+driver has taken it, and then **done**, **failed** or **cancelled**, which is final.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ def cancel(
 def interrupt(context: ServiceContext, session: Session, job: Job) -> None:
     """Tell a job that it is about to be cancelled, before the session runs a statement.
 
-    The session's first statement waits for whoever writes, and that may be the final
+    The session's first statement waits for the writer, and that may be the final
     step of this very job. On PostgreSQL the final step is withdrawn in a separate
     transaction, so that a job in another process notices as well. On SQLite, where
     nothing can be written meanwhile, a flag in this process tells it.

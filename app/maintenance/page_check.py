@@ -1,7 +1,7 @@
 """Whether the pages of a SQLite database are whole: looked at once after each start.
 
 In the background and for a minute at most, because a large database takes longer. What
-is found damaged later, by whoever reads it, counts as well: see `Database.damage`.
+is found damaged later, by any reader, counts as well: see `Database.damage`.
 """
 
 from __future__ import annotations

@@ -181,7 +181,7 @@ class DatasetRepository:
         self._session.flush()
 
     def freeze_classes(self, dataset_id: int) -> None:
-        """From the first export on, an index means the same class for ever."""
+        """From the first export on, an index always means the same class."""
         self._session.execute(
             update(Dataset)
             .where(Dataset.id == dataset_id, Dataset.classes_frozen_at.is_(None))

@@ -265,7 +265,7 @@ class ProblemProtocol(HttpToolsProtocol):
         super().on_body(body)
 
     def _discard(self, body: bytes) -> None:
-        # A client that still sends reads the response late; but not for ever.
+        # A client that still sends reads the response late, but not forever.
         self._discarded += len(body)
         if self._discarded > MAX_DISCARDED_BYTES:
             self.transport.close()

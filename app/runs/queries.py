@@ -103,7 +103,7 @@ class RunRepository:
     def record_flips(
         self, run_id: int, box_ids: IntArray, before: IntArray, after: IntArray
     ) -> None:
-        """Store for ever what a run changed; ids are in order."""
+        """Store what a run changed; ids are in order."""
         portions = [
             slice(start, start + BOXES_PER_ROW)
             for start in range(0, len(box_ids), BOXES_PER_ROW)

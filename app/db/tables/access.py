@@ -60,7 +60,7 @@ class LoginCode(Base):
 
 
 class DownloadLink(Base):
-    """An address that gives one export to whoever has it; only its hash is stored."""
+    """An address from which anybody can download one export; its hash is stored."""
 
     __tablename__ = "download_links"
 

@@ -121,7 +121,7 @@ export function createLazy(request) {
   const lazy = {
     value: /** @type {T | undefined} */ (undefined),
 
-    /** @param {AbortSignal} [signal]  whoever gives none never goes */
+    /** @param {AbortSignal} [signal]  without one, the request is never aborted */
     get(signal) {
       const asked = (running ??= start());
       asked.askers += 1;
