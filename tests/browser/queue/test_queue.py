@@ -261,7 +261,7 @@ def test_next_boxes_are_here_before_they_are_looked_at(scene, ada):
         ada.press("a")
         expect(stage).not_to_have_attribute("data-box", answered)
         expect(stage).to_have_attribute("data-picture", "shown")
-        expect(page.locator(".failure, .queue__note")).to_have_count(0)
+        expect(page.locator(".stage-wrap .failure, .queue__note")).to_have_count(0)
 
     page.context.set_offline(False)
     ada.saved()

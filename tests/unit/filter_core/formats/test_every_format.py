@@ -112,7 +112,8 @@ def test_memory_does_not_grow_with_the_dataset(name, tmp_path):
         return used
 
     peak(1)
-    assert peak(190) - peak(50) < 300 * (190 - 50)
+    # Twice, because what other threads allocate meanwhile is counted, too.
+    assert min(peak(110), peak(110)) - peak(30) < 300 * (110 - 30)
 
 
 def swallow(_file, pieces):
