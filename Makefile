@@ -118,7 +118,7 @@ $(PROGRAM): pyproject.toml setup.py | $(VENV)/pyvenv.cfg
 	@$(PIP) install --editable .
 	@touch $@
 
-# A recent pip reads the index in a third of the time. Python compiles the modules that
+# A recent pip takes less time to choose versions. Python compiles the modules that
 # are imported: most of these never are.
 $(DEVELOPMENT): pyproject.toml setup.py | $(VENV)/pyvenv.cfg
 	@echo "Installing Unghost and its development tools into $(VENV) ..."
