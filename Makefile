@@ -14,12 +14,14 @@ AGAIN := $(MAKE) --no-print-directory
 LONG := $(PYTEST) -m "" --capture=no --timeout=14400
 # A database of a server on which the tests make and drop others.
 DATABASE ?= postgresql+psycopg://postgres@127.0.0.1:5432/postgres
+# Hundreds of processes would compile all that they import, each anew.
+unexport PYTHONDONTWRITEBYTECODE
 CODE := app filter_core unghost migrations tests benchmarks tools setup.py
 # Each stamp says that a step is done; touching what it depends on does it again.
 PROGRAM := $(VENV)/.program
 DEVELOPMENT := $(VENV)/.development
 CHROMIUM := $(VENV)/.chromium
-STRACE := $(VENV)/.strace
+SYSTEM := $(VENV)/.system
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
@@ -35,14 +37,14 @@ setup: $(DEVELOPMENT) ## Install everything that development needs into .venv
 ifdef ARGS
 test: check
 endif
-test: $(CHROMIUM) $(STRACE) ## Set up and pass the checks and the tests, the browser's too
+test: $(CHROMIUM) $(SYSTEM) ## Set up and pass the checks and the tests, the browser's too
 ifdef ARGS
 	$(PYTEST) $(ARGS)
 else
 	@CHECK="$(AGAIN) check" sh tools/run_tests.sh $(PYTEST)
 endif
 
-test-postgres: $(CHROMIUM) $(STRACE) ## The tests with PostgreSQL in place of SQLite's files (DATABASE)
+test-postgres: $(CHROMIUM) $(SYSTEM) ## The tests with PostgreSQL in place of SQLite's files (DATABASE)
 	@UNGHOST_TEST_DATABASE=$(DATABASE) sh tools/run_tests.sh $(PYTEST) $(ARGS)
 
 check: lint types imports js ## Every check that runs no Python test
@@ -105,8 +107,8 @@ clean: ## Remove what make made; the data folders stay
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-$(STRACE): $(DEVELOPMENT) tools/ensure_strace.py
-	$(BIN)/python -m tools.ensure_strace
+$(SYSTEM): $(DEVELOPMENT) tools/ensure_programs.py
+	$(BIN)/python -m tools.ensure_programs
 	@touch $@
 
 # Order-only: an environment that is there is never thrown away because a script changed.
@@ -126,6 +128,6 @@ $(DEVELOPMENT): pyproject.toml setup.py | $(VENV)/pyvenv.cfg
 	@$(PIP) install --no-compile --editable '.[dev]'
 	@touch $@ $(PROGRAM)
 
-$(CHROMIUM): $(DEVELOPMENT) tools/ensure_chromium.py
+$(CHROMIUM): $(DEVELOPMENT) tools/ensure_chromium.py tools/ensure_programs.py
 	$(BIN)/python -m tools.ensure_chromium
 	@touch $@

@@ -1,4 +1,4 @@
-"""Where the database, the files and the engine are: URLs of the settings, checked."""
+"""Checks the addresses in the settings: the database, the storage and the engine."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _DATABASE_EXAMPLE: Final = "postgresql://USER:PASSWORD@HOST:5432/DATABASE"
 
 
 def checked_url(text: str) -> str:
-    """The URL with the driver that is used.
+    """The URL of the database, with psycopg 3 as the driver for PostgreSQL.
 
     Raises
     ------
     ValueError
-        It names another database or driver, or nothing at all. The reason quotes no
-        part of the URL that may be a password.
+        The database or its driver is not supported, or the text is no URL. The message
+        quotes no part of the URL that may be a password.
     """
     url = _parsed(text)
     if url.drivername in _SQLITE:
@@ -33,8 +33,8 @@ def checked_url(text: str) -> str:
         return text
     if url.drivername not in _POSTGRES:
         raise ValueError(
-            f"{url.drivername!r} is not known here; the database is SQLite, or "
-            f"PostgreSQL with psycopg 3: {_DATABASE_EXAMPLE}"
+            f"{url.drivername!r} is not supported; expected SQLite, or PostgreSQL "
+            f"with psycopg 3: {_DATABASE_EXAMPLE}"
         )
     if find_spec("psycopg") is None:
         raise ValueError("PostgreSQL needs psycopg: pip install 'unghost[postgres]'")
@@ -65,18 +65,18 @@ class EngineAddress(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> EngineAddress:
-        """The parts of an address; ValueError says what one looks like."""
+        """The parts of an address; ValueError names the expected form."""
         scheme, found, place = text.partition("://")
         host, _, port = place.rpartition(":")
         if not found or scheme not in ("tls", "tcp") or not host:
-            raise ValueError(f"{text!r} is no engine; expected {_ENGINE_FORM}")
+            raise ValueError(f"{text!r} is not an engine; expected {_ENGINE_FORM}")
         if not port.isdigit() or int(port) > 65535:
             raise ValueError(f"{text!r} has no port; expected {_ENGINE_FORM}")
         return cls(scheme, host.strip("[]"), int(port))
 
     @property
     def is_encrypted(self) -> bool:
-        """Whether both sides show a certificate."""
+        """Whether the connection uses TLS, with certificates on both sides."""
         return self.scheme == "tls"
 
     def __str__(self) -> str:
@@ -95,21 +95,22 @@ def is_loopback(host: str) -> bool:
 
 
 def checked_engine(text: str, *, insecure: bool) -> str:
-    """An engine as settings may name it.
+    """The engine of the settings, checked and in its normal form.
 
     Raises
     ------
     ValueError
-        It is none, or whoever reaches it could run code on every worker.
+        It is not an engine, or it is not encrypted and on another machine: anyone who
+        can connect to it could run code on every worker.
     """
     if text.lower() == LOCAL_ENGINE:
         return LOCAL_ENGINE
     address = EngineAddress.parse(text)
     if not (address.is_encrypted or insecure or is_loopback(address.host)):
         raise ValueError(
-            f"{address} is not encrypted: whoever reaches it can run code on every "
-            "worker. Use tls:// with certificates (`unghost certificates`); "
-            "UNGHOST_ENGINE_INSECURE=true allows it all the same"
+            f"{address} is not encrypted: anyone who can connect to it can run code on "
+            "every worker. Use tls:// with certificates (`unghost certificates`), or "
+            "allow it with UNGHOST_ENGINE_INSECURE=true"
         )
     return str(address)
 
@@ -121,37 +122,37 @@ _BUCKET: Final = re.compile(
     r"(?P<prefix>(?:/[\w!*'()-][\w!.*'()-]*)*)/?",
     re.ASCII,
 )
-"""Buckets as Amazon allows them, prefixes of characters that no server quotes."""
+"""Bucket names as Amazon allows them; prefixes of characters that need no escaping."""
 
 
 class Bucket(NamedTuple):
-    """A bucket of S3, and what the keys in it begin with; an empty text: nothing."""
+    """An S3 bucket and the prefix of its keys, which may be empty."""
 
     name: str
     prefix: str
 
 
 def checked_storage(text: str) -> str:
-    """The text, if it names a place for files; else ValueError that quotes nothing."""
+    """The text, if it names a storage; ValueError, which does not quote it, if not."""
     if text != FOLDER and _BUCKET.fullmatch(text) is None:
         raise ValueError(f"expected {FOLDER}, {_STORAGE_EXAMPLE}")
     return text
 
 
 def bucket_of(storage: str) -> Bucket | None:
-    """The bucket that files are kept in; None if that is the data folder."""
+    """The bucket that files are stored in; None for the data folder."""
     found = _BUCKET.fullmatch(storage)
     return found and Bucket(found["name"], found["prefix"].strip("/"))
 
 
 def checked_endpoint(text: str, *, plain: bool) -> str:
-    """The address of a server that speaks S3, without a slash at its end.
+    """The address of an S3-compatible server, without a trailing slash.
 
     Raises
     ------
     ValueError
-        It is no such address; or one without TLS on another machine, and `plain` does
-        not allow that. The reason quotes nothing: people put passwords into addresses.
+        It is not an HTTP address; or it is plain HTTP to another machine, and `plain`
+        is False. The message quotes nothing, since addresses may contain passwords.
     """
     try:
         parts = urlsplit(text)
@@ -166,8 +167,8 @@ def checked_endpoint(text: str, *, plain: bool) -> str:
         )
     if parts.scheme == "http" and not plain and not _is_this_machine(host):
         raise ValueError(
-            "without TLS, files would travel readable for everybody in between: use "
-            "https://, or allow it with UNGHOST_STORAGE_ALLOW_HTTP=true"
+            "without TLS, files would cross the network unencrypted: use https://, or "
+            "allow it with UNGHOST_STORAGE_ALLOW_HTTP=true"
         )
     return text.rstrip("/")
 

@@ -1,4 +1,4 @@
-"""What the whole service shares for the life of the process."""
+"""The objects that the whole service shares, from start to stop."""
 
 from __future__ import annotations
 
@@ -28,17 +28,16 @@ class ServiceContext:
     pixels: PixelPool
     """Measures frames."""
     drawers: PixelPool
-    """Draws pictures: however many are asked for, frames are measured meanwhile."""
+    """Draws pictures; a pool of its own, so that drawing never delays measuring."""
     folders: PixelPool
     """Reads dropped folders, which may take long."""
     owned: dict[type, object] = field(default_factory=dict)
-    """What `one` has made, and what was kept for it."""
+    """The objects that `one` has made and `keep` has added, by class."""
 
     def one(self, kind: type[Kind]) -> Kind:
-        """The one `kind` of this process, made when it is first asked for.
+        """The process's only instance of `kind`, created on first use.
 
-        So each capability keeps what it remembers, a cache or a counter, without the
-        context knowing it.
+        It lets a feature keep a cache or a counter here without a field of its own.
         """
         found = self.owned.get(kind)
         if found is None:
@@ -47,11 +46,11 @@ class ServiceContext:
         return cast(Kind, found)
 
     def keep(self, made: object) -> None:
-        """Let `one` give this, which cannot be made of nothing, by its class."""
+        """Let `one` return this object for its class, if that needs arguments."""
         self.owned[type(made)] = made
 
     def close(self) -> None:
-        """Stop the work; the database is closed by who opened it."""
+        """Stop the workers and close the storage; the caller closes the database."""
         self.engine.close()
         self.pixels.close()
         self.drawers.close()

@@ -1,35 +1,35 @@
-"""What the service refuses, as one tree. Knows no HTTP; `http.problems` translates.
+"""The errors of the service, as one tree; `http.problems` maps them to HTTP responses.
 
-AppError                     anything that the service says no to
+AppError                     the base of all of them
 |-- BadRequest               the request itself is malformed
 |   |-- BadCursor            a cursor that no page of the list can have given
 |   |-- UnknownParameter     a query parameter that the route does not have
-|   `-- MisdirectedHost      asked under a host name that is not served here
+|   `-- MisdirectedHost      the Host header has a name that is not served here
 |-- Unauthorised             no credentials, or none that are valid
-|-- Forbidden                valid credentials, but not for this
+|-- Forbidden                valid credentials without the right to do this
 |-- NotFound                 no such thing
-|   `-- NoSuchFile           the frame is there, but came without this file
-|-- Conflict                 the state, or other content, is in the way
+|   `-- NoSuchFile           the frame exists, but was stored without this file
+|-- Conflict                 in conflict with the current state or stored content
 |   |-- FrameConflict        another frame is stored under this key
 |   `-- CountChanged         a list has more or fewer boxes than were expected
-|-- StaleRevision            someone changed the thing since it was looked at
-|   |-- StaleReview          ... the thing is a box under review
-|   `-- StaleSnapshot        ... the thing is all that a filter selects
+|-- StaleRevision            something has changed since the client read it:
+|   |-- StaleReview          ... a box under review
+|   `-- StaleSnapshot        ... the boxes that a filter selects
 |-- TooLarge                 larger than a limit of the settings
-|-- TooSlow                  a body that stopped arriving
-|-- UnsupportedMedia         a media type that is not read here
+|-- TooSlow                  the body stopped arriving
+|-- UnsupportedMedia         a media type that the route does not accept
 |-- RangeNotSatisfiable      a byte range outside the file
-|-- Unprocessable            understood, but the content cannot be used
+|-- Unprocessable            well-formed, but the content cannot be used
 |   `-- IdempotencyKeyReuse  the key was used for another request
-|-- DamagedFile              a stored file is gone, or not what was stored
+|-- DamagedFile              a stored file is missing or has changed
 `-- TryLater                 the same request may succeed later
     |-- TooManyRequests      a quota is used up
-    |-- DatabaseBusy         the database did not take the work in time
-    |-- StorageFull          no room for what was sent
-    |-- StorageReadOnly      the data folder does not take anything
-    |-- StorageAway          the store of the files does not answer
-    |-- DatabaseDamaged      the database cannot be read any more
-    `-- NotReady             the service is not (or no longer) able to work
+    |-- DatabaseBusy         the database was locked or overloaded for too long
+    |-- StorageFull          no disk space for the uploaded data
+    |-- StorageReadOnly      the data folder cannot be written
+    |-- StorageAway          the storage of the files does not respond
+    |-- DatabaseDamaged      the database file is damaged
+    `-- NotReady             the service cannot work yet, or is stopping
 
 Messages name the thing, what was expected and what was found; never a path of the
 server, SQL or a secret.
@@ -45,10 +45,10 @@ if TYPE_CHECKING:  # children that read pixels raise these, and need no pydantic
 
 
 class AppError(Exception):
-    """Base of everything the service refuses.
+    """Base of all errors that the service reports to a client.
 
-    `code` is stable and for programs, the text is for people; `faults` lists the
-    single mistakes where there are several.
+    `code` is stable and for programs, the text is for people; `faults` lists each
+    mistake where a request has several.
     """
 
     code: ClassVar[str] = "internal"
@@ -84,7 +84,7 @@ class UnknownParameter(BadRequest):
 
 
 class MisdirectedHost(BadRequest):
-    """Asked under a host name that is not served here."""
+    """The Host header has a name that is not served here."""
 
     code = "misdirected_host"
 
@@ -96,7 +96,7 @@ class Unauthorised(AppError):
 
 
 class Forbidden(AppError):
-    """Valid credentials, but not for this."""
+    """Valid credentials without the right to do this."""
 
     code = "forbidden"
 
@@ -111,14 +111,14 @@ class NotFound(AppError):
 
 
 class NoSuchFile(NotFound):
-    """A frame came without this file."""
+    """The frame was stored without this file."""
 
     def __init__(self, kind: str, frame_id: int) -> None:
         AppError.__init__(self, f"frame {frame_id} has no file {kind!r}")
 
 
 class Conflict(AppError):
-    """The state, or other content, is in the way."""
+    """The request is in conflict with the current state or stored content."""
 
     code = "conflict"
 
@@ -130,7 +130,7 @@ class FrameConflict(Conflict):
 
 
 class CountChanged(Conflict):
-    """More or fewer boxes are listed than the client expected."""
+    """A list has more or fewer boxes than the client expected."""
 
     code = "count_changed"
 
@@ -140,7 +140,7 @@ class CountChanged(Conflict):
 
 
 class StaleRevision(AppError):
-    """Someone changed the thing since it was looked at; `current` is how it is now."""
+    """Something has changed since the client read it; `current` is its state now."""
 
     code = "stale_revision"
 
@@ -150,7 +150,7 @@ class StaleRevision(AppError):
 
 
 class StaleReview(StaleRevision):
-    """A box was reviewed by someone else since; `current` is its decision now."""
+    """Someone else has reviewed the box since; `current` is its decision now."""
 
     code = "stale_review"
 
@@ -169,9 +169,9 @@ class StaleReview(StaleRevision):
 
 
 class StaleSnapshot(StaleRevision):
-    """A filter selects other boxes than were seen, or some of them have changed.
+    """A filter selects other boxes than the client saw, or some of them have changed.
 
-    `current` is what a list of the filter says now: `total` and `snapshot`.
+    `current` has the `total` and the `snapshot` of the filter's list now.
     """
 
     code = "stale_snapshot"
@@ -181,7 +181,7 @@ class StaleSnapshot(StaleRevision):
     ) -> None:
         super().__init__(
             f"the filter selects {found} boxes, {expected} when you looked; {changed} "
-            "of them came, were decided anew or were answered since",
+            "of them were added, decided again or answered since",
             current=current,
         )
 
@@ -193,13 +193,13 @@ class TooLarge(AppError):
 
 
 class TooSlow(AppError):
-    """A body that stopped arriving, or took too long; it may be sent again."""
+    """The body stopped arriving, or took too long; it may be sent again."""
 
     code = "request_timeout"
 
 
 class UnsupportedMedia(AppError):
-    """A media type that is not read here."""
+    """A media type that the route does not accept."""
 
     code = "unsupported_media_type"
 
@@ -215,7 +215,7 @@ class RangeNotSatisfiable(AppError):
 
 
 class Unprocessable(AppError):
-    """Understood, but the content cannot be used."""
+    """The request is well-formed, but its content cannot be used."""
 
     code = "unprocessable"
 
@@ -227,7 +227,7 @@ class IdempotencyKeyReuse(Unprocessable):
 
 
 class DamagedFile(AppError):
-    """A stored file is gone, or not what was stored; nobody who asks can mend that."""
+    """A stored file is missing or has changed; the client cannot fix that."""
 
     code = "damaged_file"
 
@@ -262,55 +262,55 @@ class TooManyRequests(TryLater):
 
 
 class DatabaseBusy(TryLater):
-    """The database did not take the work in time."""
+    """The database was locked or overloaded for too long."""
 
     code = "database_busy"
 
 
 class StorageFull(TryLater):
-    """No room for what was sent."""
+    """No disk space for the uploaded data."""
 
     code = "storage_full"
 
 
 class StorageReadOnly(TryLater):
-    """The data folder, or the disk that it is on, does not take anything."""
+    """The data folder, or the disk that it is on, cannot be written."""
 
     code = "storage_read_only"
 
 
 class StorageAway(TryLater):
-    """The store of the files does not answer, or not as it should.
+    """The storage of the files does not respond, or with an error of its own.
 
-    `reason` is for the service's operator: a word, as S3 calls it.
+    `reason` is for the service's operator: one word, such as an error code of S3.
     """
 
     code = "storage_away"
 
     def __init__(self, reason: str) -> None:
         super().__init__(
-            "the store of the files does not answer; try again", retry_after_s=5
+            "the storage of the files does not respond; try again", retry_after_s=5
         )
         self.reason = reason
 
 
 class DatabaseDamaged(TryLater):
-    """The database cannot be read any more, until somebody has restored it."""
+    """The database file is damaged and has to be restored from a backup."""
 
     code = "database_damaged"
 
 
 class NotReady(TryLater):
-    """The service is not, or no longer, able to work."""
+    """The service cannot work yet, or is stopping."""
 
     code = "not_ready"
 
 
 def forget_frames(error: BaseException) -> None:
-    """Drop the traceback of an error that was answered, and of those that led to it.
+    """Drop the tracebacks of an error that has been handled, and of its causes.
 
-    The frames in a traceback hold what was sent, and often the error itself: such a
-    circle stays in memory until the collector looks for circles, which is seldom.
+    The frames of a traceback refer to the request's data and often to the error itself.
+    Such a reference cycle stays in memory until the next full garbage collection.
     """
     left: list[BaseException | None] = [error]
     while left:

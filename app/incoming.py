@@ -1,4 +1,4 @@
-"""Bytes of requests: held in pieces, counted, and large JSON parsed one at a time."""
+"""Request bodies in memory: collected, limited, and large JSON parsed in turn."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from typing import Final
 from app.errors import NotReady, TooManyRequests
 
 _SMALL: Final = 1024
-"""Pieces that are smaller on average are put together: each costs some 200 bytes."""
+"""Pieces that are smaller on average are joined: each object costs some 200 bytes."""
 
 
 class Pieces:
-    """What has arrived of something and was not asked for yet.
+    """A buffer of received bytes that have not been read yet.
 
-    Large pieces are kept as they are until somebody asks for the whole; a whole of one
-    piece is not copied at all. Whoever sends byte by byte is held in little more memory
-    than what was sent, for at most `_SMALL` bytes copied per piece.
+    Large pieces are joined only when the whole is read, and a single piece of `bytes`
+    is never copied. A client that sends byte by byte needs little more memory than it
+    has sent; each of its pieces costs at most `_SMALL` bytes of copying.
     """
 
     def __init__(self) -> None:
@@ -42,22 +42,22 @@ class Pieces:
 
 
 _LARGE_BYTES: Final = 256 * 1024
-"""Up to here a document is read in some milliseconds."""
+"""Documents up to this size are parsed in a few milliseconds."""
 _turn: Final = threading.Lock()
 
 
 def is_large(size_bytes: int) -> bool:
-    """Whether reading or writing JSON of this size holds up other threads."""
+    """Whether parsing or writing JSON of this size blocks other threads noticeably."""
     return size_bytes > _LARGE_BYTES
 
 
 @contextmanager
 def in_turn(size_bytes: int) -> Iterator[None]:
-    """Around reading or writing JSON of this size; waits, if it is large, for its turn.
+    """Parse or write JSON of this size in the block: large documents one at a time.
 
-    Python's parser lets no other thread run before it has read the whole document, and
-    several at once would take turns with each other before the event loop has one: all
-    requests would stand still for the sum of them.
+    Python's parser holds the interpreter lock (GIL) for a whole document. If several
+    threads parsed at once, each could get the lock before the event loop does, and all
+    requests would stall for the sum of their times.
     """
     if not is_large(size_bytes):
         yield
@@ -67,16 +67,16 @@ def in_turn(size_bytes: int) -> Iterator[None]:
 
 
 UNCOUNTED_BYTES: Final = 64 * 1024
-"""Bodies up to here are not counted: answers of people go on while frames have to wait,
-and the limit on connections bounds them."""
+"""Bodies up to this size are not counted, so that people can review while uploads have
+to wait; the limit on connections bounds how many there are."""
 _RETRY_S: Final = 2
 
 
 class OpenBodies:
-    """Bytes that the bodies of this process hold; for any thread.
+    """Counts the bytes of the request bodies in this process; thread-safe.
 
-    A body that is larger than there is room for is taken all the same if there is none
-    beside it: else it could never be sent.
+    A body above a limit is accepted while no other is held: otherwise it could never be
+    sent.
     """
 
     def __init__(self, most: int, most_of_one: int) -> None:
@@ -86,19 +86,19 @@ class OpenBodies:
 
     @property
     def open_bytes(self) -> int:
-        """How many there are."""
+        """The bytes of all bodies that are held now."""
         with self._lock:
             return self._by_token.total()
 
     def take(self, token_id: int, size: int, *, held: int = 0) -> None:
-        """Count so many bytes more, for a request that holds some already.
+        """Count `size` more bytes, for a request that already holds `held`.
 
         Raises
         ------
         TooManyRequests
-            With them, this token would hold more than it may.
+            This token's requests would exceed their limit.
         NotReady
-            With them, all together would.
+            All requests together would exceed theirs.
         """
         with self._lock:
             mine, all_open = self._by_token[token_id], self._by_token.total()
@@ -111,13 +111,13 @@ class OpenBodies:
                 )
             if all_open > held and all_open + size > self._most:
                 raise NotReady(
-                    "the service holds as many bytes of requests as it may; try again",
+                    "the service holds as many bytes of requests as allowed; try again",
                     retry_after_s=_RETRY_S,
                 )
             self._by_token[token_id] += size
 
     def give_back(self, token_id: int, size: int) -> None:
-        """So many bytes are not held any more."""
+        """Release `size` bytes."""
         with self._lock:
             self._by_token[token_id] -= size
             if not self._by_token[token_id]:
@@ -125,9 +125,9 @@ class OpenBodies:
 
 
 class HeldBytes:
-    """What one request holds of its body; belongs to the event loop.
+    """The bytes that one request holds of its body; used on the event loop only.
 
-    `bodies` counts it, `token_id` is who sends it.
+    They are counted in `bodies`, for the token `token_id`.
     """
 
     def __init__(self, bodies: OpenBodies, token_id: int) -> None:
@@ -135,7 +135,7 @@ class HeldBytes:
         self._counted = 0
 
     def hold(self, size: int) -> None:
-        """Count so many bytes as held from now on; errors as of `OpenBodies.take`."""
+        """Set the number of bytes held to `size`; raises as `OpenBodies.take` does."""
         counted = size if size > UNCOUNTED_BYTES else 0
         more = counted - self._counted
         if more > 0:

@@ -30,7 +30,7 @@ _TOKEN: Final = re.compile(r"(u[gscd]_)[A-Za-z0-9_-]{20,}")
 
 @contextmanager
 def logged_with(request_id: str) -> Iterator[None]:
-    """Give this request id to everything that is logged within the block."""
+    """Add this request id to all records that are logged within the block."""
     reset = current_request_id.set(request_id)
     try:
         yield
@@ -61,7 +61,7 @@ class OneRecordPerLine(logging.Formatter):
         return super().formatMessage(record)
 
     def format(self, record: logging.LogRecord) -> str:
-        """A record, and below it the call stack that it may carry."""
+        """A record, followed by the call stack among its `facts`, if there is one."""
         calls = getattr(record, "facts", {}).get("stack", ())
         return "\n".join(
             [super().format(record), *(f"  | {sanitised(c)}" for c in calls)]

@@ -1,4 +1,4 @@
-"""Puts the service together: settings, routes, and what surrounds every request."""
+"""Creates the application from the settings, the routes and the middleware."""
 
 from __future__ import annotations
 
@@ -77,11 +77,11 @@ ROUTERS: Final = (
     session_router,
     tokens_router,
 )
-"""In the order of the description of the API; the first that fits answers."""
+"""In the order of the OpenAPI document; the first route that matches is used."""
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
-    """The service; what it keeps open is opened when the server starts it."""
+    """The application; its database and pools are opened when the server starts it."""
     settings = settings or Settings()
     metrics = RequestMetrics(VERSION)
     app = FastAPI(
@@ -118,14 +118,14 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     app.state.readers = CapacityLimiter(MAX_READERS)
     app.state.reading = TokenPlaces(MAX_READS_PER_TOKEN)
     app.state.drawings = CapacityLimiter(workers + 1)
-    app.state.drawing = TokenPlaces(workers)  # one place is left for somebody else
+    app.state.drawing = TokenPlaces(workers)  # one place is left for other tokens
     watch = LoopWatch()
     app.state.readiness = Readiness(watch)
     with watch.watching():
         try:
             services = await run_in_threadpool(lifetime.__enter__)
         except Exception as exc:
-            app.state.failure = exc  # a server only reports that there was one
+            app.state.failure = exc  # uvicorn reports only that startup failed
             raise
         app.state.database, app.state.services = services.database, services
         try:

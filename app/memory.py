@@ -1,4 +1,4 @@
-"""How memory is kept: that of pictures for the next one, and what never goes away."""
+"""Settings of the C library's allocator and of Python's garbage collector."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ _M_MMAP_THRESHOLD: Final = -3
 _KEEP_BYTES: Final = 256 * 1024 * 1024
 _PAD_BYTES: Final = 16 * 1024 * 1024
 _COLLECT_EVERY: Final = 10_000
-"""New objects. By default it is 700, and describing a frame of ten thousand boxes makes
-hundreds of thousands: the collector looked through them over and over."""
+"""New objects between two collections. Python's default is 700; describing a frame of
+ten thousand boxes creates hundreds of thousands, which were scanned over and over."""
 
 
 def keep_freed_memory() -> None:
@@ -40,9 +40,9 @@ def keep_freed_memory() -> None:
 def settle() -> None:
     """Exclude the objects that exist after the start from garbage collection.
 
-    Modules, tables and compiled statements live as long as the process. Looking through
-    them again and again made one answer in twenty sixty milliseconds late. What comes
-    later is looked through less often.
+    Modules, tables and compiled statements live as long as the process. Scanning them
+    in each collection delayed one response in twenty by sixty milliseconds. Objects
+    created later are collected less often.
     """
     gc.collect()
     gc.freeze()

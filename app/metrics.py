@@ -3,7 +3,7 @@
 Names follow Prometheus: base units, ``_total`` for what only grows. No label takes a
 value that a client can choose, so the number of series is bounded.
 Counters and histograms are those of `prometheus_client`; the figures about the process
-are our own, because that library's are for Linux alone.
+are our own, because that library's exist on Linux only.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ UNKNOWN: Final = "other"
 _METHODS: Final = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"})
 _ROUTE: Final = ("method", "route", "status")
 
-# It would be another series for each counter: when that was created.
+# Otherwise each counter has a second series: the time at which it was created.
 disable_created_metrics()
 
 WORK: Final = CollectorRegistry()

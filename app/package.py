@@ -1,4 +1,4 @@
-"""What this installation is: its version, and where its page and its migrations lie."""
+"""This installation: its version, and the folders of its page and its migrations."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def migrations_dir() -> Path:
 
 
 def _resource(name: str) -> Path:
-    """A wheel carries `app/_<name>`; a checkout has `<name>` beside `app`.
+    """The folder `app/_<name>` of a wheel, or `<name>` next to `app` in a checkout.
 
     Raises
     ------

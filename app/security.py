@@ -1,4 +1,4 @@
-"""Secrets, roles and origins, as pure functions. Knows neither requests nor tables."""
+"""Pure functions for secrets, roles and origins, without requests or tables."""
 
 from __future__ import annotations
 
@@ -18,23 +18,24 @@ SESSION_PREFIX: Final = "us_"
 LOGIN_CODE_PREFIX: Final = "uc_"
 DOWNLOAD_PREFIX: Final = "ud_"
 FORMER_COOKIE: Final = "unghost_session"
-"""What the page was let in by once. No route takes it; browsers are told to drop it."""
+"""The session cookie of former versions: no route accepts it, and browsers are told to
+delete it."""
 SAFE_METHODS: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 _SECRET_BYTES: Final = 32
 _PORT: Final = re.compile(r":\d{1,5}$")
 
 
 def includes(role: Role, other: Role) -> bool:
-    """True if the role may do what the other may."""
+    """True if the role has all rights of the other."""
     roles = get_args(Role)
     return roles.index(role) >= roles.index(other)
 
 
 @dataclass(frozen=True)
 class Principal:
-    """Who is asking: a token, shown directly or through the page's session.
+    """The caller of a request, identified by a token or by a session of the page.
 
-    `name` is the reviewer. `session_hash` is set if a session was shown.
+    `name` is the name of the reviewer; `session_hash` is None if a token was sent.
     """
 
     token_id: int
@@ -58,17 +59,17 @@ def new_session() -> str:
 
 
 def new_login_code() -> str:
-    """What a login link carries: it opens one session, within minutes."""
+    """The secret of a login link: it opens one session, within minutes."""
     return LOGIN_CODE_PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
 
 
 def new_download_key() -> str:
-    """What the address of a download carries: it opens one file, for minutes."""
+    """The secret of a download link: it opens one file, for minutes."""
     return DOWNLOAD_PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
 
 
 def hash_secret(secret: str) -> str:
-    """What is stored of a token or of anything else that opens something.
+    """The hash of a secret, as it is stored in the database.
 
     SHA-256 without salt or stretching is enough for 256 random bits.
     """
@@ -76,7 +77,7 @@ def hash_secret(secret: str) -> str:
 
 
 def same_hash(one: str, other: str) -> bool:
-    """Comparison whose time says nothing about where two hashes differ."""
+    """Whether two hashes are equal, compared in constant time."""
     return hmac.compare_digest(one, other)
 
 
@@ -98,6 +99,6 @@ def comes_from_no_other_page(headers: Mapping[str, str]) -> bool:
         return False
     if origin is None:
         return True
-    # The scheme is left out: a proxy in front may speak TLS.
+    # The scheme is ignored: a proxy in front may terminate TLS.
     _, separator, place = origin.partition("://")
     return bool(separator) and place.lower() == headers.get("host", "").lower()

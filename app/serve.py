@@ -1,4 +1,4 @@
-"""Serves on a port, and tells people and the command line how to log in."""
+"""Runs the server on its port, and tells people and the command line how to log in."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _ANYWHERE: Final = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}
 _HINTS: Final = {
     errno.EADDRINUSE: "is another server running there? --port chooses another port",
     errno.EADDRNOTAVAIL: "--host takes an address of this machine, or 0.0.0.0 for all",
-    errno.EACCES: "ports below 1024 need rights that no service needs; "
+    errno.EACCES: "ports below 1024 need the rights of an administrator; "
     "--port chooses another port",
 }
 
@@ -105,7 +105,7 @@ def serve(
             wait_s=settings.shutdown_wait_s,
         )
         exit_on_sigterm()
-        # How it usually ends, and how uvicorn reports that it could not start.
+        # Ctrl+C is the usual end; with SystemExit uvicorn reports a failed start.
         with suppress(KeyboardInterrupt, SystemExit):
             server.run(sockets=[listener])
     if not server.started:
@@ -113,7 +113,7 @@ def serve(
 
 
 class ServerNote:
-    """Tells the command line on this machine where the token of a server is."""
+    """A file that tells the command line on this machine where to find the token."""
 
     def __init__(self, url: str, token_file: Path) -> None:
         self._url = url
@@ -164,10 +164,10 @@ def _cannot_start(settings: Settings, reason: Exception) -> CannotServe:
 
 
 def server_config(app: FastAPI) -> uvicorn.Config:
-    """How uvicorn serves the app: without a log of its own.
+    """The configuration of uvicorn, without its own logging.
 
     The address of a client is that of its connection. Headers that name another one are
-    believed only of the proxies in the settings, since anybody can send them.
+    trusted only from the proxies in the settings, since anybody can send them.
     """
     settings: Settings = app.state.settings
     proxies = settings.trusted_proxies
@@ -179,9 +179,9 @@ def server_config(app: FastAPI) -> uvicorn.Config:
         proxy_headers=bool(proxies),
         forwarded_allow_ips=list(proxies),
         timeout_graceful_shutdown=STOP_WAIT_S,
-        # Not sooner than `ProblemProtocol` closes idle connections. After uvicorn's
-        # default of five seconds many clients, which wait as long, would send on a
-        # connection that is just being closed.
+        # Not sooner than `ProblemProtocol` closes idle connections. Many clients reuse
+        # a connection for five seconds: with uvicorn's default, also five, they would
+        # send on a connection that is just being closed.
         timeout_keep_alive=math.ceil(settings.head_wait_s),
         lifespan="on",
         ws="none",
@@ -203,19 +203,19 @@ def listen(
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind((host, port))
         listener.listen(_BACKLOG)
-    except BaseException:  # also for a host that is no address
+    except BaseException:  # a host that is not an address raises other errors
         listener.close()
         raise
     return listener
 
 
 def check_free(settings: Settings) -> None:
-    """Check that the service can listen on its port, before anything is opened.
+    """Check that the service can listen on its port, before it opens anything.
 
     Raises
     ------
     CannotServe
-        The address cannot be listened on; the text says why.
+        It cannot; the text says why.
     """
     _listen(settings).close()
 

@@ -1,6 +1,6 @@
 """The settings of a deployment: ``UNGHOST_*`` variables, fixed once the service starts.
 
-There are no thresholds here: what a verdict depends on is a filter configuration.
+Thresholds are no settings: they are in filter configurations.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LogFormat = Literal["auto", "json", "text"]
 
 
 class Settings(BaseSettings):
-    """Where the service keeps things, how it is reached, and what it refuses."""
+    """Where the service stores its data, how it is reached, and its limits."""
 
     model_config = SettingsConfigDict(
         env_prefix="UNGHOST_",
@@ -71,12 +71,12 @@ class Settings(BaseSettings):
     )
     storage_allow_http: bool = Field(
         default=False,
-        description="Whether files may travel without TLS to an endpoint on another "
-        "machine.",
+        description="Whether the endpoint may be on another machine without TLS: files "
+        "then cross the network unencrypted.",
     )
     storage_endpoint: str | None = Field(
         default=None,
-        description="https://HOST:PORT of a server that speaks S3; unset: Amazon's.",
+        description="https://HOST:PORT of an S3-compatible server; unset: Amazon's.",
     )
     storage_region: str | None = Field(
         default=None,
@@ -88,17 +88,17 @@ class Settings(BaseSettings):
         gt=0,
         le=600,
         description="Seconds that one request to S3 may take, and for which a failed "
-        "one is tried again.",
+        "one is retried.",
     )
     allowed_hosts: Annotated[tuple[str, ...], NoDecode] = Field(
         default=(),
-        description="Host names under which the service may be asked, separated by "
-        "commas, beside localhost and the address it listens on; * allows any.",
+        description="Host names that requests may use, separated by commas, in "
+        "addition to localhost and the address it listens on; * allows any.",
     )
     trusted_proxies: Annotated[tuple[str, ...], NoDecode] = Field(
         default=(),
         description="Addresses or networks, separated by commas, of proxies whose "
-        "X-Forwarded-For and X-Forwarded-Proto are believed.",
+        "X-Forwarded-For and X-Forwarded-Proto are trusted.",
     )
     log_level: LogLevel = Field(
         default="info", description="debug, info, warning or error."
@@ -112,18 +112,18 @@ class Settings(BaseSettings):
         default_factory=lambda: os.cpu_count() or 1,
         ge=1,
         le=256,
-        description="Processes that read pictures, and threads that wait for them; the "
-        "number of cores by default.",
+        description="Number of processes that read images, and of threads that wait "
+        "for them; by default the number of cores.",
     )
     engine_insecure: bool = Field(
         default=False,
         description="Whether UNGHOST_ENGINE may be a tcp:// address of another "
-        "machine: whoever reaches it can run code on every worker.",
+        "machine: anyone who can connect to it can run code on every worker.",
     )
     engine: str = Field(
         default=LOCAL_ENGINE,
-        description="Where runs and exports are worked on: local (in this process), or "
-        "by workers that joined a scheduler at tls://HOST:8786.",
+        description="Where runs and exports are executed: local (in this process), or "
+        "tls://HOST:8786, a scheduler whose workers execute them.",
     )
     tls_ca: Path | None = Field(
         default=None,
@@ -143,8 +143,8 @@ class Settings(BaseSettings):
     min_free_bytes: ByteSize = Field(
         default=ByteSize(256 * 1024**2),
         ge=0,
-        description="Free disk space below which the service says it is not ready, "
-        "and takes no frames.",
+        description="Free disk space below which the service reports that it is not "
+        "ready, and refuses frames.",
     )
     shutdown_wait_s: float = Field(
         default=20,
@@ -162,8 +162,8 @@ class Settings(BaseSettings):
     max_connections: int | None = Field(
         default=None,
         ge=1,
-        description="Maximum number of open connections; unset: what the limit of open "
-        "files leaves room for, at most 2048.",
+        description="Maximum number of open connections; unset: as many as the limit "
+        "of open files allows, at most 2048.",
     )
     max_connections_per_address: int | None = Field(
         default=None,
@@ -211,13 +211,13 @@ class Settings(BaseSettings):
     max_open_body_bytes: ByteSize = Field(
         default=ByteSize(1024**3),
         ge=1024,
-        description="Maximum size in memory of the bodies of all requests that are "
-        "received or worked on.",
+        description="Maximum memory for the bodies of all requests that are received "
+        "or processed.",
     )
     max_open_body_bytes_per_token: ByteSize = Field(
         default=ByteSize(512 * 1024**2),
         ge=1024,
-        description="Maximum size in memory of the bodies of one token's requests.",
+        description="Maximum memory for the bodies of one token's requests.",
     )
     max_part_bytes: ByteSize = Field(
         default=ByteSize(64 * 1024**2),
@@ -247,8 +247,8 @@ class Settings(BaseSettings):
     max_folder_bytes: ByteSize = Field(
         default=ByteSize(256 * 1024**2),
         ge=1024,
-        description="Largest archive of a dropped folder that is to be read: its names "
-        "and text files, without its pictures.",
+        description="Largest archive that the page sends of a dropped folder: file "
+        "names and text files, without pictures.",
     )
     max_folder_files: int = Field(
         default=100_000,
@@ -296,13 +296,13 @@ class Settings(BaseSettings):
     max_open_runs: int = Field(
         default=100,
         ge=1,
-        description="Maximum number of runs and exports that wait or work.",
+        description="Maximum number of runs and exports that are queued or running.",
     )
     max_open_jobs_per_token: int = Field(
         default=20,
         ge=1,
-        description="Maximum number of runs and exports of one token that wait or "
-        "work.",
+        description="Maximum number of runs and exports of one token that are queued "
+        "or running.",
     )
     max_event_streams: int = Field(
         default=64, ge=1, description="Maximum number of open progress streams."
@@ -329,11 +329,11 @@ class Settings(BaseSettings):
     @field_validator("trusted_proxies")
     @classmethod
     def _check_proxies(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        """Refuse entries that could never match the address of a proxy."""
+        """Refuse entries that can match no address of a proxy."""
         if ANY_HOST in value and len(value) > 1:
             raise ValueError(
                 f"expected addresses and networks, or {ANY_HOST} alone, "
-                f"found {ANY_HOST} beside others"
+                f"found {ANY_HOST} together with others"
             )
         for each in set(value) - {ANY_HOST}:
             try:
@@ -354,7 +354,7 @@ class Settings(BaseSettings):
     @field_validator("allowed_hosts")
     @classmethod
     def _check_hosts(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        """Refuse names that no Host header, without its port, can be equal to."""
+        """Refuse names that no Host header can contain."""
         for each in value:
             if each != ANY_HOST and not _HOST_NAME.fullmatch(each):
                 raise ValueError(
@@ -402,7 +402,7 @@ class Settings(BaseSettings):
 
     @property
     def served_hosts(self) -> frozenset[str]:
-        """Names that a Host header may carry (without a port); ``*`` for any."""
+        """The names allowed in a Host header, without a port; ``*`` for any."""
         own = () if self.host in _ALL_INTERFACES else (bracketed(self.host),)
         names = (*LOOPBACK_HOSTS, *own, *self.allowed_hosts)
         return frozenset(name.lower() for name in names)

@@ -22,7 +22,7 @@ _VERDICT_OF_ANSWER: Final[Mapping[str, Verdict]] = {
     "keep": Verdict.KEPT,
     "reject": Verdict.REJECTED,
 }
-"""The verdict that an answer puts in the place of the filter's; `unsure` puts none."""
+"""The verdict by which an answer replaces the filter's; `unsure` replaces none."""
 
 
 def effective_verdict(reason: int, answer: str | None) -> words.Verdict:
@@ -83,10 +83,10 @@ def is_not_in_conflict() -> ColumnElement[bool]:
 
 
 def needs_review(reason: int, toss_up: bool, answer: str | None) -> bool:
-    """Whether a box counts as `to_review`: undecided, and the filter is not certain.
+    """Whether a box counts as `to_review`: no `keep` or `reject`, and an unsure filter.
 
-    It is not certain of a box that it rejected because of its pixels, that it did not
-    measure, or that is a toss-up.
+    The filter is unsure of boxes that it rejected because of their pixels, that it did
+    not measure, and that are toss-ups.
     """
     if verdict_of(answer) is not None or Reason(reason) in NOTHING_TO_SEE:
         return False
@@ -101,7 +101,7 @@ class ReviewState(NamedTuple):
     condition: Callable[[], ColumnElement[bool]]
     """The same as SQL on current decisions."""
     others: str | None = None
-    """The state of all other boxes, where most boxes of a dataset are in this one."""
+    """The state of all other boxes; set if most boxes of a dataset are in this one."""
 
 
 def _undecided() -> ColumnElement[bool]:

@@ -1,4 +1,4 @@
-"""Decide which boxes the camera can see. Arrays in, numbers and verdicts out.
+"""Decides which boxes are visible to the camera. Arrays in, numbers and verdicts out.
 
 Start with `filter_frame`. Below it are two pure functions: `measure` reads pixels and
 gives `Evidence`, numbers per box; `decide` takes evidence and a `FilterConfig` and
@@ -127,10 +127,10 @@ _OF_FOLDERS = {
     "filter_source": "filter_core.local",
     "read_source": "filter_core.formats.registry",
 }
-"""The modules of names that are loaded when they are first used.
+"""Names that are imported on first use, and their modules.
 
-Filtering single frames needs no readers of folders and no formats; loading these takes
-a fifth of the time in which the whole library is loaded.
+Filtering single frames needs no readers of folders and no formats, whose import takes a
+fifth of the library's import time.
 """
 
 

@@ -1,8 +1,8 @@
-"""What a box claims to be: its class, and the tags whose pixels count for that class.
+"""The class of a box, and the tags whose pixels match that class.
 
-`class_of` gives the class of a CARLA actor by its blueprint. `accept_mask_of` gives the
-tags that a class accepts in a tag family, as bits; `accepts` is the one test of such a
-mask. `canonical_accept` checks an accept set that a configuration gives instead.
+`class_of` returns the class of a CARLA actor by its blueprint. `accept_mask_of` returns
+the tags that a class accepts in a tag family, as bits; only `accepts` tests such a
+mask. `canonical_accept` checks the accept set of a configuration, which replaces it.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ _PREFIXES: Final = (("walker.", "walker"), ("traffic.traffic_light", "traffic_li
 
 
 def canonical_class(name: str) -> str:
-    """The class's own name, if this is an alias of it."""
+    """The canonical name of a class, from that name or an alias."""
     return _ALIASES.get(name, name)
 
 
@@ -94,8 +94,8 @@ def class_of(type_id: str | None, base_type: str | None) -> str | None:
     return None
 
 
-# A class accepts a set of tags, not one: a driven van is tagged Truck and a parked one
-# Car, a cybertruck either, and the box of a two-wheeler holds its rider too.
+# A class accepts several tags: a driven van is tagged Truck and a parked one Car, a
+# cybertruck either, and the box of a two-wheeler also contains its rider.
 _ACCEPT_SINCE_0_9_14: Final = {
     "car": ("Car",),
     "truck": ("Truck", "Car"),
@@ -206,7 +206,7 @@ def _mask_in_any_family(
 
 
 def accepts(accept_mask: int | IntArray, tags: NDArray[np.integer]) -> BoolArray:
-    """Whether accept masks accept tags: the one place that says what a mask means.
+    """Whether accept masks accept tags; no other code interprets these masks.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ def accepts(accept_mask: int | IntArray, tags: NDArray[np.integer]) -> BoolArray
     Returns
     -------
     bool, of the shape that both broadcast to
-        False for Unknown and for every number beyond the last tag, whatever the mask.
+        Always False for Unknown and for every number beyond the last tag.
     """
     # No known tag has the bit of Unknown's column, so that all others may share it.
     bit = np.minimum(tags, UNKNOWN_COLUMN).astype(np.int64)

@@ -1,4 +1,4 @@
-"""What can be wrong with an input, as one tree.
+"""The exceptions for bad input, as one tree.
 
 FilterError
 |-- ImageError            a file is not an image that can be used
@@ -12,7 +12,7 @@ FilterError
 |-- NotAvailable          asked for something this version does not offer
 `-- LayoutError           a folder or label file that cannot be read
 
-Messages name the thing, what was expected and what was found; never a server's path.
+Messages name the object, the expected and the found value; never a path of the server.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class FilterError(ValueError):
         self.kind = code or type(self).code
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Errors travel between processes with all that they say."""
+        """Pickles all attributes, so that errors can be sent between processes."""
         return restored, (type(self), self.args, vars(self))
 
 
@@ -138,7 +138,7 @@ class LayoutError(FilterError):
 
 
 class Fault(TypedDict):
-    """One thing that is wrong, as a problem object lists it.
+    """One error in the list of a problem object.
 
     `pointer` is the JSON pointer of the field; `code` is for programs, `detail` for
     people.

@@ -1,8 +1,8 @@
 """Reads untrusted JSON in linear time; its limits are checked before it is parsed.
 
-`read_json` takes bytes or text and gives one parsed value. Size, depth, the number of
-values and of keys, and the length of numbers are looked at in the bytes first
-(`check_limits`), so that a document beyond them costs neither memory nor time.
+`read_json` takes bytes or text and returns one parsed value. Size, depth, the number of
+values and of keys, and the length of numbers are checked in the bytes first
+(`check_limits`), so that a document beyond a limit costs neither memory nor time.
 """
 
 from __future__ import annotations
@@ -54,19 +54,19 @@ _NO_SIGNS: Final = bytes(sorted(set(range(256)) - set(b'[]{},:"')))
 _STEPS: Final = np.zeros(256, np.int8)
 
 _STEPS[list(b"[{")], _STEPS[list(b"]}")] = 1, -1
-"""How much deeper the value after a sign stands."""
+"""The change of depth after each bracket."""
 
 _LONGEST_NUMBER: Final = 100
 
 _LONG_DIGITS: Final = b"0" * (_LONGEST_NUMBER + 1)
 
 LONG_NUMBER: Final = f"a number of more than {_LONGEST_NUMBER} characters"
-"""What is found, in words."""
+"""What error messages name as found."""
 
 _AS_DIGITS: Final = bytes(
     ord("0" if code in b"+-.0123456789Ee" else " ") for code in range(256)
 )
-"""Makes a zero of all that numbers are written with."""
+"""Replaces every character of a number by 0."""
 
 _ANY_HALF: Final = re.compile(r"\\u[dD][89a-fA-F]")
 
@@ -133,7 +133,7 @@ def read_json(
     except JsonError:
         raise
     except ValueError as error:
-        # What makes the objects refused one.
+        # Raised by `object_pairs_hook`.
         raise JsonError(str(error)) from error
     return document
 
@@ -144,7 +144,7 @@ def check_limits(content: bytes, limits: JsonLimits = _DEFAULT_LIMITS) -> None:
         found = f"JSON of more than {limits.max_bytes} bytes"
         raise JsonError(found, code="json_too_large")
     if _has_too_many(content, limits):
-        # What stands in texts was counted as well: look again, without them.
+        # Characters inside strings were counted as well: count again without strings.
         signs = _signs_of(content)
         if _values_at_most(signs) > limits.max_values:
             found = f"JSON of more than {limits.max_values} values"
@@ -175,7 +175,7 @@ def find_long_number(content: bytes) -> int | None:
     start = digits.find(_LONG_DIGITS)
     if start < 0:
         return None
-    # Escapes end no text; as long as they were, for places to stay the same.
+    # An escape does not end a string; the replacement is as long, so positions stay.
     content = content.replace(b"\\\\", b"  ").replace(b'\\"', b"  ")
     quotes = seen = 0
     while start >= 0:
@@ -204,9 +204,10 @@ def _values_at_most(content: bytes) -> int:
 
 
 def _signs_of(content: bytes) -> bytes:
-    """Brackets, commas and colons that stand outside of texts, in their order.
+    """Brackets, commas and colons outside of strings, in order.
 
-    Where the document is no JSON this may be wrong from there on; parsing ends there.
+    If the document is not JSON, the result may be wrong from the error on, where
+    parsing ends.
     """
     if b"\\" in content:
         content = content.replace(b"\\\\", b"").replace(b'\\"', b"")

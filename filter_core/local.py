@@ -1,11 +1,11 @@
-"""A folder of frames on this machine: filtered, compared with the truth, or converted.
+"""Filters, evaluates or converts a folder of frames on this machine.
 
-`filter_source` decides the boxes of all frames, `evaluate_source` counts which kinds of
-evidence are right about them, and `export_sources` makes them ready for the writers of
-another format. The three work alike: frames of a reader of `filter_core.formats` come
-in, threads work on a few of them at a time, and results come out in the order of the
-frames, so that memory does not grow with the folder. A frame that cannot be used is a
-result that says why, and the others go on.
+`filter_source` decides the boxes of all frames, `evaluate_source` compares the kinds of
+evidence with the ground truth, and `export_sources` prepares the frames for the writers
+of another format. All three take frames from a reader of `filter_core.formats`, process
+a few of them at a time in threads, and yield results in the order of the frames, so
+memory does not grow with the folder. A frame that cannot be used gives a result with
+the reason, and the other frames are processed.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ _Given = TypeVar("_Given")
 _Made = TypeVar("_Made")
 
 _AHEAD: Final = 4
-"""Frames per worker that may wait for their turn to be handed out."""
+"""Frames per worker that are in progress or wait for an earlier frame."""
 
 _MAX_LINE: Final = 1 << 20
-"""Characters of a file of truths that are read at a time, however long its lines."""
+"""Characters of a ground truth file that are read at a time, in lines of any length."""
 
 
 class _OutcomeKey(TypedDict):
@@ -101,7 +101,7 @@ class FrameOutcome:
     error: ProblemObject | None = None
 
     def as_dict(self) -> OutcomeObject:
-        """The line that stands for this frame in a decisions file."""
+        """The line of this frame in a decisions file."""
         if self.error is not None:
             return {"key": self.key, "error": self.error}
         return {"key": self.key, "palette": self.palette, "decisions": self.decisions}
@@ -119,7 +119,7 @@ def filter_source(
     Parameters
     ----------
     frames : iterable of FrameSource
-        Read only a few frames ahead, so that its length does not matter.
+        Only a few frames are read ahead, so it may be of any length.
     config : FilterConfig
     dataset : SegmentationOptions, optional
         How the segmentations are to be read, above what the config says.
@@ -225,7 +225,7 @@ def evaluate_source(
     progress : callable
         Called after each frame.
     also : callable
-        Is given the boxes of each frame whose truth is known, in the frames' order.
+        Called with the boxes of known truth of each frame, in the frames' order.
     workers : int, optional
         Threads; one more than there are cores.
 
@@ -275,12 +275,12 @@ def _told(told: Mapping[str, bool], ids: tuple[str, ...]) -> tuple[IntArray, Boo
 
 
 def read_truth(path: Path) -> dict[str, dict[str, bool]]:
-    """Lines of ``{"key", "id", "visible"}``; other keys are not looked at.
+    """Reads lines of ``{"key", "id", "visible"}``; other keys are ignored.
 
     Raises
     ------
     LayoutError
-        Which line is wrong, and how.
+        Names the line and its error.
     """
     truth: dict[str, dict[str, bool]] = {}
     for number, line in _lines(path):
@@ -329,7 +329,7 @@ def export_sources(
     needs: Collection[Need] = (),
     workers: int | None = None,
 ) -> Generator[ExportFrame | LeftOut, None, None]:
-    """Frames of a folder as the writers of formats take them.
+    """Frames of a folder, prepared for the writers of formats.
 
     Parameters
     ----------
@@ -366,7 +366,7 @@ def _export_frame(
     measure: bool,
     needs: Collection[Need],
 ) -> ExportFrame:
-    # A mask would be read for nothing, and depth or LiDAR as well.
+    # Neither masks nor depth nor LiDAR are needed, so they are not read.
     read = source if measure else replace(source, segmentation=None, others={})
     measured = _measure(read, config, SegmentationOptions())
     verdicts = decide(measured.evidence, config)
@@ -411,17 +411,17 @@ def _without_verdicts(evidence: Evidence, verdicts: Decisions) -> Decisions:
 
 
 def class_order(frames: Iterable[FrameSource]) -> tuple[str, ...]:
-    """The classes of frames whose layout has no list of them, always in one order.
+    """The classes of frames whose layout has no list of classes, in a stable order.
 
-    The filter's own classes come in its own order, then all others by name: neither
-    the order of the frames nor how often a class occurs makes a difference.
+    The filter's own classes come first, in their order, then all others by name. The
+    order of the frames and the frequency of a class do not matter.
     """
     found: set[str] = set()
     for frame in frames:
         try:
             annotation = parse_annotation(frame.annotation or {}, frame=frame.key)
         except FilterError:
-            # Exporting it will say what is wrong; here only its classes are missed.
+            # The export reports the error; here only the frame's classes are missing.
             continue
         found.update(map(box_class, annotation.boxes))
     known = [name for name in CLASSES if name in found]
@@ -525,9 +525,9 @@ def in_order(
 ) -> Generator[_Made, None, None]:
     """Work on many items in threads; the results come in the order of the items.
 
-    Only a few items are taken ahead, so that their number does not matter. `workers`
-    are threads, one more than there are cores by default; what `work` raises is raised
-    here.
+    Only a few items are read ahead, so there may be any number of them. `workers` is
+    the number of threads, by default one more than cores; exceptions of `work` are
+    raised here.
     """
     count = workers or (os.cpu_count() or 1) + 1
     waiting: deque[Future[_Made]] = deque()

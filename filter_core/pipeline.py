@@ -43,7 +43,7 @@ from filter_core.types import NOT_MEASURED, Decisions, Evidence, FrameBoxes, Mas
 
 @dataclass(frozen=True)
 class FrameOptions:
-    """What is known of a frame besides its annotation and segmentation.
+    """Data and options of a frame besides its annotation and segmentation.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class FrameOptions:
     image_wh : (width, height) or None, px
         Of the RGB image; else the segmentation's or the camera's size counts.
     dataset : SegmentationOptions
-        How the dataset says that its segmentations are to be read. Not used with a
+        How the dataset's segmentations are read. Not used with a
         `MeasureConfig`, which contains it already.
     ignore : (H, W) bool or None
         Pixels that never count.
@@ -60,10 +60,10 @@ class FrameOptions:
     histogram : bool
         Count every tag in each box, which `hidden_by` and other accept sets need.
     sensors : Mapping
-        The bytes of what other sensors saw, by kind: ``depth``, ``instances`` and
-        ``lidar``. They are read if the configuration has a channel that needs them.
+        The bytes of other sensors' files, by kind: ``depth``, ``instances`` and
+        ``lidar``. A file is read if the configuration has a channel that needs it.
     max_side : int, px
-        Of every picture that is read.
+        The largest width and height of an image.
     """
 
     key: str = ""
@@ -123,7 +123,7 @@ class MeasuredFrame:
         return self.segmentation is not None and self.segmentation["lossy"]
 
     def facts(self, config: FilterConfig) -> FrameFacts:
-        """What the decisions of this frame have in common."""
+        """The values that all decisions of this frame share."""
         return FrameFacts(
             key=self.key,
             config=config,
@@ -133,7 +133,7 @@ class MeasuredFrame:
         )
 
     def _names(self) -> dict[int, tuple[str, str]]:
-        """Id and class by row: only channels explain a box by other boxes."""
+        """Id and class by row, for channels, which explain boxes by other boxes."""
         if self.evidence.channels is None:
             return {}
         classes, index = self.evidence.class_names, self.evidence.class_index.tolist()
@@ -144,7 +144,7 @@ class MeasuredFrame:
 
 @dataclass(frozen=True, eq=False)
 class FrameResult:
-    """What the filter says of one frame.
+    """The result of the filter for one frame.
 
     Attributes
     ----------
@@ -162,8 +162,8 @@ class FrameResult:
     def decisions(self) -> list[Decision]:
         """One dict per box, in the order of the annotation, with the keys of the API.
 
-        They are composed when they are first asked for: sentences cost more than
-        `verdicts`, which say the same as arrays.
+        They are computed on first access, because sentences cost more time than
+        `verdicts`, which has the same decisions as arrays.
         """
         measured = self.measured
         return decision_dicts(
@@ -200,7 +200,7 @@ def filter_frame(
     Raises
     ------
     FilterError
-        What is wrong with the input; then no box is decided.
+        The input has an error; no box is decided.
 
     Examples
     --------
@@ -360,7 +360,7 @@ def _frame_boxes(
 def box_class(box: BoxAnnotation) -> str:
     """The class of a box: as given, else its blueprint's, else the blueprint itself.
 
-    A blueprint that nothing maps stays visible under its own name, unmapped.
+    An unknown blueprint is kept as the name of an unmapped class.
     """
     if box.class_name is not None:
         return box.class_name
@@ -394,12 +394,12 @@ def _as_segmentation(
 def _measuring(
     config: MeasureConfig | FilterConfig, dataset: SegmentationOptions
 ) -> MeasureConfig:
-    """The part of a configuration that measures, agreed with the dataset.
+    """The measuring part of a configuration, completed by the dataset's options.
 
     Raises
     ------
     SegmentationError
-        The two contradict each other; names both.
+        The two contradict each other; the message names both.
     """
     return config if isinstance(config, MeasureConfig) else config.measuring(dataset)
 
@@ -411,7 +411,7 @@ def _reading(annotation: FrameAnnotation, config: MeasureConfig) -> Segmentation
 
 
 def _named_family(reading: SegmentationOptions) -> str | None:
-    """The tag family that somebody named, by its own name or by CARLA's version."""
+    """The tag family that is named, by its own name or by CARLA's version."""
     if reading.palette != "auto":
         return reading.palette
     if reading.carla_version is None:

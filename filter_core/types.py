@@ -1,10 +1,10 @@
-"""The values that flow through the library: arrays, boxes, evidence, decisions.
+"""The data types of the library: arrays, boxes, evidence, decisions.
 
-`FrameBoxes` is what is known of a frame's boxes before any pixel is read. `Evidence` is
-what was measured of them; `ChannelNumbers` is the part of it that was measured besides
-the segmentation. `Decisions` are the verdicts, `DecidedBoxes` is what labels are
-written from, and `DecisionColumns` is what tables of decisions have besides it. All of
-them are columns: row i is box i. There are no rules here.
+`FrameBoxes` has the boxes of a frame before any pixel is read. `Evidence` has the
+numbers measured for them, and `ChannelNumbers` the part of it that is measured besides
+the segmentation. `Decisions` has the verdicts. Labels are written from `DecidedBoxes`,
+and tables of decisions from `DecisionColumns` as well. All of them store columns: row i
+is box i. There are no rules here.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ N_TAGS: Final = 31
 UNKNOWN_COLUMN: Final = N_TAGS - 1
 
 NOT_MEASURED: Final = -1
-"""In columns of counts, rows and ids: there is none."""
+"""Stands for a missing value in columns of counts, rows and ids."""
 
 
 def floats_or_none(column: FloatArray) -> list[float | None]:
@@ -92,7 +92,7 @@ class FrameBoxes:
     xyxy : (N, 4) float64, px
         Not yet corrected; may lie outside the image.
     class_names : tuple of str
-        What `class_index` points into.
+        The classes that `class_index` refers to.
     class_index : (N,) int32
     accept_mask : (N,) int64
         Bit t is set if the box's class accepts tag t; 0: the class is not mapped.
@@ -103,8 +103,8 @@ class FrameBoxes:
     vertices : (N, 8, 3) float64, metres
         World corners of 3D boxes; NaN for boxes that are not 3D. Default: all NaN.
     instance_id : (N,) int64
-        The number that the box's object has in an instance image, as the annotation
-        gives it; `NOT_MEASURED` where it gives none. Default: none given.
+        The object's id in an instance image, as given by the annotation;
+        `NOT_MEASURED` where it is not given. Default: none given.
     """
 
     xyxy: BoxesXYXY
@@ -169,7 +169,7 @@ class FrameBoxes:
 
 
 class BoxState(IntEnum):
-    """What correcting a box's coordinates (Algorithm 1 of the paper) found."""
+    """The result of correcting a box's coordinates (Algorithm 1 of the paper)."""
 
     MEASURABLE = 0
     OUTSIDE_IMAGE = 1
@@ -361,22 +361,22 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class ChannelNumbers:
-    """What the channels besides the segmentation measured of N boxes.
+    """The numbers that channels measured for N boxes.
 
     Columns are (N,) int64 with `NOT_MEASURED` where a channel has no number for a box,
-    or (N,) and (N, 4) float64 with NaN there. Declaring a column here is enough for it
-    to be stored; the module of its channel fills it.
+    or (N,) and (N, 4) float64 with NaN there. Every column that is declared here is
+    stored; the module of its channel fills it.
     """
 
     owned_pixels: IntArray = field(
         metadata=_channel_count_column(
-            "accepted pixels in the box's silhouette that no nearer box claims"
+            "accepted pixels in the box's silhouette that no nearer box takes"
         )
     )
     explained_by: IntArray = field(
         metadata=_channel_count_column(
-            "the nearer box that claims most of the accepted pixels in its "
-            "silhouette that it does not own",
+            "the nearer box that takes most of the accepted pixels in its "
+            "silhouette that are not its own",
             unit="position in the frame",
             stored="i4",
         )
@@ -439,7 +439,7 @@ class ChannelNumbers:
 
 
 class Verdict(str, Enum):
-    """What the filter decides of a box."""
+    """The filter's decision on a box."""
 
     KEPT = "kept"
     REJECTED = "rejected"
@@ -547,7 +547,7 @@ VERDICT_OF_REASON: Final = np.array(
 
 
 class Answer(IntEnum):
-    """What a person has answered for a box."""
+    """A person's answer on a box."""
 
     NONE = 0
     KEEP = 1
@@ -560,7 +560,7 @@ _VERDICT_OF_ANSWER: Final = (None, Verdict.KEPT, Verdict.REJECTED, None)
 
 @dataclass(frozen=True, eq=False)
 class DecidedBoxes:
-    """The N boxes of one frame or of several, with what labels are written from.
+    """The N boxes of one or several frames, with all columns that labels need.
 
     Attributes
     ----------
@@ -682,7 +682,7 @@ class HiddenBy(TypedDict):
 
 @dataclass(frozen=True, eq=False)
 class DecisionColumns:
-    """What tables of decisions have of N boxes besides `DecidedBoxes`.
+    """The columns of N boxes that tables of decisions have besides `DecidedBoxes`.
 
     Attributes
     ----------
@@ -693,11 +693,11 @@ class DecisionColumns:
         See `Evidence`; `NOT_MEASURED` for the matched ones where nothing was measured.
     area_percent, crowding : (N,) float64, percent; NaN where unknown
     explained_by : sequence of N str or None
-        The id of the nearer box that claims the box's pixels.
+        The id of the nearer box that takes most of the box's pixels.
     hidden_by : sequence of N sequences of HiddenBy
         The commonest tags that the box's class does not accept.
     reviewer, comment : sequence of N str or None
-        Of the answer in force.
+        Of the current answer.
     config : str
         The digest of the configuration that decided.
     """

@@ -1,15 +1,14 @@
-"""Reads values of untrusted JSON; one that cannot be used is noted as a fault.
+"""Reads values from untrusted JSON; invalid values are collected as faults.
 
 Code that reads an annotation passes a `Place` and the `Faults` along. The functions
-`read_...` take one value of the parsed JSON and return it checked and converted; if
-it cannot be used, they add a fault and return None, or a value in its place, so that
-one pass finds all faults. A fault has a stable code, the JSON pointer of the value, and
-a sentence with what was expected and what was found. Nothing is raised before
-`Faults.raise_any`.
+`read_...` take one value of the parsed JSON and return it checked and converted. If it
+is invalid, they add a fault and return None or a default, so that one pass finds all
+faults. A fault has a stable code, the JSON pointer of the value, and a sentence with
+the expected and the found value. Nothing is raised before `Faults.raise_any`.
 
-Below them is how the library quotes untrusted text (`shown`, `pointer_token`,
-`escape_text`) and finds the word that was probably meant (`nearest`, `similar`); these
-serve configurations and requests as well.
+Other functions quote untrusted text (`shown`, `pointer_token`, `escape_text`) or
+suggest the most similar valid word (`nearest`, `similar`); configurations and requests
+use them, too.
 """
 
 from __future__ import annotations
@@ -26,14 +25,14 @@ import numpy as np
 from filter_core.errors import AnnotationError, AnnotationErrors, FilterError
 
 JsonObject: TypeAlias = Mapping[str, Any]
-"""A JSON object from outside, checked before; the types of its values are not known."""
+"""An untrusted JSON object; the types of its values are not known."""
 
 
 class Place:
-    """Where in the JSON a value stands, and what people call that spot.
+    """The place of a value in the JSON, as a JSON pointer and in words for people.
 
-    ``Place() / "boxes" / 3`` points to ``/boxes/3``. Words are made only when there is
-    a fault to report: most places never need them.
+    ``Place() / "boxes" / 3`` points to ``/boxes/3``. The words are composed only for a
+    fault, because most places never need them.
     """
 
     __slots__ = ("_key", "_parent")
@@ -47,7 +46,7 @@ class Place:
 
     @property
     def label(self) -> str:
-        """A name of its own; what lies below is then named relative to this place."""
+        """A name of this place; places below it are then named relative to it."""
         return ""
 
     @property
@@ -80,7 +79,7 @@ class Place:
 
 
 class BoxPlace(Place):
-    """The place of a box, which people know by its index and its id."""
+    """The place of a box, which is named by its index and its id."""
 
     __slots__ = ("_id",)
 
@@ -97,7 +96,7 @@ class BoxPlace(Place):
 _BOXES: Final = Place("boxes", Place())
 
 MAX_FAULTS: Final = 100
-"""Of one annotation; those beyond it are counted only."""
+"""Faults of one annotation that are kept; further ones are only counted."""
 
 
 class Faults:
@@ -182,9 +181,9 @@ def read_numbers(
 
 
 def plain_numbers(items: Iterable[object]) -> tuple[float, ...] | None:
-    """Items that are all ints and floats without a fault; None if any must be checked.
+    """Items that are all valid ints and floats; None if any must be checked.
 
-    The usual case, and cheap: readers look again, item by item, where it is None.
+    A fast path for the usual case: if it is None, readers check item by item.
     """
     numbers: list[float] = []
     for item in items:
@@ -223,7 +222,7 @@ def read_list(
 
 
 def read_text(value: object, at: Place, faults: Faults, limit: int) -> str | None:
-    """A text of at most `limit` characters that can be shown and stored, or None.
+    """A text of at most `limit` characters without control characters, or None.
 
     Null is None without a fault.
     """
@@ -306,11 +305,11 @@ def _python_iso(text: str) -> str:
 
 
 _MAX_DEPTH: Final = 32
-"""Deeper JSON exhausts the stack of whatever reads it next."""
+"""Deeper JSON can exhaust the stack of programs that read it."""
 
 
 def read_kept_object(value: object, at: Place, faults: Faults) -> dict[str, object]:
-    """An object that is kept and given back as it is; null is an empty one."""
+    """An object that is stored and returned unchanged; null is an empty one."""
     if value is None:
         return {}
     if not isinstance(value, Mapping):
@@ -321,7 +320,7 @@ def read_kept_object(value: object, at: Place, faults: Faults) -> dict[str, obje
 
 
 def check_kept(value: object, at: Place, faults: Faults, depth: int = 0) -> None:
-    """Faults of a value that is kept unread: it must come back as valid JSON."""
+    """Adds faults of a value that is stored as it is and must be valid JSON."""
     if depth > _MAX_DEPTH:
         expected = f"at most {_MAX_DEPTH} levels of nesting"
         faults.add(at, "nested_too_deeply", expected, "more")
@@ -339,7 +338,7 @@ def check_kept(value: object, at: Place, faults: Faults, depth: int = 0) -> None
 
 
 def _is_plain(value: object) -> bool:
-    """The usual leaf, at once: there may be hundreds of thousands."""
+    """A fast path for usual values, of which there may be hundreds of thousands."""
     if isinstance(value, float):
         return math.isfinite(value)
     return value is None or isinstance(value, int)
@@ -365,7 +364,7 @@ def _check_leaf(value: object, at: Place, faults: Faults) -> None:
 
 def is_encodable(text: str) -> bool:
     """No NUL and no halves of surrogate pairs."""
-    # Line breaks are fine in a kept text; these two no database column takes.
+    # Line breaks are allowed; database columns accept neither NUL nor half a pair.
     if text.isascii():
         return "\0" not in text
     try:
@@ -378,7 +377,7 @@ _SHOWN_TEXT: Final = 60
 
 
 def shown(value: object) -> str:
-    """A value as an error names it: short, on one line, its type where that matters."""
+    """A value as shown in error messages: short and on one line."""
     if value is None:
         return "null"
     if isinstance(value, bool):
@@ -405,7 +404,7 @@ def _shown_number(value: object) -> str:
 
 
 def place_of(at: str) -> str:
-    """A JSON pointer as it stands before a message."""
+    """A JSON pointer as the beginning of a message."""
     return f"{at.strip('/').replace('/', '.')}: " if at else ""
 
 
@@ -422,21 +421,21 @@ def _shown_key(key: str) -> str:
 
 
 def escape_text(text: str) -> str:
-    """The text in a form that UTF-8 has: halves of surrogate pairs as ``\\ud800``."""
+    """The text as UTF-8 can encode it: halves of surrogate pairs as ``\\ud800``."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
 _SIMILAR: Final = 0.6
-"""From here on a word is taken for a misspelt one."""
+"""The similarity from which a word counts as misspelt."""
 
 
 def nearest(word: object, known: Iterable[str]) -> str:
-    """The known word most like this one, however unlike it is."""
+    """The known word that is most similar to this one."""
     return _matches(word, known, 0.0)[0]
 
 
 def similar(word: object, known: Iterable[str]) -> str | None:
-    """The known word that this one is likely to stand for; None if it is like none."""
+    """The known word that was probably meant; None if no word is similar enough."""
     return next(iter(_matches(word, known, _SIMILAR)), None)
 
 

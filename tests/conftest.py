@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -51,6 +52,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if marker is not None and databases.CHOSEN:
             (reason,) = marker.args
             item.add_marker(pytest.mark.skip(reason=f"about SQLite: {reason}"))
+
+
+def pytest_collection_finish() -> None:
+    """What has been imported stays: the collector need not look at it again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

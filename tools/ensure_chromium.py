@@ -9,13 +9,14 @@ which takes a quarter less time.
 from __future__ import annotations
 
 import os
-import shutil
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 from playwright.sync_api import Error, sync_playwright
+
+from tools import ensure_programs
+from tools.ensure_programs import run
 
 SYSTEM_CHROMIUMS = ("/usr/bin/chromium-headless-shell", "/usr/bin/chromium")
 
@@ -51,21 +52,6 @@ def found() -> str:
     return executable or "Playwright's own"
 
 
-def run(*command: str) -> None:
-    """Runs without a terminal; failure is judged by `found`, not by the exit code."""
-    print("+", " ".join(command), flush=True)
-    quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-    subprocess.run(command, check=False, stdin=subprocess.DEVNULL, env=quiet)
-
-
-def as_root(*command: str) -> None:
-    """Runs with sudo unless already root; without either there is nothing to try."""
-    if os.geteuid() == 0:
-        run(*command)
-    elif shutil.which("sudo"):
-        run("sudo", "env", "DEBIAN_FRONTEND=noninteractive", *command)
-
-
 def from_playwright() -> None:
     """Playwright's build for this user, without the system's libraries."""
     run(sys.executable, "-m", "playwright", "install", "chromium")
@@ -78,12 +64,10 @@ def with_libraries() -> None:
 
 def from_apt() -> None:
     """The distribution's own package."""
-    if os.name != "nt" and shutil.which("apt-get"):
-        as_root("apt-get", "update", "-q")
-        for package in ("chromium-headless-shell", "chromium"):
-            as_root("apt-get", "install", "-qy", "--no-install-recommends", package)
-            if system_chromium():
-                return
+    for package in ("chromium-headless-shell", "chromium"):
+        ensure_programs.from_apt(package)
+        if system_chromium():
+            return
 
 
 def main() -> int:

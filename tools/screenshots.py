@@ -34,7 +34,8 @@ WEBP_QUALITY: Final = 80
 EDGE_PX: Final = 100
 """Nearer to the image's edge a box does not show well."""
 PICTURES_SHOWN: Final = """() => !document.querySelector("[aria-busy=true]")
-  && [...document.images].every((image) => image.complete
+  && [...document.images].every((image) =>
+    (image.complete && image.naturalWidth > 0)
     || image.getBoundingClientRect().top > innerHeight)"""
 CROPS_SHOWN: Final = """() => document.querySelector(".cell__image")
   && ![...document.querySelectorAll(".cell__none.shimmer")].some((cell) => {
@@ -65,6 +66,8 @@ def _close_up(page: Page) -> None:
     page.wait_for_timeout(400)
 
 
+_GRID: Final = f"#/datasets/{DATASET}/grid?verdict=rejected"
+_QUALITY: Final = f"#/datasets/{DATASET}/quality"
 _THRESHOLDS: Final = (
     f"#/datasets/{DATASET}/thresholds"
     "?threshold_small_box=16&classes.traffic_light.threshold_small_box=2"
@@ -82,19 +85,18 @@ PICTURES: Final = (
     Picture("frame", "#/frames/{frame}?box={box}", STAGE),
     Picture("frame-crop", "#/frames/{frame}?box={box}", STAGE, act=_close_up),
     Picture("queue", f"#/datasets/{DATASET}/queue", STAGE),
-    Picture(
-        "grid",
-        f"#/datasets/{DATASET}/grid?verdict=rejected",
-        "main img",
-        act=_all_crops,
-    ),
+    Picture("grid", _GRID, "main img", act=_all_crops),
     Picture("thresholds", _THRESHOLDS, ".flip img"),
-    Picture("quality", f"#/datasets/{DATASET}/quality", ".curve__drawing canvas"),
+    Picture("quality", _QUALITY, ".curve__drawing canvas"),
     Picture("runs", f"#/datasets/{DATASET}/runs", "main article"),
     Picture("thresholds-narrow", _THRESHOLDS, ".flip img", NARROW),
     Picture("frame-narrow", "#/frames/{frame}?box={box}", STAGE, NARROW),
     Picture("queue-narrow", f"#/datasets/{DATASET}/queue", STAGE, NARROW),
     Picture("frames-narrow", f"#/datasets/{DATASET}/frames", "a.thumb img", NARROW),
+    Picture("datasets-narrow", "#/datasets", ".card img", NARROW),
+    Picture("grid-narrow", _GRID, "main img", NARROW, act=_all_crops),
+    Picture("quality-narrow", _QUALITY, ".curve__drawing canvas", NARROW),
+    Picture("runs-narrow", f"#/datasets/{DATASET}/runs", "main article", NARROW),
 )
 
 

@@ -1,8 +1,8 @@
 """Client of Unghost, which finds the boxes that CARLA's camera cannot see.
 
-Each name is fetched when it is first asked for: importing this loads nothing, making a
-`Client` needs httpx, and reading an answer pydantic. There is no server here, no numpy
-and no OpenCV.
+Each name is imported on first use: importing this package loads nothing, creating a
+`Client` loads httpx, and reading a response pydantic. The server, numpy and OpenCV are
+not loaded.
 """
 
 from __future__ import annotations

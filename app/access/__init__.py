@@ -1,1 +1,1 @@
-"""Who may come in: tokens, sessions, login codes, and the audit log."""
+"""Authentication by tokens, sessions and login codes, and the audit log."""

@@ -1,8 +1,8 @@
 """The token in the data folder, with which the command line of this machine logs in.
 
-It expires after 30 days. It is replaced after 15, at the start and while the service
-runs. The former token stays valid until it would have expired, so that nobody who uses
-it is interrupted.
+It expires after 30 days and is renewed after 15, at the start and while the service
+runs. The former token stays valid until its own expiry, so that nobody who uses it is
+interrupted.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from unghost.wire.words import Role
 FIRST_TOKEN_NAME: Final = "admin"
 LIFETIME: Final = timedelta(days=30)
 RENEWED_BEFORE: Final = timedelta(days=15)
-"""It is renewed when less than this is left."""
+"""The token is renewed when it expires within this time."""
 _PRIVATE: Final = 0o600
 _OTHERS: Final = 0o077
 
@@ -36,9 +36,8 @@ _OTHERS: Final = 0o077
 def ensure_first_token(session: Session, file: Path) -> str:
     """The token in the file; a new one if there is none or it is not valid.
 
-    So deleting the file and starting again changes the token; whoever can do that can
-    read the database as well, which holds only the hash. A token that others could read
-    is replaced, and is no longer valid, nor are its sessions.
+    To replace the token, delete the file and restart the service. A token that others
+    could read is replaced too; that token and its sessions are then no longer valid.
     """
     tokens = Tokens(session)
     tokens.end_expired_sessions(utc_now())
@@ -76,7 +75,8 @@ def renew(session: Session, file: Path, row: Token) -> str:
     write_secret(file, token)
     before, until = row.hash, row.expires_at or utc_now() + RENEWED_BEFORE
     row.hash, row.expires_at = hash_secret(token), ends
-    # Created at its expiry, it counts as the newest session: others never displace it.
+    # With its expiry as creation time it counts as the newest session of the token, so
+    # that later sessions never displace it.
     former = LoginSession(
         token_id=row.id, hash=before, expires_at=until, created_at=until
     )
@@ -88,7 +88,7 @@ def renew(session: Session, file: Path, row: Token) -> str:
 
 
 def write_secret(file: Path, text: str) -> None:
-    """Write a file that is at no moment readable by others."""
+    """Write a file that others cannot read, not even while it is written."""
     draft = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
     descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _PRIVATE)
     try:
@@ -126,7 +126,7 @@ def _valid(session: Session, token: str | None) -> Token | None:
 
 
 def _is_due(row: Token) -> bool:
-    """Whether it is to be renewed; a token that somebody else put there never is."""
+    """Whether the token is to be renewed; one that an operator put there never is."""
     if row.name != FIRST_TOKEN_NAME:
         return False
     return row.expires_at is None or _left(row.expires_at) < RENEWED_BEFORE

@@ -1,8 +1,8 @@
-"""Identifies callers by the secret that a request carries.
+"""Identifies callers by the secret in a request.
 
-Three things are kept in memory: callers of the last second, so that not every request
-asks the database; when each token was last used; and how many wrong secrets came. The
-last two are written by `app.access.upkeep`.
+Three things are kept in memory: a cache of the callers of the last second, so that not
+every request queries the database; the time at which each token was last used; and the
+number of wrong secrets. `app.access.upkeep` writes the last two.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class TokenGate:
         Unauthorised
             There is no secret, or it is not valid.
         Forbidden
-            A session of the page is used by another page, to write.
+            Another web page uses a session of the review page for a write.
         """
         header = request.headers.get("authorization")
         if header is None:
@@ -75,8 +75,8 @@ class TokenGate:
 def counting_wrong_secrets(request: Request) -> Iterator[None]:
     """Count an `Unauthorised` raised in the block as a wrong secret, for the log.
 
-    Wrong secrets have no other consequence. Each secret has 256 random bits, so trying
-    finds none, and many people may share the address of a proxy or a machine.
+    An address with many wrong secrets is not blocked: secrets of 256 random bits cannot
+    be guessed, and many people may share the address of a proxy or a machine.
     """
     try:
         yield
@@ -92,9 +92,9 @@ def _look_up(request: Request, secret: str) -> Principal:
 
 
 class RecentCallers:
-    """Callers of the last second, by the hash of the header that they sent.
+    """A cache of the callers of the last second, by the hash of their header.
 
-    What is revoked in this process counts at once; in another one, within a second.
+    A revocation takes effect at once in this process, within a second in others.
     """
 
     def __init__(self) -> None:
@@ -108,7 +108,7 @@ class RecentCallers:
         return principal if time.monotonic() < until else None
 
     def remember(self, header: str, principal: Principal, revocations: int) -> None:
-        """Keep what the database said, unless something was revoked in between."""
+        """Cache a caller, unless something was revoked since the look-up began."""
         if revocations != self.revocations:
             return
         if len(self._held) >= _MOST:
@@ -116,7 +116,7 @@ class RecentCallers:
         self._held[hash_secret(header)] = (time.monotonic() + REMEMBERED_S, principal)
 
     def forget_on_commit(self, session: Session) -> None:
-        """Forget all callers once this transaction commits: it revokes something."""
+        """Clear the cache when this transaction, which revokes something, commits."""
         event.listen(session, "after_commit", self._forget, once=True)
 
     def _forget(self, _session: Session) -> None:
@@ -137,13 +137,13 @@ class LastUses:
             self._at[token_id] = utc_now()
 
     def take(self) -> dict[int, datetime]:
-        """Take out what was noted since the last call."""
+        """Remove and return the times noted since the last call."""
         with self._lock:
             taken, self._at = self._at, {}
         return taken
 
     def put_back(self, taken: dict[int, datetime]) -> None:
-        """Note again what could not be written; what was noted meanwhile is newer."""
+        """Restore times that could not be written, except where newer ones exist."""
         with self._lock:
             self._at = {**taken, **self._at}
 
@@ -157,7 +157,7 @@ class WrongSecrets:
         self._count = 0
 
     def note(self, address: str) -> None:
-        """Count one; beyond `_MOST` addresses, only the total."""
+        """Count one wrong secret; beyond `_MOST` addresses, in the total only."""
         with self._lock:
             self._count += 1
             if address in self._from or len(self._from) < _MOST:

@@ -31,7 +31,7 @@ class AuditRepository:
         self._session.flush()
 
     def page(self, page: NewestPage) -> list[AuditEntry]:
-        """Entries, newest first, and one more than asked for if there is one."""
+        """Entries, newest first; one more than the limit if there is a next page."""
         rows = select(AuditEntry)
         if page.before_id is not None:
             rows = rows.where(AuditEntry.id < page.before_id)
@@ -102,7 +102,7 @@ class Tokens:
         return token
 
     def note_use(self, token_id: int, at: datetime) -> None:
-        """Remember when a token was last used; never an earlier time than is known."""
+        """Store when a token was last used, unless a later time is stored already."""
         earlier = or_(Token.last_used_at.is_(None), Token.last_used_at < at)
         self._session.execute(
             update(Token)
@@ -179,7 +179,7 @@ class Tokens:
         return min((end for end in ends if end is not None), default=None)
 
     def add_code(self, code: LoginCode, *, most: int) -> None:
-        """Store a login code; delete expired ones, and all but the token's newest."""
+        """Store a login code; delete expired and the token's oldest above `most`."""
         ended = delete(LoginCode).where(LoginCode.expires_at <= code.created_at)
         self._session.execute(ended)
         self._session.add(code)

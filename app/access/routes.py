@@ -43,7 +43,7 @@ audit_router = ApiRouter(prefix="/api/v1", tag="audit", read="admin", write="adm
 
 @audit_router.get("/audit", response_model=Page[AuditEntry])
 def list_audit(wanted: Newest, session: ReadSession) -> Response:
-    """Who did what to tokens, data, configurations, jobs and many answers at once."""
+    """The audit log: who changed tokens, data, configurations, jobs or many answers."""
     limit = wanted.page.limit
     found = AuditRepository(session).page(wanted.page)
     following = str(found[limit - 1].id) if len(found) > limit else None
@@ -72,12 +72,12 @@ def log_in(
 ) -> Response:
     """Open a session of the page with a token or the code of a login link.
 
-    The session's secret is in this answer alone; it is sent as a token is.
+    Only this response contains the session's secret; send it as you would a token.
     """
     if not comes_from_no_other_page(request.headers):
         raise Forbidden("only the service's own page may log in")
     secret, code_id = body.token or body.code or "", None
-    # Read before the turn to write is taken: guessing must not keep others waiting.
+    # Checked before waiting for the turn to write: guesses must not delay writers.
     with counting_wrong_secrets(request):
         if body.code is None:
             principal = access.by_token(reading, secret)
@@ -114,7 +114,7 @@ def log_out(
 
 @own_router.post("/login-codes", status_code=201, response_model=NewLoginCode)
 def create_login_code(audit: Audited) -> Response:
-    """A code that logs a page in as the caller: once, within ten minutes.
+    """Create a code that logs a page in as the caller: once, within ten minutes.
 
     The login link is the service's address followed by `/#code=` and the code.
     """
@@ -127,7 +127,7 @@ def create_login_code(audit: Audited) -> Response:
 def get_login_code(
     code_id: RowId, session: ReadSession, principal: CurrentPrincipal
 ) -> LoginCode:
-    """Whether a login code of one's own was used."""
+    """One of the caller's login codes: when it expires, and whether it was used."""
     code = access.own_code(session, principal, code_id)
     return LoginCode.model_validate(code, from_attributes=True)
 
@@ -164,7 +164,7 @@ def list_tokens(
 
 @tokens_router.post("/tokens", status_code=201, response_model=NewToken)
 def create_token(body: TokenIn, audit: Audited) -> Response:
-    """A new token. It is shown in this answer and never again; it ends in 90 days."""
+    """Create a token; it expires in 90 days by default. Only this response has it."""
     ends = body.ends(utc_now())
     made, secret = access.issue(audit, body.name, body.role, ends)
     token = Token.model_validate(made, from_attributes=True)

@@ -1,4 +1,4 @@
-"""Tokens created and revoked, logging in and out, and who may remove answers."""
+"""Creates and revokes tokens, logs in and out, and checks who may remove answers."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ LINK_LIFETIME: Final = timedelta(minutes=5)
 MOST_SESSIONS: Final = 100
 MOST_CODES: Final = 20
 MOST_LINKS: Final = 100
-"""Maximum numbers for each token. One more ends the oldest and is not refused, so that
-logging in always works."""
+"""Maximum numbers for each token. One more ends the oldest instead of being refused, so
+that logging in always works."""
 MOST_NAMED: Final = 3
 """How many names of people an error lists; the others are counted."""
 _NO_ENTRY: Final = "show a valid token, or log in with one"
 
 
 def by_secret(session: Session, secret: str) -> Principal:
-    """The caller with this token or this session of the page; Unauthorised."""
+    """The caller with this token or session; raises `Unauthorised` as `by_token`."""
     if secret.startswith(SESSION_PREFIX):
         return by_session(session, secret)
     return by_token(session, secret)
@@ -56,8 +56,8 @@ def by_token(session: Session, token: str) -> Principal:
     Raises
     ------
     Unauthorised
-        It is unknown, revoked or expired. The error says which of the last two: only
-        somebody who has the token can learn it.
+        It is unknown, revoked or expired. The error tells the last two apart: only
+        somebody who has the token can see them.
     """
     digest, now = hash_secret(token), utc_now()
     tokens = Tokens(session)
@@ -113,7 +113,7 @@ def issue(
     Raises
     ------
     Conflict
-        The name is taken, if only by a revoked token: reviews refer to it.
+        The name is taken, even if by a revoked token: reviews refer to it.
     Unprocessable
         It would have expired already.
     """
@@ -153,12 +153,12 @@ def revoke(audit: AuditTrail, token_id: int) -> None:
 def issue_offline(
     settings: Settings, name: str, role: Role, expires_at: datetime | None
 ) -> tuple[Token, str]:
-    """As `issue`, without a running service, which the audit log names as the actor.
+    """As `issue`, without a running service; the actor in the audit log is `unghost`.
 
     Raises
     ------
     CannotMaintain
-        The database is not there, or at another schema.
+        The database is missing, or its schema has another version.
     Conflict
         The name is taken.
     """
@@ -167,7 +167,7 @@ def issue_offline(
             return issue(AuditTrail(session), name, role, expires_at)
     except sql.OperationalError as exc:
         raise CannotMaintain(
-            f"the database does not take it: {exc.orig}; `unghost doctor` says more"
+            f"the token cannot be stored: {exc.orig}; `unghost doctor` says more"
         ) from exc
 
 
@@ -211,7 +211,7 @@ def by_code(session: Session, secret: str) -> tuple[Principal, int]:
     Raises
     ------
     Unauthorised
-        It is unknown, was used, or has ended, or the token that it is for has.
+        The code is unknown, used or expired, or its token is no longer valid.
     """
     digest, now = hash_secret(secret), utc_now()
     tokens = Tokens(session)
@@ -242,8 +242,8 @@ def check_link(session: Session, key: str, export_id: int) -> None:
     """Check that a key downloads the file of this export; Unauthorised if not."""
     if not Tokens(session).valid_by_link(hash_secret(key), export_id, utc_now()):
         raise Unauthorised(
-            "this address of a download has ended, or is of another export: "
-            "ask for a new one",
+            "this download link has expired, or belongs to another export: "
+            "request a new one",
             code="link_over",
         )
 
@@ -287,7 +287,7 @@ def require_own(by: Principal, answers: Mapping[str, int], act: str) -> int:
     answers : mapping of str to int
         How many answers would be deleted, undone or left behind, by reviewer.
     act : str
-        What is asked for, as the message begins: ``deleting frame 'a/1'``.
+        The requested action, with which the message begins: ``deleting frame 'a/1'``.
 
     Returns
     -------
@@ -297,7 +297,7 @@ def require_own(by: Principal, answers: Mapping[str, int], act: str) -> int:
     Raises
     ------
     Forbidden
-        Some are other people's, and the caller is no admin.
+        Some are other people's, and the caller is not an admin.
     """
     others = {name: number for name, number in answers.items() if name != by.name}
     number = sum(others.values())

@@ -1,8 +1,7 @@
-"""Writes once a minute what requests have left in memory: a GET writes no row itself.
+"""Writes once a minute when tokens were last used, so that no GET has to write a row.
 
-That is when each token was last used. The first token is renewed when it expires soon.
-Wrong secrets are one line of the log per minute, however many came, and no rows: nobody
-without a token can fill the database.
+The first token is renewed when it expires soon. Wrong secrets are logged, in one line
+per minute, and not stored, so that nobody without a token can fill the database.
 """
 
 from __future__ import annotations
@@ -47,8 +46,8 @@ def _keep(context: ServiceContext, over: threading.Event) -> None:
 def _write(context: ServiceContext) -> None:
     try:
         write_upkeep(context)
-    except SQLAlchemyError as exc:  # it may be away for a while
-        server_log.warning("cannot note the last use of tokens: %s", exc)
+    except SQLAlchemyError as exc:  # the database may be unavailable for a while
+        server_log.warning("cannot store when tokens were last used: %s", exc)
     except OSError as exc:
         server_log.error("cannot renew the token file: %s", exc.strerror)
 

@@ -1,1 +1,1 @@
-"""Frames and their boxes: stored, selected, counted, answered, drawn."""
+"""Frames and their boxes: reading, filtering, counting and drawing them."""

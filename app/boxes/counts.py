@@ -1,8 +1,8 @@
 """Counts the boxes of a filter exactly, and sums up tallies.
 
-Tallies suffice unless a filter has ranges of numbers. Those are counted in the columns
-that are kept in memory, which know no answers: boxes that people answered are counted
-by the database and subtracted, since they are few and have an index.
+Tallies suffice unless a filter has ranges of numbers. Such filters are counted in the
+columns that are cached in memory. The columns contain no answers: answered boxes, which
+are few and have an index, are counted by the database and subtracted.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ def count_boxes(
         return upper_bound
     by_numbers = wanted.effective is None and wanted.conflict is None
     held = by_numbers and context.one(ColumnCache).fits(session, dataset.id)
-    # Answered boxes are few, and are counted by their index. If all others are asked
-    # for, the answered ones are subtracted from all boxes.
+    # Answered boxes are few, and are counted by their index. If the filter selects all
+    # others, the answered ones are subtracted from all boxes.
     others = REVIEW_STATES[wanted.review].others if wanted.review else None
     if not held or (wanted.review and others is None):
         return BoxProbes(session).count(wanted)
@@ -58,7 +58,7 @@ def _selected(numbers: DatasetColumns, config: FilterConfig, wanted: BoxFilter) 
 
 
 def count_in_tallies(tallies: Mapping[TallyKey, int], wanted: BoxFilter) -> int:
-    """How many boxes the filter without its ranges selects: an upper bound."""
+    """How many boxes the filter selects, ignoring its ranges: an upper bound."""
     return sum(boxes for key, boxes in tallies.items() if selects(wanted, key))
 
 

@@ -1,11 +1,11 @@
 """Current decisions and tallies: all functions that change them.
 
 `add` stores the decisions on new boxes, `answered` copies answers of people,
-`decided_again`, `measured_again` and `replace_tallies` are the end of a run, and
-`retire` takes a frame's boxes away. Nothing else writes these two tables, but for
-`app.maintenance.removals`, which deletes the rows of deleted datasets. Each of them
-changes both tables, but for the end of a run, where `replace_tallies` counts anew after
-the decisions have changed. The classes at the end only read them.
+`decided_again`, `measured_again` and `replace_tallies` store the result of a run, and
+`retire` removes a frame's boxes. Only `app.maintenance.removals` writes these tables as
+well: it deletes the rows of deleted datasets. Each function changes both tables, except
+those of a run, where `replace_tallies` follows the changes of the decisions. The
+classes at the end only read.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from filter_core.types import Decisions, Evidence, IntArray, floats_or_none
 
 
 class TallyKey(NamedTuple):
-    """What boxes of one tally have in common; `review` is empty without an answer."""
+    """The values that all boxes of a tally share; `review` is empty if unanswered."""
 
     class_id: int
     reason: int
@@ -75,10 +75,10 @@ def add(
 def answered(
     session: Session, box_ids: Iterable[int] = (), *, batch_id: int | None = None
 ) -> None:
-    """Copy answers from `reviews` into `decisions` and the tallies.
+    """Copy new answers from `reviews` into `decisions` and the tallies.
 
-    Those on `box_ids`, or those of the act on many boxes `batch_id`: each answer whose
-    revision is one above `decisions.revision` of its box.
+    They are the answers on `box_ids` or of the bulk review `batch_id`, as far as their
+    revision is one above `decisions.revision` of their box.
     """
     if batch_id is None:
         for chunk in chunks(box_ids):
@@ -98,7 +98,7 @@ def _apply(
 
 
 def _is_next() -> ColumnElement[bool]:
-    """Condition: the answer is the one after the answer that the decision shows."""
+    """Condition: the answer directly follows the one that the decision has."""
     follows = Review.revision == Decision.revision + 1
     return and_(Decision.box_id == Review.box_id, follows)
 
@@ -112,10 +112,10 @@ def decided_again(
 ) -> None:
     """Make these the current decisions; `before` are the ones they replace.
 
-    The tallies of the dataset have to be replaced with them (`replace_tallies`).
+    The caller has to replace the tallies of the dataset too (`replace_tallies`).
 
-    Most changes leave the flags alone. Updating only the reason then spares the two
-    partial indexes, which is a third of the cost of a million rows.
+    Most changes leave the flags alone. Updating only the reason then leaves the two
+    partial indexes alone, which saves a third of the time for a million rows.
     """
     flags = (before.large != after.large) | (before.toss_up != after.toss_up)
     plain = ~flags
@@ -144,7 +144,7 @@ def decided_again(
 def measured_again(
     session: Session, box_ids: IntArray, evidence: Evidence, written: Written
 ) -> None:
-    """Copy the numbers that lists sort and filter by; no tally counts by them."""
+    """Copy the numbers that lists sort and filter by; tallies do not depend on them."""
     update_rows(
         session,
         Decision,
@@ -161,13 +161,13 @@ def measured_again(
 def replace_tallies(
     session: Session, dataset_id: int, counts: Mapping[TallyKey, int]
 ) -> None:
-    """Set all tallies of a dataset: counted anew, or none of one that is deleted."""
+    """Replace all tallies of a dataset by these counts; `{}` deletes them."""
     session.execute(delete(Tally).where(Tally.dataset_id == dataset_id))
     insert_rows(session, Tally, _tally_rows(dataset_id, counts))
 
 
 def retire(session: Session, frame: Frame) -> None:
-    """Take a frame's boxes out of every list and count; its history stays."""
+    """Remove a frame's boxes from all lists and counts; its history stays."""
     dialect = session.connection().dialect.name
     run(session, _frame_out_of_tallies(dialect), frame_id=frame.id)
     session.execute(delete(Decision).where(Decision.frame_id == frame.id))
@@ -184,11 +184,11 @@ def _tally_rows(
     ]
 
 
-# Statements are built once: every upload and every answer runs them, and building costs
-# several times as much.
+# Statements are built once: every upload and every answer executes them, and building
+# one takes several times as long.
 _TALLY: Final = ("dataset_id", *TallyKey._fields)
-# Found by box or by batch, not as "the newest answers": for these PostgreSQL would read
-# all others while its statistics are not up to date.
+# By box or by batch, not as "the newest answers": for those PostgreSQL would scan all
+# answers while its statistics are out of date.
 _ON_BOXES: Final = Review.box_id.in_(bindparam("boxes", expanding=True))
 _OF_BATCH: Final = Review.batch_id == bindparam("batch")
 
@@ -318,7 +318,7 @@ class TallyRepository:
         }
 
     def present(self, dataset_id: int) -> Present:
-        """What occurs in a dataset."""
+        """The reasons, classes and flags that occur in a dataset."""
         found = self.of_dataset(dataset_id)
         has_large = select(Decision.box_id).where(
             Decision.dataset_id == dataset_id, Decision.large.is_(True)

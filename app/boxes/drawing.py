@@ -1,7 +1,8 @@
-"""Pictures drawn on request: what child processes do, and the latest ones kept.
+"""Pictures drawn on request, by child processes, and a cache of the latest ones.
 
-Strangers chose the files: nothing here is called by a thread of the service, see
-`app.engine.children`. How large a picture becomes is limited before it is made.
+The files are untrusted: the functions that read them run in child processes only, never
+in a thread of the service (`app.engine.children`). The size of a picture is limited
+before it is drawn.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _JPEG_QUALITY: Final = 88
 _GREY: Final = 96
 _HALVED: Final = 2
 _AROUND_PX: Final = 16
-"""Lines are drawn so far beyond the picture: no end of one is seen at its border."""
+"""How far lines are drawn beyond the picture, so that no end shows at its border."""
 
 # Okabe and Ito's palette, which people of any colour vision can tell apart; as B, G, R.
 COLORS: Final[Mapping[str, tuple[int, int, int]]] = {
@@ -57,7 +58,7 @@ _HALO: Final = (20, 20, 20)
 
 
 class DrawnBox(NamedTuple):
-    """What is drawn of a box: its rectangle and the edges of its 3D box, in px."""
+    """The parts of a box that are drawn: rectangle and edges of its 3D box, in px."""
 
     verdict: str
     xyxy: Sequence[float] | None
@@ -66,15 +67,15 @@ class DrawnBox(NamedTuple):
 
 @dataclass(frozen=True)
 class Layer:
-    """What a picture is drawn on, by the files that it is made of.
+    """The background of a picture, and the files that it is made from.
 
     Attributes
     ----------
     name : ``image``, ``segmentation`` in its palette's colours, or ``blend`` of both
     image, segmentation : bytes or None
-        The files as they were sent. Without an image, grey stands for it.
+        The files as they were sent. Without an image, the background is grey.
     report : SegmentationReport or None
-        How the segmentation was read when it was measured.
+        The options with which the segmentation was read when it was measured.
     """
 
     name: LayerName
@@ -83,7 +84,7 @@ class Layer:
     report: SegmentationReport | None
 
     def picture(self) -> Picture:
-        """Decoded and painted.
+        """The background, decoded and painted.
 
         Raises
         ------
@@ -124,8 +125,8 @@ def thumbnail(image: bytes) -> bytes:
     ImageError
         The file cannot be decoded.
     """
-    # Decoding at half of the size is three times faster than decoding it all; of a
-    # single row of pixels OpenCV would leave none.
+    # Decoding at half the size is three times faster. A single row or column of pixels
+    # is decoded in full, because OpenCV would leave nothing of it.
     is_thin = min(read_image_header(image).wh) < _HALVED
     flags = cv2.IMREAD_COLOR if is_thin else cv2.IMREAD_REDUCED_COLOR_2
     small = _decoded(image, flags)
@@ -138,8 +139,8 @@ def thumbnail(image: bytes) -> bytes:
 def crop(layer: Layer, xyxy: Sequence[float], pad: float, height: int) -> bytes:
     """The part of a picture around a box as JPEG, at most 4096 px wide.
 
-    `pad` is added on every side, in parts of the box's longer side; `height` is the
-    most px that it may be high.
+    `pad` is the margin on every side, as a fraction of the box's longer side; `height`
+    is the maximum height in px.
     """
     picture = layer.picture()
     rows, columns = picture.shape[:2]
@@ -170,7 +171,7 @@ def overlay(layer: Layer, boxes: Sequence[DrawnBox], edges: bool) -> bytes:
 def _fitted(
     width: int, height: int, most_wide: int, most_high: int, enlarged: float = math.inf
 ) -> tuple[int, int]:
-    """The largest size of the same shape, px; enlarged by no more than a factor."""
+    """The largest size in px of the same aspect ratio; `enlarged` limits the factor."""
     scale = min(most_wide / width, most_high / height, enlarged)
     return (
         min(most_wide, max(1, round(width * scale))),
@@ -181,7 +182,7 @@ def _fitted(
 def draw_boxes(canvas: Picture, boxes: Sequence[DrawnBox], *, edges: bool) -> None:
     """Draw on the picture itself: kept solid, rejected dashed, unmeasured dotted.
 
-    Beyond a number of dashes in all, which nobody could tell apart, lines are solid.
+    After `_MOST_DASHES` dashes in all, which nobody could tell apart, lines are solid.
     """
     left = _MOST_DASHES
     for box in boxes:
@@ -201,11 +202,11 @@ def draw_boxes(canvas: Picture, boxes: Sequence[DrawnBox], *, edges: bool) -> No
 
 
 _Line: TypeAlias = tuple[float, float, float, float]
-"""x and y of its start, x and y of its end, px."""
+"""x and y of the start, then of the end, in px."""
 
 
 def _within(line: _Line, width: int, height: int) -> _Line | None:
-    """The part of a line that can be seen: an edge may end far away, or nowhere.
+    """The visible part of a line; None if there is none, or an end is not finite.
 
     References
     ----------
@@ -288,7 +289,7 @@ def _decoded(image: bytes, flags: int = cv2.IMREAD_COLOR) -> Picture:
     Raises
     ------
     ImageError
-        It cannot be decoded, or what is decoded is not what its header promises.
+        It cannot be decoded, or the decoded picture does not match its header.
     """
     picture = decode_image(image, read_image_header(image), flags)
     if picture is None:
@@ -304,7 +305,7 @@ def _as_jpeg(picture: Picture | cv2.typing.MatLike) -> bytes:
 
 
 def as_png(picture: Picture) -> bytes:
-    """A picture as PNG, quickly."""
+    """A picture as PNG, with fast compression."""
     _, content = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     return content.tobytes()
 
@@ -313,19 +314,19 @@ JPEG: Final = "image/jpeg"
 PNG: Final = "image/png"
 MOST_REFUSED: Final = 1000
 KEPT_BYTES: Final = 64 * 1024**2
-"""What is kept of pictures that were drawn: some 4,000 crops."""
+"""Size of the cache of drawn pictures: some 4,000 crops."""
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """A picture that can be drawn: what it shows is known, its files are not read yet.
+    """A picture to be drawn: its content is known, its files are not read yet.
 
     Attributes
     ----------
     tag : str
-        Names the picture by everything that it is drawn from.
+        Identifies the picture by all its inputs.
     media_type : str
-    draw : function of a PixelPool and what `PixelPool.run` takes beside it
+    draw : function of a PixelPool and the event that `PixelPool.run` takes
         Reads the files and returns the encoded picture.
     """
 
@@ -335,9 +336,9 @@ class Drawing:
 
 
 class DrawnPictures:
-    """Pictures that were drawn lately, by their tags; usable by any thread.
+    """A cache of the latest drawn pictures, by their tags; thread-safe.
 
-    What cannot be drawn is remembered as well: it would cost as much each time.
+    Failures are cached as well: each attempt would cost as much again.
     """
 
     def __init__(self, most_bytes: int = KEPT_BYTES) -> None:
@@ -348,7 +349,7 @@ class DrawnPictures:
         self._changing = threading.Lock()
 
     def find(self, tag: str) -> bytes | None:
-        """A picture that is still held; raises what was refused under the tag."""
+        """The cached picture, or None; raises the error that `refuse` cached."""
         with self._changing:
             if tag in self._refused:
                 raise self._refused[tag]
@@ -358,17 +359,17 @@ class DrawnPictures:
             return content
 
     def keep(self, tag: str, content: bytes) -> None:
-        """Hold a picture, in place of those that were not asked for the longest."""
+        """Cache a picture; the least recently used ones make room for it."""
         with self._changing:
             if len(content) > self._most_bytes // 4:
-                return  # in place of it many others are held
+                return  # it would displace many others
             self._bytes += len(content) - len(self._held.pop(tag, b""))
             self._held[tag] = content
             while self._bytes > self._most_bytes:
                 self._bytes -= len(self._held.popitem(last=False)[1])
 
     def refuse(self, tag: str, error: FilterError) -> None:
-        """Remember that this cannot be drawn, and why."""
+        """Cache the error with which drawing this picture failed."""
         with self._changing:
             self._refused[tag] = error
             while len(self._refused) > MOST_REFUSED:

@@ -1,4 +1,4 @@
-"""Filters of boxes: as a request names them, as SQL, and applied to columns."""
+"""Filters of boxes: parsed from a request, as SQL, and applied to columns."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ THRESHOLD_REASONS = (
 
 @dataclass(frozen=True)
 class Selection:
-    """The filters of a request, by their names on the wire; None: not filtered by."""
+    """The filters of a request, by their names on the wire; None: not set."""
 
     verdict: str | None = None
     effective: str | None = None
@@ -60,7 +60,7 @@ class Selection:
     distance_max: float | None = None
 
     def selects(self) -> bool:
-        """Whether anything is filtered by."""
+        """Whether any filter is set."""
         return self != Selection()
 
 
@@ -71,15 +71,15 @@ _NAMES = {spec.name for spec in fields(Selection)}
 class ClassThresholds:
     """The thresholds of a class in the active configuration, in percent.
 
-    They are those of `filter_core`'s `Thresholds`, with the id of the class, to be
-    written into SQL conditions.
+    They are those of `filter_core`'s `Thresholds`, together with the id of the class,
+    for use in SQL conditions.
 
-    A large box has to reach `large` and, by the published code's rules, `small` as
+    A large box has to reach `large` and, under the profile `carlasimu`, `small` as
     well: `kept_large` is the higher one of those that apply.
 
-    Where `by_channels`, channels judge boxes whatever their match is, and `decisions`
-    does not say which boxes. Lists sort and filter those that a channel kept by their
-    distance from `small`, on either side.
+    If `by_channels` is true, channels judge boxes regardless of their match, and
+    `decisions` does not record which boxes. Lists sort and filter those that a channel
+    kept by their distance from `small`, on either side.
     """
 
     class_id: int
@@ -104,7 +104,7 @@ class ClassThresholds:
 class BoxFilter:
     """A selection of boxes; None or empty means any.
 
-    `match_min` and the fields after it are ranges of numbers; tallies do not know them.
+    `match_min` and the fields after it are ranges of numbers, which are not in tallies.
     """
 
     dataset_id: int
@@ -126,7 +126,7 @@ class BoxFilter:
         return [Decision.dataset_id == self.dataset_id, *self._conditions()]
 
     def conditions_by_id(self) -> list[ColumnElement[bool]]:
-        """As `conditions`, for boxes looked up by id: no other index is to be used."""
+        """As `conditions`, for boxes looked up by id; prevents use of other indexes."""
         return [Decision.dataset_id + 0 == self.dataset_id, *self._conditions()]
 
     def _conditions(self) -> list[ColumnElement[bool]]:
@@ -148,14 +148,14 @@ class BoxFilter:
     def unanswered(self) -> list[ColumnElement[bool]]:
         """A condition to add where the index of unanswered boxes should be read.
 
-        `conditions` are written so that the database does not recognise that index: it
-        would be used even where another index leads to far fewer boxes.
+        `conditions` are written so that the database does not use that index: it would
+        do so even where another index leads to far fewer boxes.
         """
         return [Decision.review.is_(None)] if self.review == "none" else []
 
     @property
     def has_ranges(self) -> bool:
-        """Whether it filters by ranges of numbers, which tallies know nothing of."""
+        """Whether it has ranges of numbers, which are not in tallies."""
         ranges = (
             *(self.match_min, self.match_max, self.margin_max),
             *(self.distance_min, self.distance_max),
@@ -164,7 +164,7 @@ class BoxFilter:
 
     @property
     def is_found_by_match(self) -> bool:
-        """Whether the index on matches finds the boxes, so not in the order of ids."""
+        """Whether the index on matches finds the boxes, and so not in order of id."""
         has_range = self.match_min is not None or self.match_max is not None
         return has_range and not self.only_answered
 
@@ -192,8 +192,8 @@ class BoxFilter:
 class Side(NamedTuple):
     """Boxes of one class on one side of their threshold.
 
-    `sign` is 1 where their matches lie above the threshold, -1 where below. Kept boxes
-    whose match equals the threshold are on the upper side.
+    `sign` is 1 if their matches lie above the threshold, -1 if below. Kept boxes whose
+    match equals the threshold are on the upper side.
     """
 
     reason: Reason
@@ -274,7 +274,7 @@ def _is_near_side(side: Side, margin: float) -> ColumnElement[bool]:
 
 
 class BoxProbes:
-    """Asks the database which boxes a filter selects, and for ids of boxes."""
+    """Queries for the boxes that a filter selects, and for ids of boxes."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -296,7 +296,7 @@ class BoxProbes:
         return (min(found), max(found)) if found else None
 
     def newest_id(self) -> int:
-        """The number of the newest box of all datasets; 0 if there is none."""
+        """The id of the newest box of all datasets; 0 if there is none."""
         return self._session.scalar(select(func.max(Box.id))) or 0
 
     def count(self, wanted: BoxFilter) -> int:

@@ -1,4 +1,4 @@
-"""Frames as responses: in lists, one with its boxes, their files and pictures."""
+"""Responses about frames: lists, one frame with its boxes, files and pictures."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ from unghost.wire.words import FileKind, LayerName
 
 
 def _stored_files(frame_id: int, files: Mapping[str, FileRow]) -> dict[str, StoredFile]:
-    """Files of a frame by kind, and where to get them."""
+    """The files of a frame by kind, with their URLs."""
     return {
         kind: StoredFile(
             url=f"/api/v1/frames/{frame_id}/{kind}",
@@ -165,7 +165,7 @@ def frame_details(
     report: SegmentationReport | None,
     tallies: Mapping[TallyKey, int],
 ) -> FrameDetails:
-    """The description of a frame, made from what is given; runs no SQL."""
+    """The description of a frame, from the arguments alone; runs no SQL."""
     return FrameDetails(
         **_summary(frame, files, report, tallies),
         dataset=dataset,
@@ -180,7 +180,7 @@ def frame_details(
 
 
 def frame_id_of(session: Session, dataset: str, key: str) -> int:
-    """The id of the newest revision under a key; NotFound."""
+    """The id of the newest revision under a key; raises NotFound."""
     found = DatasetRepository(session).named(dataset)
     current = FrameRepository(session).current(found.id, key)
     if current is None:
@@ -205,7 +205,7 @@ def remove_frame(audit: AuditTrail, by: Principal, dataset: Dataset, key: str) -
     NotFound
         There is no such frame.
     Forbidden
-        Other people's answers are among them, and this is no admin.
+        Other people's answers are among them, and the caller is not an admin.
     """
     session = audit.session
     frames = FrameRepository(session)
@@ -235,7 +235,7 @@ class FramePictures:
     report: SegmentationReport | None
 
     def thumbnail(self) -> Drawing:
-        """A small picture of the image; NotFound."""
+        """A small picture of the image; raises NotFound if there is none."""
         if "image" not in self.files:
             raise NotFound("image of frame", self.frame_id)
         digest = self.files["image"].sha256
@@ -249,7 +249,7 @@ class FramePictures:
     def crop(
         self, layer: LayerName, xyxy: Sequence[float], pad: float, height: int
     ) -> Drawing:
-        """The part of a layer around a rectangle; NotFound."""
+        """The part of a layer around a rectangle; raises NotFound."""
         self._require(layer)
 
         def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
@@ -261,7 +261,7 @@ class FramePictures:
     def overlay(
         self, layer: LayerName, boxes: Sequence[DrawnBox], *, edges: bool
     ) -> Drawing:
-        """A layer with boxes drawn on it; NotFound."""
+        """A layer with boxes drawn on it; raises NotFound."""
         self._require(layer)
 
         def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
@@ -300,7 +300,7 @@ class FramePictures:
 def frame_pictures(
     storage: BlobStore, session: Session, frame_id: int
 ) -> FramePictures:
-    """What can be drawn of a frame; NotFound."""
+    """The pictures that can be drawn of a frame; raises NotFound."""
     frame = FrameRepository(session).with_id(frame_id)
     dataset = DatasetRepository(session).with_id(frame.dataset_id)
     reports = EvidenceRepository(session).reports(
@@ -313,7 +313,7 @@ def frame_pictures(
 def crop_of(
     storage: BlobStore, session: Session, box_id: int, wanted: CropQuery
 ) -> Drawing:
-    """The part of its frame around a box; NotFound if it is outside of the image."""
+    """The part of a frame around a box; NotFound if the box is outside of the image."""
     _, boxes = read_box(session, box_id)
     pictures = frame_pictures(storage, session, boxes.rows.frame_ids[0])
     (xyxy,) = boxes.rectangles()
@@ -325,7 +325,7 @@ def crop_of(
 def overlay_of(
     storage: BlobStore, session: Session, frame_id: int, wanted: OverlayQuery
 ) -> Drawing:
-    """A frame with those of its boxes that are wanted; NotFound."""
+    """A frame with the requested boxes drawn on it; raises NotFound."""
     pictures = frame_pictures(storage, session, frame_id)
     verdicts = wanted.verdicts()
     drawn = _drawn(session, frame_id) if verdicts else ()

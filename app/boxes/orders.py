@@ -1,10 +1,10 @@
 """Pages of boxes in the orders of lists and the queue, read from indexes.
 
-The distance of a match to its threshold cannot be a column: thresholds change, and a
-million rows would have to be rewritten. But the match does not change, and from a
-class's threshold on, the index on (dataset, class, match) is in the order of that
-distance: upwards for kept boxes, downwards for rejected ones. Each such walk along an
-index is a `Stream`; a page is merged from the streams of all classes.
+Doubt orders boxes by the distance of their match to a threshold. That distance is not a
+column: when a threshold changes, a million rows would have to be rewritten. But the
+index on (dataset, class, match), read from a class's threshold on, is in the order of
+the distance: upwards for kept boxes, downwards for rejected ones. Each such index scan
+is a `Stream`; a page is merged from the streams of all classes.
 """
 
 from __future__ import annotations
@@ -47,14 +47,15 @@ from filter_core.types import Reason
 NEAR_PERCENT: Final = 5.0
 """Boxes with a margin up to this come right after the toss-ups."""
 CROWDED_PERCENT: Final = 50.0
-"""From this crowding on, the matched pixels may be those of another box."""
+"""From this crowding on, the matched pixels may belong to another box."""
 
 _EPSILON: Final = 1e-9
 
 
 @dataclass(frozen=True)
 class Present:
-    """What occurs among the boxes of a dataset; streams of anything else are empty."""
+    """The reasons, classes and flags that occur in a dataset: streams for others are
+    empty."""
 
     reasons: tuple[int, ...]
     class_ids: frozenset[int]
@@ -64,7 +65,7 @@ class Present:
 
 @dataclass(frozen=True)
 class BoxOrder:
-    """Makes the streams of each tier, for one filter.
+    """Builds the streams of each tier, for one filter.
 
     An order consists of tiers: all boxes of a tier come before those of the next one.
     """
@@ -73,11 +74,11 @@ class BoxOrder:
     present: Present
 
     def by_id(self) -> list[Stream]:
-        """In the order of their ids."""
+        """All boxes, by id."""
         return self._by_id()
 
     def by_match(self, sign: int) -> list[Stream]:
-        """By their match, upwards or downwards."""
+        """Boxes with a match, by match: ascending if `sign` is 1, descending if -1."""
         every = self.wanted.conditions()
         if self.wanted.only_answered:
             known = Decision.match_percent.is_not(None)
@@ -102,11 +103,11 @@ class BoxOrder:
         ]
 
     def unmatched(self) -> list[Stream]:
-        """Those without a match, by id."""
+        """Boxes without a match, by id."""
         return self._by_id(Decision.match_percent.is_(None))
 
     def by_crowding(self) -> list[Stream]:
-        """The most crowded first."""
+        """All boxes, the most crowded first."""
         return self._crowding([])
 
     def toss_ups(self) -> list[Stream]:
@@ -116,20 +117,20 @@ class BoxOrder:
         return self._around([Decision.toss_up.is_(True)], rare=True)
 
     def near(self) -> list[Stream]:
-        """Others near their threshold."""
+        """Boxes near their threshold that are not toss-ups."""
         if self.wanted.toss_up:
             return []
         return self._around([Decision.toss_up.is_(False)], NEAR_PERCENT)
 
     def crowded(self) -> list[Stream]:
-        """Others that are kept and crowded."""
+        """Kept and crowded boxes in no tier above."""
         if not self._goes_beyond_near():
             return []
         far = not_(is_near(self._thresholds(), NEAR_PERCENT))
         return self._crowding([Decision.toss_up.is_(False), far, self._is_crowded()])
 
     def far(self) -> list[Stream]:
-        """All others that have a threshold."""
+        """All other boxes that a threshold decided."""
         if not self._goes_beyond_near():
             return []
         far = not_(is_near(self._thresholds(), NEAR_PERCENT))
@@ -137,7 +138,7 @@ class BoxOrder:
         return self._around([plain, far, not_(self._is_crowded())])
 
     def without_threshold(self) -> list[Stream]:
-        """Those that no threshold decided and those without a match, by id."""
+        """Boxes that no threshold decided and boxes without a match, by id."""
         if not self._goes_beyond_near():
             return []
         others = [
@@ -152,7 +153,7 @@ class BoxOrder:
         return [Stream(Decision.box_id, [*every, *part]) for part in parts]
 
     def _kept_without_match(self) -> list[list[ColumnElement[bool]]]:
-        """Boxes that a channel kept and of which no pixel was counted, by class."""
+        """Conditions, by class, for boxes without a match that a channel kept."""
         if self.wanted.reasons and int(Reason.VISIBLE) not in self.wanted.reasons:
             return []
         return [
@@ -172,12 +173,12 @@ class BoxOrder:
 
     def _by_id(self, *conditions: ColumnElement[bool]) -> list[Stream]:
         # One stream per reason: "reason in (...) order by id" would sort all rows.
-        # Without reasons one per class, since no index is by dataset and id alone.
+        # Without reasons, one per class, since no index has the dataset and id alone.
         # Answered boxes are few, and have an index of their own.
         wanted = self.wanted
         if wanted.only_answered:
             return [Stream(Decision.box_id, [*wanted.conditions(), *conditions])]
-        # Without "reason in (...)", which a database may use beside "reason = ...".
+        # Without "reason in (...)": a database may prefer it to "reason = ...".
         every = [*replace(wanted, reasons=()).conditions(), *conditions]
         if wanted.reasons:
             reasons = [r for r in self.present.reasons if r in wanted.reasons]
@@ -199,8 +200,8 @@ class BoxOrder:
     def _column(
         self, column: SQLColumnExpression[float | None]
     ) -> SQLColumnExpression[float | None]:
-        # "+ 0" keeps the database from reading the index of this column: answered boxes
-        # are few, and are found by the index on answers.
+        # "+ 0" prevents the use of an index on this column: answered boxes are few, and
+        # the index on answers finds them.
         return column + 0 if self.wanted.only_answered else column
 
     def _around(
@@ -230,8 +231,8 @@ class BoxOrder:
     ) -> Iterator[tuple[Side, list[ColumnElement[bool]]]]:
         """Each side of each class's thresholds, and the conditions of its boxes.
 
-        For one side of one threshold a margin is a range of the index. With the
-        condition of the filter, every row would be compared with all sides.
+        For one side of one threshold, a margin is a range of the index. The filter's
+        own condition on margins would compare every row with all sides.
         """
         every = [*replace(self.wanted, margin_max=None).conditions(), *conditions]
         for wanted in self._thresholds():
@@ -250,8 +251,8 @@ class BoxOrder:
     def _around_answered(
         self, every: Sequence[ColumnElement[bool]], within: float | None
     ) -> list[Stream]:
-        # Answered boxes are few: to find them by their answers and sort them is quicker
-        # than to walk along the matches past all others.
+        # Answered boxes are few: finding them by their answers and sorting them is
+        # faster than an index scan by match, which reads all others too.
         distances = [
             (
                 and_(
@@ -293,8 +294,8 @@ class BoxOrder:
 class Position(NamedTuple):
     """Where a page ended: its last box, and the stream of that box.
 
-    A cursor encodes these numbers. `tier` and `stream` count the tiers of the order and
-    the streams of the tier, from 0; `score` is what the stream sorts by.
+    A cursor encodes these numbers. `tier` is an index into the tiers of the order,
+    `stream` into the streams of the tier; `score` is the sort key of the stream.
     """
 
     tier: int
@@ -313,11 +314,11 @@ class Stream:
     sign: int = 1
 
     def score(self) -> ColumnElement[float | None]:
-        """The score, which rises along the stream."""
+        """The score, which increases along the stream."""
         return (self.column - self.origin) * self.sign
 
     def beyond(self, number: int, at: Position) -> list[ColumnElement[bool]]:
-        """Conditions for the rows after a position, one of which the index can use."""
+        """Conditions for the rows after a position; the index can use the first."""
         if at.score == float("-inf"):
             return []
         value = self.origin + self.sign * at.score
@@ -331,11 +332,11 @@ class Stream:
         return [bound, or_(score > at.score, and_(score == at.score, later))]
 
     def _last_id(self, number: int, at: Position) -> int:
-        """The box after which rows of the same score are still to come.
+        """The id of the last box returned among the rows with the position's score.
 
-        Streams before the one where the page ended have given all rows of that score,
-        streams after it none. Both are expressed by an id, so that the statement is the
-        same for every page and is compiled once.
+        Streams before the one where the page ended have returned all rows of that
+        score, streams after it none. Both cases are expressed by an id, so that all
+        pages have the same statement, which is compiled once.
         """
         if number == at.stream:
             return at.box_id
@@ -391,20 +392,20 @@ TIERS: Final[Mapping[str, Sequence[Tier]]] = {
     "-match_percent": (lambda order: order.by_match(-1), BoxOrder.unmatched),
     "crowding": (BoxOrder.by_crowding,),
 }
-"""The tiers of each order; one is built only when the ones before it have ended."""
+"""The tiers of each order; a tier is built only when those before it have ended."""
 
 ORDERS: Final = tuple(TIERS)
 WINDOW: Final = 1 << 14
-"""How many ids are searched in their order before all boxes of a range are sorted."""
+"""How many ids are scanned in order before all boxes of a range are sorted instead."""
 
 _NO_STREAM: Final = 1 << 30
-"""A number after those of all streams, for boxes that come from none."""
+"""A number above those of all streams, for boxes that no stream returned."""
 
 START: Final = Position(0, float("-inf"), -1, 0)
 
 
 class BoxPages:
-    """Pages of current decisions by keyset: each begins where the last one ended."""
+    """Keyset pagination of current decisions: pages begin where the last one ended."""
 
     def __init__(self, session: Session, wanted: BoxFilter, present: Present) -> None:
         self._session = session
@@ -436,9 +437,9 @@ class BoxPages:
         return self._merged(asked, at)
 
     def _in_window(self, asked: _TierRequest, at: Position) -> list[Position]:
-        # The index finds the boxes of a range of matches in the order of their matches,
-        # and all of them would be sorted by id for one page. If the range is wide, a
-        # walk along the ids soon finds enough.
+        # The index returns the boxes of a range of matches in order of match, so that
+        # each page would sort all of them by id. If the range is wide, a scan by id
+        # finds enough boxes sooner.
         after = at.box_id if at != START else self._before_first()
         rows = (
             select(Decision.box_id)
@@ -483,7 +484,7 @@ class _TierRequest(NamedTuple):
 
 
 class _Plan(NamedTuple):
-    """The statement that reads a part of a page, and the sign of each stream."""
+    """The statement that reads part of a page, and the sign of each stream."""
 
     query: (
         Select[float | None, int, int] | CompoundSelect[float | None, int, int] | None
@@ -504,8 +505,8 @@ def _page(asked: _TierRequest, at: Position) -> _Plan:
 
 @lru_cache(maxsize=128)
 def _first_page(asked: _TierRequest) -> _Plan:
-    # Cached, since the queue asks for a first page after every answer: building the
-    # statement of some sixty streams takes several times as long as running it.
+    # Cached, since the queue reads a first page after every answer: building the
+    # statement of some sixty streams takes several times as long as executing it.
     return _page(asked, START)
 
 
@@ -516,7 +517,7 @@ def encode(position: Position) -> str:
 
 
 def decode(cursor: str) -> Position:
-    """The position in a cursor; BadCursor if `encode` cannot have made it."""
+    """The position in a cursor; BadCursor for a text that `encode` cannot return."""
     try:
         padded = cursor + "=" * (-len(cursor) % 4)
         tier, score, stream, box_id = json.loads(base64.urlsafe_b64decode(padded))

@@ -1,11 +1,9 @@
-"""Reads stored boxes as columns, and makes the objects of responses from them.
+"""Reads stored boxes as columns, and builds the objects of responses from them.
 
 `DecisionReader` reads boxes, by their ids or by their frames, as `StoredBoxes`:
-columns, each unpacked when it is first asked for. Neighbours, pictures, counts and
-labels need no more. (What a picture of a frame shows of its boxes goes as `DrawnBox` to
-the process that draws: verdict, rectangle, edges.) An object for each box is made where
-it is written to the wire, and nowhere before: by `DecisionReader.records`.
-`stored_decision` says what is in it.
+columns, each unpacked on first use. Neighbours, pictures, counts and labels need only
+columns. Responses need one object per box: `DecisionReader.records` builds them, with
+the fields of `stored_decision`.
 """
 
 from __future__ import annotations
@@ -90,7 +88,7 @@ class AcceptedTag(TypedDict):
 
 
 class CurrentReview(TypedDict):
-    """What a person last said of a box."""
+    """A person's latest answer on a box."""
 
     verdict: str
     reviewer: str
@@ -99,7 +97,7 @@ class CurrentReview(TypedDict):
 
 
 class ServerFields(TypedDict):
-    """What the service adds to a decision of the library."""
+    """The fields that the service adds to a decision of the library."""
 
     box_id: int
     frame_id: int
@@ -116,10 +114,10 @@ class StoredDecision(Decision, ServerFields):
 
 
 class DecidedFrame(NamedTuple):
-    """What the decisions of one frame have in common, beside `FrameFacts`.
+    """The values that all decisions of a frame share, in addition to `FrameFacts`.
 
-    `config` is the digest of the version that `run` applied; `family` that of the
-    segmentation's tags.
+    `config` is the digest of the version that `run` applied; `family` is the palette
+    family of the segmentation's tags.
     """
 
     frame_id: int
@@ -135,9 +133,9 @@ def stored_decision(
     accept_mask: int,
     review: LatestReview | None,
 ) -> StoredDecision:
-    """The wire form of a stored box: a decision, and what the service knows of it.
+    """The wire form of a stored box: a decision and the fields of the service.
 
-    `review` is the latest answer; it may be `clear`, which undoes the one before.
+    `review` is the latest answer; it may be `clear`, which undoes the previous one.
     """
     answer = None if review is None else review.verdict
     return {
@@ -195,7 +193,7 @@ def describe_box(session: Session, box_id: int) -> StoredDecision:
 
 
 def read_box(session: Session, box_id: int) -> tuple[DecisionReader, StoredBoxes]:
-    """One box, and what reads its dataset; NotFound for a box that is not current."""
+    """One box, and the reader of its dataset; NotFound if the box is not current."""
     rows = FrameRepository(session).current_boxes([box_id])
     if not rows.box_ids:
         raise NotFound("box", box_id)
@@ -216,7 +214,7 @@ class DecisionReader:
         self._classes = DatasetRepository(session).classes(dataset.id)
 
     def read_boxes(self, box_ids: Sequence[int]) -> StoredBoxes:
-        """Boxes in the order of their ids here; those that are gone are left out."""
+        """Boxes in the order of `box_ids`; those that no longer exist are left out."""
         return self.read(FrameRepository(self._session).current_boxes(box_ids))
 
     def read_frames(self, frame_ids: Sequence[int]) -> StoredBoxes:
@@ -225,7 +223,7 @@ class DecisionReader:
         return self.read(rows, frame_ids)
 
     def read(self, rows: CurrentBoxes, frame_ids: Sequence[int] = ()) -> StoredBoxes:
-        """Boxes of this dataset, each once, and the evidence of more frames."""
+        """Boxes of this dataset, each once; also reads the evidence of `frame_ids`."""
         frames = EvidenceRepository(self._session).of_frames(
             [*frame_ids, *rows.frame_ids], self._dataset.active_measurement_id or 0
         )
@@ -234,8 +232,8 @@ class DecisionReader:
     def records(self, boxes: StoredBoxes) -> list[StoredDecision]:
         """One object per box, as responses show it.
 
-        What boxes of a frame have in common is asked once per frame, and the database
-        once for all frames.
+        The database is queried once for all boxes; values that all boxes of a frame
+        share are computed once per frame.
         """
         if not len(boxes):
             return []
@@ -264,7 +262,7 @@ class DecisionReader:
         ]
 
     def columns(self, boxes: StoredBoxes) -> DecisionColumns:
-        """What tables of decisions have beside `StoredBoxes.labels`."""
+        """The columns of tables of decisions in addition to `StoredBoxes.labels`."""
         rows, facts = boxes.rows, self._facts(boxes)
         found = decision_columns(
             [facts[frame_id] for frame_id in rows.frame_ids],
@@ -281,7 +279,7 @@ class DecisionReader:
         )
 
     def _facts(self, boxes: StoredBoxes) -> dict[int, FrameFacts]:
-        """What boxes of a frame have in common, by the frame's id."""
+        """The values that all boxes of a frame share, by the frame's id."""
         names = self._names(boxes)
         return {
             key: FrameFacts(
@@ -295,7 +293,7 @@ class DecisionReader:
         }
 
     def _reviews(self, boxes: StoredBoxes) -> Mapping[int, LatestReview]:
-        """The latest answer on each of the boxes that somebody answered."""
+        """The latest answer on each answered box, by the box's id."""
         rows = boxes.rows
         return LatestAnswers(self._session).of(
             box_id
@@ -304,7 +302,7 @@ class DecisionReader:
         )
 
     def _names(self, boxes: StoredBoxes) -> dict[int, dict[int, tuple[str, str]]]:
-        """Id and class of the boxes that explain these, by frame and position in it."""
+        """Id and class of the boxes that explain these, by frame and position there."""
         explaining = boxes.explaining()
         known = dict(zip(boxes.rows.box_ids, boxes.rows.source_ids, strict=True))
         asked = {one.box_id for one in explaining} - known.keys()
@@ -318,7 +316,7 @@ class DecisionReader:
 
 
 class ExplainingBox(NamedTuple):
-    """A box that explains another one of its frame, and its position there."""
+    """A box whose pixels explain another box of its frame, and its position there."""
 
     frame_id: int
     position: int
@@ -328,15 +326,15 @@ class ExplainingBox(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StoredBoxes:
-    """N different boxes of one dataset as columns, each made when first asked for.
+    """N different boxes of one dataset as columns, each computed on first use.
 
     Attributes
     ----------
     rows : CurrentBoxes
     frames : mapping of frame ids to EvidenceRow
-        The packed numbers of their frames; there may be frames without any of them.
+        The packed numbers of their frames, and perhaps of frames without boxes here.
     config : FilterConfig
-        What they are decided by.
+        The configuration that decides them.
     classes : mapping of the dataset's classes to the database's ids
     """
 
@@ -350,7 +348,7 @@ class StoredBoxes:
 
     @cached_property
     def labels(self) -> DecidedBoxes:
-        """What pictures and labels need: rectangles, verdicts, answers."""
+        """The columns for pictures and labels: rectangles, verdicts, answers."""
         lossy = [frame.lossy for frame in self.frames.values()]
         boxes = decided_boxes(
             self.rows.source_ids,
@@ -363,7 +361,7 @@ class StoredBoxes:
         return replace(boxes, answer=np.array(answers, np.uint8))
 
     def rows_by_frame(self) -> dict[int, slice]:
-        """The rows of each frame that has boxes, if these are in order of their ids."""
+        """The rows of each frame that has boxes; the boxes must be in order of id."""
         first, found = 0, {}
         for frame_id, count in Counter(self.rows.frame_ids).items():
             found[frame_id] = slice(first, first + count)
@@ -372,12 +370,12 @@ class StoredBoxes:
 
     @cached_property
     def decisions(self) -> Decisions:
-        """By the active configuration."""
+        """The decisions of the active configuration."""
         return decide(self.evidence, self.config)
 
     @cached_property
     def evidence(self) -> Evidence:
-        """What was measured, without `tag_counts`."""
+        """The evidence, without `tag_counts`."""
         names, ids = list(self.classes), list(self.classes.values())
         found = to_evidence(self._records[self._place], names, ids)
         packed = [frame.channels for frame in self.frames.values()]
@@ -387,13 +385,13 @@ class StoredBoxes:
         return replace(found, channels=channels[self._place])
 
     def evidence_with_tags(self) -> Evidence:
-        """What was measured, with `tag_counts`."""
+        """The evidence, with `tag_counts`."""
         packed = [frame.tag_counts for frame in self.frames.values()]
         counts = unpack_chosen_tag_counts(packed, self._counts, self._place)
         return replace(self.evidence, tag_counts=counts)
 
     def projected(self, *, edges: bool) -> BoxGeometry:
-        """The rectangles of 3D boxes; their edges are None if they are not wanted."""
+        """The rectangles of 3D boxes, and their edges if `edges` is true, else None."""
         rows, boxes = list(self._geometry), list(self._geometry.values())
         amodal, visible = np.full((2, len(self), 4), np.nan)
         lines: list[FloatArray | None] = [None] * len(self)
@@ -408,12 +406,12 @@ class StoredBoxes:
         return BoxGeometry.loaded(amodal, visible, lines)
 
     def rectangles(self) -> list[list[float] | None]:
-        """Corrected; None for a box without a rectangle in the image."""
+        """Corrected rectangles; None for a box without a rectangle in the image."""
         corners: list[list[float]] = self.labels.xyxy.tolist()
         return [None if one[0] != one[0] else one for one in corners]
 
     def tallies(self) -> dict[TallyKey, int]:
-        """How many boxes are alike, by the database's ids of their classes."""
+        """The number of boxes for each combination of values in `TallyKey`."""
         return tallies_of(
             zip(
                 self._records["class_id"][self._place].tolist(),
@@ -425,7 +423,7 @@ class StoredBoxes:
         )
 
     def neighbours(self, row: int) -> list[int]:
-        """Ids of the boxes of its frame that overlap a box."""
+        """Ids of the boxes in the same frame that overlap the box of this row."""
         frame = self.frames[self.rows.frame_ids[row]]
         place = self.rows.box_ids[row] - frame.first_box_id
         xyxy = unpack_numbers([frame.numbers], [frame.box_count])["xyxy"]
@@ -436,7 +434,7 @@ class StoredBoxes:
         return found
 
     def explaining(self) -> list[ExplainingBox]:
-        """The boxes of their frames that explain some of these."""
+        """The boxes of the same frames that explain some of these."""
         channels = self.evidence.channels
         if channels is None:
             return []
@@ -478,7 +476,7 @@ class StoredBoxes:
 
     @cached_property
     def _geometry(self) -> dict[int, Geometry]:
-        """What is stored of those that were sent in three dimensions, by row."""
+        """The stored geometry of boxes that were sent in three dimensions, by row."""
         rows_of: dict[int, list[int]] = {}
         for row, frame_id in enumerate(self.rows.frame_ids):
             if self.frames[frame_id].geometry:

@@ -7,7 +7,7 @@ import threading
 from typing import Annotated
 
 from anyio import CapacityLimiter, to_thread
-from fastapi import Depends, Path, Query, Request, Response
+from fastapi import Depends, Query, Request, Response
 
 from app.access.gate import Audited
 from app.boxes import frames
@@ -25,6 +25,7 @@ from app.http.deps import (
     AppServices,
     CurrentPrincipal,
     DatasetName,
+    FrameKey,
     ReadSession,
     RowId,
     make_room,
@@ -60,16 +61,16 @@ from unghost.wire.words import FileKind
 async def drawn_response(
     request: Request, services: ServiceContext, drawing: Drawing
 ) -> Response:
-    """A picture, drawn unless the browser has it or it was drawn lately.
+    """A picture, drawn unless the browser or the service has it cached.
 
-    As many are drawn at the same time as there are processes for it, and one fewer for
-    one token; the others wait without a thread. A client that leaves ends the drawing
-    of its picture, and so does a stop of the service: it can be asked for again.
+    Each token gets all but one of the places for drawing; further requests wait without
+    using a thread. Drawing is cancelled when the client disconnects or the service
+    stops: the request can be repeated.
     """
     headers = blob_headers(drawing.tag) | {"Cache-Control": REVALIDATE}
     if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    if asks_for_head(request):  # its length alone is not worth drawing it
+    if asks_for_head(request):  # drawing it just for its length would be a waste
         return without_length(Response(media_type=drawing.media_type, headers=headers))
     content = services.one(DrawnPictures).find(drawing.tag)
     if content is None:
@@ -83,12 +84,12 @@ async def drawn_response(
 async def _drawn(
     request: Request, services: ServiceContext, drawing: Drawing
 ) -> bytes | None:
-    """The picture itself; None if nobody waits for it any more.
+    """The picture itself; None if the client has disconnected.
 
     Raises
     ------
     NotReady
-        The service stops.
+        The service is stopping.
     """
     given_up = threading.Event()
     drawn = asyncio.ensure_future(_draw(request, services, drawing, given_up))
@@ -138,7 +139,7 @@ def list_boxes(
     services: AppServices,
     query: Annotated[BoxListQuery, Query()],
 ) -> Response:
-    """Boxes of a dataset by id, doubt, match or crowding."""
+    """Boxes of a dataset, sorted by id, doubt, match or crowding."""
     dataset = DatasetRepository(session).named(query.dataset)
     selection = selection_of(query)
     wanted = to_filter(session, dataset, selection)
@@ -244,7 +245,7 @@ def get_file(
     known = known_response(request, file.sha256)
     if known is not None:
         return known
-    if asks_for_head(request):  # its content is compared with its hash by a GET
+    if asks_for_head(request):  # only a GET compares the content with its hash
         blob = services.storage.open(file.sha256, size_bytes=file.size_bytes)
         return file_response(request, blob, file.sha256, file.media_type)
     blob = services.storage.open_verified(file.sha256, size_bytes=file.size_bytes)
@@ -252,8 +253,6 @@ def get_file(
 
 
 frames_router = ApiRouter(prefix="/api/v1", tag="frames")
-
-FrameKey = Annotated[str, Path(max_length=2000)]
 
 
 @frames_router.get("/datasets/{dataset}/frames", response_model=Page[FrameSummary])
@@ -263,7 +262,7 @@ def list_frames(
     session: ReadSession,
     query: Annotated[FrameListQuery, Query()],
 ) -> Response:
-    """Frames by key or arrival; with filters on boxes, those that have such a box."""
+    """Frames by key or id; with filters on boxes, only frames that have such a box."""
     found = DatasetRepository(session).named(dataset)
     selection = selection_of(query)
     boxes = to_filter(session, found, selection) if selection.selects() else None
@@ -292,7 +291,7 @@ def delete_frame(
     principal: CurrentPrincipal,
     audit: Audited,
 ) -> Response:
-    """Delete a frame with all its revisions and answers; others' need an admin."""
+    """Delete a frame with all revisions and answers; an admin, if others answered."""
     begin_as_work(audit.session)
     found = DatasetRepository(audit.session).named(dataset)
     frames.remove_frame(audit, principal, found, key)

@@ -1,9 +1,9 @@
-"""Selects all boxes of a filter for one answer, if they are still as somebody saw them.
+"""Selects all boxes of a filter for a bulk review, if they are as the client saw them.
 
 A list is sent with a *snapshot* of its filter: how many boxes it selects, and the ids
-of the newest box, answer and run. Ids only grow. So if the filter selects as many boxes
-later, and none of them is newer than the snapshot, they are the same boxes in the same
-state; no list of them has to be kept.
+of the newest box, answer and run. Ids only grow. So if the filter later selects as many
+boxes, and none of them is newer than the snapshot, they are the same boxes in the same
+state. The service need not store which boxes were listed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from filter_core.types import IntArray
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What a filter selected at one moment; `filters` is the digest of the filter."""
+    """The state of a filter's boxes at one time; `filters` is the filter's digest."""
 
     filters: str
     total: int
@@ -49,14 +49,14 @@ class Snapshot:
             return cls(str(filters), *(_stored(number) for number in numbers))
         except (ValueError, TypeError, OverflowError, RecursionError) as error:
             raise Unprocessable(
-                "snapshot: expected one that a list of boxes was answered with, found "
+                "snapshot: expected one from the response of a list of boxes, found "
                 f"{text[:80]!r}",
                 code="bad_snapshot",
             ) from error
 
 
 def _stored(number: int | str) -> int:
-    """A number as a database stores it; ValueError for any other."""
+    """A number that a database can store as an id; ValueError for any other."""
     whole = int(number)
     if not 0 <= whole < 2**63:
         raise ValueError("expected a number from 0 to 2**63 - 1")
@@ -66,7 +66,7 @@ def _stored(number: int | str) -> int:
 def take_snapshot(
     session: Session, dataset: Dataset, wanted: Selection, total: int
 ) -> str:
-    """The state of a filter that selects `total` boxes, to be answered later."""
+    """The snapshot of a filter that selects `total` boxes, as text for the wire."""
     return _snapshot(session, dataset, wanted, total).encoded()
 
 
@@ -77,16 +77,16 @@ def select_boxes(
     wanted: Selection,
     seen: str,
 ) -> list[int]:
-    """All boxes of a filter, if they are those of a snapshot and as they were then.
+    """All boxes of a filter, if nothing has changed since the snapshot `seen`.
 
     Raises
     ------
     Unprocessable
-        The snapshot is of another filter, or none at all.
+        The snapshot is invalid, or of another filter.
     StaleSnapshot
-        A box came, went, was decided anew or was answered since.
+        A box was added, removed, decided again or answered since.
     TooLarge
-        More boxes than one act may answer.
+        The filter selects more boxes than one bulk review may change.
     """
     before = Snapshot.decoded(seen)
     boxes = to_filter(session, dataset, wanted)
@@ -128,7 +128,7 @@ def _snapshot(
 
 
 def _digest(dataset: Dataset, wanted: Selection) -> str:
-    """Names a filter by what was asked for: what it selects may change."""
+    """Identifies a filter by its parameters, since the boxes it selects may change."""
     given = {key: value for key, value in asdict(wanted).items() if value is not None}
     asked: dict[str, object] = {"dataset": dataset.id, "filter": given}
     return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:16]
@@ -139,7 +139,7 @@ def _ids(session: Session, boxes: BoxFilter) -> IntArray:
 
 
 def _changed(session: Session, ids: IntArray, before: Snapshot, now: Snapshot) -> int:
-    """How many of these boxes are not as they were: new, decided anew, or answered."""
+    """How many of these boxes are new, or were decided again or answered since."""
     if now.run != before.run:
         return len(ids)
     changed = ids > before.last_box

@@ -1,1 +1,1 @@
-"""Datasets: made, changed, described, removed."""
+"""Datasets: creating, changing, describing and deleting them."""

@@ -1,4 +1,4 @@
-"""Datasets, and everything that is counted over one."""
+"""Routes of datasets and their statistics."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from unghost.wire.runs import Run
 router = ApiRouter(prefix="/api/v1", tag="datasets")
 
 Confirmation = Annotated[
-    str | None, Query(description="The dataset's name once more; nothing else will do.")
+    str | None, Query(description="The dataset's name again, as a confirmation.")
 ]
 
 
@@ -60,7 +60,7 @@ def create_dataset(
     services: AppServices,
     audit: Audited,
 ) -> wire.Dataset:
-    """Make a dataset; its first configuration is the service's own."""
+    """Create a dataset; its first configuration is the service's default."""
     reading = DatasetReading(
         name=body.name,
         palette=body.palette,
@@ -81,7 +81,7 @@ def create_dataset(
 
 @router.get("/datasets/{dataset}", response_model=wire.Dataset)
 def get_dataset(dataset: DatasetName, session: ReadSession) -> wire.Dataset:
-    """A dataset and where it stands."""
+    """A dataset with its settings and counts."""
     found = DatasetRepository(session).named(dataset)
     return datasets.describe_dataset(session, found)
 
@@ -89,7 +89,7 @@ def get_dataset(dataset: DatasetName, session: ReadSession) -> wire.Dataset:
 @router.patch(
     "/datasets/{dataset}",
     response_model=wire.Dataset,
-    responses={202: {"model": Run, "description": "Measured again first."}},
+    responses={202: {"model": Run, "description": "A run measures all frames again."}},
 )
 def change_dataset(
     dataset: DatasetName,
@@ -98,7 +98,7 @@ def change_dataset(
     services: AppServices,
     audit: Audited,
 ) -> wire.Dataset | Response:
-    """Change a dataset; how segmentations are read changes by a run (202)."""
+    """Change a dataset; a change in how segmentations are read starts a run (202)."""
     found = DatasetRepository(session).named(dataset)
     changes = body.model_dump(exclude_unset=True)
     if body.ignore_mask is not None:
@@ -129,7 +129,7 @@ def delete_dataset(
 
 @router.get("/datasets/{dataset}/stats", response_model=wire.Stats)
 def get_stats(dataset: DatasetName, session: ReadSession) -> wire.Stats:
-    """Everything that can be counted without looking at a box."""
+    """The counts of a dataset, from its tallies."""
     return datasets.statistics(session, DatasetRepository(session).named(dataset))
 
 
@@ -149,14 +149,14 @@ def get_histogram(
 def list_problems(
     dataset: DatasetName, wanted: Newest, session: ReadSession
 ) -> Response:
-    """Frames that were refused and have not come in since, newest first."""
+    """Frames that were refused and have not been stored since, newest first."""
     found = DatasetRepository(session).named(dataset)
     rows = ProblemRepository(session).page(found.id, wanted.page)
     return wanted.response(rows, _refused)
 
 
 def _stored(mask: wire.IgnoreMask | None) -> dict[str, object] | None:
-    """The form that was given; a picture needs a header that can be read."""
+    """An ignore mask as it is stored; a PNG must have a valid header."""
     if mask is None:
         return None
     if mask.png is not None:

@@ -1,4 +1,4 @@
-"""Datasets: made with a configuration, described with their counts, changed by runs."""
+"""Creates, changes, deletes and describes datasets."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ CARLA_CLASSES: Final = (
     "walker",
     "traffic_light",
 )
-"""The classes of a dataset that names none, in the order of its exports."""
+"""The classes of a dataset that is created without any, in the order of its exports."""
 
 
 @dataclass(frozen=True)
 class NewDataset:
-    """A dataset as it was asked for."""
+    """A dataset to be created."""
 
     reading: DatasetReading
     description: str
@@ -56,7 +56,7 @@ class NewDataset:
 
 
 def create_dataset(session: Session, wanted: NewDataset) -> Dataset:
-    """A dataset with its first configuration active and nothing in it."""
+    """Create an empty dataset with its first configuration active."""
     reading, config, author = wanted.reading, wanted.config, wanted.author
     plan = plan_for(reading, config)
     dataset = DatasetRepository(session).add(
@@ -98,10 +98,10 @@ def change_dataset(
     changes: Mapping[str, Any],
     author: str,
 ) -> Run | None:
-    """Change the description at once; what is read otherwise is measured again first.
+    """Change the description at once, and settings of reading by the returned run.
 
-    The dataset's settings change when that run is done, so that they always say how its
-    current numbers were read.
+    The run measures all frames again. The dataset's settings change when it is done, so
+    that they always describe how the current numbers were read.
     """
     if "description" in changes:
         DatasetRepository(session).change(
@@ -121,26 +121,27 @@ def change_dataset(
 def remove_dataset(
     context: ServiceContext, session: Session, name: str, confirmed: str | None
 ) -> Dataset:
-    """Delete a dataset with everything in it; its blobs stay until they are swept.
+    """Delete a dataset with everything in it; its blobs stay until garbage collection.
 
-    Nobody sees it from the commit on. Its rows go bit by bit after that. The session
-    must not have run a statement: the first one waits for the final step of a run, and
-    that of this dataset is to end before. So its jobs are read in a session of its own.
+    The dataset is hidden from the commit on, and its rows are deleted in small steps
+    after that. Its jobs are interrupted first, and read by a session of their own:
+    `session` must be unused, since its first statement waits for the turn to write,
+    which a run of this dataset may hold during its last step.
 
     Raises
     ------
     NotFound
         There is no such dataset.
     BadRequest
-        The name was not said once more.
+        `confirmed` is not the dataset's name.
     """
     with context.database.read() as before:
         dataset = DatasetRepository(before).named(name)
         if confirmed != name:
             found = "nothing" if confirmed is None else repr(confirmed)
             raise BadRequest(
-                f"deleting dataset {name!r} takes all its frames and answers along "
-                f"and cannot be undone; expected ?confirm={name}, found {found}",
+                f"deleting dataset {name!r} deletes all its frames and answers and "
+                f"cannot be undone; expected ?confirm={name}, found {found}",
                 code="not_confirmed",
             )
         jobs = all_open_jobs(before, dataset.id)
@@ -181,7 +182,7 @@ def describe_dataset(session: Session, dataset: Dataset) -> wire.Dataset:
 
 
 def statistics(session: Session, dataset: Dataset) -> wire.Stats:
-    """Everything that can be counted without looking at a box."""
+    """The counts of a dataset, from its tallies."""
     counts = count(TallyRepository(session).of_dataset(dataset.id))
     names = {
         key: name

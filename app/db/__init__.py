@@ -1,1 +1,1 @@
-"""Tables, and how to open the database."""
+"""The database: its tables, connections, migrations and transactions."""

@@ -1,4 +1,4 @@
-"""What all tables share: key type, UTC times, JSON text and names of constraints."""
+"""Shared by all tables: type of keys, UTC times, JSON text and constraint names."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sqlalchemy.engine import Dialect
 from sqlalchemy.orm import DeclarativeBase
 
 Key = BigInteger().with_variant(Integer, "sqlite")
-"""64-bit keys; SQLite only auto-numbers a column that is called INTEGER."""
+"""64-bit keys; SQLite assigns ids only to a column of the type INTEGER."""
 
 
 MAX_ID: Final = 2**63 - 1
@@ -42,7 +42,7 @@ class UtcDateTime(TypeDecorator[datetime]):
 
 
 class JsonText(TypeDecorator[object]):
-    """JSON stored as text: readable in any shell, and equal on every database."""
+    """JSON stored as text: readable in any shell, and the same on every database."""
 
     impl = Text
     cache_ok = True

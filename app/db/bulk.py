@@ -1,4 +1,4 @@
-"""Many rows at once, without the cost that the ORM and Core add to each of them."""
+"""Statements on many rows, without SQLAlchemy's overhead for each row."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ if TYPE_CHECKING:
 
 MAX_PARAMETERS: Final = 10_000
 COPY_FROM_ROWS: Final = 2
-"""From this many rows on COPY is used: see benchmarks/bench_postgres.py."""
+"""COPY is used from this many rows on: see benchmarks/bench_postgres.py."""
 ROWS_AT_A_TIME: Final = 10_000
-"""Rows of one statement, some tens of milliseconds: then `written` is called."""
+"""Rows per statement: some tens of milliseconds, after which `written` is called."""
 Upsert: TypeAlias = postgresql.Insert | sqlite.Insert
-"""An insert of either dialect, which has ``on_conflict_do_...``."""
+"""An INSERT of either dialect, with ``on_conflict_do_...``."""
 Written = Callable[[int], None]
 """Called with the number of rows that were just written; it may raise to stop."""
 
@@ -63,7 +63,7 @@ def execute_many(
     columns: Mapping[str, Sequence[object]],
     written: Written | None = None,
 ) -> None:
-    """Run an insert or update once per row of `columns`, named as its parameters.
+    """Execute an insert or update once per row of `columns`, named as its parameters.
 
     The statement is compiled once and goes to the driver with plain tuples: Core builds
     a dictionary per row and costs four times as much at a million rows.
@@ -113,7 +113,7 @@ def update_rows(
 
 
 def chunks(ids: Iterable[int]) -> Iterator[list[int]]:
-    """Ids in lists no longer than the parameters that a statement may have."""
+    """Ids in lists of at most `MAX_PARAMETERS`, to pass them to statements."""
     source = iter(ids)
     while portion := list(islice(source, MAX_PARAMETERS)):
         yield portion
@@ -130,9 +130,9 @@ def run(
 def run(
     session: Session, statement: Executable, **values: object
 ) -> CursorResult[Unpack[tuple[object, ...]]]:
-    """Run a statement that is built once, without SQLAlchemy's work around it.
+    """Execute a cached statement by the driver, without SQLAlchemy's overhead.
 
-    The values of its rows are the driver's, so they should be numbers and text.
+    Result values are not converted, so they should be numbers and text.
     """
     return _run(session.connection(), statement, frozenset(), [values])
 
@@ -140,7 +140,7 @@ def run(
 def first_row(
     engine: Engine, statement: Executable, **values: object
 ) -> tuple[object, ...] | None:
-    """One row of a statement that needs no transaction, with values as of `run`.
+    """One row of a statement that needs no transaction; values as in `run`.
 
     A session and a transaction would cost several times as much as the statement.
     """
@@ -158,7 +158,7 @@ def first_row(
 def run_each(
     session: Session, statement: Executable, rows: Sequence[Mapping[str, object]]
 ) -> None:
-    """As `run`, once per row; all of them have the columns of the first."""
+    """As `run`, once per row; all rows have the columns of the first."""
     if rows:
         _run(session.connection(), statement, frozenset(rows[0]), rows)
 
@@ -200,7 +200,7 @@ def insert_columns(
 def copy_in(
     session: Session, model: type[Base], rows: Sequence[Mapping[str, object]]
 ) -> None:
-    """As `insert_rows`, by PostgreSQL's COPY, however few rows there are."""
+    """As `insert_rows`, always by PostgreSQL's COPY."""
     connection = session.connection()
     compiled = _compile(_insert(model), frozenset(rows[0]), connection.dialect)
     names = list(rows[0])
@@ -211,12 +211,12 @@ def copy_in(
 
 @dataclass(frozen=True)
 class _Compiled:
-    """A statement compiled for the driver, and how its parameters are passed.
+    """A statement compiled for the driver, and how to pass its parameters.
 
-    `order` names the parameters in order; it is empty if the driver takes them by name.
-    `fixed` are parameters with a value in the statement itself. `conversions` are those
-    that the driver does not take as they are (times, JSON), with a function for each.
-    `in_order` picks the values of `order` from a row, if there are several.
+    `order` has the names of positional parameters; it is empty if they are passed by
+    name. `fixed` are parameters with a value in the statement itself. `conversions` are
+    parameters that need converting for the driver (times, JSON), with a function each.
+    `in_order` gets the values of `order` from a row, if there are several.
     """
 
     text: str
@@ -228,7 +228,7 @@ class _Compiled:
     def parameters(
         self, row: Mapping[str, object]
     ) -> tuple[object, ...] | Mapping[str, object]:
-        """The parameters of one row, as the driver takes them."""
+        """The parameters of one row in the form that the driver expects."""
         row = self.named(row)
         if self.in_order is not None:
             return self.in_order(row)
@@ -267,7 +267,7 @@ def _compile(
     changes = {
         name: bind.type.dialect_impl(dialect).bind_processor(dialect)
         for name, bind in binds.items()
-        # Both drivers take True and False, and the check of each would take time.
+        # Both drivers accept True and False, and checking each would take time.
         if not isinstance(bind.type, Boolean)
     }
     order = tuple(cast("SQLCompiler", compiled).positiontup or ())
@@ -286,7 +286,7 @@ def upsert(session: Session, model: type[Base]) -> Upsert:
 
 
 def upsert_in(dialect: str, model: type[Base]) -> Upsert:
-    """As `upsert`, by the dialect's name: for statements that are built once."""
+    """As `upsert`, by the dialect's name: for cached statements."""
     if dialect == "postgresql":
         return postgresql.insert(_table(model))
     return sqlite.insert(_table(model))
@@ -324,7 +324,7 @@ def copy_rows(
     Raises
     ------
     SQLAlchemyError
-        What an insert of the same rows would raise.
+        As an insert of the same rows would raise.
     """
     quote = connection.dialect.identifier_preparer.quote
     columns = ", ".join(map(quote, names))
@@ -339,7 +339,7 @@ def copy_rows(
 
 
 def update_from_arrays(table: Table, key: str, names: Sequence[str]) -> Update:
-    """Set columns of rows by their keys; its parameters are arrays, ``every_NAME``."""
+    """An update of rows by key, with arrays named ``every_NAME`` as parameters."""
     every = (key, *names)
     sent = func.unnest(
         *(bindparam(f"every_{name}", type_=ARRAY(table.c[name].type)) for name in every)
@@ -354,7 +354,7 @@ def update_from_arrays(table: Table, key: str, names: Sequence[str]) -> Update:
 
 @contextmanager
 def translated(dialect: Dialect, statement: str) -> Iterator[None]:
-    """Raise the driver's errors as SQLAlchemy's, as if it had run the statement."""
+    """Raise the driver's errors as the errors of SQLAlchemy that wrap them."""
     failure = dialect.loaded_dbapi.Error
     try:
         yield
@@ -368,21 +368,21 @@ Row = TypeVar("Row", ConfigVersion, Export, Problem, Run)
 
 
 def id_of_cursor(cursor: str) -> int:
-    """The id in a cursor of a list by id; BadCursor if it is none."""
+    """The id in a cursor of a list by id; BadCursor if it is not an id."""
     if not cursor.isascii() or not cursor.isdecimal() or not 0 < int(cursor) <= MAX_ID:
         raise BadCursor(cursor)
     return int(cursor)
 
 
 def name_of_cursor(cursor: str) -> str:
-    """The name in a cursor of a list by name; BadCursor if no name can be this."""
+    """The name in a cursor of a list by name; BadCursor if it cannot be a name."""
     if any(unicodedata.category(character).startswith("C") for character in cursor):
         raise BadCursor(cursor)
     return cursor
 
 
 class NewestPage(NamedTuple):
-    """A page of rows, newest first: those before an id (None: the newest)."""
+    """A page of rows, newest first: the rows before an id (None: the first page)."""
 
     before_id: int | None
     limit: int
@@ -391,7 +391,7 @@ class NewestPage(NamedTuple):
 def newest(
     session: Session, table: type[Row], dataset_id: int, page: NewestPage
 ) -> list[Row]:
-    """The rows of a page, and one more if there is a page after it."""
+    """The rows of a page, and one more if there is a next page."""
     rows = select(table).where(table.dataset_id == dataset_id)
     if page.before_id is not None:
         rows = rows.where(table.id < page.before_id)

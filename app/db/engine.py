@@ -1,4 +1,4 @@
-"""Opening the database: one engine, sessions that read and write, and locks."""
+"""The database: its engine, sessions that read or write, and locks."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ BUSY_TIMEOUT_MS: Final = 30_000
 KEPT_CONNECTIONS: Final = 16
 MOST_CONNECTIONS: Final = 48
 CACHE_KIB: Final = 4 * 1024
-"""Of each connection. The rest is in the system's page cache, which all share."""
+"""Page cache of each connection; all share the operating system's page cache."""
 WRITER_CACHE_KIB: Final = 64 * 1024
-"""Of the connection that writes, while it does: it holds the pages it has changed."""
+"""Page cache of the connection that is writing, which holds the changed pages."""
 WAL_PAGES: Final = 16_384
 """Pages in the write-ahead log at which a checkpoint is made: 64 MiB."""
 
 STEPS_BETWEEN_CHECKS: Final = 100_000
-"""Instructions of SQLite's virtual machine between two calls of `stop`: some ms."""
+"""Instructions of SQLite's virtual machine, some ms, between two calls of `stop`."""
 _USE_READER_CACHE: Final = f"PRAGMA cache_size=-{CACHE_KIB}"
 _USE_WRITER_CACHE: Final = f"PRAGMA cache_size=-{WRITER_CACHE_KIB}"
 _HAS_WRITER_CACHE: Final = "has the cache of a writer"
@@ -50,7 +50,7 @@ def make_engine(url: str, turns: Turns | None = None) -> Engine:
     turns = turns or Turns()
     if parsed.get_backend_name() == "postgresql":
         return make_postgres_engine(parsed, turns=turns)
-    # Errors quote their statement, but not its parameters, which people wrote.
+    # Errors quote their statement, but not its parameters, which contain users' data.
     engine = create_engine(
         parsed,
         pool_size=KEPT_CONNECTIONS,
@@ -65,7 +65,7 @@ def make_engine(url: str, turns: Turns | None = None) -> Engine:
 
 
 def _prepare_sqlite(connection: DBAPIConnection, _record: object) -> None:
-    # The driver would begin transactions only before the first write, and deferred.
+    # Otherwise the driver begins transactions itself: deferred, before the first write.
     connection.isolation_level = None
     for pragma in (
         "journal_mode=WAL",
@@ -80,14 +80,14 @@ def _prepare_sqlite(connection: DBAPIConnection, _record: object) -> None:
 
 
 def _begin_sqlite(connection: Connection) -> None:
-    # A transaction that starts by reading and writes later can fail at once with
-    # "database is locked", whatever the time-out: writers take their place first.
+    # A transaction that reads before it writes can fail at once with "database is
+    # locked", regardless of the timeout: writers take the lock when they begin.
     if connection.get_execution_options().get("writes", False):
         connection.connection.cursor().execute(_USE_WRITER_CACHE)
         connection.info[_HAS_WRITER_CACHE] = True
         connection.exec_driver_sql("BEGIN IMMEDIATE")
         return
-    # By the driver itself, which is quicker: every request reads.
+    # By the driver itself, which is faster: every request reads.
     driver = connection.connection.cursor()
     driver.execute("BEGIN")
     driver.close()
@@ -97,20 +97,20 @@ def _shrink_cache(
     connection: DBAPIConnection | None, record: ConnectionPoolEntry
 ) -> None:
     is_large = record.info.pop(_HAS_WRITER_CACHE, False)
-    if is_large and connection is not None:  # else it was lost
+    if is_large and connection is not None:  # None if the connection was lost
         connection.cursor().execute(_USE_READER_CACHE)
 
 
 def once_committed(session: Session, call: Callable[[], None]) -> None:
-    """Have `call` called once a session of `Database.write` is committed."""
+    """Call `call` after a session of `Database.write` has been committed."""
     session.info.setdefault(_ONCE_COMMITTED, []).append(call)
 
 
 def begin_as_work(session: Session) -> None:
-    """Begin the transaction of a session of `Database.write` as work, not as a person.
+    """Begin the transaction of a session of `Database.write` with low priority.
 
-    For acts on many boxes, which may take long: single answers that wait are stored
-    before them. To be called before its first statement.
+    For actions on many boxes, which may take long: single answers that wait are stored
+    first. Call it before the first statement of the session.
     """
     session.connection(execution_options={"person": False})
 
@@ -144,8 +144,8 @@ class Database:
         """A session that may write: committed at the end, rolled back on an exception.
 
         The transaction begins with the first statement, which waits for its turn; work
-        done before that holds no lock. What a `person` waits for comes before other
-        work.
+        done before that holds no lock. Set `person` if a person waits for the result:
+        such transactions come before others.
         """
         bind = self._person if person else self._writer
         with (
@@ -158,7 +158,7 @@ class Database:
 
     @contextmanager
     def write_beside(self) -> Iterator[Session]:
-        """As `write`, for rows that concern no other transaction.
+        """As `write`, for rows that no other transaction uses.
 
         On PostgreSQL it does not wait for its turn. On SQLite it does, as only one
         transaction can write there.
@@ -172,14 +172,14 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        """A session for reading one consistent state."""
+        """A session that reads one consistent snapshot."""
         with Session(self._reader, expire_on_commit=False, autoflush=False) as session:
             yield session
 
     def check_pages(self, stop: Callable[[], bool]) -> bool:
         """Check all pages of SQLite's file; False if `stop` ended it early.
 
-        If pages are damaged, `damage` says so afterwards.
+        If pages are damaged, `damage` is set.
         """
         with self.engine.connect() as connection:
             driver = connection.connection
@@ -195,7 +195,7 @@ class Database:
                 if "interrupted" in str(exc.orig):
                     return False
                 raise
-            except DatabaseError:  # noted already, as damage or not
+            except DatabaseError:  # `_note_damage` was called for it
                 if self.damage is None:
                     raise
                 return True
@@ -206,7 +206,7 @@ class Database:
         return True
 
     def _first_damage(self, ask: Ask) -> str:
-        """SQLite's first complaint; empty if all pages are intact."""
+        """SQLite's first error; empty if all pages are intact."""
         try:
             ((found,),) = ask("PRAGMA quick_check(1)")
         except DatabaseError:
@@ -221,7 +221,7 @@ class Database:
             self.damage = self.damage or text
 
     def checkpoint(self) -> None:
-        """Copy SQLite's write-ahead log into the database, so that it begins anew."""
+        """Copy SQLite's write-ahead log into the database file, so that it restarts."""
         if self.file is None:
             return
         with self.engine.connect() as connection:
@@ -241,13 +241,13 @@ class Database:
 
 
 _MIGRATION: Final = (
-    0x756E67686F7374  # "unghost" in ASCII; any number that no other lock has
+    0x756E67686F7374  # "unghost" in ASCII; must differ from the keys of other locks
 )
 
 
 @contextmanager
 def migrating_alone(engine: Engine) -> Iterator[None]:
-    """Let one process migrate while others wait.
+    """Hold a lock in the block, so that only one process migrates at a time.
 
     On SQLite the migration's own transaction is the lock.
     """
@@ -263,10 +263,10 @@ def migrating_alone(engine: Engine) -> Iterator[None]:
 
 
 def keep_turn(session: Session) -> None:
-    """Let this transaction be idle for as long as it needs.
+    """Disable the idle timeout of this transaction.
 
-    For one that removes files: if PostgreSQL ended it as idle, another transaction
-    could begin to refer to these files.
+    For a transaction that removes files: if PostgreSQL ended it as idle, another
+    transaction could add references to these files.
     """
     if session.connection().dialect.name == "postgresql":
         named = "idle_in_transaction_session_timeout"

@@ -16,7 +16,7 @@ from app.db.base import Base
 from app.db.postgres import make_postgres_engine
 
 PAGES_AT_A_TIME: Final = 4096
-"""16 MiB: after so much, a copy reports its progress."""
+"""A copy reports its progress after each 16 MiB."""
 MOST_PROBLEMS: Final = 20
 _REFERENCED: Final = (
     "SELECT sha256 FROM frame_files "
@@ -25,9 +25,9 @@ _REFERENCED: Final = (
 _MEMORY: Final = ("", ":memory:")
 
 _CHECKS_TABLES: Final = (3, 33)
-"""From this version on SQLite can check one table alone."""
+"""SQLite can check a single table from this version on."""
 _CONSEQUENCES: Final = ("***", "is never used")
-"""Parts of complaints about pages that are only unreachable, as another is damaged."""
+"""Parts of messages about pages that are only unreachable because of a damaged one."""
 
 Ask = Callable[[str], "list[tuple[object, ...]]"]
 """Runs a statement and returns its rows."""
@@ -43,9 +43,9 @@ def sqlite_file(url: str) -> Path | None:
 
 
 def copy_database(source: Path, target: Path, advance: Advance) -> None:
-    """Copy a SQLite database as it is now, while others go on writing to it.
+    """Copy a snapshot of a SQLite database while others may write to it.
 
-    The copy is one file that needs no log beside it.
+    The copy is a single file, without a write-ahead log.
     """
     with (
         closing(sqlite3.connect(_uri(source, "rw"), uri=True)) as database,
@@ -53,7 +53,7 @@ def copy_database(source: Path, target: Path, advance: Advance) -> None:
     ):
         database.isolation_level = None
         database.execute("PRAGMA busy_timeout=30000")
-        # One transaction for the whole copy: else each commit would begin it anew.
+        # One transaction for the whole copy: otherwise each commit would restart it.
         database.execute("BEGIN")
         database.execute("SELECT count(*) FROM sqlite_master").fetchone()
         database.backup(
@@ -66,7 +66,7 @@ def copy_database(source: Path, target: Path, advance: Advance) -> None:
 
 
 def problems_of(file: Path) -> list[str]:
-    """Faults of a SQLite file that nobody else uses; empty if there are none.
+    """Faults of a SQLite file that no other process uses; empty if there are none.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def problems_of(file: Path) -> list[str]:
 
 
 def revision_of(file: Path) -> str | None:
-    """The schema revision of a SQLite file that nobody else uses; or None."""
+    """The schema revision of a SQLite file that no other process uses, or None."""
     with closing(sqlite3.connect(_uri(file, "ro"), uri=True)) as database:
         try:
             row = database.execute("SELECT version_num FROM alembic_version").fetchone()
@@ -88,7 +88,7 @@ def revision_of(file: Path) -> str | None:
 
 
 def referenced_files(file: Path) -> set[str]:
-    """Digests of all blobs that a SQLite file refers to, whatever its schema."""
+    """Digests of all blobs that a SQLite file of any schema version refers to."""
     with closing(sqlite3.connect(_uri(file, "ro"), uri=True)) as database:
         return {row[0] for row in database.execute(_REFERENCED)}
 
@@ -111,7 +111,7 @@ def problems_in(engine: Engine) -> list[str]:
 
 
 def damaged_tables(ask: Ask) -> list[str]:
-    """The tables of a SQLite database that cannot be read whole, and why not.
+    """The tables of a SQLite database that cannot be read completely, and why not.
 
     Raises
     ------
@@ -148,9 +148,9 @@ def _problems(ask: Ask) -> Iterator[str]:
 
 @contextmanager
 def read_only_engine(url: str) -> Iterator[Engine]:
-    """An engine that only reads, and creates no database.
+    """A read-only engine, which creates no database.
 
-    On a file system that cannot be written, a SQLite file is read without its log.
+    On a read-only file system, a SQLite file is read without its write-ahead log.
     """
     file = sqlite_file(url)
     if file is None:
@@ -172,7 +172,7 @@ def _opens(file: Path) -> bool:
     except sqlite3.OperationalError:
         return False
     except sqlite3.DatabaseError:
-        return True  # damaged, which is found when it is read
+        return True  # it is damaged, which later reads report
     return True
 
 
@@ -203,7 +203,7 @@ class ForeignKey(NamedTuple):
 
 
 def connection_fault(engine: Engine) -> str:
-    """Why a database does not answer; empty if it does. It contains no password."""
+    """Why a database does not respond; empty if it does. It contains no password."""
     try:
         with engine.connect() as connection:
             connection.exec_driver_sql("SELECT 1")
@@ -221,7 +221,7 @@ def version_of(engine: Engine) -> str:
 
 
 def not_durable(engine: Engine) -> list[str]:
-    """Settings of the server with which a power cut may lose committed data."""
+    """Settings of the server by which a power failure may lose committed data."""
     with engine.connect() as connection:
         found = {
             name: connection.exec_driver_sql(f"SHOW {name}").scalar_one()
@@ -231,9 +231,9 @@ def not_durable(engine: Engine) -> list[str]:
 
 
 def broken_keys(engine: Engine) -> list[str]:
-    """Rows that refer to missing rows, and foreign keys that are missing themselves.
+    """Rows that refer to missing rows, and missing foreign keys.
 
-    PostgreSQL enforces keys, unless that was turned off or a restore stopped early.
+    PostgreSQL enforces foreign keys, unless that was turned off or a restore failed.
     """
     with engine.connect() as connection:
         there = list(_keys(connection))

@@ -1,8 +1,8 @@
 """Migrates a database to the schema that this version needs.
 
-A migration is a file in ``versions``, called by its revision: ``0002_name.py`` follows
-on ``0001_name.py``. Alembic runs them. It is imported only if there are some to run,
-since it takes eight megabytes that a service does not need afterwards.
+A migration is a file in ``versions``, named by its revision: ``0002_name.py`` follows
+``0001_name.py``. Alembic runs them. It is imported only if there are migrations to run,
+since it takes eight megabytes of memory.
 """
 
 from __future__ import annotations
@@ -19,20 +19,21 @@ _MAY_LOSE: Final = "may_lose"
 
 
 class WouldLose(Exception):
-    """A downgrade would delete what people made; the text says what, and how much."""
+    """A downgrade would delete rows that people made; the text says how many."""
 
 
 def migrate(
     engine: Engine, scripts: Path, revision: str = "head", *, may_lose: bool = False
 ) -> None:
-    """Upgrade (or downgrade) to a revision, in one transaction, all or nothing.
+    """Upgrade or downgrade to a revision, in one transaction.
 
-    Raises `WouldLose` where a downgrade would drop a table with rows that people made,
-    such as the audit log, unless it `may_lose` them.
+    Raises `WouldLose` if a downgrade would drop a table with rows that people made,
+    such as the audit log, unless `may_lose` is true.
 
-    SQLite rebuilds a table to change it, and with foreign keys on that would silently
-    delete the rows of its children: they are off meanwhile and checked afterwards.
-    That takes seconds for millions of rows: nothing is done if the revision is reached.
+    SQLite rebuilds a table to change it, which with foreign keys on would silently
+    delete the rows of its children: foreign keys are off meanwhile, and checked
+    afterwards. The check takes seconds for millions of rows, so a database that is at
+    the revision already is left alone.
     """
     wanted = {"head": head_revision(scripts), "base": None}.get(revision, revision)
     if wanted is not None and wanted == current_revision(engine):
@@ -68,7 +69,7 @@ def is_known(scripts: Path, revision: str) -> bool:
 
 
 def refuse_to_lose(table: str) -> None:
-    """Called by a downgrade before it drops a table: WouldLose if it has rows."""
+    """For downgrades, before they drop a table: raises WouldLose if it has rows."""
     from alembic import context, op
 
     connection, config = op.get_bind(), context.config
@@ -76,7 +77,7 @@ def refuse_to_lose(table: str) -> None:
     if (count := rows.scalar_one()) and not config.attributes.get(_MAY_LOSE, False):
         raise WouldLose(
             f"this downgrade would lose the {count} rows of {table}, and nothing was "
-            "changed; make a backup, and say may_lose=True to lose them"
+            "changed; make a backup, and pass may_lose=True to delete them"
         )
 
 
@@ -123,7 +124,7 @@ def _config(scripts: Path) -> Config:
 
 
 def _sqlite_foreign_keys(connection: Connection, *, on: bool) -> None:
-    # The pragma does nothing inside a transaction, so it goes to the driver.
+    # The pragma has no effect inside a transaction, so the driver executes it.
     driver = connection.connection.dbapi_connection
     if driver is not None:
         driver.cursor().execute(f"PRAGMA foreign_keys={'ON' if on else 'OFF'}")

@@ -1,4 +1,4 @@
-"""PostgreSQL: how its URLs are read, and how connections to it are made."""
+"""Connections to PostgreSQL, and its lock for writing."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from sqlalchemy import URL, Connection, Engine, create_engine, event
 
 from app.db.turns import Turns
 
-WRITER: Final = 0x7772697465  # "write"; any number that other locks do not have
+WRITER: Final = 0x7772697465  # "write"; must differ from the keys of other locks
 LOCK_WAIT_MS: Final = 30_000
 LONGEST_IDLE_MS: Final = 20_000
 """How long a transaction that writes may be idle before the server ends it.
 
-Otherwise a machine that vanished, or a process that hangs, would keep the turn to write
-for hours. This is shorter than others wait for their turn, and longer than a request to
-the file storage within a turn takes.
+Otherwise a machine that is disconnected, or a process that hangs, would keep the lock
+for hours. This is shorter than other transactions wait for the lock, and longer than a
+request to the file storage that is made while the lock is held.
 """
 KEPT_CONNECTIONS: Final = 8
 MOST_CONNECTIONS: Final = 32
@@ -24,7 +24,7 @@ MOST_CONNECTIONS: Final = 32
 _CONNECT_ARGS: Final[Mapping[str, str]] = {
     "application_name": "unghost",
     "connect_timeout": "10",
-    # A server that vanished with its machine is noticed within a minute.
+    # A server whose machine is gone is detected within a minute.
     "keepalives_idle": "30",
     "keepalives_interval": "10",
     "keepalives_count": "3",
@@ -47,7 +47,8 @@ def make_postgres_engine(
         pool_pre_ping=True,
         hide_parameters=True,
         connect_args=_arguments(url),
-        # Whatever the server's default is: a writer that waited sees what others wrote.
+        # Regardless of the server's default: after waiting for the lock, a writer must
+        # see what others have written.
         isolation_level="READ COMMITTED",
         # Not False: that would override a database that somebody made read-only.
         execution_options={"postgresql_readonly": True} if only_read else {},
@@ -59,12 +60,12 @@ def make_postgres_engine(
 
 
 def _arguments(url: URL) -> dict[str, object]:
-    """The parameters of connections, but for those in the URL."""
+    """The parameters of connections, except those in the URL."""
     return {name: text for name, text in _CONNECT_ARGS.items() if name not in url.query}
 
 
 def _begin(connection: Connection) -> None:
-    # Runs, uploads and answers all change the counts of a dataset, and what is active:
-    # as on SQLite one transaction writes at a time, so none has to expect another.
+    # Runs, uploads and answers all change a dataset's counts and its active rows. As on
+    # SQLite, one transaction writes at a time, so that none has to handle conflicts.
     if connection.get_execution_options().get("writes", False):
         connection.exec_driver_sql(_BEGIN_WRITING)

@@ -1,4 +1,4 @@
-"""Temporary failures of a database, and whether it can be written now."""
+"""Which database errors are temporary, and whether the database can be written now."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from app.db.engine import BUSY_TIMEOUT_MS, Database
 
 _TOO_MANY_CONNECTIONS: Final = "53300"
 _QUERY_CANCELED: Final = "57014"
-"""A statement was ended by a limit, and would be again."""
+"""A timeout ended a statement, and would do so again."""
 _NO_RESOURCES: Final = "53"
 _BUSY_STATES: Final = ("locked", "busy")
 
 
 def is_transient(exc: Exception) -> bool:
-    """Whether the database was away, or another transaction wrote for too long.
+    """Whether the database was unavailable, or another transaction wrote for too long.
 
-    False if the disk or the memory is full: waiting does not help.
+    False if the disk or the memory is full: a retry does not help.
     """
     if isinstance(exc, sql.TimeoutError):
         return True
@@ -29,7 +29,7 @@ def is_transient(exc: Exception) -> bool:
         return False
     if "sqlite" in type(exc.orig).__module__:
         return any(word in str(exc.orig).lower() for word in _BUSY_STATES)
-    # There is none if no connection was made, or if it broke.
+    # There is no state if no connection was made, or if it broke.
     state: str = getattr(exc.orig, "sqlstate", None) or ""
     if state == _TOO_MANY_CONNECTIONS:
         return True
@@ -47,7 +47,7 @@ _BUSY: Final = ("locked", "busy", "lock timeout")
 
 
 def takes_writes(database: Database) -> bool:
-    """True after a durable write; False if another transaction wrote all the time.
+    """True after a durable write; False if another transaction held the lock.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def takes_writes(database: Database) -> bool:
     sqlite = database.engine.dialect.name == "sqlite"
     with database.engine.connect() as connection:
         if sqlite:
-            # It waits for its turn as other writers do, but not as long.
+            # It waits for its turn as other writers do, with a shorter timeout.
             _wait_for_others(connection, WRITE_WAIT_MS)
             connection.execution_options(
                 writes=True, person=True, turn_wait_s=WRITE_WAIT_MS / 1000

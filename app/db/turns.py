@@ -1,6 +1,6 @@
-"""Whose transaction writes next: one at a time, those of people first.
+"""A fair lock for transactions that write, with priority for those of people.
 
-Among transactions of people, and among all others, the one that asked first is first.
+Transactions of people are served in order of arrival, and so are all others.
 """
 
 from __future__ import annotations
@@ -14,19 +14,18 @@ from sqlalchemy.exc import TimeoutError as WaitedTooLong
 from sqlalchemy.pool import ConnectionPoolEntry
 
 PEOPLE_IN_A_ROW: Final = 8
-"""After so many transactions of people, one of other work gets its turn."""
+"""After this many transactions of people in a row, another one gets its turn."""
 LONGEST_WAIT_S: Final = 30.0
 _HELD: Final = "turn"
 
 
 class Turns:
-    """The turn to write, which one transaction of a process has at a time.
+    """The turn to write: a lock that one transaction of a process holds at a time.
 
-    SQLite's own lock goes to the one that tries at the right moment; those who wait try
-    less and less often, so that some wait for seconds while others get it again and
-    again. Here a transaction that ends hands the turn to the one that has waited
-    longest: first to what a person waits for, then to other work, such as uploads and
-    runs.
+    SQLite's own lock is not fair: a waiting transaction polls for it, less and less
+    often, so that some wait for seconds while others get it again and again. Here a
+    transaction that ends hands the turn to the one that has waited longest: first to
+    transactions that a person waits for, then to others, such as uploads and runs.
     """
 
     def __init__(self) -> None:
@@ -39,9 +38,9 @@ class Turns:
     def apply_to(self, engine: Engine) -> None:
         """Make transactions of this engine that have the option ``writes`` take turns.
 
-        Those with the option ``person`` as well come first. ``turn_wait_s`` is how many
-        seconds a transaction waits at most. A turn ends when the connection
-        goes back to the pool: after a commit, a roll-back, or when it is lost.
+        Those with the option ``person`` as well come first. ``turn_wait_s`` is the
+        timeout in seconds. A turn ends when the connection goes back to the pool: after
+        a commit or a rollback, or when the connection is lost.
         """
         event.listen(engine, "begin", self._begin)
         event.listen(engine, "checkin", self._end)
@@ -64,12 +63,12 @@ class Turns:
             return len(self._people) + len(self._work)
 
     def take(self, *, person: bool, wait_s: float) -> None:
-        """Return once it is this thread's turn; `give_back` ends it.
+        """Wait until it is this thread's turn; `give_back` ends the turn.
 
         Raises
         ------
         sqlalchemy.exc.TimeoutError
-            Others had it for so many seconds.
+            It was not within `wait_s` seconds.
         """
         mine = threading.Event()
         waiting = self._people if person else self._work
@@ -87,7 +86,7 @@ class Turns:
         raise WaitedTooLong(f"others have been writing for {wait_s:g} seconds")
 
     def give_back(self) -> None:
-        """Hand the turn to the next one that waits."""
+        """End the turn and hand it to the next waiting thread."""
         with self._changing:
             following = self._next()
             self._is_taken = following is not None

@@ -1,5 +1,5 @@
-"""Where work runs: pixels in threads, jobs one after the other, and their chunks here
-or on other machines."""
+"""Executes work: pixels in threads and child processes, jobs one after the other, and
+chunks of jobs in this process or on other machines."""
 
 from __future__ import annotations
 

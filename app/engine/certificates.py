@@ -1,7 +1,7 @@
-"""Certificates for the nodes of a cluster: an authority, and what it has signed.
+"""Certificates for the nodes of a cluster: an authority's and those it has signed.
 
-Every node with a certificate of the authority is trusted by all others, and whoever has
-the authority's key can make more of them. Dask checks the signature, not the names.
+Every node with a certificate of the authority is trusted by all others, and anyone with
+the authority's key can sign more of them. Dask checks the signature, not the names.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def make_certificates(folder: Path, hosts: tuple[str, ...], days: int) -> list[P
     Raises
     ------
     UnusableEngine
-        One of the files is there already, or a package is missing.
+        One of the files exists already, or a package is missing.
     """
     names = (AUTHORITY, *NODES)
     files = [folder / f"{name}{end}" for name in names for end in (".pem", ".key")]

@@ -1,15 +1,14 @@
 """Child processes that read pictures, each with limits on time and memory.
 
-Decoders are written in C, and whoever uploads a picture chooses what they have to do.
-In a thread of the service a decoder could be neither stopped nor limited. Here each
-child has a limit on memory, and each piece of work one on time. A child that exceeds a
-limit or crashes is killed and replaced. Bytes and options go in, numbers or a drawn
-picture come out.
+Decoders are written in C, and their input is chosen by the person who uploads it. In a
+thread of the service a decoder could be neither stopped nor limited. Here each child
+has a limit on memory, and each call a timeout. A child that exceeds a limit or crashes
+is killed and replaced. Bytes and options go in, numbers or a drawn picture come out.
 
 Where the system can fork, children are forked from one process that has done the
-imports (the forkserver of `multiprocessing`): a replacement is there after some 20 ms.
-Elsewhere each is started anew. Limits of memory need a system that enforces
-``RLIMIT_AS``, such as Linux.
+imports (the forkserver of `multiprocessing`), so that a replacement starts in some
+20 ms. Elsewhere each child is a new process. Limits on memory need a system that
+enforces ``RLIMIT_AS``, such as Linux.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ if TYPE_CHECKING:
 _Result = TypeVar("_Result")
 
 _POLL_S: Final = 0.05
-"""How often somebody who may give up is asked whether they have."""
+"""Interval at which a call checks whether its caller has given up."""
 _END_S: Final = 1.0
 """How long to wait for the end of a process whose pipe is closed."""
 _NUMPY_MODULES: Final = frozenset(
@@ -72,7 +71,7 @@ class PixelsRefused(FilterError):
 
 
 class GivenUp(Exception):
-    """The caller does not want the result any more, or the pool is closed."""
+    """The caller no longer needs the result, or the pool is closed."""
 
 
 class ChildFailed(Exception):
@@ -80,11 +79,11 @@ class ChildFailed(Exception):
 
 
 class _ChildDied(Exception):
-    """The process ended before it answered."""
+    """The process ended before it returned a result."""
 
 
 class _TooSlow(Exception):
-    """The work took longer than allowed."""
+    """The call exceeded its timeout."""
 
 
 _REASONS: Final[dict[type[Exception], str]] = {
@@ -96,30 +95,29 @@ _REASONS: Final[dict[type[Exception], str]] = {
 
 
 class Subject(NamedTuple):
-    """What a pool reads, and the variable that limits its time; for errors."""
+    """What a pool reads and the variable with its timeout, for error messages."""
 
     name: str
     seconds_setting: str
 
 
 class PixelPool:
-    """A pool of child processes; each works on one thing at a time.
+    """A pool of child processes, each of which executes one call at a time.
 
-    Children are started when they are first needed, or by `warm_up`. All methods may be
-    called by any thread.
+    Children are started on first use, or by `warm_up`. All methods are thread-safe.
 
     Parameters
     ----------
     children : int
         The maximum number of processes.
     seconds : float
-        Wall time that one piece of work may take.
+        Wall time that one call may take.
     memory_bytes : int
-        Address space that a child may use besides that of its program.
+        Address space that a child may use in addition to that of its program.
     preload : names of modules
         Imported once for all children, where the system can fork.
     subject : Subject
-        What is read, for errors.
+        What the pool reads, for error messages.
     """
 
     def __init__(
@@ -135,15 +133,15 @@ class PixelPool:
         self._subject = subject or Subject("the picture", "UNGHOST_MAX_PIXEL_SECONDS")
         self._seconds, self._memory_bytes = seconds, memory_bytes
         self._context = _context(preload)
-        # Last in, first out: the child that worked last has its caches warm. None is a
-        # child that is not started yet.
+        # Last in, first out: the child that worked last has warm caches. None stands
+        # for a child that has not been started.
         self._free: LifoQueue[_Child | None] = LifoQueue()
         for _ in range(children):
             self._free.put(None)
         self._starting = threading.Lock()
         self._own_threads = threading.BoundedSemaphore(children)
         self._is_closed = False
-        # At exit, before `multiprocessing` ends its processes by a signal.
+        # At exit, before `multiprocessing` kills its processes by a signal.
         self._at_exit = Finalize(self, _end_all, (self._free,), exitpriority=1)
 
     def run(
@@ -157,9 +155,9 @@ class PixelPool:
         Parameters
         ----------
         work : a function at the top of a module
-            It and `args` are pickled; so is what it returns.
+            It, `args` and the result are pickled.
         given_up : threading.Event, optional
-            Once it is set, the child is killed; one is not started for it.
+            Set by the caller to cancel: a running child is killed, none is started.
 
         Raises
         ------
@@ -170,13 +168,13 @@ class PixelPool:
         GivenUp
             `given_up` was set first, or the pool was closed.
         ChildFailed
-            `work` raised anything else.
+            `work` raised any other exception.
         """
         message = pickle.dumps((work, args), pickle.HIGHEST_PROTOCOL)
         try:
             return cast("_Result", self._ask(message, given_up))
         except _ChildDied as died:
-            # It need not be the picture: the process may have been killed from outside.
+            # The picture may not be the cause: somebody may have killed the process.
             server_log.warning("a process that reads pictures %s; trying another", died)
         try:
             return cast("_Result", self._ask(message, given_up))
@@ -186,17 +184,17 @@ class PixelPool:
             ) from died
 
     def run_here(self, work: Callable[..., _Result], *args: object) -> _Result:
-        """Call a function in the caller's thread: for work that is known to be cheap.
+        """Call a function in the caller's thread, for work that is known to be cheap.
 
-        A child would make a frame a fifth more expensive, mostly because its data is in
-        the processor caches of the other process. As many threads do this at once as
-        there are children. Errors are those of `work`.
+        In a child a frame takes a fifth longer, mostly because its data is in the
+        processor caches of the other process. At most `children` threads do this at a
+        time. Raises the errors of `work`.
         """
         with self._own_threads:
             return work(*args)
 
     def warm_up(self) -> None:
-        """Start all children now, not when they are first needed."""
+        """Start all children now instead of on first use."""
         places = []
         with suppress(Empty):
             for _ in range(self.children):
@@ -216,7 +214,7 @@ class PixelPool:
         reason = "stopped"
         try:
             kind, result = child.ask(message, self._seconds, given_up)
-            # After it ran out of memory, a child may still hold much of it.
+            # A child that ran out of memory may still hold much of it: replace it.
             reason = _MEMORY if kind == _MEMORY else ""
         except tuple(_REASONS) as ended:
             reason = _REASONS[type(ended)]
@@ -285,7 +283,7 @@ def _end_all(free: LifoQueue[_Child | None]) -> None:
 
 
 class _Child:
-    """A process, and the pipe to it."""
+    """A child process and the pipe to it."""
 
     def __init__(self, context: _Context, memory_bytes: int) -> None:
         ours, theirs = context.Pipe()
@@ -296,7 +294,7 @@ class _Child:
         self._process.start()
         theirs.close()
         try:
-            self._pipe.recv_bytes()  # it is ready: its start is not timed
+            self._pipe.recv_bytes()  # ready: the timeout does not include the start
         except (EOFError, OSError) as exc:
             self._process.join(_END_S)
             raise _ChildDied(_ending(self._process.exitcode)) from exc
@@ -308,7 +306,7 @@ class _Child:
     def ask(
         self, message: bytes, seconds: float, given_up: threading.Event | None
     ) -> tuple[str, object]:
-        """How the work ended, and its result; `_ChildDied`, `_TooSlow`, `GivenUp`."""
+        """Outcome and result; raises `_ChildDied`, `_TooSlow` or `GivenUp`."""
         try:
             self._pipe.send_bytes(message)
             self._wait(seconds, given_up)
@@ -330,20 +328,20 @@ class _Child:
                 raise _TooSlow
 
     def end(self) -> None:
-        """Let it end by itself: it sees that its pipe is closed."""
+        """Close the pipe, on which the process ends by itself, and wait for that."""
         self._pipe.close()
         self._process.join(_END_S)
         self.kill()
 
     def kill(self) -> None:
-        """End it at once, whatever it does."""
+        """Kill the process."""
         self._pipe.close()
         self._process.kill()
         self._process.join()
 
 
 def _read_answer(message: bytes) -> tuple[str, object]:
-    """How the work ended and its result; `_ChildDied` if that cannot be read."""
+    """Outcome and result of a call; raises `_ChildDied` if they cannot be read."""
     try:
         return cast("tuple[str, object]", _SafeUnpickler(BytesIO(message)).load())
     except pickle.UnpicklingError as exc:
@@ -353,14 +351,14 @@ def _read_answer(message: bytes) -> tuple[str, object]:
 class _SafeUnpickler(pickle.Unpickler):
     """Unpickles only arrays and values of the library.
 
-    A picture could exploit a fault of its decoder and take over the child, which then
-    could send any pickle. So only names of a list may occur in it. In the other
-    direction a child uses `pickle.loads`, since the service itself has pickled the
-    message; pictures are only bytes in it.
+    A picture could exploit a bug in its decoder and take over the child, which could
+    then send any pickle. So only the names on an allowlist may occur in it. In the
+    other direction a child uses `pickle.loads`, since the service itself pickled the
+    message, in which pictures are only bytes.
     """
 
     def find_class(self, module: str, name: str) -> object:
-        """The object that a name in the pickle stands for, if that is allowed."""
+        """The object for a name in the pickle, if that name is allowed."""
         known = module in _NUMPY_MODULES and name in _NUMPY_NAMES
         if not known and module.partition(".")[0] != "filter_core":
             raise pickle.UnpicklingError(f"answered with {module}.{name}")
@@ -405,8 +403,8 @@ def _no_main_module() -> Iterator[None]:
 
 
 def _serve(pipe: Connection, memory_bytes: int) -> None:
-    """The main function of a child: works until the service closes its pipe."""
-    # Ctrl-C in a terminal reaches all processes; the service finishes what it began.
+    """The main function of a child: executes calls until the pipe is closed."""
+    # Ctrl-C in a terminal reaches all processes; the service finishes open requests.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     cv2.setNumThreads(1)  # other cores have their own children
@@ -454,7 +452,7 @@ def _limit_memory(more_bytes: int) -> None:
     try:
         pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
     except OSError:
-        return  # not Linux: nobody would enforce it
+        return  # not Linux, where the limit has no effect
     limit = pages * resource.getpagesize() + more_bytes
     with suppress(ValueError, OSError):
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

@@ -1,4 +1,4 @@
-"""Types of all engines: jobs, how chunks end, errors, and the signal to stop."""
+"""Types shared by all engines: jobs, outcomes of chunks, errors, the stop signal."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ from typing import Final, NamedTuple
 
 DONE: Final = "done"
 RETURNED: Final = "returned"
-"""It is to be tried again: the process that worked on it stops, or the database was
-away."""
+"""It has to be retried: the process that worked on it is stopping, or the database was
+unavailable."""
 FAILED: Final = "failed"
-"""The chunk's row has the error that its job is to fail with."""
+"""Its job has to fail, with the error in the chunk's row."""
 UNWANTED: Final = "unwanted"
-"""Its job is over, cancelled or deleted: nobody wants the result any more."""
+"""Its job is finished, cancelled or deleted: the result is not needed any more."""
 QUARANTINED: Final = "quarantined"
-"""Its process has died too often: it is not tried again."""
+"""Its process has died too often: it is not retried."""
 ELSEWHERE: Final = "elsewhere"
 """The worker uses another database."""
 
 ChunkWork = Callable[[str, int, int], str]
-"""Works on a chunk, given the kind and id of its job and its number; how it ended."""
+"""Processes a chunk, given its job's kind and id and its number; the outcome."""
 
 
 class JobStopped(Exception):
-    """The service stops, or the job was cancelled: it ends here without an error."""
+    """Ends a job without an error: the service is stopping, or it was cancelled."""
 
 
 class WorkerDied(Exception):
-    """A process ended while it worked on a chunk, or could not say how that ended."""
+    """A process ended while it worked on a chunk, or reported no outcome."""
 
 
 class EngineAway(Exception):
-    """The engine has forgotten what was submitted, or cannot be reached."""
+    """The engine has lost the submitted chunks, or cannot be reached."""
 
 
 class UnusableEngine(Exception):
@@ -41,29 +41,29 @@ class UnusableEngine(Exception):
 
 
 class Stop:
-    """Whether the service stops; it can call functions at that moment."""
+    """The stop signal of the service, with callbacks."""
 
     def __init__(self) -> None:
         self._event = threading.Event()
         self._callbacks: list[Callable[[], None]] = []
 
     def is_set(self) -> bool:
-        """Whether the service was asked to stop."""
+        """Whether the service has been told to stop."""
         return self._event.is_set()
 
     def wait(self, seconds: float) -> bool:
-        """Wait until it is to stop, at most so many seconds; returns whether it is."""
+        """Wait for the stop signal, at most so many seconds; returns `is_set`."""
         return self._event.wait(seconds)
 
     def set(self) -> None:
-        """Ask the service to stop, and call the registered functions in this thread."""
+        """Set the stop signal, and call the registered functions in this thread."""
         self._event.set()
         for call in list(self._callbacks):
             call()
 
     @contextmanager
     def calling(self, call: Callable[[], None]) -> Iterator[None]:
-        """Have `call` called if the service is asked to stop while the block runs."""
+        """Call `call` if the service is told to stop while the block runs."""
         self._callbacks.append(call)
         try:
             yield
@@ -72,7 +72,7 @@ class Stop:
 
 
 class Job(NamedTuple):
-    """A run or an export, by its number."""
+    """The identity of a run or an export."""
 
     kind: str
     id: int

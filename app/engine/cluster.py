@@ -1,7 +1,7 @@
-"""The engine for several machines: workers of a Dask scheduler work on the chunks.
+"""The engine for several machines: workers of a Dask scheduler process the chunks.
 
 Uploads are still measured in this process, and jobs are driven from here. If the
-cluster loses chunks, they are submitted again: the database knows which are done.
+cluster loses chunks, they are submitted again: the database records which are done.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from distributed import Client
 
 DRIVERS: Final = 4
-"""Jobs that are driven at the same time; the work itself is done elsewhere."""
+"""Jobs that are driven at the same time; other machines do the work."""
 MOST_IN_FLIGHT: Final = 256
 PER_WORKER: Final = 4
-"""Chunks in progress for each worker; a job is cut into as many per worker."""
+"""Chunks in progress per worker; a job is divided into as many per worker."""
 FEWEST_FRAMES, MOST_FRAMES = 20, 500
 _ANSWER_S: Final = 3
 COUNTED_FOR_S: Final = 2.0
@@ -44,7 +44,7 @@ class Scheduler:
 
 
 class AbsenceLog:
-    """Says when to log that something is absent: at once, and then now and again."""
+    """Decides when to log that something is absent: at once, then at intervals."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self._logged_at = clock, -math.inf
@@ -80,7 +80,7 @@ class ClusterEngine(LocalEngine):
         return min(MOST_IN_FLIGHT, PER_WORKER * max(1, self._worker_count()))
 
     def chunk_frames(self, total: int) -> int:
-        """So few that every worker gets chunks, and none takes long."""
+        """Frames per chunk: few enough that every worker gets several short chunks."""
         share = total // (PER_WORKER * max(1, self._worker_count()))
         return max(FEWEST_FRAMES, min(MOST_FRAMES, share))
 
@@ -103,12 +103,12 @@ class ClusterEngine(LocalEngine):
         try:
             return future.result()
         except CancelledError as exc:
-            raise EngineAway("the scheduler lost what was submitted") from exc
+            raise EngineAway("the scheduler lost the submitted chunks") from exc
         except Exception as exc:
             raise WorkerDied(str(exc) or type(exc).__name__) from exc
 
     def release(self, futures: Iterable[Future[str]]) -> None:
-        """Give up chunks; workers end them when they see that the job is cancelled."""
+        """Cancel chunks; workers end running ones when they see the cancelled job."""
         for future in futures:
             future.cancel()
 
@@ -117,7 +117,7 @@ class ClusterEngine(LocalEngine):
         return self._client is not None and self._client.status == "running"
 
     def connect(self) -> None:
-        """Connect to the scheduler; EngineAway if it does not answer."""
+        """Connect to the scheduler; raises EngineAway if it does not respond."""
         from distributed import Client
 
         with self._connecting:
@@ -137,24 +137,24 @@ class ClusterEngine(LocalEngine):
         server_log.info("connected to the scheduler at %s", self._scheduler.address)
 
     def close(self) -> None:
-        """Stop driving; the workers finish what they have begun."""
+        """Stop driving jobs; the workers finish the chunks that they have begun."""
         super().close()
         self._disconnect()
 
     def _disconnect(self) -> None:
         client, self._client = self._client, None
         if client is not None:
-            with suppress(Exception):  # it may be away already
+            with suppress(Exception):  # the connection may be lost already
                 client.close(timeout=_ANSWER_S)
 
     def _worker_count(self) -> int:
-        """How many workers there are; asked at most every `COUNTED_FOR_S` seconds."""
+        """How many workers there are; cached for `COUNTED_FOR_S` seconds."""
         until, workers = self._counted
         if self._client is None or time.monotonic() < until:
             return workers
         try:
             workers = len(self._client.nthreads(callback_timeout=_ANSWER_S))
-        except Exception:  # it went away: `start_chunk` will raise
+        except Exception:  # the connection was lost: `start_chunk` will raise
             workers = 0
         if self._absence.is_due(absent=not workers):
             server_log.warning("no worker has joined %s", self._scheduler.address)
@@ -168,16 +168,16 @@ _WORK: Final[list[RemoteWork]] = []
 
 
 def work_with(work: RemoteWork) -> None:
-    """Set the function that works on chunks; a worker does so before it joins."""
+    """Set the function that processes chunks; workers call this before they join."""
     _WORK[:] = [work]
 
 
 def run_on_worker(kind: str, job_id: int, number: int, installation: str) -> str:
-    """What a worker is sent: work on a chunk with the function of `work_with`.
+    """Process a chunk on a worker, with the function set by `work_with`.
 
-    `installation` is the id of the database that the job is in. The result is a word of
-    `app.engine.chunk`.
+    `installation` is the id of the job's database. Returns an outcome, one of the
+    constants of `app.engine.chunk`.
     """
     if not _WORK:
-        raise RuntimeError("this process is no worker of Unghost")
+        raise RuntimeError("this process is not a worker of Unghost")
     return _WORK[0](kind, job_id, number, installation)

@@ -1,4 +1,4 @@
-"""The scheduler, the certificates of a cluster's nodes, and Dask's configuration."""
+"""Dask: its scheduler, its configuration, and the certificates of its nodes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from distributed.node import ServerNode
 
 NOWHERE: Final = "127.0.0.1:0"
-"""Where Dask's dashboards listen until they are stopped, right after the start."""
+"""Address of Dask's dashboards, which are stopped right after the start."""
 
 
 def run_scheduler(
@@ -31,7 +31,7 @@ def run_scheduler(
     Raises
     ------
     UnusableEngine
-        Anybody could join it, or it cannot listen there.
+        It would be open to anybody, or it cannot listen on that address.
     """
     encrypted = any(certificates)
     if not encrypted and not is_loopback(host):
@@ -70,7 +70,7 @@ async def _serve(
 
 
 def close_dashboard(node: ServerNode) -> None:
-    """Stop the HTTP server of a node: only its port for work is to listen."""
+    """Stop the HTTP server of a node, so that only its port for work is open."""
     node.http_server.stop()
 
 
@@ -85,7 +85,7 @@ def stop_event() -> asyncio.Event:
 _OPTIONS: Final[dict[str, object]] = {
     # Dask does not retry: the rows of the chunks count attempts.
     "distributed.scheduler.allowed-failures": 0,
-    # A worker holds one chunk at a time, so that its death concerns only one.
+    # A worker holds one chunk at a time, so that its death affects only one.
     "distributed.scheduler.worker-saturation": 1.0,
     "distributed.scheduler.worker-ttl": "60 seconds",
     "distributed.worker.profile.enabled": False,
@@ -104,7 +104,7 @@ def _tls_fault(name: str, fault: str) -> Iterator[None]:
     try:
         yield
     except ssl.SSLError as exc:
-        detail = f"UNGHOST_TLS_{name}: {fault}; `unghost certificates` makes what fits"
+        detail = f"UNGHOST_TLS_{name}: {fault}; `unghost certificates` makes the files"
         raise UnusableEngine(detail) from exc
 
 
@@ -116,7 +116,7 @@ class Certificates(NamedTuple):
     key: Path | None = None
 
     def require(self) -> None:
-        """Check that the files exist and are what they should be.
+        """Check that the files exist and hold a matching certificate and key.
 
         Raises
         ------
@@ -166,7 +166,7 @@ def prepare() -> None:
         ) from exc
     dask.config.set(_OPTIONS)
     logging.getLogger("distributed").setLevel(logging.WARNING)
-    # They log with a traceback what the driver of a job logs in one line.
+    # These log with a traceback what a job's driver logs in one line.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     logging.getLogger("tornado.application").addFilter(_is_no_lost_connection)
 
@@ -195,7 +195,7 @@ def reason_of(error: BaseException) -> str:
     cause: BaseException | None = error
     reason = type(error).__name__
     while cause is not None:
-        # A cause without a text, such as a time-out, is left out.
+        # A cause without a text, such as a timeout, is skipped.
         reason = getattr(cause, "strerror", None) or str(cause) or reason
         cause = cause.__cause__
     return reason

@@ -1,4 +1,4 @@
-"""The embedded engine: threads of this process, and no other process."""
+"""The embedded engine: it executes jobs and chunks in threads of this process."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 WINDOW: Final = 4
-"""Items in progress for each worker: enough to keep it busy, few enough for memory."""
+"""Items in progress per worker: enough to keep it busy, few enough for memory."""
 CHUNK_FRAMES: Final = 200
-"""Frames in a chunk; it is measured by all threads, and stored step by step."""
+"""Frames in a chunk; all threads measure it, and it is stored in small steps."""
 
 log = logging.getLogger(__name__)
 
@@ -26,8 +26,8 @@ log = logging.getLogger(__name__)
 class LocalEngine:
     """The embedded engine: threads suffice, since OpenCV releases Python's global lock.
 
-    `ClusterEngine` overrides what concerns chunks (`start_chunk`, `outcome` and so on)
-    to run them on other machines.
+    `ClusterEngine` overrides the methods for chunks (`start_chunk`, `outcome` and so
+    on) to process them on other machines.
     """
 
     def __init__(self, workers: int, drivers: int = 1) -> None:
@@ -43,7 +43,7 @@ class LocalEngine:
         self._done: dict[Job, int] = {}
 
     def start(self, work: Callable[[_Item], _Result], item: _Item) -> Future[_Result]:
-        """Work on one item at the same time as others are measured."""
+        """Start `work` on one item in the thread pool."""
         return self._pixels.submit(self._worked, work, item)
 
     @property
@@ -69,8 +69,8 @@ class LocalEngine:
     ) -> Generator[_Result, None, None]:
         """Results in the order of the items, with a limited number in progress.
 
-        If the service stops, only the items that have begun give results. With
-        `one_by_one`, an item begins when the caller asks for the next result.
+        If the service stops, only items that have begun give results. With
+        `one_by_one`, an item begins when the caller requests its result.
         """
         source = iter(items)
         window = 1 if one_by_one else self.workers * WINDOW
@@ -86,15 +86,12 @@ class LocalEngine:
                 for item in () if self.stopping.is_set() else islice(source, 1):
                     waiting.append(self.start(work, item))
         finally:
-            # When a job ends early, nobody asks for the rest.
+            # If the caller stops early, the remaining items are not needed.
             for future in waiting:
                 future.cancel()
 
     def submit(self, work: Callable[[], None], job: Job | None = None) -> None:
-        """Run a job after those that wait; if it fails, that is logged.
-
-        A job that waits already is not queued again.
-        """
+        """Queue a job; a failure is logged. A job that is queued already is skipped."""
         if job is None:
             self._jobs.submit(_logging_failures, work)
             return
@@ -115,11 +112,11 @@ class LocalEngine:
         return 2
 
     def chunk_frames(self, total: int) -> int:
-        """How many frames a chunk has, in a job of so many frames."""
+        """How many frames a chunk has, in a job of `total` frames."""
         return CHUNK_FRAMES
 
     def start_chunk(self, here: ChunkWork, job: Job, number: int) -> Future[str]:
-        """Begin to work on a chunk of a job; `here` does it in this process."""
+        """Start a chunk of a job; `here` processes it in this process."""
         return self._chunks.submit(here, job.kind, job.id, number)
 
     def outcome(self, future: Future[str]) -> str:
@@ -128,41 +125,41 @@ class LocalEngine:
         Raises
         ------
         WorkerDied
-            Its process ended, or reported no outcome; only on other machines.
+            The worker's process ended or reported no outcome; only in a cluster.
         EngineAway
-            It has to be submitted again; only on other machines.
+            The chunk has to be submitted again; only in a cluster.
         """
         return future.result()
 
     def release(self, futures: Iterable[Future[str]]) -> None:
-        """Give up chunks; waits for those that have begun in this process."""
+        """Cancel chunks; waits for those that have begun in this process."""
         for future in futures:
             if not future.cancel():
                 wait([future])
 
     def is_connected(self) -> bool:
-        """Whether the engine can be reached, and has not lost what was submitted."""
+        """Whether the engine is connected, and has not lost submitted chunks."""
         return True
 
     def connect(self) -> None:
-        """Reach the engine again.
+        """Connect to the engine again.
 
         Raises
         ------
         EngineAway
-            It does not answer; the text says more.
+            It does not respond; the text says more.
         """
 
     def interrupt(self, job: Job) -> None:
-        """Tell a job that it is being cancelled, before that is written into its row.
+        """Stop a job that is being cancelled, before its row says so.
 
-        A job that stores its end holds the turn to write, so the cancellation could
-        only be written afterwards.
+        A job in its last step holds the turn to write, so that the cancellation could
+        be written to its row only afterwards.
         """
         self._unwanted.add(job)
 
     def clear_cancel(self, job: Job) -> None:
-        """Forget `interrupt`: the job's row says by now whether it is cancelled."""
+        """Undo `interrupt`: by now the job's row says whether it is cancelled."""
         self._unwanted.discard(job)
 
     def interrupted(self) -> frozenset[Job]:
@@ -170,7 +167,7 @@ class LocalEngine:
         return frozenset(self._unwanted)
 
     def check(self, job: Job) -> None:
-        """Raise `JobStopped` if the service stops, or the job is being cancelled."""
+        """Raise `JobStopped` if the service is stopping or the job being cancelled."""
         if self.stopping.is_set():
             raise JobStopped(job)
         self.check_wanted(job)
@@ -181,7 +178,7 @@ class LocalEngine:
             raise JobStopped(job)
 
     def report(self, job: Job, done: int) -> None:
-        """Note the progress of a job that its row does not show yet."""
+        """Store progress of a job in memory that its row does not have yet."""
         self._done[job] = done
 
     def reported(self, job: Job) -> int:
@@ -189,11 +186,11 @@ class LocalEngine:
         return self._done.get(job, 0)
 
     def clear_progress(self, job: Job) -> None:
-        """Forget the progress: the job's row shows it by now."""
+        """Forget the progress: by now the job's row has it."""
         self._done.pop(job, None)
 
     def close(self) -> None:
-        """Stop, and wait for the running job."""
+        """Tell all jobs to stop, and wait for the running ones."""
         if not self.stopping.is_set():
             self.stopping.set()
         self._jobs.shutdown(cancel_futures=True)

@@ -1,1 +1,1 @@
-"""Exports: the labels of a dataset, written in the background."""
+"""Exports: background jobs that write the labels of a dataset to a file."""

@@ -1,4 +1,4 @@
-"""Exports: labels written in the background, then downloaded."""
+"""Routes of exports: creating, watching, cancelling and downloading them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from unghost.wire.model import Page
 from unghost.wire.runs import DownloadLink, Export, ExportIn
 
 inside = ApiRouter(prefix="/api/v1", tag="exports")
-# A token that may download an export may also ask for its address.
+# Every role that may download an export may also create a download link.
 addresses = ApiRouter(prefix="/api/v1", tag="exports", write="viewer")
 by_address = OpenRouter(prefix="/api/v1", tag="exports")
 
@@ -67,7 +67,7 @@ def create_export(
     services: AppServices,
     audit: Audited,
 ) -> Response:
-    """Write the labels of the dataset; its classes keep their order from now on."""
+    """Start an export of the dataset's labels, which fixes the order of its classes."""
     found = DatasetRepository(session).named(dataset)
     wanted = ExportRequest(body.format, body.options.model_dump(), audit.name)
     export = request_export(services, session, found, wanted)
@@ -79,7 +79,7 @@ def create_export(
 def stop_export(
     export_id: RowId, session: WriteSession, services: AppServices, audit: Audited
 ) -> Response:
-    """End an export that is not over. 409 if it is over."""
+    """Cancel an export; 409 if it has ended already."""
     export = cancel(services, session, EXPORTS, export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id).name
     audit.note(Act.EXPORT_CANCELLED, export_id, dataset=dataset)
@@ -93,7 +93,7 @@ def _accepted(export: tables.Export, dataset: str) -> Response:
 
 @inside.get("/exports/{export_id}")
 def get_export(export_id: RowId, session: ReadSession) -> Export:
-    """An export and how far it is."""
+    """An export and its progress."""
     export = ExportRepository(session).with_id(export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id)
     return describe_export(export, dataset.name)
@@ -136,9 +136,9 @@ def create_download_link(
     services: AppServices,
     principal: CurrentPrincipal,
 ) -> Response:
-    """An address of this one file, for whatever can show no token, such as a browser.
+    """Create a link to this one file, for clients that cannot send a token (browsers).
 
-    It works for five minutes, ranges included, and no longer than the token does.
+    It is valid for five minutes, ranges included, and no longer than the token.
     """
     export = ExportRepository(session).with_id(export_id)
     finished_file(services, export)
@@ -162,7 +162,7 @@ def download_by_address(
     session: ReadSession,
     services: AppServices,
 ) -> Response:
-    """The same archive, by an address that `download-links` gave."""
+    """The archive of a finished export, by a link of `download-links`."""
     with counting_wrong_secrets(request):
         access.check_link(session, key, export_id)
     return _archive(request, session, services, export_id)

@@ -1,4 +1,4 @@
-"""Exports: asked for, made, cancelled, and handed out."""
+"""Exports: requests for them, their jobs, their files and their descriptions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MEDIA_TYPE: Final = "application/zip"
 
 @dataclass(frozen=True)
 class ExportRequest:
-    """An export as it was asked for."""
+    """The parameters of a new export."""
 
     format: str
     options: Mapping[str, object]
@@ -60,7 +60,7 @@ def request_export(
 
 
 def finished_file(context: ServiceContext, export: tables.Export) -> Blob:
-    """The file of a finished export; Conflict while it is not."""
+    """The file of a finished export; raises Conflict while it is not finished."""
     if export.state != "done" or export.sha256 is None:
         raise Conflict(
             f"export {export.id} is {export.state}; it can be downloaded when done",
@@ -77,7 +77,7 @@ def describe_export(export: tables.Export, dataset: str) -> wire.Export:
             "id": export.id,
             "dataset": dataset,
             "format": export.format,
-            # As they were checked when it was asked for, by whichever version.
+            # Validated on creation, perhaps by an earlier version: read leniently.
             "options": wire.ExportOptions.read(export.options),
             "state": export.state,
             "total": export.total,
@@ -95,17 +95,17 @@ def describe_export(export: tables.Export, dataset: str) -> wire.Export:
 
 
 class ExportJobs:
-    """One chunk for all frames, so that it sees one state; it ends the export."""
+    """The job kind of exports: one chunk for all frames, which sees one snapshot."""
 
     table = tables.Export
     final_step: str | None = None
 
     def may_begin(self, _session: Session, _row: tables.Export) -> bool:
-        """Always: no export waits for another job."""
+        """True: an export never waits for another job."""
         return True
 
     def begin(self, session: Session, row: tables.Export) -> None:
-        """Count the frames. An export that was cut off is written anew."""
+        """Count the frames; an interrupted export starts again."""
         row.done, row.total = 0, FrameRepository(session).count(row.dataset_id)
 
     def plan(
@@ -117,7 +117,7 @@ class ExportJobs:
         most: int,
         frames: int,
     ) -> list[Span]:
-        """One chunk, once."""
+        """The only chunk; empty if it is planned already."""
         is_planned = ChunkRepository(session).is_planned(job_of(row))
         return [] if is_planned else [Span(0, 0, row.total)]
 
@@ -126,18 +126,18 @@ class ExportJobs:
         write_archive(task)
 
     def finish(self, task: Task[tables.Export]) -> None:
-        """Does nothing: the only chunk of an export ends it."""
+        """Do nothing: the only chunk of an export ends it."""
 
     def unfinished(
         self, _session: Session, _row: tables.Export, _chunk: Chunk
     ) -> list[int]:
-        """Empty: it cannot be said which frame of an export has ended a process."""
+        """Empty: it is not known which frame of an export has ended a process."""
         return []
 
     def name_unfinished(
         self, _session: Session, _row: tables.Export, _chunks: Sequence[Chunk]
     ) -> str:
-        """All of it."""
+        """A phrase for errors: an export has no parts to name."""
         return "writing it"
 
     def describe(

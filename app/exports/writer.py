@@ -1,8 +1,8 @@
-"""Writing an export: one consistent view of the database, streamed into a zip file.
+"""Writes an export: one consistent snapshot of the database, streamed into a zip file.
 
-The file is named by its content, and the same state gives the same bytes. An export
-that was cut off is written anew, since the state that it had read is gone. Two
-processes may write the same export: the first one that is done ends it.
+The file is named by its hash, and the same state gives the same bytes. An interrupted
+export starts again, since its snapshot is gone. Two processes may write the same
+export: the first to finish ends it.
 """
 
 from __future__ import annotations
@@ -47,19 +47,16 @@ _FRAMES_AT_A_TIME: Final = 200
 _NO_ROWS: Final = slice(0, 0)
 
 _CROWD: Final = '"iscrowd"'
-"""The key of an annotation's text that marks a crowd."""
+"""The JSON key that marks a crowd in an annotation."""
 _EPOCH: Final = (1980, 1, 1, 0, 0, 0)
-"""The earliest time a zip file can hold: no clock goes into an export."""
+"""The earliest time in a zip file, for all entries: exports contain no clock time."""
 _PACKED: Final = (".png", ".jpg")
-"""Compressed already: packing them again costs time and saves nothing."""
+"""Compressed already: compressing them again takes time and saves nothing."""
 _READABLE: Final = 0o644 << 16
 
 
 def write_archive(task: Task[Export]) -> None:
-    """Write the zip file of an export and store it; this ends the export's job.
-
-    An export is a job of one chunk, so this is all of its work.
-    """
+    """Write the zip file of an export, store it, and end the export's job."""
     context = task.context
     task.check()
     with _empty_folder(context, task.job.id) as folder:
@@ -76,13 +73,13 @@ def write_archive(task: Task[Export]) -> None:
     except Unsure as unsure:
         task.retry_unavailable(partial(context.storage.make_sure, unsure.digests))
         _end(task, stored)
-    # A process that still writes the same export finds at its next `check` that the
-    # job has ended, so its folder can go as well.
+    # Another process that still writes this export stops at its next `check`, because
+    # the job has ended: its folder can be removed as well.
     _clear(context, task.job.id)
 
 
 class StoredArchive(NamedTuple):
-    """The zip file of an export in the store, and how much of what is in it."""
+    """The stored zip file of an export, and the counts of its content."""
 
     digest: str
     size_bytes: int
@@ -100,7 +97,7 @@ def _end(task: Task[Export], stored: StoredArchive) -> None:
 
 @contextmanager
 def _empty_folder(context: ServiceContext, export_id: int) -> Iterator[Path]:
-    """A new folder for one attempt at an export; an earlier attempt may still write."""
+    """A new folder for one attempt at an export; earlier attempts may still run."""
     name = f"export-{export_id}-{secrets.token_hex(4)}"
     folder = context.storage.temporary_folder() / name
     folder.mkdir()
@@ -111,7 +108,7 @@ def _empty_folder(context: ServiceContext, export_id: int) -> Iterator[Path]:
 
 
 def _clear(context: ServiceContext, export_id: int) -> None:
-    """Remove what attempts that were cut off have left."""
+    """Remove the folders of interrupted attempts."""
     temporary = context.storage.temporary_folder()
     for left in (f"export-{export_id}", f"export-{export_id}-*"):
         for folder in temporary.glob(left):
@@ -152,7 +149,7 @@ def _head(session: Session, dataset: Dataset) -> ExportHead:
 def _reporting(
     task: Task[Export], total: int, frames: ExportFrames
 ) -> Iterator[ExportFrame]:
-    """The frames, saying now and then how many have passed; the job can end here."""
+    """The frames; before each, reports progress and checks whether the job goes on."""
     for done, frame in enumerate(frames):
         task.check()
         task.report(min(done, total))
@@ -160,9 +157,9 @@ def _reporting(
 
 
 class ExportFrames:
-    """Iterates over all current frames in the order of their keys.
+    """Iterates over all current frames in order of key, and reads only what is needed.
 
-    What the format does not need is not read.
+    `needs` are the parts of a frame that the format uses.
     """
 
     def __init__(
@@ -227,9 +224,9 @@ class ExportFrames:
 
 @dataclass
 class _Content:
-    """What is read of some frames at once; mappings by the ids of the frames.
+    """The data of several frames that is read at once; mappings have frame ids as keys.
 
-    `rows` are those of a frame in `labels`, `decisions` and `columns`.
+    `rows` are the rows of a frame in `labels`, `decisions` and `columns`.
     """
 
     evidence: Mapping[int, EvidenceRow]
@@ -242,7 +239,7 @@ class _Content:
 
 
 class ReproducibleZip:
-    """Files in the order they were added, without times, owners or system names."""
+    """A zip file that depends on its files alone: no times, owners or system names."""
 
     def __init__(self, path: Path) -> None:
         self._zip = zipfile.ZipFile(path, "w", allowZip64=True)
@@ -259,9 +256,9 @@ class ReproducibleZip:
         self._zip.close()
 
     def add(self, name: str, pieces: Iterable[bytes]) -> None:
-        """Write a file piece by piece."""
+        """Add a file, piece by piece."""
         entry = zipfile.ZipInfo(name, _EPOCH)
-        entry.create_system = 3  # Unix, wherever it is made
+        entry.create_system = 3  # Unix, on every system
         entry.external_attr = _READABLE
         packed = name.endswith(_PACKED)
         entry.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED

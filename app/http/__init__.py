@@ -1,1 +1,1 @@
-"""What every route shares: who may call, bodies, files, pages, problems."""
+"""HTTP code that all routes share: access, bodies, files, pages and problems."""

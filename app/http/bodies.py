@@ -29,15 +29,15 @@ Result = TypeVar("Result")
 MAX_READERS: Final = 2
 """How many large bodies are parsed at the same time; others wait without a thread."""
 _SMALL_BYTES: Final = 4096
-"""For bodies up to this size a thread costs more than parsing."""
+"""Up to this size, using a thread takes longer than parsing."""
 _LIMITS: Final = JsonLimits(max_depth=32, max_values=320_000, max_keys=10_000)
-"""No schema has more than a few dozen keys; each unknown one would be a fault. A
-dataset's ignore mask of a hundred polygons, of a thousand points each, is 300,000
-values, and nothing else comes near it."""
+"""No schema has more than a few dozen keys; each unknown one is reported as a fault.
+The largest body is a dataset's ignore mask: a hundred polygons of a thousand points
+are 300,000 values."""
 
 
 class StrictRequest(Request):
-    """A request whose JSON is read within limits, and does not block the event loop."""
+    """A request whose JSON is parsed within limits, without blocking the event loop."""
 
     async def json(self) -> object:
         """The body as a value.
@@ -61,7 +61,7 @@ class StrictRequest(Request):
 async def run_off_loop(
     request: Request, content: bytes, work: Callable[[bytes], Result]
 ) -> Result:
-    """The result of ``work(content)``; in a thread unless the content is small."""
+    """The result of ``work(content)``, called in a thread unless content is small."""
     if len(content) <= _SMALL_BYTES:
         return work(content)
     readers: CapacityLimiter = request.app.state.readers
@@ -77,19 +77,19 @@ RETRY_S: Final = 5
 
 
 def stopping() -> NotReady:
-    """The error for requests that the stopping service does not answer any more."""
-    return NotReady("the service stops; try again later", retry_after_s=RETRY_S)
+    """The error for requests that arrive or are cut off while the service stops."""
+    return NotReady("the service is stopping; try again later", retry_after_s=RETRY_S)
 
 
 class UntilStopped:
     """The pieces of a body, until it ends or the service stops.
 
-    `wake` interrupts the task that waits for a piece, however long the sender pauses.
+    `wake` interrupts the task that waits for the next piece.
 
     Raises
     ------
     NotReady
-        The service stops. The pieces before can be used.
+        The service is stopping. Pieces received before can be used.
     """
 
     def __init__(self, pieces: AsyncIterator[bytes], stop: Stop) -> None:
@@ -99,7 +99,7 @@ class UntilStopped:
         self._is_woken = False
 
     def __aiter__(self) -> UntilStopped:
-        """Itself; iterating again continues after the last piece."""
+        """This object; iterating again continues after the last piece."""
         return self
 
     async def __anext__(self) -> bytes:
@@ -144,7 +144,7 @@ MAX_PART_HEADER_BYTES: Final = 4096
 
 @dataclass(frozen=True)
 class PartLimits:
-    """How many parts a form may have, and how large each may be."""
+    """The maximum number of parts of a form, and the maximum size of each."""
 
     max_parts: int
     max_part_bytes: int
@@ -173,9 +173,9 @@ async def read_parts(
     Raises
     ------
     BadRequest
-        ``bad_multipart``: not a form, or one cut short.
+        ``bad_multipart``: the body is not a form, or is incomplete.
     TooLarge
-        More parts than allowed, or one grew beyond its limit; the rest is not read.
+        It has too many parts, or too large a part; the rest is not read.
     """
     form = _Form(limits)
     try:
@@ -215,14 +215,14 @@ def _unreadable(reason: str) -> BadRequest:
 
 @dataclass
 class _Form:
-    """What the parser has found so far."""
+    """The parts that the parser has found so far."""
 
     limits: PartLimits
     parts: list[Part] = field(default_factory=list)
     is_complete: bool = False
 
     def callbacks(self) -> dict[str, object]:
-        """The callbacks by the names under which the parser takes them."""
+        """The callbacks of the parser, by its names for them."""
         return {
             "on_part_begin": self._begin,
             "on_header_field": self._header_field,

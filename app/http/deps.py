@@ -28,11 +28,11 @@ Result = TypeVar("Result")
 MAX_WRITERS: Final = 12
 MAX_UPLOADS: Final = 8
 MAX_BATCHES: Final = 4
-"""How many requests write, upload a frame, or send a batch at the same time.
+"""Maximum numbers of concurrent requests that write, upload a frame or send a batch.
 
-Together they stay well below the 40 threads that anyio gives to all routes of a
-process, and below its connections to the database. Uploads have a limit of their own,
-so that people's answers need not wait for them."""
+Together they stay well below the 40 threads that anyio has for all routes of a process,
+and below its connections to the database. Uploads have a limit of their own, so that
+people's answers need not wait for them."""
 MAX_FOLDERS: Final = 2
 """How many dropped folders are read at the same time, each by a child process."""
 WRITE_WAIT_S: Final = 30
@@ -45,7 +45,7 @@ RowIdQuery = Annotated[int, Query(ge=1, le=MAX_ID)]
 
 
 def settings_of(request: Request) -> Settings:
-    """The settings this service was started with."""
+    """The settings that this service was started with."""
     settings: Settings = request.app.state.settings
     return settings
 
@@ -57,7 +57,7 @@ def database_of(request: Request) -> Database:
 
 
 def services_of(request: Request) -> ServiceContext:
-    """What services share for the life of the process."""
+    """The objects that the whole service shares."""
     services: ServiceContext = request.app.state.services
     return services
 
@@ -66,21 +66,21 @@ class Gate(Protocol):
     """Identifies callers. It is `app.access.gate.TokenGate`, which `app.main` sets."""
 
     async def identify(self, request: Request) -> Principal:
-        """The caller, by the secret in this request; Unauthorised or Forbidden."""
+        """The caller, by the request's secret; raises Unauthorised or Forbidden."""
 
 
 async def authorise(request: Request, needed: Role) -> Principal:
-    """Identify the caller and check its role; nothing else does.
+    """Identify the caller and check its role.
 
-    `app.http.routing` calls it for every route that needs a token, before the body is
-    read.
+    `app.http.routing` calls this for every route that needs a token, before the body
+    is read.
 
     Raises
     ------
     Unauthorised
-        No valid token or session.
+        There is no valid token or session.
     Forbidden
-        Not with this role, or a browser sent it for another page.
+        The role does not suffice, or another web page sent the request.
     """
     gate: Gate = request.app.state.gate
     principal = await gate.identify(request)
@@ -100,7 +100,7 @@ def current_principal(request: Request) -> Principal:
 
 
 def admin(request: Request) -> None:
-    """Refuse everyone but an admin, on a route that others share a router with."""
+    """Allow only admins, for a single route of a router that others may use."""
     principal = current_principal(request)
     if not includes(principal.role, "admin"):
         raise Forbidden(
@@ -109,7 +109,7 @@ def admin(request: Request) -> None:
 
 
 def read_session(request: Request) -> Iterator[Session]:
-    """One consistent state of the database for the whole request."""
+    """A session that reads one consistent snapshot for the whole request."""
     with database_of(request).read() as session:
         yield session
 
@@ -117,8 +117,8 @@ def read_session(request: Request) -> Iterator[Session]:
 async def writers_turn(request: Request) -> AsyncIterator[None]:
     """Limit how many requests write at the same time; the others wait without a thread.
 
-    Only one transaction writes at a time. If all threads waited for it, none would be
-    left in which it could be committed.
+    Only one transaction writes at a time. If all threads waited for it, no thread would
+    be left to commit it.
     """
     places: CapacityLimiter = request.app.state.writers
     try:
@@ -146,7 +146,7 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
     """One transaction per request: committed on return, rolled back on an exception.
 
     It begins with the route's first statement. A route may commit it in its own thread
-    (`app.http.routing.committed`); then nothing is left to be committed here.
+    (`app.http.routing.committed`); then nothing is left to commit here.
     """
     transaction = database_of(request).write(person=True)
     session = transaction.__enter__()
@@ -166,17 +166,17 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
 
 
 def make_room(services: ServiceContext, session: Session) -> None:
-    """Give up the reserve if the disk is too full to commit what this session deleted.
+    """Release the disk reserve if the disk is too full to commit these deletes.
 
-    Call it after the statements that delete, and before the commit. The reserve is made
-    again as soon as there is room.
+    Call it after the statements that delete, and before the commit. The reserve is
+    restored as soon as there is space.
     """
     if Reserve(services.settings.data).give_up(DELETING_BYTES):
         once_committed(session, services.one(DeletionSignal).set)
 
 
 async def _in_own_thread(call: Callable[..., object], *args: object) -> None:
-    # Not one of the shared threads: all of them may wait for this transaction to end.
+    # Not one of the shared threads: all of them may be waiting for this transaction.
     await to_thread.run_sync(call, *args, limiter=CapacityLimiter(1))
 
 
@@ -193,7 +193,7 @@ BEARER = Depends(
 def _inline(
     read: Callable[[Request], Result],
 ) -> Callable[[Request], Awaitable[Result]]:
-    """An asynchronous dependency: FastAPI would run a plain function in a thread."""
+    """The function as an async dependency: FastAPI would call it in a thread."""
 
     async def look_up(request: Request) -> Result:
         return read(request)
@@ -210,3 +210,4 @@ ReadSession = Annotated[Session, Depends(read_session, scope="function")]
 WriteSession = Annotated[Session, Depends(write_session, scope="function")]
 
 DatasetName = Annotated[str, Path(max_length=100)]
+FrameKey = Annotated[str, Path(max_length=2000)]

@@ -28,14 +28,14 @@ def known_response(request: Request, digest: str) -> Response | None:
 def file_response(
     request: Request, blob: Blob, digest: str, media_type: str, name: str = ""
 ) -> Response:
-    """A file that never changes under its digest."""
+    """A response with a file, which never changes under its digest."""
     headers = blob_headers(digest)
     if name:
         headers["Content-Disposition"] = f'attachment; filename="{name}"'
     if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     if request.headers.get("if-range", headers["ETag"]) != headers["ETag"]:
-        # The client has a part of another file: it needs the whole of this one.
+        # The client has part of another version: it needs all of this one.
         _without_range(request)
     else:
         _check_range(request, blob.size_bytes)
@@ -47,7 +47,7 @@ def file_response(
 def _streamed(
     request: Request, blob: Blob, media_type: str, headers: dict[str, str]
 ) -> Response:
-    """A response with a blob of a bucket, read some megabytes at a time."""
+    """A response with a blob from a bucket, read a few megabytes at a time."""
     # Not `request.headers`, which are cached: `_without_range` has changed the scope.
     wanted = Headers(scope=request.scope).get("range", "")
     size, span = blob.size_bytes, wanted.partition("=")[2]
@@ -67,7 +67,7 @@ def _streamed(
 
 
 def blob_headers(tag: str) -> dict[str, str]:
-    """Headers of a blob, whose content never changes and which no browser may run."""
+    """Headers of a blob: its content never changes, and no browser may execute it."""
     return {
         "ETag": f'"{tag}"',
         "Cache-Control": IMMUTABLE,
@@ -76,14 +76,14 @@ def blob_headers(tag: str) -> dict[str, str]:
 
 
 def is_known(request: Request, etag: str) -> bool:
-    """Whether the client says (If-None-Match) that it has this version already."""
+    """Whether the client has this version already, by its If-None-Match header."""
     known = request.headers.get("if-none-match", "")
     tags = [tag.strip().removeprefix("W/") for tag in known.split(",")]
     return etag in tags or known.strip() == "*"
 
 
 def _check_range(request: Request, size: int) -> None:
-    """Drop a Range header that is not one valid range: HTTP allows to ignore it.
+    """Drop a Range header that is not one valid range: HTTP allows ignoring it.
 
     Raises
     ------
@@ -123,11 +123,11 @@ def _without_range(request: Request) -> None:
 
 
 _UNCHANGED: Final[dict[int | str, dict[str, object]]] = {
-    304: {"description": "Not changed; what you have is up to date."}
+    304: {"description": "Not modified: the client's copy is up to date."}
 }
 _PARTS: Final[dict[int | str, dict[str, object]]] = {
     **_UNCHANGED,
-    416: {"description": "There is no such part of the file."},
+    416: {"description": "The range is outside the file."},
 }
 _FILE_TYPES: Final = (
     "image/png",
@@ -163,16 +163,16 @@ def file_of(*types: str) -> dict[int | str, dict[str, object]]:
     content: dict[str, object] = {name: {} for name in types}
     return {
         200: {"content": content, "description": "The file."},
-        206: {"content": content, "description": "The part that was asked for."},
+        206: {"content": content, "description": "The requested range."},
         **_PARTS,
     }
 
 
-TAGGED: Final = _headers(If_None_Match="Entity tags of what you have.")
+TAGGED: Final = _headers(If_None_Match="Entity tags of the client's copies.")
 RESUMABLE: Final = _headers(
-    If_None_Match="Entity tags of what you have.",
-    Range="One range of bytes; several are taken as none.",
-    If_Range="Entity tag of the file that the range is of.",
+    If_None_Match="Entity tags of the client's copies.",
+    Range="One range of bytes; a header with several is ignored.",
+    If_Range="Entity tag of the version of which the client has a part.",
 )
 JPEG: Final = picture_of("image/jpeg")
 PICTURE: Final = picture_of("image/jpeg", "image/png")

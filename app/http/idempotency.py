@@ -1,8 +1,8 @@
-"""A POST that is sent twice with one Idempotency-Key is done once.
+"""A POST that is sent twice with the same Idempotency-Key is executed once.
 
-The key is claimed by the first statement of the request's own transaction and the
-response is stored in it before it commits. Of two requests at the same time, the second
-waits for the first and then gets its response; if the first failed, the second does it.
+The first statement of the request's own transaction claims the key, and the response is
+stored in the same transaction. Of two concurrent requests, the second waits for the
+first and then gets its response; if the first failed, the second is executed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from app.errors import BadRequest, IdempotencyKeyReuse
 
 
 class StoredResponse(NamedTuple):
-    """The digest of a request, and its response; status 0: there is none yet."""
+    """The digest of a request and its response; status 0 means no response yet."""
 
     request_digest: str
     status: int
@@ -64,7 +64,7 @@ class IdempotencyKeys:
         return True
 
     def stored(self, key: str) -> StoredResponse:
-        """What is stored under a key that is taken."""
+        """The stored request and response of a claimed key."""
         columns = (
             IdempotencyKey.request_digest,
             IdempotencyKey.status,
@@ -79,7 +79,7 @@ class IdempotencyKeys:
         return StoredResponse(digest, status, media_type, json.loads(headers), body)
 
     def store(self, key: str, response: StoredResponse) -> None:
-        """Keep the response to the request that claimed the key."""
+        """Store the response to the request that claimed the key."""
         statement = (
             update(IdempotencyKey)
             .where(*self._is(key))
@@ -109,7 +109,7 @@ class IdempotencyKeys:
 
 
 def forget_responses_before(connection: Connection, cutoff: datetime) -> None:
-    """Delete stored responses from before a time."""
+    """Delete responses that were stored before a time."""
     connection.execute(delete(IdempotencyKey).where(IdempotencyKey.created_at < cutoff))
 
 
@@ -118,7 +118,7 @@ _STORED_HEADERS: Final = ("location", "etag")
 
 
 class RepeatedRequest(Exception):
-    """Raised in a repeated request; carries the response of the first one."""
+    """Raised in a repeated request, with the response of the first one."""
 
     def __init__(self, response: StoredResponse) -> None:
         super().__init__("this request is repeated")
@@ -127,7 +127,7 @@ class RepeatedRequest(Exception):
 
 @dataclass(frozen=True)
 class RepeatableRequest:
-    """A request with an Idempotency-Key: the same as another if the digests are equal.
+    """A request with an Idempotency-Key; equal digests mean equal requests.
 
     `keep` is how long its response is stored.
     """
@@ -158,9 +158,9 @@ def request_digest(*parts: bytes) -> str:
 
 
 def claim_on_begin(session: Session, request: RepeatableRequest) -> None:
-    """Make claiming the key the first thing that this transaction does.
+    """Claim the key when this session's transaction begins.
 
-    Not earlier: what a request computes before it writes should hold no lock.
+    Not earlier: a request must hold no lock while it computes before it writes.
     """
 
     def claim(_session: Session, _transaction: object, connection: Connection) -> None:
@@ -206,5 +206,5 @@ def store_response(
 
 
 def forget_old_responses(session: Session, keep: timedelta) -> None:
-    """Delete responses that were kept long enough."""
+    """Delete responses that are older than `keep`."""
     forget_responses_before(session.connection(), utc_now() - keep)

@@ -1,7 +1,7 @@
-"""Middleware around every request, as plain ASGI, so that streams stay streams.
+"""Middleware for all requests, as plain ASGI, so that streams are not buffered.
 
 From the outside in: RequestId, AccessLog, SecurityHeaders, Problems, NoNewWork,
-KnownHosts, BodyLimit. What the last three raise becomes a problem document as well.
+KnownHosts, BodyLimit. Errors of the last three become problem documents as well.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from app.settings import ANY_HOST
 
 
 class NoNewWork:
-    """Refuses requests that write once the service stops; those that read are served.
+    """Refuses writing requests while the service is stopping; reading ones are served.
 
-    A request that is cut off at the end of that time gets the same response.
+    A request that is cut off when the time to stop is over gets the same response.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -62,9 +62,9 @@ class NoNewWork:
 
 
 BODY_ALLOWANCE: Final = "unghost.body_allowance"
-"""Key of the ASGI scope: a `BodyAllowance`, which a route sets for itself."""
+"""Key of the ASGI scope: a `BodyAllowance`, whose limit each route sets."""
 MAX_UNASKED_BYTES: Final = 4096
-"""Bytes of a body where no route has set a limit, or the caller is not known yet."""
+"""Largest body if no route has set a limit, or the caller is not identified yet."""
 
 SECURITY_HEADERS: Final[Mapping[str, str]] = {
     "X-Content-Type-Options": "nosniff",
@@ -78,7 +78,7 @@ _REQUEST_ID: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
 class RequestId:
-    """Gives each request an id: the client's if it is well-formed, else a new one."""
+    """Gives each request an id: that of its header if well-formed, else a new one."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -141,7 +141,7 @@ class AccessLog:
 
 
 class SecurityHeaders:
-    """Puts the strict headers on every response; a route may have set its own."""
+    """Adds security headers to every response, except where a route has set its own."""
 
     def __init__(self, app: ASGIApp, content_security_policy: str) -> None:
         self._app = app
@@ -189,7 +189,8 @@ class Problems:
             await self._app(scope, receive, send_and_note)
         except Exception as exc:
             if started:
-                # Part of the response was sent: only a cut connection tells the client.
+                # Part of the response was sent: closing the connection is the only way
+                # to signal the failure.
                 error_log.error("failed while sending a response", exc_info=exc)
                 raise
             response = refusal_of(exc).response(
@@ -200,7 +201,7 @@ class Problems:
 
 
 class KnownHosts:
-    """Refuses requests under unknown host names (against DNS rebinding)."""
+    """Refuses requests with unknown host names (against DNS rebinding)."""
 
     def __init__(self, app: ASGIApp, hosts: frozenset[str]) -> None:
         self._app = app
@@ -229,11 +230,11 @@ class KnownHosts:
 
 @dataclass
 class BodyAllowance:
-    """How large the body of one request may be, and how long it may take.
+    """The limits on size and time of one request's body.
 
     `announced` is the Content-Length; `until` is a time of `time.monotonic`. `held`
-    counts the bytes in memory, once the caller is known; a route that streams its body
-    counts by itself what it keeps.
+    counts the bytes in memory once the caller is identified; a route that streams its
+    body counts the bytes it keeps by itself.
     """
 
     announced: int
@@ -248,23 +249,23 @@ class BodyAllowance:
         Raises
         ------
         TooManyRequests, NotReady
-            There is no room for it.
+            A limit on the memory for bodies is reached.
         """
         self.held, self.is_streamed = held, is_streamed
         self.hold(0)
 
     def hold(self, received: int) -> None:
-        """Note that so many bytes of the body have arrived."""
+        """Update the count: `received` bytes of the body have arrived."""
         if self.held is not None and not self.is_streamed:
             self.held.hold(max(received, self.announced))
 
     def let_go(self) -> None:
-        """The request has ended: none of its body is held any more."""
+        """Release the body's bytes when the request has ended."""
         if self.held is not None:
             self.held.hold(0)
 
     def limit_to(self, max_bytes: int) -> None:
-        """Allow so many bytes; TooLarge if more are announced."""
+        """Set the maximum size; raises TooLarge if a larger one is announced."""
         self.max_bytes = max_bytes
         self.check(self.announced)
 
@@ -275,10 +276,10 @@ class BodyAllowance:
 
 
 class BodyLimit:
-    """Refuses a body that is larger than allowed, whatever its Content-Length says.
+    """Refuses a body that is larger than allowed, regardless of its Content-Length.
 
     Until a route has set its limit, `MAX_UNASKED_BYTES` are allowed. A body that stops
-    arriving is refused as well: it would hold its connection forever.
+    arriving is refused too: it would keep its connection open forever.
     """
 
     def __init__(self, app: ASGIApp, wait_s: float) -> None:
@@ -298,7 +299,7 @@ class BodyLimit:
 
         async def receive_limited() -> Message:
             nonlocal received, is_whole
-            if is_whole:  # all that can follow is that the client disconnects
+            if is_whole:  # only a disconnect can follow
                 return await receive()
             message = await self._next(receive, allowance)
             is_whole = not message.get("more_body", False)
@@ -319,6 +320,6 @@ class BodyLimit:
                 return await receive()
         except TimeoutError as exc:
             raise TooSlow(
-                f"nothing of the body came for {self._wait_s:g} s, or it took too long "
-                "as a whole; send it again"
+                f"no byte of the body arrived for {self._wait_s:g} s, or the body took "
+                "too long; send it again"
             ) from exc

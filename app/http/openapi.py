@@ -1,4 +1,4 @@
-"""The OpenAPI document: what FastAPI derives, shared errors, and a page made of it."""
+"""The OpenAPI document, with the errors that all routes share, and a page of it."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ _NO_ROUTE_RETURNS: Final = (
     *(Problem, BatchLine, BatchEnd),
     *(FolderHead, FolderFrame, UnmatchedFile, FolderEnd),
 )
-"""Models that are sent otherwise: as errors, or line by line."""
+"""Models that no route returns as a whole: errors, and lines of streams."""
 _EVERYWHERE: Final = (400, 404, 408, 421, 422, 431, 500, 503)
 _WITH_TOKEN: Final = (401, 403, 429)
 _WITH_BODY: Final = (401, 403, 409, 412, 413, 415, 429)
@@ -103,8 +103,8 @@ IDEMPOTENCY_PARAMETER: Final = {
     "name": "Idempotency-Key",
     "in": "header",
     "required": False,
-    "description": "Sent again with the same request, it gets the same answer and "
-    "nothing is done twice.",
+    "description": "A request repeated with the same key gets the same response, and "
+    "is not executed again.",
     "schema": {"type": "string", "pattern": "^[!-~]{1,200}$"},
 }
 _LARGEST: Final = 2**63 - 1
@@ -114,9 +114,9 @@ _MAKING: Final = threading.Lock()
 
 
 def document(app: FastAPI) -> _Object:
-    """The OpenAPI document of the service, made once.
+    """The OpenAPI document of the service, generated once.
 
-    The first call takes about a second: do not make it on the event loop.
+    The first call takes about a second: do not call it on the event loop.
     """
     with _MAKING:
         return _document(app)
@@ -151,11 +151,11 @@ def _add_components(schema: _Object) -> None:
     )
     for name, schema_of_model in described["$defs"].items():
         schemas.setdefault(name, schema_of_model)
-    # The wire knows that it is an object, the library knows its keys.
+    # The wire declares it as an object only; the library declares its keys.
     schemas[FilterConfigIn.__name__] = schema_of(FilterConfig)
     stored = schemas[ConfigVersion.__name__]["properties"]
     stored["config"] = {"$ref": f"#/components/schemas/{FilterConfigIn.__name__}"}
-    # The same holds for formats: the wire has their names.
+    # As for formats: the wire has only their names.
     asked = schemas[ExportIn.__name__]["properties"]["format"]
     asked["x-titles"] = {name: FORMATS[name].title for name in EXPORT_FORMATS}
     asked["x-briefs"] = {name: FORMATS[name].brief for name in EXPORT_FORMATS}
@@ -183,9 +183,9 @@ def _add_problems(method: str, operation: _Object) -> None:
 
 
 def _make_bounds_whole(node: object) -> None:
-    """Turn the bounds of integers into integers, wherever they stand below a node.
+    """Turn the bounds of all integers below a node into integers.
 
-    FastAPI writes them as floats, and 2**63 - 1 is none: read back, it allows more.
+    FastAPI writes them as floats, and 2**63 - 1 is not one: it is rounded up.
     """
     if isinstance(node, list):
         for one in node:

@@ -1,4 +1,4 @@
-"""Responses as JSON: pages of lists, and a run that was accepted (202)."""
+"""JSON responses: pages of lists, and accepted runs (202)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from unghost.wire.runs import Run
 
 @dataclass(frozen=True)
 class NewestFirst:
-    """A page that was asked for, of a list with the newest rows first."""
+    """A request for a page of a list with the newest rows first."""
 
     request: Request
     page: NewestPage
@@ -37,7 +37,7 @@ async def newest_first(
     limit: Limit = 100,
     cursor: Cursor = None,
 ) -> NewestFirst:
-    """The page that a request asks for."""
+    """The page that a request names by its parameters."""
     before_id = None if cursor is None else id_of_cursor(cursor)
     return NewestFirst(request, NewestPage(before_id, limit))
 
@@ -61,7 +61,7 @@ def page_response(
     next_cursor: str | None,
     **more: object,
 ) -> Response:
-    """A page of items as JSON, not validated again; `more` are its other fields."""
+    """A page of items as JSON, without validation; `more` are its other fields."""
     page = {"items": items, "next_cursor": next_cursor, **more}
     return page_with_link(request, page, next_cursor)
 

@@ -49,7 +49,7 @@ STATUS: Final[Mapping[type[Exception], HTTPStatus]] = {
     FilterError: HTTPStatus.UNPROCESSABLE_ENTITY,
 }
 
-# Codes for what Starlette and FastAPI refuse by themselves, such as unknown routes.
+# Codes for errors that Starlette and FastAPI raise themselves, such as unknown routes.
 HTTP_CODES: Final[Mapping[int, str]] = {
     400: "bad_request",
     401: errors.Unauthorised.code,
@@ -73,9 +73,9 @@ _DAMAGED: Final = ("malformed", "not a database", "invalid page")
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why a request is refused: everything of the response but its request id.
+    """An error response, without its request id.
 
-    `extensions` are fields of the `Problem` that only some refusals have.
+    `extensions` are fields of the `Problem` that only some errors have.
     """
 
     status: int
@@ -111,9 +111,9 @@ class Refusal:
 
 
 def install(app: FastAPI) -> None:
-    """Have the app send problem documents where Starlette would send text.
+    """Make the app send problem documents for errors that Starlette sends as text.
 
-    All other exceptions are left to `middleware.Problems`.
+    `middleware.Problems` handles all other exceptions.
     """
     app.add_exception_handler(HTTPException, _respond)
     app.add_exception_handler(RequestValidationError, _respond)
@@ -143,12 +143,12 @@ def _methods_at(request: Request) -> Iterator[str]:
 
 
 def refusal_of(exc: Exception) -> Refusal:
-    """How an exception is answered; an unexpected one is logged and becomes a 500."""
+    """The error response for an exception; unexpected ones are logged and give 500."""
     if isinstance(exc, RequestValidationError):
         return _invalid_request(exc)
     if isinstance(exc, HTTPException):
         return _refusal_by_http(exc)
-    if isinstance(exc, ClientDisconnect):  # nobody is left to read this
+    if isinstance(exc, ClientDisconnect):  # the response cannot be delivered
         return Refusal(400, "client_disconnected", "the body ended too early")
     known = _translated(exc)
     if isinstance(known, AppError):
@@ -156,9 +156,7 @@ def refusal_of(exc: Exception) -> Refusal:
     if isinstance(known, FilterError):
         return _refusal_by_filter(known)
     error_log.error("unexpected error", exc_info=exc)
-    return Refusal(
-        500, "internal", "the service failed; the request id finds it in its log"
-    )
+    return Refusal(500, "internal", "the service failed; its log names the request id")
 
 
 def _translated(exc: Exception) -> Exception:
@@ -198,14 +196,14 @@ def _translated_sql(exc: Exception) -> Exception:
     if isinstance(exc, (sql.OperationalError, sql.InterfaceError)):
         error_log.error("the database failed", exc_info=exc)
         return errors.NotReady(
-            "the database does not answer; try again", retry_after_s=AWAY_RETRY_S
+            "the database does not respond; try again", retry_after_s=AWAY_RETRY_S
         )
     if isinstance(exc, sql.DataError) and _message_has(exc, _NUL):
-        # PostgreSQL cannot store NUL in a text, so nothing has this name.
+        # PostgreSQL cannot store NUL in a text, so there is nothing of this name.
         return errors.NotFound("name with", "\0")
     if isinstance(exc, sql.IntegrityError):
         error_log.warning("another request has changed the same rows", exc_info=exc)
-        return errors.Conflict("someone changed the same thing meanwhile; look again")
+        return errors.Conflict("another request changed the same data; read it again")
     return exc
 
 
@@ -237,7 +235,7 @@ def _headers_of(exc: AppError) -> Iterator[tuple[str, str]]:
     if isinstance(exc, errors.RangeNotSatisfiable):
         yield "Content-Range", f"bytes */{exc.size_bytes}"
     if isinstance(exc, (errors.TooLarge, errors.TooSlow)):
-        # Nothing more of this body is read.
+        # The rest of the body is not read.
         yield "Connection", "close"
 
 
@@ -274,7 +272,7 @@ class _Context(TypedDict, total=False):
 
 
 class InvalidValue(_Context):
-    """One of pydantic's errors; `ctx` holds the bounds that were not kept."""
+    """One of pydantic's errors; `ctx` holds the bounds that were violated."""
 
     type: str
     loc: tuple[int | str, ...]
@@ -357,11 +355,11 @@ _NUMBER: Final = re.compile(r"[+-]?\d{1,20}(\.\d{1,20})?")
 def in_words(error: InvalidValue, *, show: bool = False) -> str:
     """One of pydantic's errors as text: what was expected, and what was found.
 
-    `show`: whether a text that was found may be quoted; in a request it may be a token.
+    `show`: whether a found text may be quoted; in a request it may be a token.
     """
     kind, context = str(error["type"]), error.get("ctx") or {}
     if kind == "missing":
-        return "expected, but not there"
+        return "required, but missing"
     if kind == "extra_forbidden":
         return "there is nothing of this name; it may be misspelt"
     if kind == "value_error":
@@ -369,7 +367,7 @@ def in_words(error: InvalidValue, *, show: bool = False) -> str:
     expected = _expected(kind, context)
     if expected is None:
         return str(error["msg"])
-    # For a text, what was expected is enough: "found a text" would add nothing.
+    # For a text, the expectation is enough: "found a text" would add nothing.
     about_words = kind in ("string_pattern_mismatch", "literal_error", "enum")
     is_text = about_words and isinstance(error.get("input"), str)
     if (is_text and not show) or "found" in expected:
@@ -385,7 +383,7 @@ def _expected(kind: str, context: Mapping[str, object]) -> str | None:
 
 
 def _found(value: object, show: bool) -> str:
-    """A value as an error names it: a number itself, of others only the kind."""
+    """A value in an error message: numbers are quoted, others named by their kind."""
     if isinstance(value, str) and (show or _NUMBER.fullmatch(value)):
         return repr(value[:60]) if show else value
     if isinstance(value, (int, float)) and not isinstance(value, bool):

@@ -1,8 +1,7 @@
-"""The router that all routes use, so that none can leave out what all of them need.
+"""The router of all routes, which makes the checks that each of them needs.
 
-Before a body is read, it checks who is asking, the limit of the body, unknown query
-parameters and the media type. Around the work it handles the Idempotency-Key. The rest
-of a route is its own.
+Before a body is read, it checks the caller's role, the size of the body, the query
+parameters and the media type. Around the endpoint it handles the Idempotency-Key.
 """
 
 from __future__ import annotations
@@ -46,10 +45,10 @@ Handler = Callable[[Request], Coroutine[object, object, Response]]
 
 
 class HeadRoute(APIRoute):
-    """A route whose GET answers HEAD as well.
+    """A route whose GET handles HEAD as well.
 
-    A HEAD needs the same role and takes the same parameters as the GET. A streamed body
-    is not begun for it, and files are not opened.
+    A HEAD needs the same role and takes the same parameters as the GET. It neither
+    starts a streamed body nor opens files.
     """
 
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
@@ -68,7 +67,7 @@ class HeadRoute(APIRoute):
             response = await endpoint(request)
             if not asks_for_head(request):
                 return response
-            request.scope["method"] = "HEAD"  # FileResponse reads no file then
+            request.scope["method"] = "HEAD"  # so that FileResponse reads no file
             if isinstance(response, StreamingResponse):
                 return without_body(response)
             return response
@@ -84,7 +83,7 @@ class HeadRoute(APIRoute):
 
 
 def asks_for_head(request: Request) -> bool:
-    """Whether the request is a HEAD, although its method seems to be GET."""
+    """Whether the request is a HEAD that is handled as a GET."""
     return bool(request.scope.get(_NO_BODY, False))
 
 
@@ -96,7 +95,7 @@ def without_body(response: Response) -> Response:
 
 
 def without_length(response: Response) -> Response:
-    """A response to HEAD whose body was not made, so that its length is not known."""
+    """A response to HEAD of unknown length, because its body was not generated."""
     del response.headers["content-length"]
     return response
 
@@ -104,8 +103,8 @@ def without_length(response: Response) -> Response:
 class _AnyText(Convertor[str]):
     """``:any`` in a path: any text, with slashes and line breaks.
 
-    Starlette's own ``:path`` matches no line break, so that a key with one would be
-    answered with 404 before anything could say what is wrong with it.
+    Starlette's own ``:path`` matches no line break: a key with one would give 404
+    instead of an error that explains what is wrong with it.
     """
 
     regex = r"[\s\S]*"
@@ -122,11 +121,11 @@ class _AnyText(Convertor[str]):
 register_url_convertor("any", _AnyText())
 
 BODY_LIMIT: Final = "x-body-limit"
-"""In ``openapi_extra`` of a route: the setting that says how large its body may be."""
+"""In ``openapi_extra`` of a route: the setting with the maximum size of its body."""
 
 
 def body_up_to(setting: str) -> dict[str, str]:
-    """``openapi_extra`` of a route that reads its body by itself."""
+    """``openapi_extra`` of a route that reads its body itself."""
     return {BODY_LIMIT: setting}
 
 
@@ -146,23 +145,23 @@ LARGE_BODY: Final = streamed_up_to("max_batch_bytes")
 """``openapi_extra`` of a route that takes batches of frames."""
 
 MAX_READS_PER_TOKEN: Final = 12
-"""Requests of one token that read, at the same time; all routes share 40 threads."""
+"""Concurrent reading requests of one token; all routes share 40 threads."""
 CLIENT_LEFT: Final = 499
-"""A status for the log alone: the client has closed the connection."""
+"""A status for the log only: the client has closed the connection."""
 
 
 class OpenRoute(HeadRoute):
-    """A route that anybody may call; unknown parameters and media types are refused."""
+    """A route without authentication; refuses unknown parameters and media types."""
 
     @property
     def takes_json(self) -> bool:
-        """Whether the body is JSON that is read by a schema."""
+        """Whether the body is JSON that is validated by a schema."""
         body = self.body_field
         return body is not None and not isinstance(body.field_info, params.Form)
 
     @property
     def body_setting(self) -> str | None:
-        """The setting that limits the body; None: `MAX_UNASKED_BYTES` does."""
+        """The setting that limits the body; None: `MAX_UNASKED_BYTES` limits it."""
         default = "max_json_bytes" if self.takes_json else None
         named: str | None = (self.openapi_extra or {}).get(BODY_LIMIT, default)
         return named
@@ -173,13 +172,13 @@ class OpenRoute(HeadRoute):
         return bool((self.openapi_extra or {}).get(BODY_STREAMED))
 
     async def admit(self, request: Request) -> None:
-        """Limit the size and the time of the body, for a caller that is not known."""
+        """Limit the size and time of the body, for a caller that is not identified."""
         allowance: BodyAllowance = request.scope[BODY_ALLOWANCE]
         allowance.limit_to(min(self.max_body_bytes(request), MAX_UNASKED_BYTES))
         allowance.until = time.monotonic() + settings_of(request).body_wait_s
 
     def max_body_bytes(self, request: Request) -> int:
-        """How large the body may be."""
+        """The maximum size of the body."""
         name = self.body_setting
         if name is None:
             return MAX_UNASKED_BYTES
@@ -190,7 +189,7 @@ class OpenRoute(HeadRoute):
         return await endpoint(request)
 
     def get_route_handler(self) -> Handler:
-        """The endpoint behind the checks that all routes share."""
+        """The endpoint, preceded by the checks that all routes share."""
         endpoint = super().get_route_handler()
         known = frozenset(_query_names(self.dependant))
         takes_json = self.takes_json
@@ -234,10 +233,10 @@ class ApiRoute(OpenRoute):
 
 
 async def _call_limited(endpoint: Handler, request: Request) -> Response:
-    """Call the endpoint once fewer than `MAX_READS_PER_TOKEN` of this token run.
+    """Call the endpoint when fewer than `MAX_READS_PER_TOKEN` of this token run.
 
-    Until then the request waits without a thread, so that no token takes all of them.
-    If its client disconnects meanwhile, the endpoint is not called.
+    Until then the request waits without a thread, so that no token uses all threads.
+    If the client disconnects meanwhile, the endpoint is not called.
     """
     reading: TokenPlaces = request.app.state.reading
     places = reading.of(request.state.principal.token_id)
@@ -255,14 +254,14 @@ async def has_left(request: Request) -> None:
 
 
 class TokenPlaces:
-    """A limit on how many requests of each token run at the same time."""
+    """A limit on the concurrent requests of each token."""
 
     def __init__(self, most: int) -> None:
         self._most = most
         self._of: WeakValueDictionary[int, CapacityLimiter] = WeakValueDictionary()
 
     def of(self, token_id: int) -> CapacityLimiter:
-        """The limiter of one token; it is dropped when nothing uses it any more."""
+        """The limiter of one token; it is dropped when no request uses it any more."""
         places = self._of.get(token_id)
         if places is None:
             places = self._of[token_id] = CapacityLimiter(self._most)
@@ -270,9 +269,9 @@ class TokenPlaces:
 
 
 class ApiRouter(APIRouter):
-    """A router whose routes all ask for a token.
+    """A router whose routes all require a token.
 
-    `read` and `write` are the roles that its safe and its other methods need.
+    `read` and `write` are the roles that safe and other methods require.
     """
 
     def __init__(
@@ -297,7 +296,7 @@ class ApiRouter(APIRouter):
 
 
 class OpenRouter(APIRouter):
-    """A router for the few routes that anybody may call."""
+    """A router for the few routes without authentication."""
 
     def __init__(self, *, prefix: str = "", tag: str = "") -> None:
         super().__init__(
@@ -343,7 +342,7 @@ async def _respond_once(endpoint: Handler, request: Request) -> Response:
     request.state.repeatable = repeatable
     response = await endpoint(request)
     if request.state.repeatable is not None:
-        # A thread of its own: the shared ones may all be waiting for this transaction.
+        # In a thread of its own: all shared ones may be waiting for this transaction.
         await to_thread.run_sync(
             _store_response, request, response, limiter=CapacityLimiter(1)
         )
@@ -353,8 +352,8 @@ async def _respond_once(endpoint: Handler, request: Request) -> Response:
 def committed(request: Request, response: Response) -> Response:
     """Commit the `WriteSession` of this request in this thread; returns the response.
 
-    Otherwise `write_session` commits later, in another thread, and nobody else can
-    write until then. For routes that are called very often.
+    For routes that are called very often: otherwise `write_session` commits later, in
+    another thread, and no other transaction can write until then.
     """
     _store_response(request, response)
     request.state.write_session.commit()
@@ -389,7 +388,7 @@ def _expect_json(request: Request) -> None:
     media_type = request.headers.get("content-type", "").partition(";")[0].strip()
     if _has_body(request) and media_type.lower() != "application/json":
         raise UnsupportedMedia(
-            f"the body must be application/json, it says {media_type or 'nothing'!r}"
+            f"expected application/json, found {media_type or 'no media type'!r}"
         )
 
 

@@ -1,9 +1,9 @@
-"""The page's shell and files: types, caching, and the policy they run under.
+"""The page's shell and files: media types, caching, and Content-Security-Policy.
 
-The shell names all files of the page below an address that changes with any of them:
-`/static/v-9f86d081884c7d65/js/main.js`. Modules import each other by relative
-addresses, so they come from below it, too. A browser may keep such a file forever and
-asks the server only for the shell. Below `/static/js/main.js` it asks each time.
+The shell refers to all files of the page by URLs with a version, which changes with any
+of them: `/static/v-9f86d081884c7d65/js/main.js`. Modules import each other by relative
+URLs, which include the version. A browser may cache such a file forever and revalidates
+only the shell. Files at a URL without a version are revalidated each time.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from app.http.routing import ApiRouter, HeadRoute, OpenRouter
 from app.package import static_dir
 from app.security import FORMER_COOKIE
 
-# Not from the machine's own table: on Windows it may call JavaScript plain text.
+# Not from the system's table: on Windows it may define JavaScript as plain text.
 MEDIA_TYPES: Final = {
     ".css": "text/css; charset=utf-8",
     ".html": "text/html; charset=utf-8",
@@ -66,7 +66,7 @@ def page_file(folder: Path, name: str) -> PageFile:
     Raises
     ------
     NotFound
-        There is none, it is of no known type, or it lies elsewhere.
+        There is no such file, its type is unknown, or it is outside of the folder.
     """
     try:
         path = (folder / name).resolve()
@@ -80,7 +80,7 @@ def page_file(folder: Path, name: str) -> PageFile:
 
 
 def version_of(folder: Path) -> str:
-    """Sixteen hexadecimal digits of all files below: the same on every server."""
+    """A hash of all files in the folder, the same on every server."""
     found = hashlib.sha256()
     for path in sorted(folder.rglob("*")):
         if path.is_file() and path.suffix in MEDIA_TYPES:
@@ -90,7 +90,7 @@ def version_of(folder: Path) -> str:
 
 
 def page_version(folder: Path) -> str:
-    """`version_of`, looked at once a second: somebody may be working on the page."""
+    """`version_of`, cached for a second: a developer may be changing the page."""
     return _version_at(folder, int(time.monotonic()))
 
 
@@ -101,9 +101,9 @@ def _version_at(folder: Path, _second: int) -> str:
 
 @lru_cache(maxsize=4)
 def shell_page(folder: Path, version: str) -> PageFile:
-    """The page, with a link that preloads every module that it starts with.
+    """The page, with links that preload all modules that it starts with.
 
-    Otherwise a browser finds them one import after the other, each a round trip.
+    Otherwise a browser discovers them import by import, each with a round trip.
     """
     page = page_file(folder, "index.html").content
     links = "".join(
@@ -116,9 +116,9 @@ def shell_page(folder: Path, version: str) -> PageFile:
 
 
 def started_modules(folder: Path, entry: str) -> list[str]:
-    """All modules that a module imports, directly or not, beginning with itself.
+    """A module and all modules that it imports, directly or indirectly.
 
-    Those that it loads later, by ``import()``, are not among them.
+    Modules that it loads later, by ``import()``, are left out.
     """
     found = {entry: None}
     waiting = [folder / entry]
@@ -146,8 +146,8 @@ def _etag(content: bytes) -> str:
 def content_security_policy(index: Path) -> str:
     """The Content-Security-Policy: own files only, and the page's import map.
 
-    Text never becomes elements or code, except in `docs.js`, which names its exception
-    "api-docs". Without the page (an API-only installation) there is no map to allow.
+    Trusted Types forbid turning text into elements or code, except by the policy
+    "api-docs" of `docs.js`. An API-only installation has no page and so no import map.
     """
     page = index.read_bytes() if index.is_file() else b""
     maps = (hashlib.sha256(text).digest() for text in _INLINE_MAP.findall(page))
@@ -168,7 +168,7 @@ description = ApiRouter()
 
 @shell.get("/", include_in_schema=False)
 async def index(request: Request) -> Response:
-    """The page. Its filters live in the URL, so any query parameter is allowed."""
+    """The page. Its filters are in the URL, so any query parameter is allowed."""
     folder = static_dir()
     response = _file_response(request, shell_page(folder, page_version(folder)))
     if FORMER_COOKIE in request.cookies:
@@ -178,10 +178,10 @@ async def index(request: Request) -> Response:
 
 @files.get("/static/{name:path}", include_in_schema=False)
 async def static_file(name: str, request: Request) -> Response:
-    """One file of the page. Small and kept in memory: not worth a thread each.
+    """One file of the page, from memory, and so not in a thread.
 
-    A page that was opened before an update asks below the former version. It gets the
-    file of now, which its browser does not keep.
+    A page that was opened before an update requests URLs of the former version. It gets
+    the current file, without permission to cache it.
     """
     folder, asked = static_dir(), _VERSION.match(name)
     file = page_file(folder, name[asked.end() :] if asked else name)
@@ -191,7 +191,7 @@ async def static_file(name: str, request: Request) -> Response:
 
 @description.get("/openapi.json", include_in_schema=False)
 def openapi(request: Request) -> Response:
-    """The API, for machines; in a thread, since making it the first time takes long."""
+    """The OpenAPI document; in a thread, since generating it the first time is slow."""
     content = json.dumps(request.app.openapi(), ensure_ascii=False).encode()
     return _file_response(
         request, PageFile(content, MEDIA_TYPES[".json"], _etag(content))
@@ -200,13 +200,13 @@ def openapi(request: Request) -> Response:
 
 @files.get("/docs", include_in_schema=False)
 async def docs(request: Request) -> Response:
-    """The page that shows `/docs/content` to people who are signed in."""
+    """The page that shows `/docs/content` to people who are logged in."""
     return _file_response(request, page_file(static_dir(), "docs.html"))
 
 
 @description.get("/docs/content", include_in_schema=False)
 def docs_content(request: Request) -> Response:
-    """The API, for people; in a thread, as `openapi`."""
+    """The API as HTML; in a thread, as `openapi`."""
     page = docs_page(request.app.openapi())
     return Response(page, media_type="text/html; charset=utf-8")
 

@@ -1,1 +1,1 @@
-"""Frames on their way in: checked, measured, stored, one or many."""
+"""Ingestion of frames, one or many: checking, measuring and storing them."""

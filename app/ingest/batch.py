@@ -1,4 +1,4 @@
-"""Many frames from one stream: stored and told while the rest still comes."""
+"""Stores the frames of a streamed archive while the rest is still being received."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ from app.ingest.tar import (
 from app.settings import Settings
 
 MOST_TOGETHER: Final = 32
-"""Frames of one transaction."""
+"""Maximum number of frames in one transaction."""
 LONGEST_WAIT_S: Final = 0.1
 """How long a frame waits for others to share its transaction."""
 MAX_IN_FLIGHT: Final = 96
-"""Frames between being received and being told; their images are on the disk."""
+"""Frames that are received but not reported yet; their images are on the disk."""
 MAX_RECEIVED_BYTES: Final = 64 * 1024**2
-"""Bytes of frames that are received and not measured yet; one more frame fits."""
+"""Bytes of frames that are received but not measured yet; one frame may exceed it."""
 
 _Started: TypeAlias = asyncio.Future[PreparedFrame]
 
 
 class ArchiveFrames:
-    """Frames of an archive as its bytes come in; `held` counts what is kept of them."""
+    """Frames of an archive that is being received; `held` counts bytes in memory."""
 
     def __init__(
         self, settings: Settings, chunks: AsyncIterator[bytes], held: HeldBytes
@@ -71,7 +71,7 @@ class ArchiveFrames:
         self._fault: Exception | None = None
 
     async def begin(self) -> None:
-        """Read as much as shows that this is an archive at all."""
+        """Read the first block, which shows whether this is an archive."""
         received = 0
         async for chunk in self._chunks:
             received += len(chunk)
@@ -80,13 +80,13 @@ class ArchiveFrames:
             except AppError as fault:
                 if not self._ready:
                     raise
-                self._fault = fault  # told after what came before it
+                self._fault = fault  # raised after the frames before it
             if received >= BLOCK:
                 return
         self._tar.close()
 
     async def __aiter__(self) -> AsyncIterator[UploadedFrame]:
-        """Each frame as soon as it is complete; what is wrong with the archive."""
+        """Each frame as soon as it is complete; raises the archive's first fault."""
         for frame in self._given():
             yield frame
         if self._fault is not None:
@@ -95,7 +95,7 @@ class ArchiveFrames:
             try:
                 self._take(chunk)
             finally:
-                # What was complete before a fault is stored all the same.
+                # Frames that were complete before a fault are stored.
                 for frame in self._given():
                     yield frame
         self._tar.close()
@@ -108,7 +108,7 @@ class ArchiveFrames:
         self._hold()
 
     def _given(self) -> Iterator[UploadedFrame]:
-        """Frames that are complete; the caller counts each one from then on."""
+        """Complete frames; the caller counts the bytes of each from then on."""
         while self._ready:
             frame = self._ready.popleft()
             self._hold()
@@ -120,10 +120,10 @@ class ArchiveFrames:
 
 
 class BatchIntake:
-    """Measures frames in all threads, stores some together, and tells of each.
+    """Measures frames in all threads, stores them in groups, and returns the results.
 
-    The bytes that are kept of a frame count against its sender until they are let go,
-    even after the batch has ended early.
+    The bytes of a frame count for the token of its sender until they are released, even
+    if the batch has ended early.
     """
 
     def __init__(
@@ -139,11 +139,10 @@ class BatchIntake:
     async def ended(
         self, frames: AsyncIterator[UploadedFrame]
     ) -> AsyncIterator[list[EndedFrame]]:
-        """What became of each frame, in their order, as soon as it is durable.
+        """The result of each frame, in order, as soon as it is durable.
 
-        Frames that share a transaction are durable, and told, together.
-
-        Raises what ended the frames before their time, after all that came before.
+        Each list has the frames of one transaction. If reading the frames fails, the
+        error is raised after the results of all frames before it.
         """
         receiving = asyncio.create_task(self._receive(frames))
         try:
@@ -153,7 +152,7 @@ class BatchIntake:
                     for _ in together:
                         self._places.release()
                         self._counted.popleft().let_go()
-                prepared, together = [], []  # nothing is kept while the next ones come
+                prepared, together = [], []  # free them while waiting for the next
             await receiving
         finally:
             receiving.cancel()
@@ -162,11 +161,11 @@ class BatchIntake:
                 counted.let_go()
 
     async def _receive(self, frames: AsyncIterator[UploadedFrame]) -> None:
-        """Start work on frames while there is room; the client waits otherwise."""
+        """Start measuring frames while there is room; otherwise let the client wait."""
         try:
             async for frame in frames:
                 if self._context.engine.stopping.is_set():
-                    raise NotReady("the service stops; send the rest again later")
+                    raise NotReady("the service is stopping; send the rest later")
                 size = frame.size_bytes
                 future = asyncio.wrap_future(await self._start(frame, size))
                 future.add_done_callback(partial(self._room.give_back, size))
@@ -192,7 +191,7 @@ class BatchIntake:
         return prepare_frame(self._context, self._request, frame)
 
     async def _some(self) -> list[PreparedFrame]:
-        """The next frames that are ready at about the same time; none at the end."""
+        """The next frames that are ready at about the same time; empty at the end."""
         first = self._held or await self._started.get()
         self._held = None
         if first is None:
@@ -219,7 +218,7 @@ class BatchIntake:
             )
 
     def _throw_away(self) -> None:
-        """Drafts of frames that were on their way when the batch ended early."""
+        """Discard the drafts of unfinished frames when the batch ends early."""
         left = [self._held]
         while not self._started.empty():
             left.append(self._started.get_nowait())
@@ -236,7 +235,7 @@ class BatchIntake:
 
 
 class _CountedFrame:
-    """Bytes kept of a frame: all until it is measured, some until it is told."""
+    """Counts the bytes of a frame: all until it is measured, then what is needed."""
 
     def __init__(self, bodies: OpenBodies, token_id: int, size: int) -> None:
         bodies.take(token_id, size)
@@ -245,7 +244,7 @@ class _CountedFrame:
         self._lock = threading.Lock()
 
     def measured(self, done: Future[PreparedFrame]) -> None:
-        """Called in the thread that has measured it, or where it was cancelled."""
+        """Count only what is still needed; called in the thread that ends `done`."""
         failed = done.cancelled() or done.exception() is not None
         frame = None if failed else done.result()
         kept = frame.size_bytes if isinstance(frame, ReadyFrame) else 0
@@ -254,14 +253,14 @@ class _CountedFrame:
             self._lower(0 if self._is_let_go else kept)
 
     def let_go(self) -> None:
-        """It is told, or nobody waits for it; what is worked on is kept until then."""
+        """Release the frame's bytes: at once, or when a running measurement ends."""
         with self._lock:
             self._is_let_go = True
             if self._is_measured:
                 self._lower(0)
 
     def never_started(self) -> None:
-        """Give its bytes back: nobody began to prepare the frame."""
+        """Release the bytes of a frame whose measurement was not started."""
         with self._lock:
             self._lower(0)
 
@@ -272,27 +271,27 @@ class _CountedFrame:
 
 
 class _Room:
-    """Bytes that may be held; a frame that needs more waits."""
+    """A budget of bytes, shared by the frames of a batch."""
 
     def __init__(self, size_bytes: int) -> None:
         self._free = size_bytes
         self._freed = asyncio.Event()
 
     async def take(self, size_bytes: int) -> None:
-        """Wait until anything is free, and take this much."""
+        """Wait until any bytes are free, then take this many."""
         while self._free <= 0:
             self._freed.clear()
             await self._freed.wait()
         self._free -= size_bytes
 
     def give_back(self, size_bytes: int, _done: object = None) -> None:
-        """Say that so many bytes are free again."""
+        """Return this many bytes."""
         self._free += size_bytes
         self._freed.set()
 
 
 def _of_different_keys(prepared: list[PreparedFrame]) -> Iterator[list[PreparedFrame]]:
-    """In their order, cut wherever a key comes again."""
+    """The frames in order, in groups in which no key occurs twice."""
     together: dict[str, PreparedFrame] = {}
     for work in prepared:
         if work.key in together:
@@ -306,24 +305,24 @@ _RETRY_S: Final = 5
 
 
 class OpenBatches:
-    """How many batches are being received by this process; belongs to its loop."""
+    """Counts the batches that are being received; used on the event loop only."""
 
     def __init__(self) -> None:
         self._by_token: Counter[int] = Counter()
 
     @property
     def open(self) -> int:
-        """How many there are."""
+        """The number of open batches."""
         return self._by_token.total()
 
     @contextmanager
     def enter(self, token_id: int, *, most: int, most_of_one: int) -> Iterator[None]:
-        """A place for one more.
+        """Count one more batch during the block.
 
         Raises
         ------
         TooManyRequests
-            As many are open already as may be, by all tokens or by this.
+            The limit of all tokens or of this token is reached.
         """
         if self._by_token[token_id] >= most_of_one:
             raise TooManyRequests(

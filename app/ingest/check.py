@@ -1,4 +1,4 @@
-"""An uploaded frame is checked: its key, its annotation, the headers of its files."""
+"""Checks an uploaded frame: its key, its annotation and the headers of its files."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _SAME_SIZE: Final = ("segmentation", "ignore_mask")
 
 
 MAX_TEXT: Final = 200
-"""Characters of an id, a class or a map: what their columns hold."""
+"""Maximum length of an id, a class or a map, as in their columns."""
 _CANONICAL: Final = json.JSONEncoder(sort_keys=True, separators=(",", ":"))
 _DIGEST_OF: Final = b"frame 1\n"
-"""Begins every content digest, should its definition ever change."""
+"""Prefix of the data of every content digest: a version of its definition."""
 
 
 def check_frame(
@@ -49,7 +49,7 @@ def check_frame(
     Raises
     ------
     FilterError
-        Whatever is wrong with the annotation, or with one of the files.
+        The annotation or one of the files is invalid.
     """
     size = len(upload.annotation)
     with in_turn(size):
@@ -66,14 +66,14 @@ def check_frame(
 def read_key(
     upload: UploadedFrame, settings: Settings
 ) -> tuple[str, bytes | Mapping[str, object]]:
-    """The frame's key, and its annotation without one.
+    """The frame's key, and its annotation without the key.
 
     Raises
     ------
     AppError
-        What was found wrong with the frame when it came.
+        The fault that was found while the frame was received.
     AnnotationErrors
-        The annotation may name the key, and is not JSON.
+        The annotation, which may contain the key, is not JSON.
     """
     if upload.fault is not None:
         raise upload.fault
@@ -94,12 +94,12 @@ def _annotation_limits(settings: Settings) -> AnnotationLimits:
 def _content_digest(
     annotation: FrameAnnotation, files: tuple[FileRow, ...], *, is_large: bool
 ) -> str:
-    """Names what was sent: the files' bytes, and the annotation's meaning."""
+    """The digest of a frame's content: its files' bytes and its annotation's values."""
     digest = hashlib.sha256(_DIGEST_OF)
     for file in files:
         digest.update(f"{file.kind} {file.sha256}\n".encode())
     if is_large:
-        # In pieces: no other thread runs while a document is written in one.
+        # In pieces: no other thread runs while a document is written as a whole.
         for piece in _CANONICAL.iterencode(annotation.raw):
             digest.update(piece.encode())
     else:
@@ -110,19 +110,19 @@ def _content_digest(
 def check_files(
     contents: Mapping[str, bytes], annotation: FrameAnnotation, settings: Settings
 ) -> tuple[tuple[int, int], tuple[FileRow, ...]]:
-    """Check types and sizes, and that files are whole; no pixel and no point is read.
+    """Check types and sizes, and that files are complete; reads no pixel or point.
 
     Returns
     -------
-    (width, height) of the image in px, and what is stored about each file
+    (width, height) of the image in px, and a row for each file
 
     Raises
     ------
     PointsError
-        A point cloud is none, or not as long as its header says.
+        A file is not a point cloud, or not as long as its header says.
     ImageError
-        A file is no image, is too large, or has another size than the RGB image;
-        ``unknown_size``: neither a picture nor the camera says how large the image is.
+        A file is not an image, is too large, or has another size than the RGB image;
+        ``unknown_size``: neither a picture nor the camera gives the size of the image.
     """
     headers = {
         kind: _header(kind, contents[kind], settings)
@@ -188,8 +188,8 @@ def require_key(key: str) -> None:
     Raises
     ------
     Unprocessable
-        ``bad_key``: empty, too long, with control characters, or with parts that a
-        file system would read as a way out of a folder.
+        ``bad_key``: it is empty, too long, has control characters, or has parts that
+        lead out of a folder in a file system.
     """
     fault = _fault(key)
     if fault:
@@ -207,7 +207,7 @@ def _fault(key: str) -> str:
     if any(unicodedata.category(character).startswith("C") for character in key):
         return "a control character"
     if "\N{REPLACEMENT CHARACTER}" in key:
-        # Of an address that is not UTF-8; keys that differ would become the same.
+        # From a URL that is not UTF-8: different keys would become the same.
         return "a character that could not be read as UTF-8"
     if "" in parts:
         return "an empty part between slashes"

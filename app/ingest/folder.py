@@ -1,10 +1,10 @@
-"""A folder that was dropped: which frames its files would be. Nothing is stored.
+"""Finds the frames in a folder that a person dropped on the page. Stores none of them.
 
-The files come as a tar: text files as they are, pictures and other files without their
-content, since readers of folders go by names. They are laid into a folder of their own
-(`SentFolder`), and a child process reads it with the readers that ``unghost push`` uses
-and writes the response beside it (`write_response`). Strangers chose these files, so
-the child has a limit of memory and time (`app.engine.children`).
+The page sends the files as a tar: text files as they are, pictures and other files
+without content, since readers of folders need only their names. They are written to a
+temporary folder (`SentFolder`). A child process reads that with the readers of
+``unghost push`` and writes the response next to it (`write_response`). The files are
+untrusted, so the child has limits on memory and time (`app.engine.children`).
 """
 
 from __future__ import annotations
@@ -39,36 +39,36 @@ from unghost.wire.folders import (
 from unghost.wire.model import Fault, ResponseModel
 
 PREFIX: Final = "folder-"
-"""Of the names of folders that hold what was sent, and the response."""
+"""Prefix of the names of temporary folders, each with the files and the response."""
 ROOT: Final = "these files"
-"""The name of the folder, as errors call it where what was sent has none."""
+"""The name of the folder in error messages, if the sent files have no common folder."""
 MOST_NAME_BYTES: Final = 1024
-"""Of the name of one file with its folders."""
+"""Maximum length of the path of a file."""
 MOST_PART_BYTES: Final = 255
-"""Of the name alone, or of that of one folder: file systems take no more."""
+"""Maximum length of the name of a file or folder, as in most file systems."""
 MOST_DEPTH: Final = 32
-"""Folders inside of each other."""
+"""Maximum depth of nested folders."""
 MOST_LONGER: Final = 4
-"""The response on a folder may be so many times as long as the folder."""
+"""Maximum size of the response, as a multiple of the maximum size of the folder."""
 _TEXTS: Final = (".txt", ".xml", ".json", ".jsonl", ".yaml", ".yml", ".names")
-"""What readers look into; which of them each reader does is not known here."""
+"""Text files that some reader opens."""
 _DEVICE: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
-"""Names that Windows gives to devices, whatever follows the first dot."""
+"""Names reserved for devices on Windows, with any suffix."""
 
 
 class SentFolder:
-    """The files of a folder as they come, on the disk until it is removed.
+    """A temporary folder with the files that are being received.
 
-    A file that cannot be laid there is noted in `refused`; the others go on.
+    A file that cannot be written there is listed in `refused`; the others are kept.
 
     Parameters
     ----------
     parent : Path
-        The folder to make it in.
+        Where to create it.
     most_files : int
-        Files and folders together.
+        Maximum number of files and folders together.
     most_file_bytes : int
-        Of one file, as the archive was read with.
+        Maximum size of one file, the same as for reading the archive.
     """
 
     def __init__(self, parent: Path, most_files: int, most_file_bytes: int) -> None:
@@ -82,7 +82,7 @@ class SentFolder:
         self._files = 0
 
     def add(self, member: Member) -> None:
-        """Lay a file there.
+        """Write a file.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class SentFolder:
             with path.open("xb") as file:
                 file.write(content)
         except (FileExistsError, NotADirectoryError):
-            return "another file has this name, or one that the server takes for it"
+            return "another file has this name, or one that is equal on the server"
         except (OSError, ValueError):
             if shutil.disk_usage(self.root).free < len(content):
                 raise
@@ -126,28 +126,28 @@ class SentFolder:
             folder = folder.rpartition("/")[0]
 
     def remove(self) -> None:
-        """Remove everything, from the disk too."""
+        """Delete the folder and the response."""
         shutil.rmtree(self._place, ignore_errors=True)
 
 
 def _why_not(name: str, root: Path) -> str | None:
-    """Why no file of this name is laid anywhere; None if there is no reason."""
-    # The rules of this system: elsewhere a backslash or a drive leads away.
+    """Why no file of this name may be written; None if it may."""
+    # By the rules of this system: on Windows a backslash or a drive leads elsewhere.
     place = os.path.normpath(root / name)
     if "\0" in name or _relative(Path(place), root) != name or name.startswith("../"):
         return "its name leads out of the folder"
     parts = name.split("/")
     if any(map(_DEVICE.match, parts)):
-        return "its name is that of a device on Windows"
+        return "its name is reserved for a device on Windows"
     sizes = [len(part.encode()) for part in parts]
     if max(sizes) > MOST_PART_BYTES or sum(sizes) > MOST_NAME_BYTES:
         return "its name is too long"
-    return "it lies too deep" if len(parts) > MOST_DEPTH else None
+    return "it is nested too deep" if len(parts) > MOST_DEPTH else None
 
 
 @dataclass(frozen=True)
 class FolderTask:
-    """What a child process is asked.
+    """The arguments of a child process that reads a folder.
 
     Attributes
     ----------
@@ -156,11 +156,11 @@ class FolderTask:
     response : Path
         The file to write.
     layout : str
-        One of `LAYOUTS`; ``auto`` takes the likeliest.
+        One of `LAYOUTS`; ``auto`` chooses the likeliest.
     refused : tuple of (str, str)
         Files that are not in the folder, each with the reason.
     most_bytes : int
-        Of the response.
+        Maximum size of the response.
     """
 
     root: Path
@@ -171,18 +171,18 @@ class FolderTask:
 
 
 def write_response(task: FolderTask) -> int:
-    """Read a folder and write what is found, a line of JSON for each thing.
+    """Read a folder and write the response, as lines of JSON.
 
     Returns
     -------
     int
-        The bytes of the response.
+        The size of the response in bytes.
 
     Raises
     ------
     LayoutError
-        No layout is recognised, or not the one that was named; a list of classes cannot
-        be read; the response would be too long.
+        No layout is recognised, or not the requested one; a list of classes cannot be
+        read; the response would be too large.
     """
     source = _only_folder(task.root)
     layouts = possible_layouts(source)
@@ -215,7 +215,7 @@ def write_response(task: FolderTask) -> int:
 
 
 def _only_folder(root: Path) -> Path:
-    """The one folder that was dropped, if there is nothing beside it; else all."""
+    """The only folder in `root`, if there is nothing else there; otherwise `root`."""
     visible = [path for path in root.iterdir() if not is_hidden(path.name)]
     only = visible[0] if len(visible) == 1 else root
     return only if only.is_dir() else root
@@ -223,7 +223,7 @@ def _only_folder(root: Path) -> Path:
 
 @dataclass
 class _Response:
-    """The lines of the response, and what was counted on the way."""
+    """Writes the lines of the response, and counts them."""
 
     task: FolderTask
     source: Path
@@ -252,8 +252,8 @@ class _Response:
         self.size += len(line) + 1
         if self.size > self.task.most_bytes:
             raise LayoutError(
-                f"what is in this folder takes more than {self.task.most_bytes} bytes "
-                "to say; unghost push takes folders of any size"
+                f"the description of this folder is larger than {self.task.most_bytes} "
+                "bytes; unghost push takes folders of any size"
             )
         self._file.write(line + b"\n")
 
@@ -288,7 +288,7 @@ class _Response:
         )
 
     def _name_of(self, kind: str, path: Path) -> str:
-        """The name that a file was sent under; only a manifest names any other."""
+        """The name of a sent file; a manifest may name files that were not sent."""
         name = _relative(path, self.task.root)
         if name in self._names:
             return name
@@ -303,7 +303,7 @@ class _Response:
             self.write(UnmatchedFile(path=path, why=why))
 
     def _strange(self, layout: str) -> Iterator[tuple[str, str]]:
-        """Files that no frame has, and that no reader looks at either."""
+        """Files that belong to no frame, and that no reader opens."""
         manifest = manifest_of(self.source) if layout == MANIFEST.name else None
         known = {
             *self.used,
@@ -335,8 +335,8 @@ def _faulty(key: str, fault: LayoutError) -> bytes:
 
 def _line(line: ResponseModel) -> bytes:
     try:
-        # ASCII: a key can have halves of surrogate pairs, which UTF-8 cannot.
+        # ASCII: a key can have lone surrogates, which UTF-8 cannot encode.
         return json.dumps(line.model_dump(), allow_nan=False).encode()
     except ValueError as exc:
-        # JSON has no infinite number, but 1e999 in it is read as one.
+        # JSON has no infinity, but 1e999 is read as one.
         raise LayoutError("a number in the annotation is too large") from exc

@@ -1,4 +1,4 @@
-"""The route that reads a dropped folder, of which nothing is stored."""
+"""The route that finds the frames in a dropped folder, without storing them."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ async def read_folder(
         Layout, Query(description="How the files of the folder are arranged.")
     ] = "auto",
 ) -> Response:
-    """Say which frames a folder holds; nothing is stored.
+    """List the frames in a folder, without storing them.
 
     The body is a tar of its files: text files as they are, the others without content.
     """
@@ -111,12 +111,12 @@ async def _remove(sent: SentFolder) -> None:
 async def _receive(
     request: Request, services: ServiceContext, sent: SentFolder
 ) -> None:
-    """Lay the files of the body into the folder while they come."""
+    """Write the files of the body to the folder while they are received."""
     settings, stop = services.settings, services.engine.stopping
     limits = TarLimits(
         max_archive_bytes=int(settings.max_folder_bytes),
         max_member_bytes=int(settings.max_part_bytes),
-        # A long name is a member before the one that it names.
+        # A long name is a member of its own, before the member that has it.
         max_members=2 * settings.max_folder_files,
     )
     archive = TarStream(limits, any_name=True)
@@ -138,7 +138,7 @@ async def _receive(
 async def _in_child(
     request: Request, services: ServiceContext, task: FolderTask
 ) -> int:
-    """The size of the response, which a child writes; given up with the request."""
+    """Let a child write the response; returns its size. Ends if the client leaves."""
     given_up = threading.Event()
     watching = asyncio.ensure_future(tell_when_left(request, given_up))
     places: CapacityLimiter = request.app.state.folders
@@ -154,7 +154,7 @@ async def _in_child(
 
 
 class FolderResponse(StreamingResponse):
-    """The response from its file, which is removed when it is sent or given up."""
+    """A response from a temporary folder, which is deleted once it is sent or fails."""
 
     def __init__(self, file: Path, size: int, opened: AsyncExitStack) -> None:
         super().__init__(
@@ -163,7 +163,7 @@ class FolderResponse(StreamingResponse):
         self._opened = opened
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send it."""
+        """Send the response, then delete the folder."""
         try:
             await super().__call__(scope, receive, send)
         finally:

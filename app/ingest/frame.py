@@ -1,7 +1,7 @@
-"""A frame on its way in, stage by stage: as it came, checked, measured, stored.
+"""The stages of a frame's ingestion: uploaded, checked, measured, stored.
 
-Each stage is one object, which the next step takes; `app.ingest.service` has the steps.
-A frame may also end early, as a `RefusedFrame`.
+Each stage is a type, the input of the next step; `app.ingest.service` has the steps. A
+frame may also be refused, as a `RefusedFrame`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from unghost.wire.datasets import VerdictCounts
 
 @dataclass(frozen=True)
 class UploadRequest:
-    """What all frames of one request have in common.
+    """The parameters that all frames of one request share.
 
     With `replace`, a frame with other content becomes the next revision of its key.
     """
@@ -35,7 +35,7 @@ class UploadRequest:
 
 @dataclass
 class UploadedFrame:
-    """A frame as it came, alone or in an archive.
+    """A frame as it was received, alone or in an archive.
 
     Attributes
     ----------
@@ -46,9 +46,9 @@ class UploadedFrame:
     files : dict
         The bytes of each file by its kind.
     may_rename : bool
-        The annotation may name another key, as in an archive.
+        Whether the annotation may name another key, as in an archive.
     fault : AppError or None
-        What was found wrong with it already.
+        A fault that was found while it was received.
     """
 
     key: str
@@ -59,16 +59,16 @@ class UploadedFrame:
 
     @property
     def size_bytes(self) -> int:
-        """What it holds in memory."""
+        """Bytes of its annotation and files in memory."""
         return len(self.annotation) + sum(map(len, self.files.values()))
 
 
 @dataclass(frozen=True)
 class CheckedFrame:
-    """A frame whose annotation and headers are in order; no pixel was read yet.
+    """A frame with a valid annotation and valid headers; no pixel has been read.
 
-    `digest` names what was sent: the same content has the same digest. `contents` are
-    the bytes of the files, `files` what is stored about them.
+    `digest` identifies the content: equal content has an equal digest. `contents` are
+    the bytes of the files, `files` their rows.
     """
 
     key: str
@@ -83,11 +83,11 @@ class CheckedFrame:
         return {row.sha256: self.contents[row.kind] for row in self.files}
 
     def to_measure(self, sensors: tuple[str, ...]) -> FrameFiles:
-        """The files that a measurement reads, with those of these sensors."""
+        """The files that a measurement with these sensors reads."""
         return FrameFiles.of(self.contents, self.image_wh, sensors)
 
     def without_other_files(self) -> CheckedFrame:
-        """Itself, holding only the bytes that some measurement reads."""
+        """A copy with only those files that some measurement reads."""
         kinds = (*MEASURED, *SENSORS)
         needed = {kind: self.contents[kind] for kind in kinds if kind in self.contents}
         return replace(self, contents=needed)
@@ -95,9 +95,9 @@ class CheckedFrame:
 
 @dataclass(frozen=True)
 class ReadyFrame:
-    """A measured frame whose files are written; only its rows are missing.
+    """A measured frame whose files are written, and whose rows are not.
 
-    `active` is its dataset, with the measurement that the numbers belong to. `drafts`
+    `active` is its dataset, with the measurement to which the numbers belong. `drafts`
     are its files, which `storage.settle` makes durable.
     """
 
@@ -113,11 +113,11 @@ class ReadyFrame:
 
     @property
     def size_bytes(self) -> int:
-        """Bytes of files that it holds in memory."""
+        """Bytes of its files in memory."""
         return sum(map(len, self.checked.contents.values()))
 
     def is_measured_for(self, active: ActiveDataset) -> bool:
-        """Whether its numbers are those that the dataset asks for by now."""
+        """Whether its numbers belong to the current measurement of the dataset."""
         return active.row.measurement_digest == self.active.row.measurement_digest
 
 
@@ -126,7 +126,7 @@ class StoredFrame:
     """A frame that is in the database.
 
     If this upload has stored it, it is a `NewFrame` (`app.ingest.rows`). `verdicts` are
-    the numbers of its boxes by verdict; None if nobody has counted them.
+    the numbers of its boxes by verdict; None if they have not been counted.
     """
 
     key: str
@@ -136,17 +136,17 @@ class StoredFrame:
 
 @dataclass(frozen=True)
 class RefusedFrame:
-    """A frame that is not stored, and why."""
+    """A frame that is refused, and the reason."""
 
     key: str
     error: Exception
 
     def __post_init__(self) -> None:
-        """Nothing of the frame is kept."""
+        """Drop the error's tracebacks, which refer to the frame's data."""
         forget_frames(self.error)
 
 
 EndedFrame: TypeAlias = StoredFrame | RefusedFrame
-"""A frame that has come to its end."""
+"""The final result for a frame."""
 PreparedFrame: TypeAlias = ReadyFrame | EndedFrame
-"""A frame after `prepare_frame`: ready for the transaction, or at its end."""
+"""A frame after `prepare_frame`: ready for the transaction, or a final result."""

@@ -1,4 +1,4 @@
-"""SQL of frames that are known; refused ones are in `app.measuring.queries`."""
+"""SQL for looking up stored frames by key; `app.measuring.queries` has refused ones."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from app.db.tables import Frame
 
 
 class KnownFrame(NamedTuple):
-    """The newest revision under a key, and what names its content."""
+    """The newest revision under a key, and the digest of its content."""
 
     key: str
     frame_id: int
@@ -22,7 +22,7 @@ class KnownFrame(NamedTuple):
 def known_frames(
     session: Session, dataset_id: int, keys: Sequence[str]
 ) -> list[KnownFrame]:
-    """Those of these keys under which there is a frame; by the index on keys."""
+    """The frames that are stored under some of these keys; uses the index on keys."""
     rows = (
         select(Frame.key, Frame.id, Frame.content_digest)
         .where(

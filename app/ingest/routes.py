@@ -1,4 +1,4 @@
-"""Routes that take frames in: one, many, and what is known of them."""
+"""Routes that store frames, one or many, and that look up stored keys."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from starlette.requests import ClientDisconnect
 from starlette.types import Receive, Scope, Send
 
 from app.boxes import frames
-from app.boxes.routes import FrameKey
 from app.context import ServiceContext
 from app.engine.children import GivenUp
 from app.errors import Unprocessable, UnsupportedMedia
@@ -26,6 +25,7 @@ from app.http.deps import (
     AppServices,
     CurrentPrincipal,
     DatasetName,
+    FrameKey,
     ReadSession,
     services_of,
     settings_of,
@@ -72,7 +72,7 @@ ARCHIVE_BODY: Final = {
 def lines_of(
     *models: type[ResponseModel], description: str
 ) -> dict[int | str, dict[str, object]]:
-    """A response of lines for the OpenAPI document, each one of these models."""
+    """An OpenAPI response of lines of JSON, each line one of these models."""
     kinds = [{"$ref": f"#/components/schemas/{model.__name__}"} for model in models]
     content = {LINES: {"itemSchema": {"anyOf": kinds}}}
     return {200: {"content": content, "description": description}}
@@ -85,7 +85,7 @@ async def upload_request(
         bool, Query(description="Store other content as the next revision.")
     ] = False,
 ) -> UploadRequest:
-    """What a request says of all its frames. Asynchronous: not worth a thread."""
+    """The parameters of all frames of a request. Async: not worth a thread."""
     return UploadRequest(dataset, principal, replace)
 
 
@@ -105,28 +105,28 @@ CommonToFrames = Annotated[UploadRequest, Depends(upload_request)]
 async def post_batch(
     request: Request, common: CommonToFrames, services: AppServices
 ) -> Response:
-    """Store the frames of a tar while it comes; each is answered once it is durable."""
+    """Store the frames of a streamed tar; each is reported once it is durable."""
     expect_archive(request)
     return BatchResponse(request, services, common)
 
 
 def expect_archive(request: Request) -> None:
-    """Refuse a body that does not say that it is a plain tar."""
+    """Refuse a body whose headers do not declare a plain tar."""
     media_type = request.headers.get("content-type", "")
     if media_type.partition(";")[0].strip().lower() != ARCHIVE:
         raise UnsupportedMedia(
-            f"the body must be {ARCHIVE}, it says {media_type or 'nothing'!r}"
+            f"expected {ARCHIVE}, found {media_type or 'no media type'!r}"
         )
     coding = request.headers.get("content-encoding", "identity")
     if coding.lower() != "identity":
         raise UnsupportedMedia(
-            f"the body must not be encoded, it says {coding[:80]!r}; images are "
-            "compressed already"
+            f"expected a body without Content-Encoding, found {coding[:80]!r}; images "
+            "are compressed already"
         )
 
 
 class BatchResponse(Response):
-    """Reads the request while it responds; nothing else may listen to the request."""
+    """A response that reads the request while it is sent; nothing else may read it."""
 
     media_type = LINES
 
@@ -138,7 +138,7 @@ class BatchResponse(Response):
         self._request, self._services, self._common = request, services, common
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Respond; a fault before the first frame is a problem with its own status."""
+        """Send the response; a fault before the first frame has a status of its own."""
         services = self._services
         with self._place():
             await run_in_threadpool(self._require_dataset)
@@ -183,15 +183,15 @@ class BatchResponse(Response):
         try:
             async for ended in intake.ended(aiter(frames)):
                 yield b"".join([self._told(frame, told) for frame in ended])
-                del ended  # nothing is kept while the next ones come
+                del ended  # free them while waiting for the next
         except ClientDisconnect:
-            return  # nobody is left to be told
+            return  # the response cannot be delivered
         except Exception as error:
             why["problem"] = self._problem(error)
         yield _line(BatchEnd(end=True, frames=told.total(), **why, **told))
 
     def _told(self, frame: EndedFrame, told: Counter[str]) -> bytes:
-        """The line of a frame, which is counted."""
+        """The line of a frame; also counts the frame."""
         if isinstance(frame, RefusedFrame):
             status, kind = refusal_of(frame.error).status, "refused"
             line = BatchLine(
@@ -234,7 +234,7 @@ async def frame_parts(request: Request) -> dict[str, bytes]:
     media_type = request.headers.get("content-type", "")
     if media_type.partition(";")[0].strip().lower() != _MEDIA_TYPE:
         raise UnsupportedMedia(
-            f"the body must be {_MEDIA_TYPE}, it says {media_type or 'nothing'!r}"
+            f"expected {_MEDIA_TYPE}, found {media_type or 'no media type'!r}"
         )
     settings = settings_of(request)
     require_room(settings, services_of(request).storage)
@@ -265,7 +265,7 @@ FrameParts = Annotated[dict[str, bytes], Depends(frame_parts)]
 
 
 def described_body() -> dict[str, object]:
-    """The body for the OpenAPI document: FastAPI cannot see into a dependency."""
+    """The body for the OpenAPI document, which FastAPI cannot derive here."""
     binary = {"type": "string", "format": "binary"}
     properties: dict[str, object] = dict.fromkeys(KINDS, binary)
     properties[ANNOTATION] = {
@@ -283,7 +283,7 @@ upload_router = ApiRouter(prefix="/api/v1", tag="frames")
 
 
 async def frame_upload(key: FrameKey, parts: FrameParts) -> UploadedFrame:
-    """A frame as it was sent. Asynchronous: not worth a thread."""
+    """A frame as it was sent. Async: not worth a thread."""
     files = {kind: content for kind, content in parts.items() if kind != ANNOTATION}
     return UploadedFrame(key, parts[ANNOTATION], files)
 
@@ -301,10 +301,9 @@ async def put_frame(
     upload: Annotated[UploadedFrame, Depends(frame_upload)],
     services: AppServices,
 ) -> Response:
-    """Store a frame: measured, decided and durable before this is answered."""
-    # One thread does all of it, out of some that only uploads have: the shared ones
-    # might all wait for frames that take long, and to change threads costs as much as
-    # to decide a frame.
+    """Store a frame: it is measured, decided and durable before the response."""
+    # One thread does all of it, as changing threads takes as long as deciding a frame.
+    # It is one of a few for uploads alone: slow frames could occupy all shared ones.
     places: CapacityLimiter = request.app.state.uploads
     given_up = threading.Event()
     watching = asyncio.ensure_future(tell_when_left(request, given_up))
@@ -319,7 +318,7 @@ async def put_frame(
 
 
 async def tell_when_left(request: Request, given_up: threading.Event) -> None:
-    """Set `given_up` once the client is gone."""
+    """Set `given_up` when the client disconnects."""
     await has_left(request)
     given_up.set()
 
@@ -333,7 +332,7 @@ def _store(
     stored = add_frame(services, common, upload, given_up)
     headers = {"Location": f"/api/v1/frames/{stored.frame_id}"}
     if isinstance(stored, NewFrame):
-        # Made when others may write again: it takes as long as all the rows.
+        # After the transaction, since it takes as long as inserting all rows.
         return json_response(stored.describe(), 201, headers)
     with services.database.read() as session:
         described = frames.describe_stored(session, stored.frame_id)

@@ -1,4 +1,4 @@
-"""New frames as rows, all or nothing, and as the responses to their uploads."""
+"""Inserts new frames in one transaction, and describes them for the response."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ from unghost.wire.frames import FrameDetails
 
 @dataclass(frozen=True, kw_only=True)
 class NewFrame(StoredFrame):
-    """A frame that was not there before: what its rows say of it.
+    """A frame that this upload has stored, with the content of its rows.
 
-    `carried` are the answers, as rows, that came along from the revision before.
+    `carried` are the rows of answers that were carried over from the former revision.
     """
 
     ready: ReadyFrame
@@ -71,7 +71,7 @@ class NewFrame(StoredFrame):
 
     @property
     def boxes(self) -> int:
-        """How many it has."""
+        """How many boxes it has."""
         return len(self.decisions.reason)
 
     @property
@@ -80,10 +80,9 @@ class NewFrame(StoredFrame):
         return list(range(self.first_box_id, self.first_box_id + self.boxes))
 
     def describe(self) -> dict[str, object]:
-        """A `wire.StoredFrame` whose decisions are dicts.
+        """A `wire.StoredFrame` whose decisions are dicts; uses no database.
 
-        It is made without the database, and best after the transaction, so that nobody
-        waits to write.
+        Call it after the transaction, so that it does not delay other writers.
         """
         frame = _details(self)
         return {
@@ -102,7 +101,7 @@ def insert_frames(
 ) -> list[NewFrame]:
     """Insert frames of different keys and decide their boxes.
 
-    `known` is what their keys had before: the revisions that they replace, if any.
+    `known` has the current row of each key: the revisions that they replace, if any.
     """
     if not frames:
         return []
@@ -186,7 +185,7 @@ def _insert(
     frames: Sequence[NewFrame],
     class_ids: Mapping[str, int],
 ) -> None:
-    """Rows of frames, files, boxes, decisions and evidence; tallies count them in."""
+    """Insert rows of frames, files, boxes, decisions and evidence; update tallies."""
     row, repository = active.row, FrameRepository(session)
     boxes: dict[str, list[object]] = defaultdict(list)
     decisions: dict[str, list[object]] = defaultdict(list)
@@ -270,7 +269,7 @@ def _decision_columns(
 
 
 def _or_none(column: FloatArray) -> list[float | None]:
-    # NaN alone is unlike itself.
+    # Only NaN is not equal to itself.
     return [value if value == value else None for value in column.tolist()]
 
 
@@ -281,7 +280,7 @@ def _carried(
     frame: NewFrame,
     class_ids: Mapping[str, int],
 ) -> Sequence[AnswerRow]:
-    """Carry answers over and note those set aside; Forbidden if they are others'."""
+    """Carry answers over and audit dropped ones; Forbidden if those are others'."""
     evidence = frame.ready.measured.evidence
     boxes = [
         NewBox(box_id, box.id, class_ids[evidence.class_names[index]], box.raw)
@@ -341,7 +340,7 @@ def _details(frame: NewFrame) -> FrameDetails:
 
 def _decisions(frame: NewFrame) -> list[StoredDecision]:
     measured, geometry = frame.ready.measured, frame.ready.measured.geometry
-    if frame.revision > 1:  # rounded as where a stored frame is read
+    if frame.revision > 1:  # rounded as when a stored frame is read
         edges = [None if one is None else rounded_edges(one) for one in geometry.edges]
         geometry = replace(geometry, edges=edges)
     facts = replace(measured.facts(frame.active.config), key=frame.key)

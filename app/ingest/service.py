@@ -1,4 +1,4 @@
-"""A frame's way in: checked and measured, then stored; one alone or many together."""
+"""Ingestion of frames: checks and measures each, then stores one or many together."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _OF_ONE_FRAME: Final = (
     TooLarge,
     Unprocessable,
 )
-"""What is wrong with one frame; anything else ends the request."""
+"""Errors that concern one frame only; any other error ends the request."""
 
 log = logging.getLogger(__name__)
 
@@ -65,9 +65,9 @@ def add_frame(
     Raises
     ------
     FilterError
-        What is wrong with the frame; it is noted among the dataset's problems.
+        The frame is invalid; this is stored as a problem of the dataset.
     FrameConflict
-        Another frame has this key, and `replace` was not asked for.
+        Another frame has this key, and `replace` is not set.
     app.engine.children.GivenUp
         `given_up` was set while a child process measured it: nothing is stored.
     """
@@ -90,8 +90,8 @@ def prepare_frame(
     Returns
     -------
     ReadyFrame
-        Pass it to `store_frames`, like a `RefusedFrame`; otherwise pass its drafts to
-        `storage.discard`.
+        To be passed to `store_frames`, as a `RefusedFrame` is; otherwise its drafts
+        have to be passed to `storage.discard`.
     StoredFrame
         The dataset has this frame already.
     RefusedFrame
@@ -124,7 +124,7 @@ def prepare_frame(
 def _stored_already(
     known: KeyRow, checked: CheckedFrame, request: UploadRequest
 ) -> StoredFrame | None:
-    """The frame, if it is stored already; FrameConflict if another one has its key."""
+    """The frame, if it is stored already; FrameConflict if its key is taken."""
     if known.frame_id is None:
         return None
     if known.content_digest == checked.digest:
@@ -143,7 +143,7 @@ def _measure(
     checked: CheckedFrame,
     given_up: threading.Event | None = None,
 ) -> MeasuredFrame:
-    """Its numbers; a class that the dataset cannot take any more is refused."""
+    """Measure a frame; refuses new classes if the dataset's classes are frozen."""
     plan = active.plan
     files = checked.to_measure(plan.files)
     with error_context(checked.key, "/segmentation"):
@@ -161,9 +161,9 @@ def _check_classes(
     checked: CheckedFrame,
     measured: MeasuredFrame,
 ) -> None:
-    """Refuse a class that the frozen classes of the dataset lack.
+    """Refuse a class that is not among the dataset's frozen classes.
 
-    Here, before the transaction, the refusal is noted as a problem of the frame.
+    It is checked before the transaction, so that it can be stored as a problem.
     """
     with context.database.read() as session:
         known = DatasetRepository(session).classes(active.row.dataset_id)
@@ -186,15 +186,15 @@ def store_frames(
     request: UploadRequest,
     frames: Sequence[PreparedFrame],
 ) -> list[EndedFrame]:
-    """Make frames of different keys durable, in one transaction, in their order.
+    """Store frames of different keys, in order and in one transaction.
 
-    What is wrong with refused ones is noted among the dataset's problems. A frame that
-    cannot be stored leaves the others alone.
+    Errors of refused frames are stored as problems of the dataset. A frame that cannot
+    be stored does not prevent storing the others.
 
     Raises
     ------
     StorageFull
-        There is no room: nothing is stored.
+        There is no disk space: nothing is stored.
     """
     drafts = [frame.drafts for frame in frames if isinstance(frame, ReadyFrame)]
     try:
@@ -207,7 +207,7 @@ def store_frames(
         try:
             return _store_together(context, request, frames)
         except (AppError, FilterError, IntegrityError):
-            # One frame makes the others fail: store each by itself, then.
+            # One frame made the transaction fail: store each in its own.
             log.info("a batch is stored frame by frame", exc_info=True)
     return [_store_alone(context, request, frame) for frame in frames]
 
@@ -226,10 +226,10 @@ def _store_alone(
 
 
 class _MeasuredOtherwise(Exception):
-    """A run changed what frames are measured with since these were measured.
+    """A run has changed the measurement since these frames were measured.
 
-    It ends the transaction that would store them: pixels are never read while others
-    wait to write. Then they are measured again.
+    Raised to roll back the transaction, so that no pixel is read while others wait to
+    write. Then the frames are measured again.
     """
 
 
@@ -253,7 +253,7 @@ def _measured_again(
     request: UploadRequest,
     frame: PreparedFrame,
 ) -> PreparedFrame:
-    """The frame with what its dataset measures by now; no transaction is open."""
+    """The frame, measured with the current measurement; no transaction is open."""
     if not isinstance(frame, ReadyFrame):
         return frame
     active, _ = context.one(PlanCache).before_measuring(
@@ -274,7 +274,7 @@ def _write(
     request: UploadRequest,
     frames: Sequence[PreparedFrame],
 ) -> list[EndedFrame]:
-    """Rows of the frames that are new, and what is wrong with the refused ones."""
+    """Write the rows of new frames, and the problems of refused ones."""
     ready = [frame for frame in frames if isinstance(frame, ReadyFrame)]
     active, known = context.one(PlanCache).active_and_keys(
         session, request.dataset, [frame.key for frame in ready]
@@ -290,14 +290,14 @@ def _write(
         else:
             end = frame
         if isinstance(end, RefusedFrame) and isinstance(end.error, FilterError):
-            # A name in the archive may be longer; no frame has such a key.
+            # A name in an archive may be longer than any valid key.
             key = frame.key[:MAX_KEY]
             note_problem(session, active.row.dataset_id, key, end.error)
         ended[frame.key] = end
     if not all(frame.is_measured_for(active) for frame in new):
         raise _MeasuredOtherwise
-    # Garbage collection waits for its turn to write, so files that are there now stay
-    # until this transaction ends.
+    # Garbage collection waits for its turn to write, so files that exist now stay until
+    # this transaction ends.
     context.storage.require(
         file.sha256 for frame in new for file in frame.checked.files
     )
@@ -309,7 +309,7 @@ def _write(
 def _known_end(
     known: KeyRow, frame: ReadyFrame, request: UploadRequest
 ) -> EndedFrame | None:
-    """Where a frame ends that somebody else has stored meanwhile; None if nobody."""
+    """The result for a frame whose key has been stored meanwhile; else None."""
     try:
         return _stored_already(known, frame.checked, request)
     except FrameConflict as error:
@@ -317,7 +317,7 @@ def _known_end(
 
 
 def _counted(session: Session, frames: list[EndedFrame]) -> list[EndedFrame]:
-    """With the verdicts of those that were there already."""
+    """The frames; those that were stored before get the counts of their verdicts."""
     same = {
         frame.frame_id: place
         for place, frame in enumerate(frames)

@@ -1,9 +1,9 @@
-"""Frames out of a tar archive that arrives in pieces; nothing is unpacked to a path.
+"""Parses frames from a streamed tar archive, without writing files to disk.
 
-An archive with links, devices or sparse files is refused, and so is one that is damaged
-or cut short. Python's `tarfile` does not promise that: in its streaming mode it takes
-an archive without an end, or one damaged after its first member, as if it were whole;
-it reads a long name into memory before a limit can stand; and it blocks a thread.
+An archive with links, devices or sparse files is refused, and so is a damaged or
+truncated one. Python's `tarfile` does not guarantee that: its streaming mode accepts a
+truncated archive, or one damaged after its first member; it reads a long name into
+memory before its size can be checked; and it blocks a thread.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _ANNOTATION: Final = ".json"
 
 @dataclass(frozen=True)
 class FrameLimits:
-    """What one frame may be at most."""
+    """Limits on the size of one frame."""
 
     max_parts: int
     max_part_bytes: int
@@ -31,7 +31,7 @@ class FrameLimits:
 
 
 class FrameAssembler:
-    """Gives each frame when the next one begins, or the archive ends."""
+    """Groups members into frames; a frame is complete when the next one begins."""
 
     def __init__(self, limits: FrameLimits) -> None:
         self._limits = limits
@@ -39,7 +39,7 @@ class FrameAssembler:
 
     @property
     def size_bytes(self) -> int:
-        """What the frame that is not complete yet holds in memory."""
+        """Bytes in memory of the frame that is not complete yet."""
         return self._open.size_bytes if self._open else 0
 
     def add(self, member: Member) -> Iterator[UploadedFrame]:
@@ -57,7 +57,7 @@ class FrameAssembler:
             yield UploadedFrame(member.name, fault=self._misplaced(member.name))
 
     def finish(self) -> Iterator[UploadedFrame]:
-        """The last frame."""
+        """The last frame, if there is one."""
         done, self._open = self._open, None
         if done is not None:
             yield done
@@ -103,19 +103,19 @@ class FrameAssembler:
 
 
 def _refuse(frame: UploadedFrame, fault: AppError) -> None:
-    """The first fault is what is told; nothing of the frame is kept."""
+    """Keep the first fault of a frame, and drop its content."""
     frame.fault = frame.fault or fault
     frame.annotation, frame.files = b"", {}
 
 
 BLOCK: Final = 512
 MAX_EXTENSION: Final = 64 * 1024
-"""Bytes of an extended header: a name, and little else."""
+"""Maximum size of an extended header, which contains little more than a name."""
 
 _LENGTH_DIGITS: Final = 6
-"""No record of an extended header is longer than five digits can say."""
+"""Records of an extended header have lengths of at most five digits."""
 _MOST_RECORDS: Final = 1000
-"""Of one extended header; those that programs write have a dozen."""
+"""Maximum number of records in an extended header; usual ones have a dozen."""
 _HERE: Final = re.compile(r"(?:\./)*")
 
 _FILE: Final = (b"0", b"\0", b"7")
@@ -140,14 +140,14 @@ _KINDS: Final = {
 
 
 class BadArchive(Unprocessable):
-    """The archive cannot be read, or has what no archive of frames has."""
+    """The archive cannot be read, or has members that frames cannot have."""
 
     code = "bad_archive"
 
 
 @dataclass(frozen=True)
 class TarLimits:
-    """What an archive may be at most."""
+    """Limits on the size of an archive."""
 
     max_archive_bytes: int
     max_member_bytes: int
@@ -170,10 +170,10 @@ class _Header:
 
 
 class TarStream:
-    """Feed it bytes as they come; it gives the files that are complete.
+    """An incremental parser: takes bytes as they arrive, returns complete files.
 
-    A name that leads out of the archive is refused, unless `any_name`: then whoever
-    takes the members looks at their names.
+    A name that leads out of the archive is refused, unless `any_name` is true: then the
+    caller has to check names.
     """
 
     def __init__(self, limits: TarLimits, *, any_name: bool = False) -> None:
@@ -193,20 +193,20 @@ class TarStream:
 
     @property
     def size_bytes(self) -> int:
-        """What has come of a member that is not complete yet."""
+        """Bytes in memory of the member that is not complete yet."""
         return len(self._held)
 
     def feed(self, data: bytes) -> Iterator[Member]:
-        """The files that end within these bytes.
+        """The files that are completed by these bytes.
 
         Raises
         ------
         BadArchive
-            It is damaged, or has members that are neither files nor folders.
+            The archive is damaged, or has members that are neither files nor folders.
         UnsupportedMedia
             It is compressed.
         TooLarge
-            A size that no batch may have, or more members than allowed.
+            A member is too large for any batch, or there are too many members.
         """
         view = memoryview(data)
         while view:
@@ -223,14 +223,14 @@ class TarStream:
                 yield from self._complete()
 
     def close(self) -> None:
-        """No more bytes come; BadArchive unless the archive is whole."""
+        """End the input; raises BadArchive if the archive is truncated."""
         if not self.is_whole:
             raise BadArchive(
-                "the archive is cut short: expected two empty blocks at its end"
+                "the archive is truncated: expected two empty blocks at its end"
             )
 
     def _complete(self) -> Iterator[Member]:
-        """A header, or what a header announced, is complete."""
+        """Handle a complete header, or the complete content of a member."""
         block, self._held = bytes(self._held), Pieces()
         header, self._header = self._header, None
         self._missing = BLOCK
@@ -245,7 +245,7 @@ class TarStream:
             self._zero_blocks += 1
             return
         if self._zero_blocks:
-            raise BadArchive("the archive goes on after its end")
+            raise BadArchive("the archive has data after its end")
         header = _read_header(block, first=self._members == 0)
         if self._is_folder(header):
             header = _Header(header.name, 0, _FOLDER)
@@ -260,7 +260,10 @@ class TarStream:
             self._header, self._missing = header, header.size
 
     def _is_folder(self, header: _Header) -> bool:
-        """A name in the header itself is cut, perhaps behind a slash."""
+        """Whether a member is a folder; old archives mark it only by a final slash.
+
+        A long name is considered as a whole: the header has only its start.
+        """
         name = header.name if self._long_name is None else self._long_name
         looks_so = header.kind in (b"0", b"\0") and name.endswith(b"/")
         return looks_so or header.kind == _FOLDER
@@ -283,7 +286,7 @@ class TarStream:
             raise TooLarge(f"the archive has more than {limits.max_members} members")
         if header.size > limits.max_archive_bytes:
             raise TooLarge(
-                f"a member says that it has {header.size} bytes; "
+                f"a member has {header.size} bytes; "
                 f"expected an archive of at most {limits.max_archive_bytes}"
             )
         known = (*_FILE, *_PAX, _FOLDER, _LONG_NAME)
@@ -307,7 +310,7 @@ def _read_header(block: bytes, *, first: bool) -> _Header:
                     f"the archive is compressed by {program}; expected a plain tar"
                 )
     if not _is_sound(block):
-        raise BadArchive("a header of the archive is damaged, or this is no tar")
+        raise BadArchive("a header of the archive is damaged, or this is not a tar")
     name = block[:100].split(b"\0", 1)[0]
     if block[257:263] == b"ustar\0":
         prefix = block[345:500].split(b"\0", 1)[0]
@@ -322,16 +325,16 @@ def _read_header(block: bytes, *, first: bool) -> _Header:
 
 
 def _is_sound(block: bytes) -> bool:
-    """The sum of all bytes but its own, as unsigned or, as some wrote it, signed."""
+    """Whether the checksum is right: of unsigned or, in some archives, signed bytes."""
     rest = block[:148] + b" " * 8 + block[156:]
     found, unsigned = _number(block[148:156]), sum(rest)
     return found == unsigned or found == unsigned - 256 * sum(one > 127 for one in rest)
 
 
 def _number(field: bytes) -> int | None:
-    """Octal digits, or for large sizes a number of 95 bits; None if it is neither.
+    """Octal digits, or for large sizes a binary number of 95 bits; None if neither.
 
-    A first byte of 0xFF would begin a negative number, which nothing here can be.
+    A first byte of 0xFF marks a negative number, which is never valid here.
     """
     if field[0] == 0x80:
         return int.from_bytes(field[1:], "big")
@@ -340,7 +343,7 @@ def _number(field: bytes) -> int | None:
 
 
 def _extension(header: _Header, content: bytes) -> bytes | None:
-    """The name that an extended header gives the next member."""
+    """The name of the next member, if this extended header contains it."""
     if header.kind == _LONG_NAME:
         return content.split(b"\0", 1)[0]
     records = dict(_pax_records(content))
@@ -350,7 +353,7 @@ def _extension(header: _Header, content: bytes) -> bytes | None:
 
 
 def _pax_records(content: bytes) -> Iterator[tuple[str, bytes]]:
-    """``LENGTH KEY=VALUE`` and a line end, one after the other."""
+    """The keys and values of records, each ``LENGTH KEY=VALUE`` and a line feed."""
     position = records = 0
     while position < len(content):
         records += 1

@@ -1,1 +1,1 @@
-"""Work in the background: asked for, driven chunk by chunk, watched, cancelled."""
+"""Background jobs: queueing, driving, watching and cancelling them."""

@@ -1,7 +1,7 @@
-"""Driving a job: planning its chunks bit by bit, sending them out, and ending it.
+"""Drives a job: plans its chunks step by step, submits them to the engine, and ends it.
 
-Chunks may be done more than once and in any order; what counts is what the database
-says of them.
+Chunks may be executed more than once and in any order; only their rows in the database
+count.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from app.jobs.work import MOST_ATTEMPTS, stored_error, unexpected_error, work_in
 from filter_core.errors import FilterError
 
 WAIT_S: Final = 0.1
-"""How long the driver waits for a chunk to end before it checks all else."""
+"""How long the driver waits for a chunk to end before its other checks."""
 LONGEST_PAUSE_S: Final = 8.0
-"""The longest pause between two attempts to reach an engine that is away."""
+"""The longest pause between two attempts to connect to the engine."""
 
 log = logging.getLogger(__name__)
 
 
 class ChunkFailed(Exception):
-    """What a job fails with, as its chunk says."""
+    """The error of a chunk, with which its job fails."""
 
     def __init__(self, error: Mapping[str, object]) -> None:
         super().__init__(error["detail"])
@@ -53,10 +53,10 @@ class ChunkFailed(Exception):
 
 
 def drive_job(context: ServiceContext, job: Job) -> bool:
-    """Drive one job to its end; also one that a process that died has begun.
+    """Drive one job to its end, from the start or from where a former driver left it.
 
-    Nothing happens if another process drives it, or if another job has to end first.
-    True if the job is over.
+    Does nothing if another process drives it, or if another job has to end first.
+    Returns whether the job has ended.
     """
     with context.one(Leases).driving(context.database, job) as lease:
         try:
@@ -72,7 +72,7 @@ def drive_job(context: ServiceContext, job: Job) -> bool:
         except Exception as error:
             if is_transient(error):
                 # Nothing is lost: the watchdog starts it again.
-                log.warning("%s %d is cut off: %s", *job, in_a_line(error))
+                log.warning("%s %d is interrupted: %s", *job, in_a_line(error))
                 return False
             if _fail(context, lease, unexpected_error(job)):
                 raise
@@ -92,11 +92,11 @@ def _is_over(context: ServiceContext, job: Job) -> bool:
 def _fail(
     context: ServiceContext, lease: JobLease, error: Mapping[str, object]
 ) -> bool:
-    """Note why a job failed; False if it is over, gone or another's already."""
+    """Store why a job failed; False if it has ended or another process drives it."""
     try:
         with context.database.write() as session:
             row = open_job(session, kind_of(lease.job).table, lease.job.id)
-            lease.take(session)  # in case that it could not even begin
+            lease.take(session)  # in case the failure was before it was taken
             lease.end(session)
             close(session, row, "failed", error)
     except JobStopped:
@@ -108,13 +108,13 @@ def _fail(
 class JobDriver:
     """Drives one job.
 
-    `_to_send` are numbers of chunks that wait for room in the engine, `_suspects` those
-    in which a process has died, and `_in_flight` those that the engine works on. A
-    suspect is sent when nothing else is in flight, and nothing is sent until it ends
-    (`_suspect_in_flight`).
+    `_to_send` are the numbers of chunks that wait for room in the engine, `_suspects`
+    those during which a process has died, and `_in_flight` those submitted to the
+    engine. A suspect is submitted when nothing else is in flight, and nothing else is
+    submitted until it ends (`_suspect_in_flight`).
 
     Chunks of `_frames_per_chunk` frames are planned up to the frame with the id
-    `_planned_up_to`; `_is_planned` if there are no frames behind it.
+    `_planned_up_to`; `_is_planned` is true if no frames follow it.
     """
 
     context: ServiceContext
@@ -130,15 +130,15 @@ class JobDriver:
     _row_read_at: float = 0.0
 
     def drive(self) -> None:
-        """Begin or go on, until nothing is left to do.
+        """Start or resume the job, and drive it to its end.
 
         Raises
         ------
         JobStopped
-            The service stops, nobody wants the job any more, another process drives it,
-            or another job has to end first.
+            The service is stopping, the job was cancelled or deleted, another process
+            drives it, or another job has to end first.
         ChunkFailed
-            A chunk cannot be done; where processes died, all others are done first.
+            A chunk has failed. For quarantined chunks, after all others are done.
         """
         row = self._begin()
         while True:
@@ -148,7 +148,7 @@ class JobDriver:
             self._drive_final()
             if _is_over(self.context, self.lease.job):
                 return
-            # Frames came in meanwhile that are to be planned, too.
+            # New frames have been stored meanwhile, which have to be planned too.
             with self.context.database.read() as session:
                 row = self._row(session)
 
@@ -169,13 +169,13 @@ class JobDriver:
         return row
 
     def _drive_chunks(self, row: JobRow) -> None:
-        """Until every chunk is done."""
+        """Plan and submit chunks until all are done."""
         self._frames_per_chunk = self.context.engine.chunk_frames(row.total - row.done)
         self._is_planned, self._planned_up_to = False, 0
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
-            # What is in quarantine is not planned once more, under another number.
+            # Quarantined frames must not be planned again, with another number.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned_up_to = chunks.last_frame(self.lease.job)
         try:
@@ -186,9 +186,9 @@ class JobDriver:
         self._check_quarantine()
 
     def _drive_final(self) -> None:
-        """The final step, in this thread whatever the engine is.
+        """Execute the final step, in this thread regardless of the engine.
 
-        If it could not be done now, `drive` goes on with the chunks and comes back.
+        If it does not end the job, `drive` continues with the chunks and comes back.
         """
         with self.context.database.write() as session:
             self.lease.require(session)
@@ -202,7 +202,7 @@ class JobDriver:
             self._ended(number, outcome)
 
     def _send(self, row: JobRow) -> bool:
-        """Send what there is room for; False once nothing is left."""
+        """Submit chunks while there is room; False once nothing is left."""
         self._check()
         try:
             while (number := self._next(row)) is not None:
@@ -214,7 +214,7 @@ class JobDriver:
     def _next(self, row: JobRow) -> int | None:
         self._suspect_in_flight = self._suspect_in_flight and bool(self._in_flight)
         if self._suspects or self._suspect_in_flight:
-            # Sent alone, so that if a process dies again, this chunk is to blame.
+            # Submitted alone, so that if a process dies again, this chunk is the cause.
             return None if self._in_flight else self._suspects[0]
         room = self.context.engine.window - len(self._in_flight)
         if room > 0 and not self._to_send and not self._is_planned:
@@ -247,7 +247,7 @@ class JobDriver:
             self._to_send.extend(ChunkRepository(session).plan(self.lease.job, spans))
 
     def _take_ended(self) -> None:
-        """Wait a moment for chunks that end, and deal with how they ended."""
+        """Wait a moment for chunks to end, and handle their outcomes."""
         done, _ = wait(self._in_flight, WAIT_S, FIRST_COMPLETED)
         for future in done:
             number = self._in_flight.pop(future)
@@ -265,12 +265,12 @@ class JobDriver:
             raise ChunkFailed(self._error_of(number))
         if outcome == ELSEWHERE:
             detail = (
-                "a worker looks at another database than the service; give both the "
-                "same UNGHOST_DATABASE_URL"
+                "a worker uses another database than the service; give both the same "
+                "UNGHOST_DATABASE_URL"
             )
             raise ChunkFailed({"code": "worker_elsewhere", "detail": detail})
         if outcome in (RETURNED, UNWANTED):
-            # If the job is over, its row says so, which is read at once.
+            # The job may have ended: read its row now.
             self._row_read_at = 0.0
             self._check()
             self._to_send.append(number)
@@ -299,7 +299,7 @@ class JobDriver:
             self._row_read_at = time.monotonic()
 
     def _reconnect(self) -> None:
-        """Wait for the engine as long as it takes, and send again what is not done."""
+        """Wait until the engine is connected, and submit again what is not done."""
         self._to_send.extendleft(self._in_flight.values())
         self._in_flight.clear()
         pause = WAIT_S
@@ -313,7 +313,7 @@ class JobDriver:
                 pause = min(2 * pause, LONGEST_PAUSE_S)
             else:
                 break
-        # Workers go on without it, and note what they have done.
+        # Workers go on without the scheduler, and mark in the database what is done.
         with self.context.database.read() as session:
             waiting = set(ChunkRepository(session).waiting(self.lease.job))
         self._to_send = deque(number for number in self._to_send if number in waiting)
@@ -329,14 +329,14 @@ class JobDriver:
     def _quarantine_in_words(
         self, session: Session, chunks: Sequence[Chunk]
     ) -> Iterator[str]:
-        """What ended processes, and what cannot be read; nothing if all is done."""
+        """Which frames ended processes, and which cannot be read; empty if none."""
         reasons = dict.fromkeys(str(one.error["detail"]) for one in chunks if one.error)
         if what := self._unfinished_in(
             session, [one for one in chunks if not one.error]
         ):
             yield (
-                f"{what} ended the process that was at it {MOST_ATTEMPTS} times; the "
-                "log of the process may say why"
+                f"{what} ended the process that worked on it {MOST_ATTEMPTS} times; "
+                "the log of the process may say why"
             )
         if what := self._unfinished_in(session, [one for one in chunks if one.error]):
             yield f"{what} cannot be read: {'; '.join(reasons)}"

@@ -1,7 +1,7 @@
-"""What happens to a job, as events for those who watch it.
+"""The progress of a job as events for the clients that watch it.
 
-Events are read off the job's row, so it does not matter which process carries it out,
-nor which one is asked.
+Events are derived from the job's row, so that any process can send them, no matter
+which one drives the job.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from app.settings import Settings
 
 NOTHING_SEEN: Final = -1
 INTERVAL_S: Final = 0.2
-"""Between two readings of one job: nobody reads more than five events a second."""
+"""Interval between two reads of a job's row: more events per second are no use."""
 
 
 class JobEvent(NamedTuple):
-    """The state of a job; `number` grows, and is the same for every client."""
+    """The state of a job; `number` increases, and is the same for every client."""
 
     name: str
     number: int
@@ -39,13 +39,13 @@ class JobEvent(NamedTuple):
 async def job_events(
     context: ServiceContext, job: Job, after: int, token_id: int
 ) -> AsyncGenerator[JobEvent | None, None]:
-    """Each change of a job that comes after an event, and at last its end.
+    """Each change of a job after the event with the number `after`, and its end.
 
-    None again and again while nothing changes, so that who passes the events on can
-    look after other things. A job that is deleted has no end.
+    Yields None at each interval without a change, so that the caller can send a
+    heartbeat. If the job is deleted, the events stop without an `end`.
     """
     read, poller = partial(_read, context), context.one(Poller)
-    # Somebody may have taken the last place since `newest` found one: ask again.
+    # Another client may have taken the last place since `newest`: check again.
     watching = poller.watching(job, token_id, context.settings)
     with suppress(TooManyRequests), watching:
         while not context.engine.stopping.is_set():
@@ -62,7 +62,7 @@ async def job_events(
 
 
 async def newest(context: ServiceContext, job: Job, token_id: int) -> Described:
-    """A job as it is now; NotFound."""
+    """The current state of a job; raises NotFound."""
     poller = context.one(Poller)
     with poller.watching(job, token_id, context.settings):
         state = await poller.newest(job, partial(_read, context))
@@ -72,7 +72,7 @@ async def newest(context: ServiceContext, job: Job, token_id: int) -> Described:
 
 
 def progress_number(state: Described) -> int:
-    """0 while it waits, then one more than what is done, and one more when over."""
+    """0 if queued, 1 + the frames done if running, and 2 + all frames if finished."""
     if state.state == "queued":
         return 0
     return end_number(state) - 1 if state.finished else 1 + state.done
@@ -92,7 +92,7 @@ def _read(context: ServiceContext, job: Job) -> Described | None:
 
 @dataclass
 class _Watched:
-    """A job that somebody watches; `seen` is None once it was deleted."""
+    """A job with watchers; `seen` is None if the job was deleted."""
 
     watchers: int = 0
     at: float = float("-inf")
@@ -101,10 +101,10 @@ class _Watched:
 
 
 class Poller:
-    """The newest state of each job that is watched; belongs to one event loop.
+    """A cache of the states of watched jobs; used on one event loop only.
 
-    Watchers hold no thread and no connection between two readings, and reading has a
-    thread of its own: those that requests share may all be waiting for a transaction.
+    Watchers hold no thread and no connection between two reads. Reads have a thread of
+    their own: all threads of requests may be waiting for a transaction.
     """
 
     def __init__(self) -> None:
@@ -114,17 +114,17 @@ class Poller:
 
     @property
     def watchers(self) -> int:
-        """How many watch a job."""
+        """How many clients watch a job."""
         return sum(each.watchers for each in list(self._watched.values()))
 
     @contextmanager
     def watching(self, job: Job, token_id: int, settings: Settings) -> Iterator[None]:
-        """Keep what is read of this job for as long as the block lasts.
+        """Register a watcher of this job during the block.
 
         Raises
         ------
         TooManyRequests
-            As many watch already as may at the same time, by all tokens or by this.
+            The limit of all tokens or of this token is reached.
         """
         most, most_of_one = (
             settings.max_event_streams,
@@ -152,7 +152,7 @@ class Poller:
     async def newest(
         self, job: Job, read: Callable[[Job], Described | None]
     ) -> Described | None:
-        """What `read` finds now, or found within the last interval."""
+        """The result of `read`, called now or within the last interval."""
         watched = self._watched[job]
         async with watched.lock:
             if time.monotonic() - watched.at >= INTERVAL_S:

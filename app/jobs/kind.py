@@ -1,7 +1,7 @@
-"""What a kind of job declares, and the task that it is given to work on.
+"""The interface of a kind of job, and the task that is passed to it.
 
-The rest of this room treats all jobs alike. A kind is registered when the process
-starts, and is found by its name, which stands in the chunks and leases of its jobs.
+The rest of this package treats all jobs alike. A kind is registered when the process
+starts, and looked up by its name, which chunks and leases of its jobs contain.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from filter_core.errors import FilterError
 READ_ROW_EVERY_S: Final = 0.5
 """How often a task reads its job's row, to notice that the job has ended."""
 TELL_EVERY_S: Final = 0.5
-"""How often a task writes down how far it is."""
+"""How often a task stores its progress."""
 PAUSES_S: Final = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 15.0)
-"""Seconds between attempts to reach a store.
+"""Seconds between retries while the file storage is unavailable.
 
-A job goes on after the store was away for half a minute; requests do not wait so long.
+A job survives an outage of half a minute; requests do not wait that long.
 """
 _CHECK_EVERY_S: Final = 0.25
 _T = TypeVar("_T")
@@ -51,68 +51,69 @@ class Described(Protocol):
 
     @property
     def total(self) -> int:
-        """How many frames there are to work on."""
+        """The number of frames in the job."""
 
     @property
     def done(self) -> int:
-        """How many of them are done."""
+        """The number of frames that are done."""
 
     @property
     def finished(self) -> bool:
-        """True when nothing will happen to it any more."""
+        """Whether the job has ended."""
 
     def model_dump_json(self) -> str:
-        """As it is written into a response."""
+        """The job as JSON, for a response."""
 
 
 class JobKind(Protocol[Row]):
-    """One kind of job: what there is to do, cut into chunks of frames."""
+    """One kind of job, whose work is divided into chunks of frames."""
 
     table: type[Row]
     """Its rows; `table.job_kind` is the kind's name."""
     final_step: str | None
-    """What is done once all chunks are, such as "deciding its boxes"; None of a kind
-    whose only chunk ends the job itself. It stands in the words of a failure."""
+    """A phrase for the step after all chunks, such as "deciding its boxes", used in
+    error messages; None for a kind whose only chunk ends the job itself."""
 
     def may_begin(self, session: Session, row: Row) -> bool:
-        """Whether no other job has to end first."""
+        """Whether the job may begin: False if another job has to end first."""
 
     def begin(self, session: Session, row: Row) -> None:
-        """Note what there is to do; `row.state` is "queued" only the first time.
+        """Store the amount of work in the row.
 
-        Called in the transaction in which a driver takes the job, again after a crash.
+        Called in the transaction in which a driver takes the job, and again after a
+        crash; `row.state` is "queued" only the first time.
         """
 
     def plan(
         self, session: Session, row: Row, *, after: int, most: int, frames: int
     ) -> list[Span]:
-        """Up to `most` chunks of `frames` frames each, behind the frame id `after`.
+        """Up to `most` chunks of `frames` frames each, after the frame id `after`.
 
-        Fewer than `most` say that there is nothing more to plan. The row was read when
+        Fewer than `most` mean that nothing more is to be planned. The row was read when
         the job began.
         """
 
     def work(self, task: Task[Row]) -> None:
-        """Work on one chunk, here or in a worker.
+        """Process one chunk, in this process or in a worker.
 
         Raises
         ------
         JobStopped
-            Before all was done; what is stored stays.
+            It was stopped before the end; results stored so far stay.
         """
 
     def finish(self, task: Task[Row]) -> None:
-        """The final step: ends the job, or returns if there is more to plan by now.
+        """The final step: ends the job, or returns if there are new frames to plan.
 
         Raises
         ------
         JobStopped
-            It is cancelled, or the service stops.
+            The job is cancelled, or the service is stopping.
         """
 
     def unfinished(self, session: Session, row: Row, chunk: Chunk) -> list[int]:
-        """Ids of the frames of a chunk that have no result; none if it has no frames of
-        its own."""
+        """Ids of the frames of a chunk that have no result yet; empty for a chunk
+        without frames of its own."""
 
     def name_unfinished(
         self, session: Session, row: Row, chunks: Sequence[Chunk]
@@ -133,7 +134,7 @@ _KINDS: Final[dict[str, AnyKind]] = {}
 
 
 def register(*kinds: AnyKind) -> None:
-    """Make kinds known to this process; a later one of the same name counts."""
+    """Register kinds in this process; a later one of the same name replaces it."""
     _KINDS.update({kind.table.job_kind: kind for kind in kinds})
 
 
@@ -148,12 +149,12 @@ def kind_of(job: Job) -> AnyKind:
 
 
 def _ignore(_session: Session) -> None:
-    """Nothing: the driver counts the attempts of a worker."""
+    """Do nothing: the driver counts the attempts of a worker."""
 
 
 @dataclass
 class Task(Generic[Row]):
-    """One chunk of a job, as a kind's `work` and `finish` see it.
+    """One chunk of a job, as it is passed to a kind's `work` and `finish`.
 
     `on_stored` is called in each transaction that stores a part of the result.
     """
@@ -168,18 +169,18 @@ class Task(Generic[Row]):
     _told_at: float = field(default_factory=time.monotonic)
 
     def row(self, session: Session) -> Row:
-        """The job's row; JobStopped if it is not open any more."""
+        """The job's row; raises JobStopped if the job has ended."""
         return open_job(session, self.kind.table, self.job.id)
 
     def chunk(self, session: Session) -> Chunk | None:
-        """The chunk's row, unless its job was forgotten."""
+        """The chunk's row, unless its job has been removed."""
         return ChunkRepository(session).find(self.job, self.number)
 
     def check(self) -> None:
-        """Raise `JobStopped` if the work would be in vain.
+        """Raise `JobStopped` if the work is no longer needed or must pause.
 
-        The service stops, somebody cancels the job, or the job is over; for the last
-        one its row is read twice a second. Cheap enough to be called for every frame.
+        That is if the service is stopping, or the job is being cancelled or has ended.
+        The job's row is read only twice a second, so that every frame can call this.
         """
         if self._is_over.is_set():
             raise JobStopped(self.job)
@@ -189,19 +190,19 @@ class Task(Generic[Row]):
             self._row_read_at = time.monotonic()
 
     def check_wanted(self) -> None:
-        """As `check`, but goes on while the service stops, so that work is kept."""
+        """As `check`, but continues while the service stops, so that work is kept."""
         self.context.engine.check_wanted(self.job)
 
     def stored(self, session: Session) -> None:
-        """A part of the result is stored with this transaction."""
+        """Call `on_stored`: this transaction stores a part of the result."""
         self.on_stored(session)
 
     def report(self, done: int) -> None:
-        """Say how many frames are done, for those who watch.
+        """Publish how many frames are done, for clients that watch.
 
-        Rows that the final step writes are seen by nobody until it commits. On
-        PostgreSQL the number is written in a separate transaction; on SQLite only the
-        memory of this process can tell it.
+        Nobody can see rows of the final step until it commits. So on PostgreSQL the
+        number is written in a separate transaction; on SQLite, which has one writer, it
+        is kept in memory of this process.
         """
         final = is_final(self.number)
         if final:
@@ -214,12 +215,12 @@ class Task(Generic[Row]):
             self._told_at = time.monotonic()
 
     def retry_unavailable(self, ask: Callable[[], _T]) -> _T:
-        """What `ask` returns; it is called again while the store is away.
+        """The result of `ask`, which is retried while the storage is unavailable.
 
         Raises
         ------
         JobStopped
-            Nobody wants the answer any more.
+            As `check`, during a pause between two attempts.
         """
         for pause_s in PAUSES_S:
             try:
@@ -229,23 +230,23 @@ class Task(Generic[Row]):
         return ask()
 
     def chunk_done(self, session: Session) -> None:
-        """The whole chunk is stored with this transaction; once more is no harm."""
+        """Mark the chunk as done in this transaction; idempotent."""
         ChunkRepository(session).mark_done(self.job, self.number)
 
     def chunk_refused(self, session: Session, why: FilterError) -> None:
-        """All of the chunk is stored that can be; the job fails once others are done.
+        """Quarantine the rest of the chunk, which cannot be processed.
 
-        What is left of it is put into quarantine, as after a process that ended.
+        The job fails, with `why`, when all other chunks are done.
         """
         error = {"code": why.kind, "detail": why.detail}
         ChunkRepository(session).refuse(self.job, self.number, error)
 
     def end_job(self, session: Session) -> None:
-        """The job is done with this transaction; JobStopped if it is over already."""
+        """End the job as done in this transaction; JobStopped if it has ended."""
         close(session, self.row(session), "done")
 
     def stop(self) -> None:
-        """Nobody waits for this task any more: its threads are to end."""
+        """Make `check` raise in all threads of this task, so that they end."""
         self._is_over.set()
 
     def _require_open(self) -> None:

@@ -1,9 +1,9 @@
-"""One driver per job: the process that holds its lease, and renews it while it lives.
+"""Leases: each job has one driver, the process that holds and renews its lease.
 
-A lease is taken in the transaction that begins the job. A process that was too slow
+A lease is taken in the transaction that begins the job. A process that renews too late
 loses it to another one, and notices when it renews the lease, plans chunks or begins
 the final step. If two processes reach the end of a job, the first one ends it, and the
-second finds it over.
+second finds that it has ended.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ log = logging.getLogger(__name__)
 
 
 class LeaseLost(JobStopped):
-    """Another process drives the job: this one must not write anything more of it."""
+    """Another process drives the job: this one must not write to it any more."""
 
 
 class JobLease:
-    """The lease of one job, for as long as it is driven here."""
+    """The lease of one job that this process drives."""
 
     def __init__(self, database: Database, job: Job, holder: str) -> None:
         self.job = job
@@ -45,7 +45,7 @@ class JobLease:
         self._over, self._is_mine, self._is_lost = threading.Event(), False, False
 
     def take(self, session: Session) -> None:
-        """Take the lease in the transaction that begins the job; renew it from then on.
+        """Take the lease in the transaction that begins the job, and keep renewing it.
 
         Raises
         ------
@@ -57,7 +57,7 @@ class JobLease:
         once_committed(session, self._keep)
 
     def require(self, session: Session) -> None:
-        """Lock the lease until the session's transaction ends, so that nobody takes it.
+        """Lock the lease until this transaction ends, so that no other can take it.
 
         Raises
         ------
@@ -80,14 +80,14 @@ class JobLease:
         once_committed(session, self._forget)
 
     def check(self) -> None:
-        """Raise `LeaseLost` if it was another process's when it was last renewed."""
+        """Raise `LeaseLost` if the last renewal found that another process has it."""
         if self._is_lost:
             raise LeaseLost(self.job)
 
     def release(self) -> None:
-        """Say that the job is driven here no more.
+        """Give up the lease: this process no longer drives the job.
 
-        If it has not ended, any watchdog takes it up when it looks next.
+        If the job has not ended, the watchdog of any process can take it over.
         """
         self._over.set()
         if not self._is_mine or self._is_lost:
@@ -100,8 +100,8 @@ class JobLease:
                     leases.leave(self.job, self._holder)
                 else:
                     leases.end(self.job, self._holder)
-        except SQLAlchemyError as exc:  # it runs out by itself
-            log.warning("the lease of %s %d stays: %s", *self.job, exc)
+        except SQLAlchemyError as exc:  # the lease expires by itself
+            log.warning("cannot release the lease of %s %d: %s", *self.job, exc)
 
     def _keep(self) -> None:
         self._is_mine = True
@@ -116,8 +116,8 @@ class JobLease:
             try:
                 with self._database.write_beside() as session:
                     mine = LeaseRepository(session).renew(self.job, self._holder)
-            except SQLAlchemyError as exc:  # until it has run out there is time
-                log.warning("the lease of %s %d is not renewed: %s", *self.job, exc)
+            except SQLAlchemyError as exc:  # retried until the lease expires
+                log.warning("cannot renew the lease of %s %d: %s", *self.job, exc)
                 continue
             if not mine and not self._over.is_set():
                 log.warning("%s %d is driven by another process now", *self.job)
@@ -126,7 +126,7 @@ class JobLease:
 
 
 class Leases:
-    """The leases of this process. Of two threads that drive one job, one waits."""
+    """The leases of this process; only one thread at a time drives a job."""
 
     def __init__(self) -> None:
         self.holder = this_process()
@@ -160,26 +160,26 @@ class Leases:
 
 _PROC: Final = Path("/proc")
 _START_TICK: Final = 19
-"""Which word of /proc/PID/stat it is, counted behind the command's closing bracket."""
+"""Index of the start time in /proc/PID/stat, counted after the command in brackets."""
 
 
 def this_process() -> str:
-    """A name for this process that no other one has, at any time, on any machine."""
+    """A unique name for this process, among all processes of all machines."""
     pid = os.getpid()
     return f"{_machine()}/{pid}/{_started(pid)}/{secrets.token_hex(4)}"
 
 
 def has_ended(name: str) -> bool:
-    """Whether a process of this name ran on this machine and is gone.
+    """Whether the process of this name ran on this machine and has ended.
 
-    False of a process of another machine or container: nothing is known of it.
+    False for a process of another machine or container, which cannot be checked.
     """
     machine, _, rest = name.partition("/")
     pid, _, rest = rest.partition("/")
     if machine != _machine() or not pid.isdigit():
         return False
     if sys.platform == "linux":
-        # Numbers of processes are used again; with the time of the start they are not.
+        # Process ids are reused; together with the start time they are unique.
         return _started(int(pid)) != rest.partition("/")[0]
     return os.name == "posix" and not _answers(int(pid))
 
@@ -188,7 +188,7 @@ def _machine() -> str:
     if sys.platform != "linux":
         return socket.gethostname().replace("/", "-")
     boot = (_PROC / "sys/kernel/random/boot_id").read_text("ascii").strip()
-    # Containers of one machine number their processes each for itself.
+    # Each container of a machine has its own process ids.
     return f"{boot}-{(_PROC / 'self/ns/pid').stat().st_ino}"
 
 
@@ -198,7 +198,7 @@ def _started(pid: int) -> str:
     except OSError:
         return ""
     words = text.rpartition(")")[2].split()
-    # One that has ended and waits for its parent to notice does nothing any more.
+    # A zombie has ended: only its parent has not read its exit status yet.
     return "" if words[0] == "Z" else words[_START_TICK]
 
 

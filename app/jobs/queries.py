@@ -1,7 +1,7 @@
-"""SQL of jobs: what all their rows have in common, their chunks, and who drives them.
+"""SQL of jobs: the columns that all kinds share, their chunks and their leases.
 
-A job is a row of its kind's table (`JobRow`): queued, running, and at last done, failed
-or cancelled. `close` is the only way to an end.
+A job is a row of its kind's table (`JobRow`). It is queued, then running, and finally
+done, failed or cancelled; only `close` sets a final state.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from unghost.wire.words import FinishedState
 
 OPEN: Final = ("queued", "running")
 FINAL: Final = 0
-"""The number of a job's final step in `chunks`; those of its other chunks follow."""
+"""The number of a job's final step in `chunks`; other chunks have higher numbers."""
 
 Row = TypeVar("Row", bound=JobRow)
 
 
 def job_of(row: JobRow) -> Job:
-    """The name by which engines, chunks and leases know the job of a row."""
+    """The identity of a row's job in engines, chunks and leases."""
     return Job(row.job_kind, row.id)
 
 
@@ -41,12 +41,12 @@ def find_job(session: Session, table: type[Row], job_id: int) -> Row | None:
 
 
 def open_job(session: Session, table: type[Row], job_id: int) -> Row:
-    """The row of a job that is to go on.
+    """The row of a job that is queued or running.
 
     Raises
     ------
     JobStopped
-        The job is over, or its dataset was deleted.
+        The job has ended, or its dataset was deleted.
     """
     found = find_job(session, table, job_id)
     if found is None or found.state not in OPEN:
@@ -57,7 +57,7 @@ def open_job(session: Session, table: type[Row], job_id: int) -> Row:
 def open_jobs(
     session: Session, table: type[JobRow], dataset_id: int | None = None
 ) -> list[Job]:
-    """Jobs that are queued or were begun, oldest first: all, or those of a dataset."""
+    """Jobs that are queued or running, oldest first: all, or those of a dataset."""
     rows = select(table.id).where(table.state.in_(OPEN)).order_by(table.id)
     if dataset_id is not None:
         rows = rows.where(table.dataset_id == dataset_id)
@@ -65,7 +65,7 @@ def open_jobs(
 
 
 def count_open(session: Session, table: type[JobRow], author: str | None = None) -> int:
-    """How many jobs of a kind wait or work: all, or those of one token."""
+    """How many jobs of a kind are queued or running: all, or those of one token."""
     rows = select(func.count(table.id)).where(table.state.in_(OPEN))
     if author is not None:
         rows = rows.where(table.created_by == author)
@@ -73,7 +73,7 @@ def count_open(session: Session, table: type[JobRow], author: str | None = None)
 
 
 def tell_done(session: Session, row: type[JobRow], job_id: int, done: int) -> None:
-    """Note how far a job is, unless it is further or over."""
+    """Store the progress of a running job, unless a higher one is stored."""
     further = row.id == job_id, row.state == "running", row.done < done
     session.execute(update(row).where(*further).values(done=done))
 
@@ -84,15 +84,15 @@ def close(
     state: FinishedState,
     error: Mapping[str, object] | None = None,
 ) -> None:
-    """End a job; this is final.
+    """Set the final state of a job.
 
-    Its chunks are removed. Of a job that failed, those in quarantine stay, so that it
-    can be found out why it failed.
+    Its chunks are removed, except the quarantined ones of a failed job, which show why
+    it failed.
 
     Raises
     ------
     JobStopped
-        It is over already.
+        It has ended already.
     """
     if row.state not in OPEN:
         raise JobStopped(job_of(row))
@@ -104,7 +104,7 @@ def close(
 
 
 class Span(NamedTuple):
-    """Frames that are worked on together: the first id, the last, and how many."""
+    """The frames of a chunk: their first and last id, and their number."""
 
     first_frame_id: int
     last_frame_id: int
@@ -118,20 +118,20 @@ class ChunkRepository:
         self._session = session
 
     def plan(self, job: Job, spans: Iterable[Span]) -> list[int]:
-        """Add chunks to a job; their numbers."""
+        """Add chunks to a job; returns their numbers."""
         numbered = dict(enumerate(spans, self._last_number(job) + 1))
         rows = [_row(job, number, span) for number, span in numbered.items()]
         insert_rows(self._session, Chunk, rows)
         return list(numbered)
 
     def plan_final(self, job: Job, frames: int) -> int:
-        """Add a job's final step unless it is there, with its attempts; its number."""
+        """Add a job's final step, unless it exists; returns its number."""
         new = upsert(self._session, Chunk).values(_row(job, FINAL, Span(0, 0, frames)))
         self._session.execute(new.on_conflict_do_nothing())
         return FINAL
 
     def withdraw_final(self, job: Job) -> None:
-        """Let the process in a job's final step notice that it is being cancelled."""
+        """Delete a job's final step, by which its process notices a cancellation."""
         waiting = Chunk.number == FINAL, Chunk.state == "waiting"
         self._session.execute(delete(Chunk).where(*_chunks_of(job), *waiting))
 
@@ -140,13 +140,13 @@ class ChunkRepository:
         return self.find(job, FINAL) is not None
 
     def find(self, job: Job, number: int) -> Chunk | None:
-        """A chunk, unless its job was forgotten."""
+        """A chunk, unless its job has been removed."""
         return self._session.get(Chunk, (job.kind, job.id, number))
 
     def waiting(self, job: Job) -> list[int]:
-        """Numbers of the chunks that an earlier driver has planned and left.
+        """Numbers of the chunks that an earlier driver has planned and not finished.
 
-        The final step is none of them: before it there may be new frames to work on.
+        The final step is left out: there may be new frames to process before it.
         """
         rows = select(Chunk.number).where(
             *_chunks_of(job), Chunk.state == "waiting", Chunk.number != FINAL
@@ -154,12 +154,12 @@ class ChunkRepository:
         return list(self._session.scalars(rows.order_by(Chunk.number)))
 
     def quarantined(self, job: Job) -> list[Chunk]:
-        """Chunks that nobody will try again."""
+        """Chunks that are not retried any more."""
         rows = select(Chunk).where(*_chunks_of(job), Chunk.state == "quarantined")
         return list(self._session.scalars(rows.order_by(Chunk.number)))
 
     def last_frame(self, job: Job) -> int:
-        """Up to where a job is planned."""
+        """The last frame id up to which a job is planned."""
         rows = select(func.max(Chunk.last_frame_id)).where(*_chunks_of(job))
         return self._session.scalar(rows) or 0
 
@@ -168,7 +168,7 @@ class ChunkRepository:
         return self._last_number(job) > 0
 
     def mark_done(self, job: Job, number: int) -> None:
-        """A chunk is done; once more is no harm."""
+        """Mark a chunk as done; idempotent."""
         self._session.execute(
             update(Chunk)
             .where(*_chunks_of(job), Chunk.number == number, Chunk.state == "waiting")
@@ -176,7 +176,7 @@ class ChunkRepository:
         )
 
     def refuse(self, job: Job, number: int, error: Mapping[str, object]) -> None:
-        """Put a chunk into quarantine that a living process cannot do, and say why."""
+        """Quarantine a chunk that cannot be processed, with the error."""
         self._session.execute(
             update(Chunk)
             .where(*_chunks_of(job), Chunk.number == number, Chunk.state == "waiting")
@@ -184,7 +184,7 @@ class ChunkRepository:
         )
 
     def fail(self, job: Job, number: int, error: Mapping[str, object]) -> None:
-        """Note what its job is to fail with."""
+        """Store the error with which the job has to fail."""
         self._session.execute(
             update(Chunk)
             .where(*_chunks_of(job), Chunk.number == number)
@@ -192,9 +192,9 @@ class ChunkRepository:
         )
 
     def suspect(self, job: Job, number: int, most_attempts: int) -> bool:
-        """A process ended while it worked on a chunk; True if it is to be tried again.
+        """Count the death of a process during a chunk; True if it is to be retried.
 
-        After so many attempts it is put into quarantine.
+        After `most_attempts` the chunk is quarantined.
         """
         chunk = self.find(job, number)
         if chunk is None or chunk.state != "waiting":
@@ -206,12 +206,12 @@ class ChunkRepository:
         return chunk.state == "waiting"
 
     def attempt(self, chunk: Chunk) -> None:
-        """A process begins to work on a chunk, and nobody will be told if it ends."""
+        """Count an attempt before a process begins, since its death is not reported."""
         chunk.attempts += 1
         self._session.flush()
 
     def forget_attempts(self, job: Job, number: int) -> None:
-        """The process that works on a chunk lives, and so it is not to blame."""
+        """Reset the attempts: the process that works on the chunk is alive."""
         waiting = Chunk.number == number, Chunk.state == "waiting"
         self._session.execute(
             update(Chunk)
@@ -220,15 +220,15 @@ class ChunkRepository:
         )
 
     def quarantine(self, chunk: Chunk) -> None:
-        """Mark a chunk as one that nobody tries again."""
+        """Mark a chunk as not to be retried."""
         chunk.state, chunk.finished_at = "quarantined", utc_now()
         self._session.flush()
 
     def quarantine_frame(self, chunk: Chunk, frame_id: int, unfinished: int) -> None:
-        """Put one frame of a chunk into quarantine, and let the others be tried again.
+        """Quarantine one frame of a chunk, so that the others can be retried.
 
         The frame is the first of `unfinished` frames that have no result yet. It
-        becomes a chunk of its own, and the chunk begins behind it.
+        becomes a chunk of its own, and the chunk begins after it.
         """
         job = Job(chunk.kind, chunk.job_id)
         (number,) = self.plan(job, [Span(frame_id, frame_id, 1)])
@@ -238,7 +238,7 @@ class ChunkRepository:
         self.quarantine(alone)
 
     def clear_errors(self, job: Job) -> None:
-        """Forget errors of waiting chunks, which an earlier driver has not reported."""
+        """Clear errors of waiting chunks, which an earlier driver has not reported."""
         self._session.execute(
             update(Chunk)
             .where(*_chunks_of(job), Chunk.state == "waiting", Chunk.error.is_not(None))
@@ -246,14 +246,14 @@ class ChunkRepository:
         )
 
     def forget(self, job: Job, *, keep_quarantined: bool) -> None:
-        """Remove the chunks of a job that is over."""
+        """Delete the chunks of a job that has ended."""
         rows = delete(Chunk).where(*_chunks_of(job))
         if keep_quarantined:
             rows = rows.where(Chunk.state != "quarantined")
         self._session.execute(rows)
 
     def forget_dataset(self, table: type[JobRow], dataset_id: int) -> None:
-        """Remove chunks and leases of all jobs of one kind of a dataset."""
+        """Delete the chunks and leases of a dataset's jobs of one kind."""
         jobs = select(table.id).where(table.dataset_id == dataset_id)
         for rows in (Chunk, Lease):
             mine = rows.kind == table.job_kind, rows.job_id.in_(jobs)
@@ -287,7 +287,7 @@ def _chunks_of(job: Job) -> list[ColumnElement[bool]]:
 
 
 LEASE_LASTS: Final = timedelta(seconds=8)
-"""How long a lease holds after it was taken or renewed."""
+"""How long a lease is valid after it was taken or renewed."""
 
 
 class LeasedJobs(NamedTuple):
@@ -296,9 +296,9 @@ class LeasedJobs(NamedTuple):
     Attributes
     ----------
     driven : set of Job
-        Their lease holds: a process drives them.
+        Their lease is valid: a process drives them.
     void : set of Job
-        Their lease has run out, or the process that holds it has ended.
+        Their lease has expired, or the process that holds it has ended.
     """
 
     driven: set[Job]
@@ -312,7 +312,7 @@ class LeaseRepository:
         self._session = session
 
     def now(self) -> datetime:
-        """The time that all who share the database agree on."""
+        """The current time, by a clock that all processes of the database share."""
         if self._session.connection().dialect.name != "postgresql":
             return utc_now()
         return self._session.scalar(select(func.clock_timestamp())) or utc_now()
@@ -320,11 +320,11 @@ class LeaseRepository:
     def take(self, job: Job, holder: str, has_ended: Callable[[str], bool]) -> bool:
         """Make `holder` the process that drives a job; False if another one does.
 
-        A lease can be taken over once it has run out, or if `has_ended` says that the
-        process which holds it has ended.
+        A lease can be taken over once it has expired, or if `has_ended` is true for the
+        process that holds it.
         """
         now = self.now()
-        # A process that is storing the job's end holds its row: do not wait for it.
+        # A process that is ending the job has locked this row: do not wait for it.
         rows = select(Lease).where(*_lease_of(job)).with_for_update(skip_locked=True)
         lease = self._session.scalar(rows)
         if lease is None:
@@ -340,7 +340,7 @@ class LeaseRepository:
         return True
 
     def renew(self, job: Job, holder: str) -> bool:
-        """Say that the holder is alive; False if the lease is not its own any more."""
+        """Renew the holder's lease; False if another process has taken it."""
         rows = select(Lease.holder).where(*_lease_of(job)).with_for_update()
         if self._session.scalar(rows) != holder:
             return False
@@ -349,27 +349,27 @@ class LeaseRepository:
         return True
 
     def is_held(self, job: Job, holder: str) -> bool:
-        """Whether the holder drives the job; then nobody else can until the commit."""
+        """Whether the holder has the lease; locks it until this transaction ends."""
         rows = select(Lease.holder).where(*_lease_of(job)).with_for_update()
         return self._session.scalar(rows) == holder
 
     def leave(self, job: Job, holder: str) -> None:
-        """Let one's own lease run out now, so that any process may take the job.
+        """Let the holder's lease expire now, so that any process may take the job.
 
-        The row stays. Without it, a watchdog would take the job for a new one, and wait
-        for the service that was asked for it.
+        The row stays. Without it, a watchdog would treat the job as new, and wait for
+        the service that queued it.
         """
         mine = update(Lease).where(*_lease_of(job), Lease.holder == holder)
-        # Without a holder, so that no renewal on its way makes it last again.
+        # Without a holder, so that a concurrent renewal does not prolong it.
         self._session.execute(mine.values(holder="", until=self.now()))
 
     def end(self, job: Job, holder: str) -> None:
-        """Remove a lease that is one's own; its job is over."""
+        """Delete the holder's lease of a job that has ended."""
         mine = delete(Lease).where(*_lease_of(job), Lease.holder == holder)
         self._session.execute(mine)
 
     def clear(self, job: Job, has_ended: Callable[[str], bool]) -> None:
-        """Remove the lease of a job that is over, unless a living process holds it."""
+        """Delete the lease of a job that has ended, unless a live process holds it."""
         rows = select(Lease).where(*_lease_of(job)).with_for_update(skip_locked=True)
         lease = self._session.scalar(rows)
         if lease is not None and (lease.until <= self.now() or has_ended(lease.holder)):
@@ -377,7 +377,7 @@ class LeaseRepository:
             self._session.flush()
 
     def leased_jobs(self, has_ended: Callable[[str], bool]) -> LeasedJobs:
-        """All jobs that have a lease, told apart by whether it still holds."""
+        """All jobs that have a lease, separated by whether it is valid."""
         now, jobs = self.now(), LeasedJobs(set(), set())
         for lease in self._session.scalars(select(Lease)):
             is_void = lease.until <= now or has_ended(lease.holder)
@@ -385,7 +385,7 @@ class LeaseRepository:
         return jobs
 
     def installation(self) -> str:
-        """What tells this database from every other one."""
+        """The unique id of this database."""
         return self._session.scalar(select(Installation.id).limit(1)) or ""
 
 

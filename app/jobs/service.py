@@ -1,7 +1,7 @@
-"""Jobs in the background: asked for, started, cancelled, and looked after.
+"""Background jobs: queueing, starting and cancelling them, and the watchdog.
 
 A job is **queued** by `ask` in the transaction of its caller, **running** once a
-driver has taken it, and then **done**, **failed** or **cancelled**, which is final.
+driver has taken it, and finally **done**, **failed** or **cancelled**.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ WATCHDOG_EVERY_S: Final = 2.0
 UNDRIVEN_FOR_S: Final = 10.0
 """Seconds that an open job may be without a driver before any service drives it.
 
-The service that was asked for the job has this time to begin it.
+The service that queued the job has this time to begin it.
 """
 _RETRY_S: Final = 10
 
@@ -57,7 +57,7 @@ def ask(context: ServiceContext, session: Session, row: JobRow) -> None:
     Raises
     ------
     TooManyRequests
-        As many wait or work already as may at once, by all tokens or by this one.
+        The limit of open jobs of all tokens or of this token is reached.
     """
     require_place(session, context.settings, row.created_by)
     session.add(row)
@@ -68,22 +68,22 @@ def ask(context: ServiceContext, session: Session, row: JobRow) -> None:
 def require_place(session: Session, settings: Settings, author: str) -> None:
     """Raise `TooManyRequests` unless one more job may be queued.
 
-    Only one transaction writes at a time, so what is counted here still holds when the
-    job is added.
+    Only one transaction writes at a time, so the count is still valid when the job is
+    added.
     """
     tables = [kind.table for kind in kinds()]
     named = " and ".join(f"{table.job_kind}s" for table in tables)
     if sum(count_open(session, table) for table in tables) >= settings.max_open_runs:
         raise TooManyRequests(
-            f"{settings.max_open_runs} {named} wait or work already; "
-            "try again when one of them is over",
+            f"{settings.max_open_runs} {named} are queued or running already; "
+            "try again when one of them has ended",
             retry_after_s=_RETRY_S,
         )
     own = sum(count_open(session, table, author) for table in tables)
     if own >= settings.max_open_jobs_per_token:
         raise TooManyRequests(
-            f"{own} {named} of {author!r} wait or work already; cancel one, "
-            "or try again when one is over",
+            f"{own} {named} of {author!r} are queued or running already; cancel one, "
+            "or try again when one has ended",
             retry_after_s=_RETRY_S,
             code="too_many_jobs",
         )
@@ -92,11 +92,11 @@ def require_place(session: Session, settings: Settings, author: str) -> None:
 def start(
     context: ServiceContext, jobs: Iterable[Job], *, even_if_driven: bool = False
 ) -> None:
-    """Let this process drive jobs, after those that wait here already.
+    """Let this process drive jobs, after those that are queued here already.
 
-    A job that this process drives already is left out; with `even_if_driven` it is
-    driven once more afterwards. Jobs that are over or that another process drives may
-    be among them: `drive_job` finds that out.
+    A job that this process drives already is skipped; with `even_if_driven` it is
+    driven once more afterwards. Jobs that have ended, or that another process drives,
+    may be passed: `drive_job` checks for them.
     """
     here = frozenset() if even_if_driven else context.one(Leases).driven
     for job in jobs:
@@ -112,8 +112,8 @@ def _drive(context: ServiceContext, job: Job) -> None:
 def start_waiting(context: ServiceContext, job: Job) -> None:
     """Start the open jobs of the dataset of a job that has ended.
 
-    One of them may have waited for that end, and was passed over when it was asked for,
-    by this process or another one.
+    One of them may have been waiting for that end, and was skipped, by this or another
+    process, when it was queued.
     """
     with context.database.read() as session:
         row = session.get(kind_of(job).table, job.id)
@@ -126,16 +126,16 @@ def start_waiting(context: ServiceContext, job: Job) -> None:
 def cancel(
     context: ServiceContext, session: Session, kind: JobKind[Row], job_id: int
 ) -> Row:
-    """End a job that is not over; what it has stored so far stays.
+    """Cancel a job; results that it has stored so far stay.
 
-    If the transaction fails, the job goes on.
+    If the transaction fails, the job continues.
 
     Raises
     ------
     NotFound
         There is no such job.
     Conflict
-        It is over already.
+        It has ended already.
     """
     job = Job(kind.table.job_kind, job_id)
     interrupt(context, session, job)
@@ -151,17 +151,16 @@ def cancel(
 
 
 def interrupt(context: ServiceContext, session: Session, job: Job) -> None:
-    """Tell a job that it is about to be cancelled, before the session runs a statement.
+    """Signal a job that it is being cancelled, before the session's first statement.
 
-    The session's first statement waits for the writer, and that may be the final
-    step of this very job. On PostgreSQL the final step is withdrawn in a separate
-    transaction, so that a job in another process notices as well. On SQLite, where
-    nothing can be written meanwhile, a flag in this process tells it.
+    That statement waits for its turn to write, which the final step of this job may
+    hold. On PostgreSQL the final step is withdrawn in a separate transaction, so that a
+    job in another process notices as well. On SQLite, where nothing can be written
+    meanwhile, a flag in this process signals it.
     """
     context.engine.interrupt(job)
     if not context.database.has_one_writer:
-        # Not the session of the caller, which has run no statement yet: its first
-        # one will wait for this row.
+        # Not in the caller's session: its first statement waits for its turn to write.
         with context.database.write_beside() as beside:
             ChunkRepository(beside).withdraw_final(job)
     clear = partial(context.engine.clear_cancel, job)
@@ -171,7 +170,7 @@ def interrupt(context: ServiceContext, session: Session, job: Job) -> None:
 
 
 def all_open_jobs(session: Session, dataset_id: int) -> list[Job]:
-    """The jobs of a dataset, of every kind, that are not over."""
+    """The jobs of a dataset, of every kind, that are queued or running."""
     return [
         found
         for kind in kinds()
@@ -180,7 +179,7 @@ def all_open_jobs(session: Session, dataset_id: int) -> list[Job]:
 
 
 def end_all(session: Session, dataset_id: int) -> None:
-    """Cancel the open jobs of a dataset that is being deleted; remove all chunks."""
+    """Cancel the open jobs of a dataset that is being deleted; delete all chunks."""
     chunks = ChunkRepository(session)
     for kind in kinds():
         for job in open_jobs(session, kind.table, dataset_id):
@@ -192,7 +191,7 @@ def end_all(session: Session, dataset_id: int) -> None:
 
 @contextmanager
 def running_watchdog(context: ServiceContext) -> Iterator[None]:
-    """Start unfinished jobs now, and look for more until the block ends."""
+    """Start unfinished jobs now, and check for more at intervals during the block."""
     with context.database.read() as session:
         unfinished = _unfinished(session)
     start(context, unfinished)
@@ -209,7 +208,7 @@ def running_watchdog(context: ServiceContext) -> Iterator[None]:
 
 
 def _unfinished(session: Session) -> list[Job]:
-    """Oldest first, kind by kind."""
+    """All unfinished jobs, kind by kind, oldest first."""
     return [job for kind in kinds() for job in open_jobs(session, kind.table)]
 
 
@@ -218,15 +217,15 @@ def _run_watchdog(context: ServiceContext, ends: threading.Event) -> None:
     while not ends.wait(WATCHDOG_EVERY_S) and not context.engine.stopping.is_set():
         try:
             start(context, watchdog.abandoned())
-        except SQLAlchemyError as exc:  # it may be away for a while
+        except SQLAlchemyError as exc:  # the database may be unavailable for a while
             log.warning("cannot look for unfinished jobs: %s", exc)
 
 
 class Watchdog:
-    """Remembers since when each unfinished job has been without a driver.
+    """Records since when each unfinished job has been without a driver.
 
-    It uses its own clock, because the clock of the service that was asked for a job may
-    be wrong.
+    It uses its own clock, because the clock of the service that queued a job may be
+    wrong.
     """
 
     def __init__(

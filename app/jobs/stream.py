@@ -1,4 +1,4 @@
-"""Events as text/event-stream, for as long as their reader is there and may read."""
+"""Server-sent events of jobs, while the client is connected and its token is valid."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from app.jobs.kind import AnyKind
 
 EVENT_STREAM: Final = "text/event-stream"
 _RETRY: Final = b"retry: 1000\n\n"
-"""Milliseconds until a browser that lost the stream asks again."""
+"""Milliseconds after which a browser that lost the stream reconnects."""
 _STILL_HERE: Final = b": still here\n\n"
 _MAX_DIGITS: Final = 18
 
 LastEventId = Annotated[
     str | None,
-    Header(description="The `id` of the last event you have: go on after it."),
+    Header(description="The `id` of the last event received: continue after it."),
 ]
 
 
@@ -54,7 +54,7 @@ def events_of(model: type[BaseModel], what: str) -> dict[int | str, dict[str, ob
     told = f"`progress` events with the {what} as data, then one `end`."
     return {
         200: {"content": {EVENT_STREAM: {"itemSchema": schema}}, "description": told},
-        204: {"description": "You have the last event already; do not ask again."},
+        204: {"description": "There are no more events; do not reconnect."},
     }
 
 
@@ -65,7 +65,7 @@ async def watch(
     job_id: int,
     last_event_id: str | None,
 ) -> Response:
-    """Events of a job, after the last one that its reader has; NotFound."""
+    """Events of a job after the last one that the client has; raises NotFound."""
     job = Job(kind.table.job_kind, job_id)
     token_id, after = current_principal(request).token_id, number_of(last_event_id)
     state = await newest(services, job, token_id)
@@ -84,7 +84,7 @@ def number_of(last_event_id: str | None) -> int:
 def event_stream(
     request: Request, events: AsyncGenerator[JobEvent | None, None]
 ) -> StreamingResponse:
-    """The response; it ends when its reader goes away, and no proxy may buffer it."""
+    """The response; it ends when the client disconnects, and no proxy may buffer it."""
     return StreamingResponse(
         _lines(request, events),
         media_type=EVENT_STREAM,

@@ -1,12 +1,11 @@
-"""Working on one chunk of a job, in the process that drives it or in a worker.
+"""Processes one chunk of a job, in the process that drives it or in a worker.
 
-Errors are written into the chunk's row. The answer is only a word: one of
-`app.engine.chunk`.
+Errors are written into the chunk's row; the functions return only the outcome, one of
+the constants of `app.engine.chunk`.
 
-If the process that drives the job works on the chunk itself and dies, nobody is left to
-note that. So it writes the attempt into the row before it begins, and removes it as
-soon as it has stored a part of the result. Only attempts that stored nothing count
-against the chunk.
+If the process that drives the job processes the chunk itself and dies, no other process
+records that. So it counts the attempt in the row before it begins, and resets the count
+as soon as it has stored a part of the result. Only attempts that stored nothing count.
 """
 
 from __future__ import annotations
@@ -35,16 +34,16 @@ from app.jobs.queries import (
 from filter_core.errors import FilterError
 
 MOST_ATTEMPTS: Final = 3
-"""Processes in a row that may end at a chunk before nobody tries it again."""
+"""After so many processes in a row have died at a chunk, it is not retried."""
 _PAUSE_S: Final = 0.5
 
 log = logging.getLogger(__name__)
 
 
 def work_on_chunk(context: ServiceContext, kind: str, job_id: int, number: int) -> str:
-    """Work on a chunk, in whichever process; how it ended.
+    """Process a chunk in any process; returns the outcome.
 
-    `work_in_driver` and `work_in_worker` add what their process needs.
+    `work_in_driver` and `work_in_worker` add checks for their process.
     """
     task = _task(context, Job(kind, job_id), number)
     return _outcome(task, lambda: _do(task))
@@ -53,9 +52,8 @@ def work_on_chunk(context: ServiceContext, kind: str, job_id: int, number: int) 
 def work_in_driver(context: ServiceContext, kind: str, job_id: int, number: int) -> str:
     """As `work_on_chunk`, in the process that drives the job.
 
-    The attempt is written into the chunk's row before the work begins, since nobody is
-    left to note it if this process dies. A chunk with too many attempts is put into
-    quarantine.
+    The attempt is counted in the chunk's row before the work begins, since no other
+    process records it if this one dies. A chunk with too many attempts is quarantined.
     """
     task = _task(context, Job(kind, job_id), number)
     attempt = Attempt(context, task.job, number)
@@ -93,7 +91,7 @@ def _outcome(task: AnyTask, work: Callable[[], str]) -> str:
             log.warning("%s: %s", _named(task), in_a_line(error))
             return RETURNED
         outcome = _failed(task, unexpected_error(task.job))
-        # Somebody may have cancelled it, or deleted its dataset, meanwhile.
+        # The job may have been cancelled, or its dataset deleted, meanwhile.
         if outcome == FAILED:
             log.exception("%s failed", _named(task))
         return outcome
@@ -102,10 +100,10 @@ def _outcome(task: AnyTask, work: Callable[[], str]) -> str:
 def work_in_worker(
     context: ServiceContext, asked: tuple[str, int, int], installation: str
 ) -> str:
-    """As `work_on_chunk`, in a worker, if it uses the database that is meant.
+    """As `work_on_chunk`, in a worker, if it uses the database `installation`.
 
-    A worker that cannot reach the database returns the chunk: it is to be tried again,
-    and its frames are not to blame.
+    A worker that cannot reach the database returns the chunk, which is retried without
+    counting an attempt.
     """
     try:
         with context.database.read() as session:
@@ -117,17 +115,17 @@ def work_in_worker(
             raise
         log.warning("the database cannot be reached: %s", in_a_line(error))
         return RETURNED
-    log.error("asked to work for another database than UNGHOST_DATABASE_URL's")
+    log.error("got a chunk of another database than that of UNGHOST_DATABASE_URL")
     return ELSEWHERE
 
 
 def stored_error(error: AppError | FilterError) -> dict[str, str]:
-    """An error of ours, as a job's row keeps it."""
+    """An expected error, as it is stored in a job's row."""
     return {"code": error.kind, "detail": error.detail}
 
 
 def unexpected_error(job: Job) -> dict[str, str]:
-    """What a job's row keeps of any other error; the log has the rest."""
+    """Any other error, as it is stored in a job's row; the log has the details."""
     return {"code": "internal", "detail": f"the {job.kind} failed"}
 
 
@@ -146,22 +144,22 @@ def _named(task: AnyTask) -> str:
 
 
 class Attempt:
-    """One attempt of this process at a chunk, from its row to its end."""
+    """One attempt of this process at a chunk, which is counted in the chunk's row."""
 
     def __init__(self, context: ServiceContext, job: Job, number: int) -> None:
         self._context, self._job, self._number = context, job, number
         self._is_noted = False
 
     def begin(self) -> bool:
-        """Write the attempt down; False if there were too many before.
+        """Count the attempt; False if there were too many before.
 
         Raises
         ------
         JobStopped
-            The service stops, or nobody wants the job any more.
+            The service is stopping, or the job is being cancelled.
         """
         self._context.engine.check(self._job)
-        self._is_noted = True  # also if the answer to the commit is lost
+        self._is_noted = True  # also if the commit succeeds without a response
         with self._context.database.write() as session:
             chunks = ChunkRepository(session)
             chunk = chunks.find(self._job, self._number)
@@ -179,16 +177,16 @@ class Attempt:
         return True
 
     def forget(self, session: Session) -> None:
-        """Remove the attempt from the row: a part of the result is stored."""
+        """Reset the attempts in the row: a part of the result is stored."""
         if self._is_noted:
             ChunkRepository(session).forget_attempts(self._job, self._number)
             once_committed(session, self._forgotten)
 
     def end(self) -> None:
-        """Remove the attempt from the row: the work ended, and the process still lives.
+        """Reset the attempts in the row: the work has ended and the process is alive.
 
-        Otherwise the next try in this process would count twice. A database that is
-        away is waited for, until the service stops.
+        Otherwise a retry in this process would count twice. While the database is
+        unavailable, this is retried until the service stops.
         """
         while self._is_noted:
             try:
@@ -198,7 +196,7 @@ class Attempt:
                 stops = self._context.engine.stopping.wait(_PAUSE_S)
                 if stops or not is_transient(exc):
                     told = self._number, *self._job, in_a_line(exc)
-                    log.warning("an attempt at chunk %d of %s %d stays: %s", *told)
+                    log.warning("cannot reset chunk %d of %s %d: %s", *told)
                     return
 
     def _forgotten(self) -> None:
@@ -206,12 +204,11 @@ class Attempt:
 
 
 def _quarantine(session: Session, job: Job, chunk: Chunk) -> None:
-    """Put the frame that ends processes into quarantine: the first without a result.
+    """Quarantine the frame at which the process died: the first without a result.
 
-    Without workers a chunk is worked on frame by frame after its first attempt, so this
-    is the frame at which the process died. If the frame before it is in quarantine
-    already, the whole chunk goes there: otherwise each of many such frames in a row
-    would end `MOST_ATTEMPTS` processes.
+    Without workers a chunk is processed frame by frame after its first attempt. If the
+    previous frame is quarantined already, the whole chunk is quarantined: otherwise
+    each of many such frames in a row would end `MOST_ATTEMPTS` processes.
     """
     chunks, kind = ChunkRepository(session), kind_of(job)
     unfinished = kind.unfinished(session, open_job(session, kind.table, job.id), chunk)

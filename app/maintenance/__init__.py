@@ -1,1 +1,1 @@
-"""Commands that work on a data folder: backup, restore, doctor, clearing away."""
+"""Commands for a data folder: backup, restore, doctor, garbage collection."""

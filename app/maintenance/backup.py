@@ -1,9 +1,9 @@
-"""Copies of a whole data folder, made while it is served, and reading one back.
+"""Makes a backup of a data folder, also while the service runs, and unpacks one.
 
-A backup is a folder, or a tar of the same: the database, the files under `blobs/`
-(wherever they are stored), and at last a label. The database is copied first, at one
-instant; while a backup is made, files are only added, so each that the copy refers to
-is there.
+A backup is a folder or a tar file. It contains the database, the stored files under
+`blobs/` (also those of a bucket) and, as its last file, a label. The database is copied
+first, as a consistent snapshot. No file is deleted while a backup is made, so all files
+to which the snapshot refers exist.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _MB: Final = 10**6
 
 @dataclass(frozen=True)
 class BackupLabel:
-    """What stands on a backup."""
+    """The label of a backup: its version, and what it contains."""
 
     format: int
     version: str
@@ -68,37 +68,39 @@ class BackupLabel:
     left_out: tuple[str, ...] = ()
 
     def text(self) -> str:
-        """As it is written."""
+        """The content of the label file."""
         return json.dumps(asdict(self), indent=2) + "\n"
 
 
 @dataclass(frozen=True)
 class Unpacked:
-    """A backup that was read to its end, and is whole."""
+    """A backup that was read completely and is intact."""
 
     label: BackupLabel
     files: int
 
 
 def blob_name(digest: str) -> str:
-    """Where a blob lies in a backup."""
+    """The path of a blob in a backup."""
     return f"{BLOBS}/{digest[:2]}/{digest}"
 
 
 def unpack(backup: Path, folder: Path, advance: Advance, *, keep: bool) -> Unpacked:
-    """Read a backup into a folder; with its database alone if no more is wanted.
+    """Read and check a backup; unpack it into a folder, or only its database.
+
+    Without `keep`, other files are only compared with their names.
 
     Raises
     ------
     CannotMaintain
-        It is no backup, or not whole; what is wrong with it is said.
+        It is not a backup, or is damaged or incomplete; the text says why.
     """
     digests: dict[str, str] = {}
     label, done, total = None, 0, size_of(backup)
     with _parts(backup) as parts:
         for name, stream in parts:
             if name == LABEL:
-                # It comes last: only then is known what was left out.
+                # The last file: it lists the files that were left out.
                 label = _read_label(stream.read(), backup)
                 continue
             target = folder / name if keep or name == DATABASE else None
@@ -197,7 +199,7 @@ def size_of(backup: Path) -> int:
 
 
 def _is_part(name: str) -> bool:
-    # Names come from outside: nothing else is ever made into a path.
+    # Names are untrusted: only these are used as paths.
     return name in (LABEL, DATABASE) or _BLOB.fullmatch(name) is not None
 
 
@@ -218,13 +220,13 @@ def _copy(stream: IO[bytes], target: Path | None) -> str:
 
 TAR: Final = ".tar"
 TOGETHER: Final = 8
-"""Files of a bucket that are fetched at the same time."""
+"""Concurrent downloads of files from a bucket."""
 _PRIVATE: Final = 0o600
 
 
 @dataclass(frozen=True)
 class Backup:
-    """A backup that was made and read again; `left_out` are damaged files."""
+    """A backup that was made and verified; `left_out` are damaged files."""
 
     path: Path
     files: int
@@ -233,7 +235,7 @@ class Backup:
     left_out: tuple[str, ...]
 
     def as_dict(self) -> dict[str, object]:
-        """As it is printed."""
+        """The values for the command's output."""
         return {**vars(self), "path": str(self.path)}
 
 
@@ -248,7 +250,7 @@ class _Writing:
     left_out: list[str] = field(default_factory=list)
 
     def add(self, name: str, file: Path) -> None:
-        """Put a finished file in."""
+        """Add a complete file."""
         if self.archive is None:
             target = self.folder / name
             if target == file:
@@ -269,12 +271,12 @@ def make_backup(
 ) -> Backup:
     """Copy a data folder into a folder, or into a file if the name ends in ``.tar``.
 
-    It gets its name when it is complete, was read again and is on the disk.
+    It is renamed to `target` when it is complete, verified and flushed to the disk.
 
     Raises
     ------
     CannotMaintain
-        There is something of this name, or files are damaged and may not be left out.
+        `target` exists already, or files are damaged and `incomplete` is False.
     """
     source = _source(settings)
     target = target.absolute()
@@ -325,9 +327,9 @@ def _source(settings: Settings) -> Path:
 
 @contextmanager
 def _draft_of(target: Path) -> Iterator[Path]:
-    """A folder beside the target for what is not complete, gone at the end."""
+    """A temporary folder next to the target, for the incomplete backup."""
     draft = target.with_name(f".{target.name}.partial")
-    # Whatever a killed backup left: no other one is at work on this data folder.
+    # Left by a killed backup: no other one is running for this data folder.
     shutil.rmtree(draft, ignore_errors=True)
     make_folder(target.parent)
     draft.mkdir(mode=0o700)
@@ -357,7 +359,7 @@ def _add_files(
         stored_files_of(settings) as store,
         steps("copy the files", "files") as advance,
     ):
-        # A disk is read in order; a bucket is asked for several at the same time.
+        # Files of a disk are read one by one, those of a bucket concurrently.
         together = 1 if settings.storage == FOLDER else TOGETHER
         found = _intact_files(store, digests, writing.spare, together)
         for done, (digest, file) in enumerate(found, 1):
@@ -376,9 +378,9 @@ def _add_files(
 def _intact_files(
     store: BlobStore, digests: Sequence[str], spare: Path, together: int
 ) -> Iterator[tuple[str, Path | DamagedFile]]:
-    """Files with the blobs' contents: their own, or some in the spare folder.
+    """Files with the blobs' contents: the stored ones, or copies in the spare folder.
 
-    Those are gone when the next ones are asked for.
+    Copies are deleted when the next ones are fetched.
     """
     with ThreadPoolExecutor(together) as pool:
         for start in range(0, len(digests), together):

@@ -1,4 +1,4 @@
-"""The data folder and its files, as commands other than the server find them."""
+"""Opens the data folder, its database and its storage, with checks, for commands."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ from app.storage import (
 
 _PRIVATE: Final = 0o600
 RESTORING: Final = ".restoring"
-"""Holds a restore until it is complete."""
+"""Name of the folder that contains an incomplete restore."""
 
 Advance = Callable[[int, "int | None"], None]
 Steps = Callable[[str, str], AbstractContextManager[Advance]]
-"""Opens a progress bar: what is done, and the unit it is counted in."""
+"""Opens a progress bar, given a description of the step and the unit of progress."""
 
 
 class CannotMaintain(Exception):
-    """A command cannot do what was asked of it; the text says why and what to do."""
+    """A command cannot be executed; the text says why and what to do."""
 
 
 def database_file(settings: Settings) -> Path | None:
@@ -52,16 +52,16 @@ def database_file(settings: Settings) -> Path | None:
 
 
 def check_usable(settings: Settings, engine: Engine, store: BlobStore) -> None:
-    """Refuse to open, as the service, what would hide or destroy what is there.
+    """Refuse to start the service if that would hide or destroy existing data.
 
     Raises
     ------
     CannotMaintain
-        The database is gone while its files are there, was half restored, or belongs
-        to a newer version.
+        The database is missing although files exist, a restore was interrupted, or the
+        database belongs to a newer version.
     """
     file = database_file(settings)
-    # Asked for, a database that is not there would be made.
+    # Not by connecting: that would create a missing SQLite database.
     there = file is None or file.exists()
     revision = current_revision(engine) if there else None
     if revision is None and (settings.data / RESTORING).exists():
@@ -78,42 +78,42 @@ def check_usable(settings: Settings, engine: Engine, store: BlobStore) -> None:
 def _files_alone(settings: Settings) -> str:
     if settings.storage == FOLDER:
         return (
-            f"the database of {str(settings.data)!r} is missing, but its files are "
-            "there; put it back, restore a backup into another folder, or begin anew "
-            "in another folder"
+            f"the database of {str(settings.data)!r} is missing, but its files still "
+            "exist; put it back, restore a backup into another folder, or start with "
+            "another empty folder"
         )
     return (
-        f"there are files in {settings.storage}, but the database is new: what it does "
-        "not know of would be cleared away; name the database that they belong to, "
-        "restore its backup, or choose another prefix in UNGHOST_STORAGE"
+        f"there are files in {settings.storage}, but the database is new: garbage "
+        "collection would delete them; name the database to which they belong, restore "
+        "its backup, or choose another prefix in UNGHOST_STORAGE"
     )
 
 
 def keep_private(settings: Settings) -> None:
-    """Let only its owner read the database, even if others may list its folder.
+    """Make the database readable by its owner only, even in a public folder.
 
-    It is made here because SQLite would let everybody read it; the log beside it gets
-    the same mode as itself.
+    It is created here because SQLite would make it readable for everybody; SQLite gives
+    the write-ahead log the mode of the database.
     """
     file = database_file(settings)
     if file is None:
         return
-    # One that is there is not opened: closing it would end the locks by which SQLite's
-    # own connections of this process keep others from clearing its log away.
+    # An existing file is not opened: closing it would release the POSIX locks of this
+    # process's SQLite connections, and other processes could then delete the log.
     with suppress(FileExistsError):
         os.close(os.open(file, os.O_RDWR | os.O_CREAT | os.O_EXCL, _PRIVATE))
     for path in (file, *(file.with_name(file.name + end) for end in ("-wal", "-shm"))):
-        with suppress(FileNotFoundError, PermissionError):  # another user's stays so
+        with suppress(FileNotFoundError, PermissionError):  # another user owns it
             path.chmod(_PRIVATE)
 
 
 def check_same_version(settings: Settings, engine: Engine) -> None:
-    """Refuse to work on a database that no service of this version has prepared.
+    """Refuse a database that no service of this version has migrated.
 
     Raises
     ------
     CannotMaintain
-        It is not there, or of another version.
+        It is missing, or its schema has another version.
     """
     file = database_file(settings)
     there = file is None or file.exists()
@@ -132,9 +132,9 @@ def check_same_version(settings: Settings, engine: Engine) -> None:
 
 
 def newer(revision: str) -> str:
-    """What to say of a database that this version does not know."""
+    """The error message for a database with a newer schema."""
     return (
-        f"the database is at schema {revision}, this version knows only up to "
+        f"the database is at schema {revision}, this version supports only up to "
         f"{head_revision(migrations_dir())}: a newer Unghost wrote it; install that "
         "one, or restore a backup from before"
     )
@@ -147,7 +147,7 @@ def opened(settings: Settings) -> Iterator[Database]:
     Raises
     ------
     CannotMaintain
-        There is none, or it is at another schema.
+        It is missing, or its schema has another version.
     """
     file = database_file(settings)
     if file is not None and not file.is_file():
@@ -173,7 +173,7 @@ def opened(settings: Settings) -> Iterator[Database]:
 
 
 def no_database(settings: Settings) -> str:
-    """What to say of a folder, or a server's database, that nobody has served yet."""
+    """The error message for a data folder or server database without tables."""
     if database_file(settings) is None:
         return "the database is empty; start `unghost serve` once, which fills it"
     return (
@@ -184,7 +184,7 @@ def no_database(settings: Settings) -> str:
 
 @contextmanager
 def alone(settings: Settings) -> Iterator[None]:
-    """Hold the data folder against other backups and collections of garbage."""
+    """Lock the data folder against other backups and garbage collections."""
     try:
         with alone_in(settings.data):
             yield
@@ -195,8 +195,8 @@ def alone(settings: Settings) -> Iterator[None]:
         ) from exc
     except FolderInUse as exc:
         raise CannotMaintain(
-            "a backup, or a collection of garbage, is at work already in "
-            f"{str(settings.data)!r}; try again when it is over"
+            "a backup or a garbage collection is running already in "
+            f"{str(settings.data)!r}; try again when it has ended"
         ) from exc
 
 
@@ -214,12 +214,11 @@ _REFUSED: Final = (
 )
 _ELSEWHERE: Final = ("PermanentRedirect", "AuthorizationHeaderMalformed")
 _REASONS: Final = {
-    "NoSuchBucket": "there is no such bucket; make it, or mend UNGHOST_STORAGE",
+    "NoSuchBucket": "there is no such bucket; create it, or correct UNGHOST_STORAGE",
     "NoKeys": "there are no keys for it; set AWS_ACCESS_KEY_ID and "
     "AWS_SECRET_ACCESS_KEY",
-    "NotImplemented": "it cannot put something only if it is not there "
-    "(`If-None-Match: *`)",
-    "GenericError": "it does not answer",
+    "NotImplemented": "it does not support conditional writes (`If-None-Match: *`)",
+    "GenericError": "it does not respond",
     **dict.fromkeys(_ELSEWHERE, "it is in another region; see UNGHOST_STORAGE_REGION"),
     **{reason: _KEYS.format(reason) for reason in _REFUSED},
 }
@@ -227,12 +226,12 @@ _REASONS: Final = {
 
 @contextmanager
 def stored_files_of(settings: Settings) -> Iterator[BlobStore]:
-    """The store of the files, for a command; it asks, makes and changes nothing yet.
+    """The storage of the files, for a command; opening it changes nothing.
 
     Raises
     ------
     CannotMaintain
-        The store cannot be used, or does not answer any more.
+        The storage cannot be used, or does not respond any more.
     """
     with usable_store(settings):
         store = open_store(settings)
@@ -244,7 +243,7 @@ def stored_files_of(settings: Settings) -> Iterator[BlobStore]:
 
 @contextmanager
 def usable_store(settings: Settings) -> Iterator[None]:
-    """Say of a store that cannot be used which one it is, and why."""
+    """Raise errors of the storage in the block as `CannotMaintain`, with its name."""
     try:
         yield
     except MissingLibrary as exc:
@@ -259,7 +258,7 @@ def check_moved(settings: Settings, database: Database, store: BlobStore) -> Non
     Raises
     ------
     CannotMaintain
-        Somebody named another place for files, and left them where they were.
+        UNGHOST_STORAGE was changed, and the files were not moved.
     """
     if settings.storage == FOLDER:
         return
@@ -270,12 +269,12 @@ def check_moved(settings: Settings, database: Database, store: BlobStore) -> Non
         raise CannotMaintain(
             f"the database refers to files, and none is in {settings.storage}: copy "
             f"them there from where they are (as {str(settings.data / BLOBS)!r}), or "
-            "mend UNGHOST_STORAGE"
+            "correct UNGHOST_STORAGE"
         )
 
 
 def no_store(settings: Settings, away: StorageAway) -> str:
-    """What to say of a bucket that does not answer as it should; no secret is in it."""
+    """The error message for a bucket that cannot be used; it contains no secret."""
     bucket = bucket_of(settings.storage)
     name = settings.storage if bucket is None else bucket.name
     return (
@@ -285,16 +284,17 @@ def no_store(settings: Settings, away: StorageAway) -> str:
 
 
 _ROOM: Final = 3
-"""A migration needs the copy, its log and its changes: each a database at most."""
+"""A migration needs space for the copy, the log and the changes, each at most as large
+as the database."""
 
 log = logging.getLogger(__name__)
 
 
 def keep_before_migrating(settings: Settings, engine: Engine) -> Path | None:
-    """Copy a SQLite database that is about to be migrated; where to, or None.
+    """Copy a SQLite database that is about to be migrated; returns the copy, or None.
 
-    A migration is one transaction, so a crash needs no copy. It is for going back to
-    the version before, and not made where there is no room for it.
+    A migration is one transaction, so a crash needs no copy. The copy is for going back
+    to the former version; it is not made if there is no disk space for it.
     """
     file, revision = database_file(settings), current_revision(engine)
     if file is None or revision in (None, head_revision(migrations_dir())):

@@ -1,4 +1,4 @@
-"""Looking a data folder over: what is wrong in it, and what to do about each."""
+"""Checks a data folder: reports what is wrong, and what to do about it."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ from app.storage import BlobStore, StoredFile, export_of
 _OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
 
 SETTLED_S: Final = 3600.0
-"""Files that changed within the last hour may belong to work that goes on."""
+"""Files that changed within the last hour may belong to work in progress."""
 TOGETHER: Final = 8
-"""Files of a bucket that are read at the same time; a disk is read in order."""
+"""Concurrent reads of files from a bucket; files of a disk are read one by one."""
 
 _ADVICE: Final = {
     "files": "copy them from the folder blobs of a backup, or send their frames again, "
@@ -59,7 +59,7 @@ MOST_EXAMPLES: Final = 5
 
 
 class Severity(str, Enum):
-    """How bad a finding is."""
+    """The severity of a finding."""
 
     OK = "ok"
     NOTE = "note"
@@ -69,7 +69,7 @@ class Severity(str, Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check found; `todo` says what to do, for all but the best."""
+    """The result of one check; `todo` says what to do, unless it is OK."""
 
     check: str
     severity: Severity
@@ -79,14 +79,14 @@ class Finding:
     examples: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
-        """As it is printed."""
+        """The values for the command's output."""
         return {**vars(self), "severity": self.severity.value}
 
 
 def examine(settings: Settings, *, verify: bool, steps: Steps) -> Iterator[Finding]:
-    """Every check, one after the other; nothing is changed.
+    """Run all checks, one after the other; nothing is changed.
 
-    With `verify` the content of each stored file is compared with its name.
+    With `verify`, the content of each stored file is compared with its hash.
     """
     yield from _folder(settings)
     file = database_file(settings)
@@ -103,7 +103,7 @@ def examine(settings: Settings, *, verify: bool, steps: Steps) -> Iterator[Findi
 
 
 def _of_database(engine: Engine, *, on_server: bool) -> Iterator[Finding]:
-    """What is wrong with it; nothing more is asked after an error."""
+    """Findings about the database; stops after an error."""
     first = is_answering(engine) if on_server else _database(problems_in(engine))
     yield first
     if first.severity is Severity.ERROR:
@@ -205,7 +205,7 @@ def _schema(revision: str | None) -> Finding:
 def file_findings(
     settings: Settings, session: Session, *, verify: bool, steps: Steps
 ) -> Iterator[Finding]:
-    """What is wrong with the files, wherever they are stored; nothing is changed."""
+    """Findings about the files, in a folder or a bucket; nothing is changed."""
     try:
         with stored_files_of(settings) as store:
             if settings.storage != FOLDER:
@@ -229,14 +229,14 @@ def _bucket(store: BlobStore) -> Finding:
 
 @dataclass(frozen=True)
 class _Verifying:
-    """Reading every file, `asked` at a time."""
+    """Reads every file, `asked` at a time, to verify its content."""
 
     store: BlobStore
     steps: Steps
     asked: int
 
     def damaged(self, there: Mapping[str, StoredFile]) -> set[str]:
-        """Those whose content is not what was stored."""
+        """The names of files whose content does not match their hash."""
         names = sorted(there)
         with (
             self.steps("compare the files", "files") as advance,
@@ -261,7 +261,7 @@ class _Verifying:
 def _findings(
     store: BlobStore, session: Session, verifying: _Verifying | None
 ) -> Iterator[Finding]:
-    # Rows before files: a file is there before its row is.
+    # Rows are read before files: a file is stored before its row.
     began = time.time()
     rows = StoredFileRepository(session)
     frames, exports = list(rows.of_frames()), list(rows.of_exports())
@@ -344,7 +344,7 @@ def _leftovers(paths: Sequence[Path]) -> Finding:
 
 
 def is_answering(engine: Engine) -> Finding:
-    """Whether the database can be reached at all."""
+    """Whether the database server responds."""
     reason = connection_fault(engine)
     if not reason:
         found = f"PostgreSQL {version_of(engine)} answers"
@@ -352,14 +352,14 @@ def is_answering(engine: Engine) -> Finding:
     return Finding(
         "database",
         Severity.ERROR,
-        f"it does not answer: {reason}",
+        f"it does not respond: {reason}",
         "start PostgreSQL, make the database, or mend UNGHOST_DATABASE_URL; nothing "
         "is served until then",
     )
 
 
 def server_findings(engine: Engine) -> Iterator[Finding]:
-    """What is wrong with a database that answers and is at a known schema."""
+    """Findings about a database on a server, which responds and has a known schema."""
     yield _keys(broken_keys(engine))
     yield _durability(not_durable(engine))
 

@@ -1,10 +1,10 @@
-"""Clearing away what nothing refers to any more, while the service goes on.
+"""Garbage collection of files that nothing refers to, while the service runs.
 
-Files are removed in the turn of a writer, and the transaction that stores a frame
-requires its files (`BlobStore.require`). One of the two comes first: either the frame
-is seen here and its files stay, or its transaction finds that a file is missing. Files
-younger than the time of grace stay as well; otherwise frames on their way would often
-have to be sent twice.
+Files are removed in a transaction that writes, and so is the row of a frame, whose
+transaction checks that its files exist (`BlobStore.require`). One of the two comes
+first: either the frame's row is found here and its files stay, or its transaction finds
+that a file is missing. Files younger than the grace period stay as well; otherwise
+frames that are being stored would often have to be sent twice.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from app.storage.room import Reserve
 
 HOUR_S: Final = 3600.0
 TOGETHER: Final = 200
-"""Files that are removed in one turn: some milliseconds that writers wait."""
+"""Files that are removed in one transaction, which delays writers by milliseconds."""
 SHORTEST_S: Final = HOUR_S
-"""Drafts and half exports are never taken to be left over sooner."""
+"""Minimum age at which drafts and incomplete exports count as left over."""
 
 
 @dataclass
 class Garbage:
-    """What was found and, unless it was only looked for, removed."""
+    """The garbage that was found and, unless it was a dry run, removed."""
 
     removed: bool
     files: int = 0
@@ -42,7 +42,7 @@ class Garbage:
     too_young: int = 0
 
     def as_dict(self) -> dict[str, int | bool]:
-        """As it is printed."""
+        """The values for the command's output."""
         return dict(vars(self))
 
 
@@ -54,7 +54,7 @@ def collect(
     Raises
     ------
     CannotMaintain
-        The folder cannot be used, or another such command is at work.
+        The folder cannot be used, or is locked by another such command.
     """
     Reserve(settings.data).give_up()
     with (
@@ -103,7 +103,7 @@ def _remove(
 ) -> set[str]:
     """Remove files that are still unused; returns the digests of those that stay."""
     with database.write() as session:
-        # The first statement takes the turn: nobody else commits until it is over.
+        # The first statement takes the turn to write: no other transaction can commit.
         keep_turn(session)
         used = StoredFileRepository(session).referred_to(digests)
         unused = [digest for digest in digests if digest not in used]
@@ -117,7 +117,7 @@ def _remove(
 def _rows(database: Database, found: Garbage, young: set[str]) -> None:
     """Count or remove rows of files that no frame has and that are not young.
 
-    It comes after the files: a young file may belong to a frame that is on its way.
+    Called after the files: a young file may belong to a frame that is being stored.
     """
     with database.read() as session:
         unused = [

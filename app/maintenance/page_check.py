@@ -1,7 +1,7 @@
-"""Whether the pages of a SQLite database are whole: looked at once after each start.
+"""Checks the pages of a SQLite database for damage, once after each start.
 
-In the background and for a minute at most, because a large database takes longer. What
-is found damaged later, by any reader, counts as well: see `Database.damage`.
+The check runs in the background, for at most a minute: a large database takes longer.
+Damage that any reader finds later is recorded as well (`Database.damage`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 @contextmanager
 def checking_pages(context: ServiceContext) -> Iterator[None]:
-    """Look at them in a thread of its own, which ends with the block."""
+    """Check the pages in a background thread, which ends with the block."""
     over = threading.Event()
     check = threading.Thread(
         target=_check, args=(context.database, over), name="page check"
@@ -49,15 +49,15 @@ def _check(database: Database, over: threading.Event) -> None:
     try:
         whole = database.check_pages(lambda: over.is_set() or time.monotonic() > until)
     except SQLAlchemyError as exc:
-        log.warning("the pages of the database cannot be looked at: %s", exc)
+        log.warning("the pages of the database cannot be checked: %s", exc)
         return
     if database.damage is not None:
         log.error("the database is damaged: %s; %s", database.damage, ADVICE)
     elif whole:
-        log.info("the pages of the database are whole")
+        log.info("the pages of the database are intact")
     elif not over.is_set():
         log.info(
-            "the pages of the database are too many to look at in %d s; "
-            "`unghost doctor` looks at all of them",
+            "the pages of the database are too many to check in %d s; "
+            "`unghost doctor` checks all of them",
             LONGEST_S,
         )

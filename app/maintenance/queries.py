@@ -1,4 +1,4 @@
-"""Which files anything refers to, and the rows of those that nothing does."""
+"""SQL for finding used and unused files, and for deleting the rows of unused ones."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from app.db.tables import Blob, Export, FrameFile
 
 
 class WantedFile(NamedTuple):
-    """A blob that rows refer to, and the size that it had."""
+    """A blob to which rows refer, and its stored size."""
 
     sha256: str
     size_bytes: int | None
 
 
 class StoredFileRepository:
-    """Rows about blobs. Insert-only, but for what is cleared away here."""
+    """Rows about blobs."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -45,7 +45,7 @@ class StoredFileRepository:
             yield WantedFile(str(row[0]), row[1])
 
     def referred_to(self, digests: Sequence[str]) -> set[str]:
-        """Those of these blobs that anything refers to."""
+        """Those of these blobs to which a frame or an export refers."""
         frames = select(FrameFile.sha256).where(FrameFile.sha256.in_(digests))
         exports = select(Export.sha256).where(
             Export.sha256.in_(digests), Export.state == "done"

@@ -1,8 +1,8 @@
-"""Rows of deleted datasets are removed in the background, bit by bit.
+"""Removes the rows of deleted datasets in the background, in small transactions.
 
 The datasets themselves are hidden at once. A row is removed after all rows that refer
-to it. Between two portions anybody may write. If a process ends before all is removed,
-another one that serves the folder goes on, or the next one that does.
+to it. Others can write between two transactions. If a process ends before all rows are
+removed, another process of the service continues, or the next one that starts.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from app.storage.room import DeletionSignal, Reserve
 FRAMES_AT_A_TIME: Final = 200
 ROWS_AT_A_TIME: Final = 1_000
 FLIPS_AT_A_TIME: Final = 50
-"""Each row holds thousands of boxes."""
+"""Few, since each row has thousands of boxes."""
 
 
 class RemovalRepository:
-    """Rows of datasets that nobody sees any more."""
+    """Rows of deleted datasets."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -41,7 +41,7 @@ class RemovalRepository:
         return list(self._session.scalars(rows.order_by(Dataset.id)))
 
     def remove_some(self, dataset_id: int, most_boxes: int) -> bool:
-        """Take a portion away; False once nothing is left, the dataset included."""
+        """Delete one portion; False once nothing is left, including the dataset."""
         steps: tuple[Callable[[int], bool], ...] = (
             partial(self._frames, most_boxes),
             self._flips,
@@ -65,7 +65,7 @@ class RemovalRepository:
                 break
             ids.append(frame_id)
             boxes += count
-        # Boxes, evidence, decisions and answers go along.
+        # Boxes, evidence, decisions and answers are deleted by cascade.
         self._session.execute(delete(Frame).where(Frame.id.in_(ids)))
         return bool(ids)
 
@@ -89,24 +89,24 @@ class RemovalRepository:
         return bool(ids)
 
     def _class(self, dataset_id: int) -> bool:
-        # One at a time: for each the database looks whether any box refers to it.
+        # One at a time: for each the database checks whether a box refers to it.
         rows = select(DatasetClass.id).where(DatasetClass.dataset_id == dataset_id)
         class_id = self._session.scalar(rows.limit(1))
         self._session.execute(delete(DatasetClass).where(DatasetClass.id == class_id))
         return class_id is not None
 
     def _dataset(self, dataset_id: int) -> bool:
-        # Runs, configurations, measurements and exports go along: some rows each.
+        # A few runs, configurations, measurements and exports are deleted by cascade.
         self._session.execute(delete(Dataset).where(Dataset.id == dataset_id))
         return False
 
 
 BOXES_AT_A_TIME: Final = 2_000
-"""Some tens of milliseconds; a frame is not divided."""
+"""Boxes per transaction, which takes some tens of ms; a frame is not divided."""
 FEW_BOXES: Final = 200
-"""Where there is hardly any room to write down what is changed."""
+"""Boxes per transaction if there is hardly any disk space for the log."""
 LOOK_FOR_WORK_EVERY_S: Final = 5.0
-"""Seconds between two looks without a signal: another process may have died."""
+"""Seconds between two checks without a signal: another process may have died."""
 
 log = logging.getLogger(__name__)
 
@@ -114,11 +114,11 @@ log = logging.getLogger(__name__)
 def remove_deleted(
     database: Database, reserve: Reserve, stop: Callable[[], bool]
 ) -> None:
-    """Take away all rows of datasets that were deleted, until told to stop.
+    """Remove all rows of deleted datasets, until `stop` returns True.
 
-    On a full disk SQLite's log is copied into the database (a checkpoint) before and
-    after each portion, so that it does not grow. A reader can prevent that; the log
-    then fills the disk, and the portion fails. The next call begins with a checkpoint.
+    On a full disk a checkpoint is made before and after each portion, so that SQLite's
+    log does not grow. A reader can prevent that; the log then fills the disk, and the
+    portion fails. The next call begins with a checkpoint.
     """
     if not reserve.path.exists():
         database.checkpoint()
@@ -166,7 +166,7 @@ def _watch(context: ServiceContext, over: threading.Event) -> None:
         except (
             SQLAlchemyError,
             OSError,
-        ) as exc:  # it may be away, or its disk full, for a while
+        ) as exc:  # the database may be unavailable, or the disk full, for a while
             text = str(exc).partition("\n")[0]
             log.warning("deleted datasets are not removed yet: %s", text)
         if not over.is_set():

@@ -1,4 +1,4 @@
-"""Making a data folder of a backup, or nothing at all."""
+"""Restores a backup into a new data folder, completely or not at all."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from app.storage import (
 )
 
 TOGETHER: Final = 8
-"""Files that are put into a bucket at the same time."""
+"""Concurrent uploads of files to a bucket."""
 
 
 @dataclass(frozen=True)
 class Restored:
-    """A data folder as it is now."""
+    """A data folder that was restored, and the facts of its backup."""
 
     data: Path
     files: int
@@ -45,11 +45,11 @@ class Restored:
 
     @property
     def is_older(self) -> bool:
-        """Whether the service changes its schema when it starts."""
+        """Whether the service will migrate its schema when it starts."""
         return self.schema != head_revision(migrations_dir())
 
     def as_dict(self) -> dict[str, object]:
-        """As it is printed."""
+        """The values for the command's output."""
         return {**vars(self), "data": str(self.data)}
 
 
@@ -59,7 +59,7 @@ def restore(settings: Settings, backup: Path, steps: Steps) -> Restored:
     Raises
     ------
     CannotMaintain
-        The folder is not empty, or the backup is not whole or from a newer version.
+        The folder is not empty, or the backup is damaged or of a newer version.
     """
     if settings.database_url is not None:
         raise CannotMaintain(
@@ -100,7 +100,7 @@ def _restored(
 
 
 def _check_empty(data: Path) -> None:
-    # The lock of a folder that was emptied, and what an interrupted restore left.
+    # Left by an interrupted restore, by an emptied data folder, and by a file system.
     sanitised = {RESTORING, ".maintenance.lock", "lost+found"}
     if data.exists() and not data.is_dir():
         raise CannotMaintain(f"{data} is no folder")
@@ -114,7 +114,7 @@ def _check_empty(data: Path) -> None:
 def _put_in_place(
     inside: Path, data: Path, bucket: BlobStore | None, steps: Steps
 ) -> None:
-    """Files first and the database last: without it nothing is served."""
+    """Move the files and then the database: without it the service does not start."""
     (inside / BLOBS).mkdir(mode=0o700, exist_ok=True)
     flush_file(inside / DATABASE)
     flush_everything(inside)
@@ -127,11 +127,11 @@ def _put_in_place(
 
 
 def _put_into(bucket: BlobStore, folder: Path, steps: Steps) -> None:
-    """Put every file again, also those that are there: they may be damaged."""
+    """Upload every file, also those that exist: they may be damaged."""
     files = sorted(folder.glob("??/*"))
     strangers = {file.digest for file in bucket.files()} - {file.name for file in files}
     if strangers:
-        # Served with this database they would be garbage, and be cleared away.
+        # With this database they would be garbage, and be deleted.
         raise CannotMaintain(
             f"there are {len(strangers)} files that are not in the backup, of another "
             "database or of later days; choose another prefix in UNGHOST_STORAGE"

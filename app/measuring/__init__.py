@@ -1,1 +1,1 @@
-"""Datasets, configurations and evidence: what is measured, and how it is decided."""
+"""Datasets, configurations and evidence: measuring frames, and reading the numbers."""

@@ -1,4 +1,4 @@
-"""Versions of configurations, and how frames are measured and decided now."""
+"""Configuration versions, and a cache of the active ones for measuring and deciding."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _Plans: TypeAlias = tuple[MeasureConfig, FilterConfig]
 
 @dataclass(frozen=True)
 class ActiveDataset:
-    """A dataset as an upload meets it: how its frames are measured, and decided."""
+    """A dataset with its active configuration and the plan for measuring new frames."""
 
     name: str
     row: ActiveRow
@@ -46,18 +46,18 @@ class ActiveDataset:
 
 
 class UnusableConfig(Exception):
-    """The configuration named in the settings cannot be read or is wrong."""
+    """The configuration file of the settings cannot be read or is invalid."""
 
 
 @dataclass(frozen=True)
 class DefaultConfig:
-    """What the datasets of this service begin with; read once, when it starts."""
+    """The first configuration of new datasets; read once, at the start."""
 
     config: FilterConfig
 
     @classmethod
     def of(cls, settings: Settings) -> DefaultConfig:
-        """The settings' own, or that of the library; UnusableConfig."""
+        """That of the settings, else the library's; raises UnusableConfig."""
         if settings.config is None:
             return cls(FilterConfig())
         try:
@@ -70,23 +70,23 @@ class DefaultConfig:
 
 
 class PlanCache:
-    """Plans by what names them: parsed once, though every upload asks.
+    """A cache of parsed plans and configurations, which every upload needs.
 
-    The dataset is part of that: a plan says who asked for what, for its errors.
+    The dataset's name is part of the key, since errors of a plan contain it.
     """
 
     def __init__(self) -> None:
         self._held: dict[tuple[str, str, str], _Plans] = {}
 
     def active(self, session: Session, name: str) -> ActiveDataset:
-        """The dataset as this session sees it; NotFound."""
+        """The dataset in this session's snapshot; raises NotFound."""
         return self._dataset(session, name, active_row(session, name))
 
     def active_and_keys(
         self, session: Session, name: str, keys: Sequence[str]
     ) -> tuple[ActiveDataset, dict[str, KeyRow]]:
-        """The same, and what it has under these keys of frames."""
-        if len(keys) == 1:  # one statement is half as dear as three
+        """As `active`, together with the rows of these keys of frames."""
+        if len(keys) == 1:  # one statement takes half as long as three
             row, known = active_row_and_key(session, name, keys[0])
             return self._dataset(session, name, row), {keys[0]: known}
         active = self.active(session, name)
@@ -95,9 +95,9 @@ class PlanCache:
     def before_measuring(
         self, database: Database, name: str, key: str
     ) -> tuple[ActiveDataset, KeyRow]:
-        """A dataset and what it has under a key, mostly by one statement.
+        """A dataset and the row of a frame's key, usually by one statement.
 
-        A session is opened only for a plan that is not in memory yet.
+        A session is opened only for a plan that is not cached yet.
         """
         row, known = read_active_snapshot(database.engine, name, key)
         plans = self._held.get(_named(name, row))
@@ -136,7 +136,7 @@ def add_version(
     author: str,
     unused_keys: Sequence[str] = (),
 ) -> tuple[tables.ConfigVersion, bool]:
-    """The version with this content, and whether it is new."""
+    """The version with this content, added if there is none, and whether it is new."""
     configs = ConfigRepository(session)
     known = configs.find(dataset.id, config.digest)
     if known is not None:
@@ -152,14 +152,14 @@ def add_version(
 
 
 def active_version(session: Session, dataset: Dataset) -> tables.ConfigVersion:
-    """The version whose verdicts are current."""
+    """The version by which current verdicts were decided."""
     if dataset.active_config_id is None:
         raise RuntimeError(f"dataset {dataset.name!r} has no active config")
     return ConfigRepository(session).with_id(dataset.active_config_id)
 
 
 def config_of(version: tables.ConfigVersion) -> FilterConfig:
-    """A version as the filter takes it; parsed once per process."""
+    """A version as the filter's configuration; parsed once per process."""
     return _parsed(version.digest, _Body(version.body))
 
 
@@ -176,7 +176,7 @@ def describe_version(dataset: Dataset, version: tables.ConfigVersion) -> ConfigV
 
 
 class _Body:
-    """A config's body that the cache ignores: the digest already names it."""
+    """A configuration's body, ignored by `lru_cache`: the digest identifies it."""
 
     def __init__(self, body: Mapping[str, object]) -> None:
         self.body = body

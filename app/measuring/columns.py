@@ -1,7 +1,8 @@
-"""All boxes of a dataset as columns: decided and counted in one pass.
+"""The evidence of all boxes of a dataset as columns in memory, and a cache of it.
 
 A million boxes are decided in milliseconds once their numbers are in memory. They are
-loaded when first needed, kept while they fit, and loaded anew when frames came or went.
+loaded on first use, cached while they fit, and reloaded when frames are added or
+removed.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from unghost.wire.datasets import Histogram
 from unghost.wire.runs import Flip, FlipSide
 
 REASONS: Final = len(VERDICT_OF_REASON)
-"""Columns of a table by reason."""
+"""Number of columns of a table of counts by reason."""
 _MAX_PERCENT: Final = 100.0
 
 
@@ -71,16 +72,16 @@ def outcome(names: Sequence[str], table: IntArray) -> dict[str, object]:
 def flip_of(
     ids: tuple[int, int], evidence: Evidence, row: int, reasons: tuple[int, int]
 ) -> Flip:
-    """A box that is decided otherwise.
+    """A box whose decision changes.
 
     Parameters
     ----------
     ids : (int, int)
-        Of the box and of its frame.
+        The ids of the box and of its frame.
     evidence : Evidence
-        Of the second decision; `row` is the box's.
+        The evidence of the second decision; `row` is the row of the box in it.
     reasons : (int, int)
-        Codes of `Reason`: before, and after.
+        Codes of `Reason` before and after.
     """
     match = float(evidence.match_percent[row])
     return Flip(
@@ -95,7 +96,7 @@ def flip_of(
 
 @cache
 def _side(code: int) -> FlipSide:
-    # There are as many sides as reasons; a page of flips has thousands.
+    # Cached: a page of flips has thousands of sides, and there are only a few reasons.
     reason = Reason(code)
     return FlipSide(verdict=reason.verdict.value, reason=reason.label)
 
@@ -103,7 +104,7 @@ def _side(code: int) -> FlipSide:
 def match_counts(evidence: Evidence, bins: int) -> IntArray:
     """(classes, bins): measured boxes by match_percent, in equal bins from 0 to 100."""
     match = evidence.match_percent[evidence.measured]
-    # What has no match (outside, degenerate) is no part of a histogram of matches.
+    # Boxes without a match (outside, degenerate) are not in a histogram of matches.
     known = match == match
     scaled = match[known] * (bins / _MAX_PERCENT)
     bin_of = np.minimum(scaled.astype(np.int32), bins - 1)
@@ -134,16 +135,16 @@ def _by_verdict(counts: IntArray) -> dict[str, int]:
 
 
 MAX_CACHED_BOXES: Final = 8_000_000
-"""About 100 bytes each."""
+"""Boxes in the cache, of about 100 bytes each."""
 PARTS: Final = 16
-"""A larger dataset is worked through in parts of this fraction of it."""
+"""A larger dataset is processed in parts of 1/16 of the cache's size."""
 MAX_KEPT_COUNTS: Final = 64
-"""Filters whose number of boxes is kept: the queue and lists ask again and again."""
+"""Filters whose count is cached: the queue and lists need them again and again."""
 
 
 @dataclass
 class _Known:
-    """What was made of a dataset's numbers last, each beside what it was made by."""
+    """Cached results computed from a dataset's numbers, each with its key."""
 
     decided: tuple[str, Decisions] | None = None
     counts: OrderedDict[Hashable, int] = field(default_factory=OrderedDict)
@@ -152,9 +153,10 @@ class _Known:
 
 @dataclass(frozen=True)
 class DatasetColumns:
-    """Evidence of all current boxes of a dataset, in the order of their ids.
+    """Evidence of all current boxes of a dataset, in order of id.
 
-    Not `complete`: some frames are not measured yet, and will be in the same `state`.
+    `complete` is False if some frames are not measured yet: measuring them does not
+    change `state`.
     """
 
     state: tuple[int, int]
@@ -169,7 +171,7 @@ class DatasetColumns:
         return len(self.box_ids)
 
     def decided(self, config: FilterConfig) -> Decisions:
-        """Decisions of the configuration asked for last, such as the active one."""
+        """Decisions by a configuration; those of the last one are cached."""
         held = self._known.decided
         if held is None or held[0] != config.digest:
             held = (config.digest, decide(self.evidence, config))
@@ -177,7 +179,7 @@ class DatasetColumns:
         return held[1]
 
     def counted(self, what: Hashable, count: Callable[[], int]) -> int:
-        """A count of these numbers, kept for the next request of the same."""
+        """The result of `count`, cached under the key `what`."""
         held = self._known.counts
         found = held.get(what)
         if found is None:
@@ -187,7 +189,7 @@ class DatasetColumns:
         return found
 
     def match_counts(self, bins: int) -> IntArray:
-        """Counts of matches per class; thresholds do not change them."""
+        """`match_counts` of these boxes, cached; independent of thresholds."""
         held = self._known.match_counts
         if held is None or held[0] != bins:
             held = (bins, match_counts(self.evidence, bins))
@@ -196,7 +198,7 @@ class DatasetColumns:
 
 
 class ColumnCache:
-    """Columns of the datasets used last."""
+    """A cache of the columns of recently used datasets."""
 
     def __init__(self, max_boxes: int = MAX_CACHED_BOXES) -> None:
         self._max_boxes = max_boxes
@@ -206,7 +208,7 @@ class ColumnCache:
     def load(
         self, session: Session, dataset_id: int, measurement_id: int
     ) -> DatasetColumns:
-        """The numbers as this session sees them."""
+        """The numbers in this session's snapshot."""
         key = (dataset_id, measurement_id)
         state = frames_state(session, dataset_id)
         with self._lock:
@@ -220,17 +222,18 @@ class ColumnCache:
         return loaded
 
     def fits(self, session: Session, dataset_id: int) -> bool:
-        """Whether the numbers of a dataset may be held in memory as a whole."""
+        """Whether all numbers of a dataset fit into the cache."""
         return frames_state(session, dataset_id)[1] <= self._max_boxes
 
     def parts(
         self, session: Session, dataset_id: int, *measurement_ids: int
     ) -> Iterator[tuple[DatasetColumns, ...]]:
-        """A dataset's numbers under each measurement, at least one part of it.
+        """A dataset's numbers under each measurement, in one or more parts.
 
-        As a whole if they may be held in memory, in ranges of frames else: those that
-        are measured under one of them only are in that one's part. Whoever counts part
-        by part needs no more memory for a hundred million boxes than for eight.
+        It is one part if they fit into the cache, otherwise one for each range of
+        frames. A frame that is measured under one measurement only is in that one's
+        columns only. A caller that counts part by part needs no more memory for a
+        hundred million boxes than for eight million.
         """
         if self.fits(session, dataset_id):
             yield tuple(self.load(session, dataset_id, id_) for id_ in measurement_ids)
@@ -261,7 +264,7 @@ def load_columns(
     *,
     frames: tuple[int, int] | None = None,
 ) -> DatasetColumns:
-    """Read them from the database: all, or those of frames from one id to another."""
+    """Read columns from the database, of all frames or of a range of frame ids."""
     rows = EvidenceRepository(session).numbers(
         dataset_id, measurement_id, frames=frames
     )

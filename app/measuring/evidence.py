@@ -1,8 +1,8 @@
-"""Rows of evidence: packed, unpacked, and counted again for other configurations.
+"""Packs and unpacks rows of evidence, and recounts them for other configurations.
 
-A database row per box would cost thirty inserts a frame and seconds to load a million
-of them. A frame's evidence never changes, so it is packed column-wise into one value:
-little-endian, fixed width, readable with ``numpy.frombuffer`` alone.
+A database row per box would need thirty inserts per frame, and seconds to load a
+million rows. A frame's evidence never changes, so it is packed into one value: records
+of little-endian numbers of fixed width, readable with ``numpy.frombuffer`` alone.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _EDGE_BYTES: Final = 16
 
 @dataclass(frozen=True)
 class Geometry:
-    """Rectangles and edges of a box that came in three dimensions."""
+    """Rectangles and edges of a box that was sent in three dimensions."""
 
     amodal_xyxy: tuple[float, ...] | None
     visible_xyxy: tuple[float, ...] | None
@@ -49,14 +49,14 @@ class Geometry:
 class RecordLayout:
     """Columns of numbers as records of fixed width, one for each box.
 
-    Records are written in the newest layout. Those of an older one lack the columns
-    that were added since; they are recognised by their bytes per box, and what they
-    lack is read as "nothing measured".
+    Records are written in the newest layout. Records of older layouts lack the columns
+    that were added since; they are recognised by their bytes per box, and missing
+    columns are read as "nothing measured".
 
     Parameters
     ----------
     columns : mapping
-        What each column holds, by its name.
+        The description of each column, by its name.
     """
 
     def __init__(self, columns: Mapping[str, NumberColumn]) -> None:
@@ -76,13 +76,13 @@ class RecordLayout:
         Parameters
         ----------
         packed : bytes of each frame
-            None: nothing was measured of its boxes.
+            None for a frame of which nothing was measured.
         counts : boxes of each frame
 
         Raises
         ------
         ValueError
-            Bytes that no layout has for so many boxes.
+            The number of bytes fits no layout for this number of boxes.
         """
         size = self.dtype.itemsize
         lengths = [-1 if one is None else len(one) for one in packed]
@@ -113,14 +113,13 @@ class RecordLayout:
 def _record_dtype(
     columns: Mapping[str, NumberColumn], layout: int
 ) -> np.dtype[np.void]:
-    """The columns of a layout: the older before those that were added."""
+    """The columns of a layout, in the order in which they were added."""
     had = {name: one for name, one in columns.items() if one.since <= layout}
-    return np.dtype(
-        [
-            (name, np.dtype(one.stored or one.dtype).newbyteorder("<"), one.shape)
-            for name, one in sorted(had.items(), key=lambda item: item[1].since)
-        ]
-    )
+    fields: list[tuple[str, np.dtype[Any], tuple[int, ...]]] = [
+        (name, np.dtype(one.stored or one.dtype).newbyteorder("<"), one.shape)
+        for name, one in sorted(had.items(), key=lambda item: item[1].since)
+    ]
+    return np.dtype(fields)
 
 
 _CLASS_ID: Final = NumberColumn("the database's id of its class", "", "i4", 0)
@@ -146,7 +145,7 @@ def _row(values: FloatArray) -> tuple[float, ...] | None:
 
 
 def pack_channels(numbers: ChannelNumbers | None) -> bytes | None:
-    """What the channels say; None if none was measured."""
+    """Pack the numbers of channels; None if none was measured."""
     if numbers is None:
         return None
     record = np.zeros(len(numbers), CHANNEL_NUMBERS.dtype)
@@ -156,7 +155,7 @@ def pack_channels(numbers: ChannelNumbers | None) -> bytes | None:
 
 
 def pack_geometry(boxes: Sequence[Geometry | None]) -> bytes:
-    """Per box: number of edges (-1: not given in 3D), two rectangles, the edges."""
+    """Pack, per box, the number of edges (-1: no 3D box), two rectangles, the edges."""
     parts = []
     for box in boxes:
         if box is None:
@@ -179,7 +178,7 @@ def pack_numbers(evidence: Evidence, class_ids: Sequence[int]) -> bytes:
 
 
 def pack_tag_counts(counts: NDArray[np.int32] | None) -> bytes:
-    """Only the tags that occur; most of a histogram is zeros."""
+    """Pack only the tags that occur, since most counts are zero."""
     if counts is None:
         return b""
     box, tag = np.nonzero(counts)
@@ -217,7 +216,7 @@ def to_evidence(
     class_ids: Sequence[int],
     tag_counts: NDArray[np.int32] | None = None,
 ) -> Evidence:
-    """Evidence whose classes are named again; without what the channels say."""
+    """Evidence from records, with classes by name; without the channels' numbers."""
     index_of = np.full(max(class_ids, default=0) + 1, -1, np.int32)
     index_of[list(class_ids)] = np.arange(len(class_ids), dtype=np.int32)
     return Evidence(
@@ -233,7 +232,7 @@ def unpack_channels(
 ) -> ChannelNumbers | None:
     """The channels' numbers of many frames; `counts` are their boxes.
 
-    None if no frame has any. A frame without is one of which nothing was measured.
+    None if no frame has any. A frame without them gets "nothing measured".
     """
     if not any(packed):
         return None
@@ -244,7 +243,7 @@ def unpack_channels(
 def _columns(
     record: NDArray[np.void], columns: Mapping[str, NumberColumn]
 ) -> dict[str, Any]:
-    """Each column by itself, in the type that it has in memory."""
+    """Each column as a contiguous array of its type in memory."""
     return {
         name: np.ascontiguousarray(record[name], column.dtype)
         for name, column in columns.items()
@@ -266,7 +265,7 @@ def unpack_chosen_tag_counts(
     packed : bytes of each frame
     counts : boxes of each frame
     chosen : (N,) int64
-        Places among the boxes of all frames, one after the other; none twice.
+        Indexes into the boxes of all frames, one frame after the other; none twice.
     """
     record = np.frombuffer(b"".join(packed), _COUNT)
     starts = np.cumsum([0, *counts])
@@ -283,7 +282,7 @@ def unpack_chosen_tag_counts(
 def unpack_geometry(
     packed: bytes, boxes: int, chosen: Sequence[int] | None = None
 ) -> list[Geometry | None]:
-    """Inverse of `pack_geometry`; of all boxes of a frame, or of chosen ones alone."""
+    """The inverse of `pack_geometry`, for all boxes of a frame or for chosen ones."""
     places = range(boxes) if chosen is None else chosen
     if not packed:
         return [None] * len(places)
@@ -330,7 +329,7 @@ def recounted_row(
     classes: Mapping[str, int],
     measurement_id: int,
 ) -> dict[str, object]:
-    """The evidence row of recounted numbers; what was seen is the same."""
+    """An evidence row with recounted numbers and otherwise the same content."""
     return {
         "frame_id": row.frame_id,
         "measurement_id": measurement_id,

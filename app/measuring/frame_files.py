@@ -1,7 +1,7 @@
-"""The bytes of one frame to numbers: what child processes do with the library.
+"""Measures one frame from the bytes of its files, in a child process.
 
-Strangers choose these bytes, and with them what reading them costs; see
-`app.engine.children`. A thread of the service reads only what `is_simple`.
+The bytes are untrusted, and so is the cost of decoding them (`app.engine.children`). A
+thread of the service measures only frames that are `is_simple`.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from filter_core.types import Mask
 MEASURED: Final = ("segmentation", "ignore_mask")
 """The kinds of files that every measurement reads."""
 SENSORS: Final = files_for(CHANNELS)
-"""Those that channels besides the segmentation read."""
+"""The kinds of files that channels other than the segmentation read."""
 SIMPLE_PIXELS: Final = 1 << 21
-"""A picture of 1920 x 1080 has fewer. The worst takes some tenths of a second."""
+"""More than 1920 x 1080. The slowest picture takes some tenths of a second."""
 SIMPLE_BOXES: Final = 1000
 _SECOND_KIND: Final = slice(37, 41)
-"""Where the second chunk of a PNG says what it is; the first is the header."""
+"""Position of the type of a PNG's second chunk, the one after the header."""
 _BITS: Final = 8
 
 
 @dataclass(frozen=True)
 class FrameFiles:
-    """The bytes of a frame that are measured."""
+    """The files of a frame that are measured."""
 
     segmentation: bytes | None
     image_wh: tuple[int, int]
@@ -58,7 +58,7 @@ class FrameFiles:
         image_wh: tuple[int, int],
         kinds: tuple[str, ...] = SENSORS,
     ) -> FrameFiles:
-        """Files by their kinds; of the sensors', those that are asked for."""
+        """From files by kind; `kinds` are the sensors whose files are included."""
         sensors = {kind: contents[kind] for kind in kinds if kind in contents}
         segmentation, ignore_mask = map(contents.get, MEASURED)
         return cls(segmentation, image_wh, ignore_mask, sensors=sensors)
@@ -73,18 +73,18 @@ def measure_files(
 ) -> MeasuredFrame:
     """Decode, project and measure one frame.
 
-    A child process does it while this thread waits. A frame that is known to cost
-    little (`is_simple`) is measured in this thread.
+    A child process does it while this thread waits. A frame that is known to be cheap
+    (`is_simple`) is measured in this thread.
 
     Raises
     ------
     FilterError
-        Whatever is wrong with the frame; `app.engine.children.PixelsRefused` if it
-        needs more time or memory than a frame may.
+        The frame is invalid; `app.engine.children.PixelsRefused` if it needs more time
+        or memory than allowed.
     app.engine.children.GivenUp
         `given_up` was set before the child was done.
     """
-    # The child gets only what it reads: what is kept for exports stays here.
+    # The child gets only the fields that it reads.
     needed = replace(annotation, raw={}, extra={}, weather={})
     work = measure, plan, needed, files
     if is_simple(plan, needed, files):
@@ -100,12 +100,12 @@ def measure_files(
 def is_simple(
     config: MeasureConfig, annotation: FrameAnnotation, files: FrameFiles
 ) -> bool:
-    """Whether measuring a frame costs little, whatever its bytes are.
+    """Whether measuring a frame is cheap, regardless of its bytes.
 
-    True for a PNG of eight bits per channel that is not interlaced, has nothing between
-    its header and its pixels, and at most `SIMPLE_PIXELS`, with at most `SIMPLE_BOXES`
-    boxes and no other picture to be read: as CARLA and OpenCV write segmentations. Its
-    pixels are inflated to the size that the header says, and a file with more of them
+    True for a PNG of eight bits per channel that is not interlaced, has no chunk
+    between its header and its pixels, and at most `SIMPLE_PIXELS`, with at most
+    `SIMPLE_BOXES` boxes and no other picture to be read: as CARLA and OpenCV write
+    segmentations. Its pixels are inflated to the size in the header; a file with more
     is refused (`filter_core.images.decoding`).
 
     Raises
@@ -131,13 +131,13 @@ def measure(
 
     Returns
     -------
-    MeasuredFrame, and the seconds of the two halves
-        Of decoding None, if there was nothing to decode.
+    MeasuredFrame, and the seconds of decoding and of measuring
+        None for decoding, if there was nothing to decode.
 
     Raises
     ------
     FilterError
-        Whatever is wrong with the frame.
+        The frame is invalid.
     """
     begun, decoding = time.perf_counter(), None
     segmentation = None
@@ -175,11 +175,11 @@ def _ignore(config: MeasureConfig, files: FrameFiles) -> Mask | None:
 
 @contextmanager
 def error_context(key: str = "", pointer: str = "") -> Iterator[None]:
-    """Say which frame, and which part of it, a fault raised within belongs to."""
+    """Add the frame's key and the part's pointer to an error raised in the block."""
     try:
         yield
     except AnnotationErrors:
-        raise  # each of them names the frame and its own place
+        raise  # each of them contains the frame and a pointer
     except FilterError as error:
         text = error.detail
         if key and not text.startswith(f"frame {key}"):
@@ -190,7 +190,7 @@ def error_context(key: str = "", pointer: str = "") -> Iterator[None]:
 
 
 def described(error: FilterError) -> dict[str, object]:
-    """A refusal as it is remembered: the fault, or each of several."""
+    """An error as it is stored among the problems of a dataset."""
     problem = problem_of(error)
     told = {key: value for key, value in problem.items() if key != "title"}
     return {"code": problem["code"], **told}

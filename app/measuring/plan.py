@@ -1,4 +1,4 @@
-"""What a dataset and a configuration say together: how frames are measured."""
+"""Plans: how frames are measured, from a dataset's settings and a configuration."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from filter_core.values import JsonObject
 
 @dataclass(frozen=True)
 class DatasetReading:
-    """What a dataset says about its segmentations."""
+    """A dataset's settings for reading its segmentations."""
 
     name: str
     palette: str = "auto"
@@ -33,18 +33,18 @@ class DatasetReading:
 
     @classmethod
     def of(cls, dataset: Dataset) -> DatasetReading:
-        """As the dataset says now."""
+        """The current settings of a dataset."""
         return cls(**{spec.name: getattr(dataset, spec.name) for spec in fields(cls)})
 
     def as_columns(self) -> dict[str, object]:
-        """Everything but the name, as columns of the dataset's row."""
+        """The settings without the name, as columns of the dataset's row."""
         columns = asdict(self)
         del columns["name"]
         return columns
 
 
 def plan_for(dataset: DatasetReading, config: FilterConfig) -> MeasureConfig:
-    """What the dataset and the configuration say together; they must agree."""
+    """The plan for a dataset's settings and a configuration, which must agree."""
     return config.measuring(
         SegmentationOptions.named_by(dataset),
         dataset_name=f"dataset {dataset.name!r}",
@@ -53,12 +53,12 @@ def plan_for(dataset: DatasetReading, config: FilterConfig) -> MeasureConfig:
 
 
 def plan_of(measurement: Measurement, config: FilterConfig) -> MeasureConfig:
-    """What a measurement was made by."""
+    """The plan by which a measurement was made."""
     return config.measuring().as_measured(measurement.options)
 
 
 def needs_pixels(session: Session, dataset: Dataset, plan: MeasureConfig) -> bool:
-    """Whether the numbers of this plan have to be read from images."""
+    """Whether this plan needs numbers that have to be measured in images."""
     active = active_measurement(session, dataset)
     if plan.is_covered_by(active.options):
         return False
@@ -66,7 +66,7 @@ def needs_pixels(session: Session, dataset: Dataset, plan: MeasureConfig) -> boo
 
 
 def active_measurement(session: Session, dataset: Dataset) -> Measurement:
-    """The measurement whose numbers are current."""
+    """The measurement with the dataset's current numbers."""
     if dataset.active_measurement_id is None:
         raise RuntimeError(f"dataset {dataset.name!r} has no measurement")
     return EvidenceRepository(session).measurement_with_id(
@@ -77,7 +77,7 @@ def active_measurement(session: Session, dataset: Dataset) -> Measurement:
 def measurement_for(
     session: Session, dataset: Dataset, reading: DatasetReading, plan: MeasureConfig
 ) -> Measurement:
-    """The active measurement, if it has all that is needed and perhaps more."""
+    """The active measurement if it covers the plan, else the one of the plan."""
     active = active_measurement(session, dataset)
     same_settings = active.options["dataset"] == reading.as_columns()
     if same_settings and plan.is_covered_by(active.options):
@@ -88,7 +88,7 @@ def measurement_for(
 def measurement_of(
     session: Session, dataset_id: int, reading: DatasetReading, plan: MeasureConfig
 ) -> Measurement:
-    """The row that names a plan, made when it is first used."""
+    """The row of a plan, created on first use."""
     evidence = EvidenceRepository(session)
     known = evidence.measurement(dataset_id, plan.digest)
     if known is not None:

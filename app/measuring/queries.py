@@ -43,7 +43,7 @@ from app.metrics import REFUSED
 from filter_core.errors import FilterError
 from filter_core.pipeline import SegmentationReport
 
-# Built once: putting a statement together costs more than running it.
+# Built once: building a statement takes longer than executing it.
 _ACTIVE: Final = (
     select(
         Dataset.id,
@@ -93,7 +93,7 @@ _CLASSES: Final = (
 )
 
 _FRAMES: Final = 20_000
-"""Frames that are looked at together, and the most of a range."""
+"""Frames that are read together, and the maximum number in a range."""
 
 _FORGET_PROBLEMS: Final = delete(Problem).where(
     Problem.dataset_id == bindparam("dataset"), Problem.key == bindparam("frame")
@@ -101,12 +101,12 @@ _FORGET_PROBLEMS: Final = delete(Problem).where(
 
 
 def is_there() -> ColumnElement[bool]:
-    """That a dataset was not deleted."""
+    """Condition: the dataset was not deleted."""
     return Dataset.removed_at.is_(None)
 
 
 def is_deleted(session: Session, dataset_id: int) -> bool:
-    """Whether what belongs to a dataset is not to be seen any more."""
+    """Whether a dataset was deleted, so that its rows are hidden."""
     found = session.get(Dataset, dataset_id)
     return found is None or found.removed_at is not None
 
@@ -126,7 +126,7 @@ class DatasetRepository:
         return found
 
     def with_id(self, dataset_id: int) -> Dataset:
-        """The dataset that another row refers to; NotFound if it was deleted."""
+        """The dataset with an id from another row; NotFound if it was deleted."""
         found = self._session.get(Dataset, dataset_id)
         if found is None or found.removed_at is not None:
             raise NotFound("dataset", dataset_id)
@@ -181,7 +181,7 @@ class DatasetRepository:
         self._session.flush()
 
     def freeze_classes(self, dataset_id: int) -> None:
-        """From the first export on, an index always means the same class."""
+        """Freeze the classes: from the first export on, their indexes are fixed."""
         self._session.execute(
             update(Dataset)
             .where(Dataset.id == dataset_id, Dataset.classes_frozen_at.is_(None))
@@ -201,7 +201,7 @@ class DatasetRepository:
         Its rows are removed later, see `RemovalRepository`. The caller ends its jobs
         and clears its tallies.
         """
-        # No dataset can be given such a name.
+        # An invalid name for a dataset, so that no new one can have it.
         values = {"name": f"/{dataset.id}", "removed_at": utc_now()}
         self._session.execute(
             update(Dataset).where(Dataset.id == dataset.id).values(values)
@@ -237,14 +237,14 @@ class ConfigRepository:
         )
 
     def with_id(self, config_id: int) -> ConfigVersion:
-        """A version that another row refers to."""
+        """The version with an id from another row."""
         found = self._session.get(ConfigVersion, config_id)
         if found is None:
             raise NotFound("config", config_id)
         return found
 
     def with_digest(self, digest: str) -> ConfigVersion:
-        """Any dataset's version with this digest; they are equal."""
+        """A version with this digest, of any dataset, as all of them are equal."""
         rows = (
             select(ConfigVersion)
             .join(Dataset, Dataset.id == ConfigVersion.dataset_id)
@@ -298,7 +298,7 @@ class EvidenceRow(NamedTuple):
 
 
 class NumbersRow(NamedTuple):
-    """What a decision needs of one frame."""
+    """The columns of a frame's evidence that decisions need."""
 
     frame_id: int
     first_box_id: int
@@ -322,14 +322,14 @@ class EvidenceRepository:
         )
 
     def measurement_with_id(self, measurement_id: int) -> Measurement:
-        """A measurement that another row refers to."""
+        """The measurement with an id from another row."""
         found = self._session.get(Measurement, measurement_id)
         if found is None:
             raise NotFound("measurement", measurement_id)
         return found
 
     def add_measurement(self, measurement: Measurement) -> Measurement:
-        """Insert, or the one that someone else has just inserted."""
+        """Insert; returns the existing one if another transaction has inserted it."""
         self._session.add(measurement)
         try:
             with self._session.begin_nested():
@@ -380,7 +380,7 @@ class EvidenceRepository:
     def reports(
         self, frame_ids: Iterable[int], measurement_id: int
     ) -> dict[int, SegmentationReport | None]:
-        """What was recognised in the segmentations of frames."""
+        """How the segmentations of frames were read, by frame."""
         rows = select(FrameEvidence.frame_id, FrameEvidence.segmentation).where(
             FrameEvidence.frame_id.in_(list(frame_ids)),
             FrameEvidence.measurement_id == measurement_id,
@@ -388,7 +388,7 @@ class EvidenceRepository:
         return {row[0]: row[1] for row in self._session.execute(rows)}
 
     def lossy_boxes(self, measurement_id: int) -> int:
-        """How many current boxes rest on a lossy segmentation."""
+        """How many current boxes have a lossy segmentation."""
         rows = (
             select(func.coalesce(func.sum(Frame.box_count), 0))
             .join(FrameEvidence, FrameEvidence.frame_id == Frame.id)
@@ -407,9 +407,9 @@ class EvidenceRepository:
         *,
         frames: tuple[int, int] | None = None,
     ) -> list[NumbersRow]:
-        """The numbers of all current frames, in the order of their ids.
+        """The numbers of current frames, in order of id.
 
-        `frames` are the first and the last id, if others are left out.
+        `frames` are the first and the last id of a range; None selects all frames.
         """
         rows = (
             select(
@@ -440,7 +440,7 @@ class EvidenceRepository:
         until: int | None = None,
         limit: int | None = None,
     ) -> list[int]:
-        """Current frames that this measurement does not cover yet, by their ids."""
+        """Current frames that this measurement does not cover yet, in order of id."""
         rows = (
             select(Frame.id)
             .where(*_unmeasured(dataset_id, measurement_id), Frame.id > after)
@@ -452,9 +452,9 @@ class EvidenceRepository:
         return list(self._session.scalars(rows))
 
     def lacking(self, frame_ids: Iterable[int], measurement_id: int) -> set[int]:
-        """Those of these frames that are there and that it does not cover yet.
+        """Those of these frames that exist and that it does not cover yet.
 
-        Only one transaction writes at a time: what is found holds until the commit.
+        Only one transaction writes at a time: the result stays valid until the commit.
         """
         found: set[int] = set()
         for chunk in chunks(frame_ids):
@@ -511,7 +511,7 @@ class ProblemRepository:
         return newest(self._session, Problem, dataset_id, page)
 
     def count(self, dataset_id: int) -> int:
-        """How many frames of a dataset were refused and have not come since."""
+        """How many frames of a dataset were refused and not stored since."""
         rows = (
             select(func.count())
             .select_from(Problem)
@@ -523,14 +523,14 @@ class ProblemRepository:
 def note_problem(
     session: Session, dataset_id: int, key: str, error: FilterError
 ) -> None:
-    """Remember a refusal, so that nobody has to search for a missing frame."""
+    """Store a frame's refusal, so that people can find out why it is missing."""
     problems = ProblemRepository(session)
     problems.forget(dataset_id, key)
     problems.add(Problem(dataset_id=dataset_id, key=key, error=described(error)))
 
 
 class KeyRow(NamedTuple):
-    """What is known under a frame's key: `frame_id` is None if there is no frame."""
+    """The state of a frame's key: `frame_id` is None if there is no frame."""
 
     frame_id: int | None
     content_digest: str | None
@@ -540,7 +540,7 @@ class KeyRow(NamedTuple):
 def key_rows(
     session: Session, dataset_id: int, keys: Collection[str]
 ) -> dict[str, KeyRow]:
-    """What a dataset has under each of these keys."""
+    """The state of each of these keys in a dataset."""
     frames = select(Frame.key, Frame.id, Frame.content_digest).where(
         Frame.dataset_id == dataset_id,
         Frame.key.in_(keys),
@@ -556,7 +556,7 @@ def key_rows(
 
 
 def active_row(session: Session, name: str) -> ActiveRow:
-    """By the dataset's name; NotFound."""
+    """The active row of a dataset, by its name; raises NotFound."""
     found = run(session, _ACTIVE, name=name).first()
     if found is None:
         raise NotFound("dataset", name)
@@ -566,7 +566,7 @@ def active_row(session: Session, name: str) -> ActiveRow:
 def active_row_and_key(
     session: Session, name: str, key: str
 ) -> tuple[ActiveRow, KeyRow]:
-    """By the dataset's name, and what it has under a frame's key; NotFound."""
+    """The active row of a dataset and the state of a frame's key; raises NotFound."""
     found = run(session, _ACTIVE_AND_KEY, name=name, key=key).first()
     return _active_and_key(found, name)
 
@@ -574,7 +574,7 @@ def active_row_and_key(
 def read_active_snapshot(
     engine: Engine, name: str, key: str
 ) -> tuple[ActiveRow, KeyRow]:
-    """As a session would read it, for callers that read it again before writing."""
+    """As `active_row_and_key`, without a transaction: read it again before writing."""
     return _active_and_key(first_row(engine, _ACTIVE_AND_KEY, name=name, key=key), name)
 
 
@@ -589,7 +589,7 @@ def _active_and_key(
 def frame_ranges(
     session: Session, dataset_id: int, *, boxes: int
 ) -> Iterator[tuple[int, int]]:
-    """First and last id of each range; together they are all current frames."""
+    """First and last id of ranges that together contain all current frames."""
     after = 0
     while rows := _page(session, dataset_id, after):
         held, last = 0, rows[0][0]
@@ -616,10 +616,10 @@ def _page(session: Session, dataset_id: int, after: int) -> list[tuple[int, int]
 
 
 def frames_state(session: Session, dataset_id: int) -> tuple[int, int]:
-    """Changes whenever boxes come or go: ids only grow, and are never reused.
+    """A value that changes whenever boxes are added or removed: newest id and count.
 
-    Read from the tallies: counting the frames of a large dataset would take longer
-    than deciding them.
+    Ids only grow and are never reused. The count is read from the tallies: counting the
+    frames of a large dataset would take longer than deciding them.
     """
     newest = (
         select(Frame.id)
@@ -632,9 +632,9 @@ def frames_state(session: Session, dataset_id: int) -> tuple[int, int]:
 
 
 def only_in(dataset_id: int) -> ColumnElement[bool]:
-    """A dataset as a range of one, for what is in the order of dataset and then id.
+    """Condition: frames of one dataset, for queries sorted by dataset and then id.
 
-    Told the dataset itself, PostgreSQL sees that only the id makes the order, and may
-    go through the frames of all datasets by their ids.
+    It is written as a range. With an equality, PostgreSQL sorts by the id alone, and
+    may scan the frames of all datasets in order of id.
     """
     return Frame.dataset_id.between(dataset_id, dataset_id)

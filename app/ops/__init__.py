@@ -1,1 +1,1 @@
-"""How the service stands: health, readiness, what is measured of it."""
+"""Operations: health, readiness and metrics of the service."""

@@ -1,4 +1,4 @@
-"""How many files are stored, and how large they are: the one sum that takes time."""
+"""Gauges for Prometheus that are read on request; slow ones are cached."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ MOST_OF_A_THREAD: Final = 0.01
 
 
 class BlobCount:
-    """The blobs as they were counted last; counted in the background, now and then."""
+    """The last count of blobs; it is repeated in the background at intervals."""
 
     def __init__(self) -> None:
         self._newest: BlobTotals | None = None
         self._next_at = float("-inf")
 
     def newest(self, database: Database, engine: LocalEngine) -> BlobTotals | None:
-        """What is known; None until the first count is over."""
+        """The last count; None until the first one has ended."""
         if time.monotonic() >= self._next_at and not engine.stopping.is_set():
             self._next_at = float("inf")
             engine.start(self._count, database)
@@ -54,13 +54,13 @@ class BlobCount:
 
 
 def gauges(context: ServiceContext) -> Iterator[Gauge]:
-    """What is looked up when somebody asks, and not counted as it happens."""
+    """The metrics whose values are read for each request of Prometheus."""
     yield from _of_threads(context)
     yield from _of_disk(context)
     try:
         found = list(_of_database(context))
     except SQLAlchemyError as exc:
-        error_log.warning("the database cannot be asked for figures", exc_info=exc)
+        error_log.warning("metrics cannot be read from the database", exc_info=exc)
         found = []
     up = Gauge("unghost_database_up", "1 if the database answers.", bool(found))
     yield from (up, *found)

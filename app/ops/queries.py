@@ -1,4 +1,4 @@
-"""Sums over everything, for those who watch the service: none looks at every box."""
+"""SQL of totals for metrics; none of them scans all boxes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class BlobTotals(NamedTuple):
 
 
 class Totals:
-    """Sums that are cheap, and one (of the blobs) that is not."""
+    """Totals over all datasets; all are cheap except `blobs`."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -43,7 +43,7 @@ class Totals:
         return {row[0]: int(row[1]) for row in found}
 
     def jobs(self, tables: Iterable[type[JobRow]]) -> dict[tuple[str, str], int]:
-        """Jobs by kind and state, those that are over as well."""
+        """Jobs by kind and state, including those that have ended."""
         found: dict[tuple[str, str], int] = {}
         for table in tables:
             kind = table.job_kind
@@ -59,12 +59,12 @@ class Totals:
         return found
 
     def database_bytes(self) -> int:
-        """The size of a database that is no file of ours."""
+        """The size of a PostgreSQL database."""
         rows = select(func.pg_database_size(func.current_database()))
         return self._session.scalar(rows) or 0
 
     def blobs(self) -> BlobTotals:
-        """All stored files; looks at every row, a second for millions of them."""
+        """All stored files; scans all rows, which takes a second for millions."""
         rows = select(func.count(), func.coalesce(func.sum(Blob.size_bytes), 0))
         files, size_bytes = self._session.execute(rows.select_from(Blob)).one()
         return BlobTotals(files, int(size_bytes))

@@ -1,4 +1,4 @@
-"""Whether this process can take work: found out by doing a little of it."""
+"""Readiness: checks whether this process can write to the database and the storage."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from unghost.wire.model import Fault
 
 RETRY_S: Final = 5
 GOOD_FOR_S: Final = 1.0
-"""How long an answer is given again: anybody may ask, and asking writes to the disk."""
+"""How long a result is cached: anybody may request it, and checks write to the disk."""
 
 
 @dataclass
 class Found:
-    """What each check found, and the faults of those that failed."""
+    """The results of the checks, and the faults of those that failed."""
 
     checks: dict[str, str] = field(default_factory=dict)
     faults: list[Fault] = field(default_factory=list)
 
 
 class Readiness:
-    """Checks a service, once for all who ask at about the same time."""
+    """Checks the service, once for all requests at about the same time."""
 
     def __init__(self, loop: LoopWatch) -> None:
         self._loop = loop
@@ -46,7 +46,7 @@ class Readiness:
         self._at = float("-inf")
 
     async def check(self, context: ServiceContext) -> Mapping[str, str]:
-        """What each check found, all of them well.
+        """The result of each check, if all succeeded.
 
         Raises
         ------
@@ -108,7 +108,7 @@ def _reason(exc: Exception) -> str:
         return str(exc)
     if isinstance(exc, OSError):
         return exc.strerror or "cannot be used"
-    # Another database's words may name hosts and people; anybody may read this.
+    # Messages of PostgreSQL may name hosts and users; anybody may read this response.
     if isinstance(exc, DBAPIError) and "sqlite" in type(exc.orig).__module__:
         return str(exc.orig)
     return "does not answer"

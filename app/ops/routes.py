@@ -1,4 +1,4 @@
-"""Is it alive, is it ready, which version is it, how does it do."""
+"""Routes for liveness, readiness, version and metrics."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ about = ApiRouter(tag="health")
 
 @probes.get("/healthz")
 async def healthz() -> Alive:
-    """The process is alive. Looks at nothing else."""
+    """The process is alive; nothing else is checked."""
     return Alive(status="ok")
 
 
 @probes.get("/readyz")
 async def readyz(request: Request, services: AppServices) -> Ready:
-    """It can store what is sent, and is not about to stop; else 503, and why."""
+    """The service can store data and is not stopping; else 503 with the reasons."""
     readiness: Readiness = request.app.state.readiness
     return Ready(ready=True, checks=dict(await readiness.check(services)))
 
@@ -45,7 +45,7 @@ async def running_version() -> Version:
 
 @about.get("/metrics", response_class=PlainTextResponse)
 def metrics(request: Request, services: AppServices) -> PlainTextResponse:
-    """Requests, work, queues, verdicts and room, for Prometheus."""
+    """Metrics for Prometheus: requests, work, queues, verdicts and disk space."""
     counts: RequestMetrics = request.app.state.metrics
     connections: Connections = request.app.state.connections
     scrape = Scrape(

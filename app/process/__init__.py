@@ -1,1 +1,1 @@
-"""The process: what it opens and closes, and its HTTP server."""
+"""The process: its startup and shutdown, its HTTP server and its connections."""

@@ -1,9 +1,9 @@
 """Limits the number of open connections, and chooses which to close for a new one.
 
-Each connection takes a file descriptor, as the files and the database behind it do, and
-nobody needs a token to connect. At the limit, the connection that has been idle longest
-is closed for the new one; if none is idle, one whose client has sent no valid token. If
-all of them, or all from one address, have a token and a request in progress, the new
+Each connection needs a file descriptor, as files and the database do, and clients need
+no token to connect. At the limit, the connection that has been idle longest is closed
+for the new one; if none is idle, one whose client has sent no valid token. If all
+connections, or all from one address, have a token and a request in progress, the new
 connection is refused.
 """
 
@@ -22,40 +22,40 @@ from app.logs import server_log
 from app.settings import ANY_HOST, Settings
 
 RESERVED_DESCRIPTORS: Final = 320
-"""For the database (two for each of 48 connections), files that are read and written in
-threads, child processes, the store, the listener, and `MOST_TURNED_AWAY`."""
+"""For the database (two for each of 48 connections), files read and written in threads,
+child processes, the storage, the listener, and `MOST_TURNED_AWAY`."""
 MOST_CONNECTIONS: Final = 2048
 LEAST_CONNECTIONS: Final = 16
 MOST_TURNED_AWAY: Final = 64
-"""How many refused connections are answered at the same time; others are closed."""
+"""How many refused connections get a response at the same time; others are closed."""
 _WARN_AGAIN_S: Final = 60.0
 _IPV6_NETWORK_BITS: Final = 64
 
 
 class Connection(Protocol):
-    """What `Connections` needs of a connection."""
+    """The interface of a connection that `Connections` uses."""
 
     @property
     def address(self) -> str | None:
-        """Where it comes from, as the connection itself says."""
+        """The address of its peer, regardless of any header."""
 
     @property
     def is_quiet(self) -> bool:
-        """No bytes wait to be read or to be sent."""
+        """Whether no bytes wait to be read or sent."""
 
     @property
     def is_known(self) -> bool:
-        """Its client has sent a valid token or session."""
+        """Whether its client has sent a valid token or session."""
 
     def give_way(self) -> None:
-        """Close at once, for another connection."""
+        """Close at once, to make room for another connection."""
 
 
 class Connections:
-    """The connections of one server; used only by its event loop.
+    """The connections of one server; used on its event loop only.
 
-    `most` is the maximum number of connections, `most_of_one` that of one address,
-    unless it is a trusted proxy's, which all people behind the proxy share.
+    `most` is the maximum number of connections, `most_of_one` that of one address. The
+    addresses of trusted proxies have no limit of their own: many people share them.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class Connections:
 
     @classmethod
     def of(cls, settings: Settings) -> Connections:
-        """With the limits of the settings, and of the available descriptors."""
+        """With the limits of the settings and of the available descriptors."""
         room = room_for_connections(descriptor_limit())
         wanted = settings.max_connections
         most = min(wanted or MOST_CONNECTIONS, room)
@@ -100,7 +100,7 @@ class Connections:
         return cls(most, of_one, settings.trusted_proxies)
 
     def refusal(self, connection: Connection) -> str | None:
-        """Admit a connection, closing another if need be; why not, if it is refused."""
+        """Admit a connection, closing another if necessary; or why it is refused."""
         origin = origin_of(connection.address)
         if self._count_at(origin, connection.address) >= self.most_of_one:
             waiting = self._waiting_at[origin]
@@ -132,7 +132,7 @@ class Connections:
         self.wait(connection)
 
     def leave(self, connection: Connection) -> None:
-        """A connection has ended; it need not have been admitted."""
+        """Remove a connection that has ended, even if it was not admitted."""
         self.turned_away.discard(connection)
         self.work(connection)
         origin = self._open.pop(connection, None)
@@ -144,14 +144,14 @@ class Connections:
             self._waiting_at.pop(origin, None)
 
     def wait(self, connection: Connection) -> None:
-        """A connection is idle from now on: it waits for a request."""
+        """Mark a connection as idle: it waits for a request."""
         origin = self._open.get(connection)
         if origin is not None:
             self._waiting[connection] = None
             self._waiting_at[origin][connection] = None
 
     def work(self, connection: Connection) -> None:
-        """A request has begun to arrive on a connection: it is not idle any more."""
+        """Mark a connection as not idle: a request has begun to arrive."""
         origin = self._open.get(connection)
         if origin is not None:
             self._waiting.pop(connection, None)
@@ -178,7 +178,7 @@ class Connections:
 
 
 def origin_of(address: str | None) -> str:
-    """What counts as one address: an IPv4 address, or the /64 network of an IPv6."""
+    """The key for counting an address: an IPv4 address, or the /64 network of IPv6."""
     try:
         found = ip_address(address or "")
     except ValueError:
@@ -191,9 +191,9 @@ def origin_of(address: str | None) -> str:
 
 
 def room_for_connections(limit: int | None) -> int:
-    """How many connections a limit of descriptors leaves room for.
+    """How many connections a limit on descriptors allows.
 
-    Each takes two: one for itself, and one for the file that it is answered with.
+    Each needs two: one for itself, and one for the file in its response.
     """
     if limit is None:
         return MOST_CONNECTIONS
@@ -230,18 +230,18 @@ class _Proxies:
 
 _WANTED: Final = 65_536
 _ALWAYS_ALLOWED: Final = 10_240
-"""What macOS allows a process even where it says that there is no limit."""
+"""What macOS allows a process, even if it reports that there is no limit."""
 
 
 def raise_descriptor_limit() -> int | None:
-    """Raise the soft limit (RLIMIT_NOFILE) towards the hard one; returns the new limit.
+    """Raise the soft limit on descriptors (RLIMIT_NOFILE); returns the new limit.
 
-    None where the system has no such limit, as on Windows. If it cannot be raised, it
-    stays as it is.
+    Returns None if the system has no such limit, as on Windows. If it cannot be raised,
+    it stays the same.
     """
     if sys.platform == "win32":
         return None
-    import resource  # only systems that have such limits have the module
+    import resource  # the module does not exist on Windows
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft == resource.RLIM_INFINITY:
@@ -259,7 +259,7 @@ def raise_descriptor_limit() -> int | None:
 
 
 def descriptor_limit() -> int | None:
-    """The soft limit (RLIMIT_NOFILE); None where there is none."""
+    """The soft limit on descriptors (RLIMIT_NOFILE); None if there is none."""
     if sys.platform == "win32":
         return None
     import resource

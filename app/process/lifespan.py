@@ -1,4 +1,4 @@
-"""Opens what a process needs before the first request, and closes it at the end."""
+"""Opens the resources of a process at startup, and closes them at shutdown."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from app.storage.room import Reserve
 
 @contextmanager
 def running(settings: Settings) -> Iterator[ServiceContext]:
-    """Bring the data folder up to date, open everything, and close it at the end."""
+    """Migrate the data folder and open all resources; close them after the block."""
     register_kinds()
     make_folder(settings.data)
     Reserve(settings.data).give_up()
@@ -95,12 +95,12 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
 
 @contextmanager
 def attached(settings: Settings) -> Iterator[ServiceContext]:
-    """Open what a service has made, to work for it; nothing is started or migrated.
+    """Open the resources of a running service, for a worker; migrates nothing.
 
     Raises
     ------
     CannotMaintain
-        The database is not there, or is another version's.
+        The database is missing, or its schema has another version.
     """
     register_kinds()
     with usable_store(settings):
@@ -126,7 +126,7 @@ def attached(settings: Settings) -> Iterator[ServiceContext]:
 
 
 def register_kinds() -> None:
-    """Let this process know all kinds of jobs."""
+    """Register all kinds of jobs in this process."""
     register(RUNS, EXPORTS)
 
 
@@ -145,7 +145,7 @@ def certificates_of(settings: Settings) -> Certificates:
 
 
 def pixel_pool(settings: Settings, children: int) -> PixelPool:
-    """A pool of so many child processes for pictures; each starts when it is needed."""
+    """A pool of up to `children` child processes for pictures, started on demand."""
     return PixelPool(
         children,
         seconds=settings.max_pixel_seconds,

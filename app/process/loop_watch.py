@@ -1,7 +1,7 @@
-"""A thread that notices when the event loop stands still, and says where.
+"""A watchdog thread that logs when the event loop is blocked, and by which code.
 
-Meanwhile no request is answered. Nothing in the service should hold the event loop for
-more than some milliseconds: what takes longer belongs in a thread.
+While it is blocked, no request is served. Nothing in the service should block the event
+loop for more than some milliseconds: longer work belongs in a thread.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from app.metrics import LOOP_STALL_SECONDS, LOOP_STALLS
 LONGEST_S: Final = 1.0
 """How long the loop may take to run a callback."""
 NOT_READY_FOR_S: Final = 5.0
-"""How long a process is not ready after its loop stood still.
+"""How long a process is not ready after its loop was blocked.
 
-What held the loop is likely to come again.
+The cause is likely to occur again.
 """
 _EVERY_S: Final = 0.25
 
 
 class LoopWatch:
-    """Gives the loop a callback four times a second, and measures when it runs."""
+    """Schedules a callback on the loop four times a second, and measures its delay."""
 
     def __init__(self) -> None:
         self._over = threading.Event()
@@ -60,7 +60,7 @@ class LoopWatch:
         Raises
         ------
         NotReady
-            It stands still, or did so a moment ago.
+            It is blocked, or was so a moment ago.
         """
         if self._stands:
             raise NotReady(f"stands still for more than {LONGEST_S:g} s")

@@ -1,10 +1,9 @@
-"""What uvicorn lacks: limits for clients without a token, and an orderly shutdown.
+"""Extends uvicorn by limits for clients without a token, and by a graceful shutdown.
 
-uvicorn limits neither the size of a request's head nor the time it takes, nor the time
-that a client takes to read, and it stops listening before it has sent the last
-response. For this the module extends `uvicorn.Server`, `HttpToolsProtocol` and
-`RequestResponseCycle`; what it relies on is tested with the installed version
-(`tests/api/process`).
+uvicorn limits neither the size of a request's head, nor the time in which it arrives,
+nor the time that a client takes to read, and it stops listening before it has sent the
+last response. So this module extends `uvicorn.Server`, `HttpToolsProtocol` and
+`RequestResponseCycle`; `tests/api/process` tests the internals that it uses.
 """
 
 from __future__ import annotations
@@ -41,15 +40,15 @@ from app.process.connections import MOST_TURNED_AWAY, Connections
 from app.settings import Settings
 
 LAST_S: Final = 15
-"""Seconds after those of the requests; then the process ends, whatever it does."""
+"""Seconds after the time for requests until the process ends by force."""
 _POLL_S: Final = 0.05
 
 
 class GracefulServer(uvicorn.Server):
     """Uvicorn; the first signal lets open requests finish, the second ends it at once.
 
-    Until the last of them has ended it goes on listening: health checks are answered,
-    and new requests that write are refused with 503.
+    While they finish, the server still listens: health checks get a response, and new
+    requests that write are refused with 503.
     """
 
     def __init__(
@@ -65,7 +64,7 @@ class GracefulServer(uvicorn.Server):
 
     async def main_loop(self) -> None:
         """Call `ready`, and serve."""
-        # In a thread: it writes to the database, which may keep it waiting.
+        # In a thread: it writes to the database, which may block.
         await asyncio.to_thread(self._ready)
         await super().main_loop()
 
@@ -80,7 +79,7 @@ class GracefulServer(uvicorn.Server):
             await asyncio.sleep(_POLL_S)
         cut_off = _unfinished(begun)
         if cut_off:
-            server_log.warning("%d requests are cut off: they took too long", cut_off)
+            server_log.warning("%d requests are cancelled: they took too long", cut_off)
         left_s = max(1, int(until - time.monotonic()))
         self.config.timeout_graceful_shutdown = left_s
         await _cancel(begun)
@@ -89,19 +88,19 @@ class GracefulServer(uvicorn.Server):
         server_log.info("stopped")
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Stop, or end at once on a second signal: what was acknowledged is durable."""
+        """Stop, or end at once on a second signal: acknowledged writes are durable."""
         if self.should_exit:
-            with suppress(RuntimeError):  # it may have come in the middle of a line
+            with suppress(RuntimeError):  # the signal may interrupt another log line
                 server_log.warning("ended by a second signal")
             os._exit(128 + sig)
-        # If the event loop hangs, it never sees the signal. No lock is taken here.
+        # If the event loop hangs, it never handles the signal. This takes no lock.
         with suppress(ValueError, OSError, AttributeError):
             faulthandler.dump_traceback_later(self._wait_s + 2 * LAST_S, exit=True)
         super().handle_exit(sig, frame)
 
 
 def exit_on_sigterm() -> None:
-    """Let SIGTERM end the process with 0; the next one kills it."""
+    """Make SIGTERM end the process with exit status 0; a second one kills it."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _exit)
 
@@ -126,7 +125,7 @@ async def _cancel(tasks: set[asyncio.Task[None]]) -> None:
 
 def _end_after(seconds: float) -> None:
     def end() -> None:
-        server_log.error("the work did not end in time: the process ends by force")
+        server_log.error("the shutdown took too long: the process ends by force")
         os._exit(1)
 
     watchdog = threading.Timer(seconds, end)
@@ -135,14 +134,14 @@ def _end_after(seconds: float) -> None:
 
 
 MAX_DISCARDED_BYTES: Final = 1 << 26
-"""Bytes of a body that are read and discarded after its request was answered."""
+"""Bytes of a body that are read and discarded after the response was sent."""
 MOST_PIPELINED: Final = 32
-"""Requests that wait on one connection behind the one that is being answered."""
+"""Requests that wait on one connection behind the one that is being processed."""
 _FULL_RETRY_S: Final = 5
 _TURN_AWAY_S: Final = 1.0
 """How long a client that is refused may take to read the response."""
 _MALFORMED: Final = Refusal(
-    400, "malformed_http", "this is no request in HTTP/1.1 with a known method"
+    400, "malformed_http", "this is not an HTTP/1.1 request with a known method"
 )
 
 
@@ -174,20 +173,20 @@ class ProblemProtocol(HttpToolsProtocol):
             self._turn_away(refusal)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Stop all timers, and tell the request that is being answered."""
+        """Stop all timers, and notify the request that is being processed."""
         self._stop_timer()
         self._writer.stop()
         self._connections.leave(self)
         answered = self._answered
         if answered is not None and not answered.response_complete:
-            # Uvicorn only tells the newest request, which may wait behind this one.
+            # Uvicorn notifies only the newest request, which may wait behind this one.
             answered.disconnected = True
             answered.message_event.set()
         super().connection_lost(exc)
 
     @property
     def address(self) -> str | None:
-        """Where the connection comes from; behind a proxy, the proxy's address."""
+        """The address of the peer; behind a proxy, the proxy's address."""
         return self.client[0] if self.client else None
 
     @property
@@ -203,7 +202,7 @@ class ProblemProtocol(HttpToolsProtocol):
         return not _has_arrived(self.transport.get_extra_info("socket").fileno())
 
     def give_way(self) -> None:
-        """Close at once, for another connection."""
+        """Close at once, to make room for another connection."""
         self.transport.abort()
 
     def _turn_away(self, refusal: str) -> None:
@@ -215,12 +214,12 @@ class ProblemProtocol(HttpToolsProtocol):
         headers = {"Retry-After": str(_FULL_RETRY_S)}
         status = HTTPStatus.SERVICE_UNAVAILABLE
         self._send(Refusal(status, "too_many_connections", refusal, headers=headers))
-        # Closed with a request unread, the answer would be lost on some systems.
+        # If it were closed with unread data, some systems would drop the response.
         self.transport.write_eof()
         self._start_timer(_TURN_AWAY_S)
 
     def data_received(self, data: bytes) -> None:
-        """Parse; limits how much the parser holds without a callback."""
+        """Parse, and limit how much the parser buffers without a callback."""
         if self._is_turned_away:
             self.transport.close()
             return
@@ -243,7 +242,7 @@ class ProblemProtocol(HttpToolsProtocol):
             self._start_timer(self._head_wait_s)
 
     def on_headers_complete(self) -> None:
-        """The service takes over, unless the head is too long."""
+        """Pass the request to the service, unless its head is too long."""
         self._has_parsed, self._has_begun = True, False
         self._stop_timer()
         size = len(self.url) + sum(
@@ -251,11 +250,11 @@ class ProblemProtocol(HttpToolsProtocol):
         )
         if size > self._max_head_bytes:
             self._fault = self._too_long()
-            raise ValueError(self._fault.detail)  # the parser stops, and we answer
+            raise ValueError(self._fault.detail)  # stops the parser; we send an error
         super().on_headers_complete()
 
     def on_body(self, body: bytes) -> None:
-        """A piece of a body, which has limits of its own."""
+        """Pass on a piece of a body, which the service limits; discard late ones."""
         self._has_parsed = True
         if self.cycle.response_complete:
             self._discard(body)
@@ -265,7 +264,7 @@ class ProblemProtocol(HttpToolsProtocol):
         super().on_body(body)
 
     def _discard(self, body: bytes) -> None:
-        # A client that still sends reads the response late, but not forever.
+        # Clients may read the response only after sending all; that has a limit.
         self._discarded += len(body)
         if self._discarded > MAX_DISCARDED_BYTES:
             self.transport.close()
@@ -281,7 +280,7 @@ class ProblemProtocol(HttpToolsProtocol):
         is_whole = not self.cycle.more_body
         self._start_timer(self._head_wait_s if is_whole else self._body_wait_s)
         super().on_response_complete()
-        if self.pipeline:  # what came already is answered before more is read
+        if self.pipeline:  # process waiting requests before reading more
             self.flow.pause_reading()
         elif not self._has_begun and not self._is_answering():
             self._connections.wait(self)
@@ -293,9 +292,9 @@ class ProblemProtocol(HttpToolsProtocol):
         super()._start_asgi_task(cycle, app)
 
     def send_400_response(self, msg: str) -> None:
-        """Answer and close. There is no request yet, so no middleware sees this."""
+        """Send an error and close; without a request, no middleware is involved."""
         if self._asks_too_much:
-            # Requests that were taken are answered; the client has to repeat the rest.
+            # Accepted requests get their responses; the client has to repeat the rest.
             self.cycle.keep_alive = False
             self.flow.pause_reading()
         else:
@@ -313,7 +312,7 @@ class ProblemProtocol(HttpToolsProtocol):
     def _on_timeout(self) -> None:
         self._timer = None
         if self._is_answering():
-            return  # a request that has begun meanwhile waits
+            return  # a request is being processed; the next one has to wait
         if self._has_begun:
             detail = f"the request's head did not arrive within {self._head_wait_s:g} s"
             status = HTTPStatus.REQUEST_TIMEOUT
@@ -322,7 +321,7 @@ class ProblemProtocol(HttpToolsProtocol):
             self.transport.close()
 
     def _is_answering(self) -> bool:
-        # Before the first request there is no cycle, whatever its type says.
+        # Before the first request, `cycle` is None in spite of its declared type.
         return not getattr(self.cycle, "response_complete", True)
 
     def _too_long(self) -> Refusal:
@@ -335,7 +334,7 @@ class ProblemProtocol(HttpToolsProtocol):
     def _refuse(self, refusal: Refusal) -> None:
         if self.transport.is_closing():
             return
-        if not self._is_answering():  # else only hang up: an answer is on its way
+        if not self._is_answering():  # else only close: a response is being sent
             self._send(refusal)
         self.transport.close()
 
@@ -364,7 +363,7 @@ def _is_signed_in(cycle: RequestResponseCycle | None) -> bool:
 
 
 def _has_arrived(descriptor: int) -> bool:
-    """Whether bytes wait in a socket; False where nobody can tell (Windows)."""
+    """Whether unread bytes wait in a socket; always False on Windows."""
     if not hasattr(select, "poll"):
         return False
     looked_at = select.poll()
@@ -373,7 +372,7 @@ def _has_arrived(descriptor: int) -> bool:
 
 
 _CHECKS_PER_WAIT: Final = 4
-"""How often progress is checked in the time after which a connection is cut off."""
+"""How often progress is checked during `wait_s`."""
 _INT: Final = struct.Struct("i")
 _NO_LINGER: Final = struct.pack("ii", 1, 0)
 
@@ -381,8 +380,8 @@ _NO_LINGER: Final = struct.pack("ii", 1, 0)
 class WatchedTransport:
     """A transport that is aborted when the client stops reading.
 
-    Bytes that the client has not taken are watched, also after `close`. A slow client
-    is fine: it is cut off only if none of them arrive for `wait_s` seconds.
+    Bytes that the client has not received are watched, also after `close`. A slow
+    client may continue: it is disconnected only if none arrive for `wait_s` seconds.
     """
 
     def __init__(
@@ -397,11 +396,11 @@ class WatchedTransport:
         self._timer: asyncio.TimerHandle | None = None
 
     def __getattr__(self, name: str) -> object:
-        """Everything else, as of the transport itself."""
+        """All other attributes are those of the transport."""
         return getattr(self._transport, name)
 
     def write(self, data: bytes) -> None:
-        """Write, and watch until everything has arrived."""
+        """Write, and watch the transport until all bytes have arrived."""
         self._written += len(data)
         self._transport.write(data)
         if self._timer is None:
@@ -409,7 +408,7 @@ class WatchedTransport:
             self._check_later()
 
     def stop(self) -> None:
-        """Watch no longer: the connection is gone."""
+        """Stop watching: the connection is closed."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -435,29 +434,30 @@ class WatchedTransport:
         """Bytes that were written and have not arrived."""
         left = self._transport.get_write_buffer_size()
         connection = self._transport.get_extra_info("socket")
-        # Linux buffers megabytes, and takes more when a third of them has arrived: by
+        # Linux buffers megabytes, and accepts more once a third of them has arrived: by
         # our buffer alone, a slow client would seem to read nothing for minutes.
         return left + (_not_arrived(connection.fileno()) if connection else 0)
 
     def _cut_off(self, left: int) -> None:
         peer = self._transport.get_extra_info("peername")
         server_log.info(
-            "cut off %s: for %g s it read nothing of its answer, %d bytes were left",
+            "disconnected %s: it read nothing of its response for %g s, with %d bytes "
+            "left",
             peer[0] if peer else "-",
             self._wait_s,
             left,
         )
-        if os.name == "posix":  # else the system would go on sending for minutes
+        if os.name == "posix":  # otherwise the system keeps sending for minutes
             connection = self._transport.get_extra_info("socket")
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER)
         self._transport.abort()
 
 
 def _not_arrived(descriptor: int) -> int:
-    """Bytes that the system holds or that are not acknowledged; 0 if unknown."""
+    """Bytes in the system's buffer or not acknowledged yet; 0 if unknown."""
     if sys.platform != "linux":
         return 0
-    import fcntl  # neither module is on Windows
+    import fcntl  # these modules do not exist on Windows
     import termios
 
     found = fcntl.ioctl(descriptor, termios.TIOCOUTQ, bytes(_INT.size))

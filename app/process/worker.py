@@ -1,6 +1,6 @@
-"""A worker: joins a scheduler and works on chunks until it is stopped.
+"""A worker: joins a scheduler and processes chunks until it is stopped.
 
-It consists of two processes: one works, the other starts it again when it has died.
+It consists of two processes: one works, the other restarts it when it has died.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ if TYPE_CHECKING:
 REFUSED: Final = 1
 """Exit status of a working process whose settings cannot be used."""
 AWAY: Final = 74
-"""Exit status: no scheduler accepted it, or no database answered."""
+"""Exit status: it could not connect to the scheduler or to the database."""
 LOST: Final = 75
-"""Exit status: the scheduler went away; a new process tries to join again."""
+"""Exit status: the connection to the scheduler was lost; a new process reconnects."""
 _SHORT_LIFE_S: Final = 10.0
 _PAUSE_S: Final = 0.25
 _LONGEST_PAUSE_S: Final = 8.0
@@ -74,7 +74,7 @@ class Place:
 
 @dataclass
 class Supervisor:
-    """Starts a working process, and a new one whenever it dies."""
+    """Starts a working process, and restarts it whenever it dies."""
 
     settings: Settings
     place: Place
@@ -83,7 +83,7 @@ class Supervisor:
     _stopping: threading.Event = field(default_factory=threading.Event)
 
     def run(self) -> int:
-        """Run until stopped, or given up; the exit status 0, `REFUSED` or `AWAY`."""
+        """Run until stopped or failed; the exit status is 0, `REFUSED` or `AWAY`."""
         check_engine(self.settings)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._stop)
@@ -92,7 +92,7 @@ class Supervisor:
             begun = time.monotonic()
             status = self._work()
             if self._stopping.is_set():
-                # -SIGTERM: it had not installed its handler yet.
+                # -SIGTERM: the child had not installed its handler yet.
                 return 0 if status in (0, LOST, -signal.SIGTERM) else REFUSED
             if status in (REFUSED, AWAY):
                 return status
@@ -110,7 +110,7 @@ class Supervisor:
         command = [sys.executable, "-m", self.program, f"--port={place.port}"]
         command += [f"--patience={place.patience_s}"]
         command += [f"--host={place.host}"] if place.host else []
-        # When this process ends, the pipe closes, and the child ends as well.
+        # When this process ends, the pipe is closed, and the child ends as well.
         self._child = subprocess.Popen(
             command, env=_environment(self.settings), stdin=subprocess.PIPE
         )
@@ -122,7 +122,7 @@ class Supervisor:
     def _stop(self, _number: int, _frame: FrameType | None) -> None:
         child = self._child
         if child is not None and child.poll() is None:
-            # A second signal kills it: its chunks are done again elsewhere.
+            # A second signal kills it: another worker processes its chunks again.
             child.send_signal(
                 signal.SIGKILL if self._stopping.is_set() else signal.SIGTERM
             )
@@ -130,12 +130,12 @@ class Supervisor:
 
 
 def check_engine(settings: Settings) -> EngineAddress:
-    """The address of the scheduler, with settings that can be used to join it.
+    """The address of the scheduler, after checking the settings for joining it.
 
     Raises
     ------
     UnusableEngine
-        The settings name no scheduler, or lack what is needed to join it.
+        The settings name no scheduler, or its certificates cannot be used.
     """
     if settings.engine == LOCAL_ENGINE:
         raise UnusableEngine(
@@ -157,7 +157,7 @@ def _environment(settings: Settings) -> dict[str, str]:
 
 
 class Work:
-    """Works on the chunks that the scheduler sends, and counts those in progress."""
+    """Processes the chunks that the scheduler sends, and counts those in progress."""
 
     def __init__(self, services: ServiceContext) -> None:
         self._services = services
@@ -165,7 +165,7 @@ class Work:
         self.running = 0
 
     def __call__(self, kind: str, job_id: int, number: int, installation: str) -> str:
-        """Work on a chunk."""
+        """Process a chunk."""
         with self._counting:
             self.running += 1
         try:
@@ -177,7 +177,7 @@ class Work:
 
 
 def work(settings: Settings, place: Place) -> int:
-    """Join, and work until told to stop or the scheduler is gone; the exit status."""
+    """Join, and work until stopped or disconnected; returns the exit status."""
     address = check_engine(settings)
     with attached(settings) as services:
         settle()
@@ -187,7 +187,7 @@ def work(settings: Settings, place: Place) -> int:
 
 
 def work_when_database_answers(settings: Settings, place: Place) -> int:
-    """As `work`; waits up to `patience_s` for a database that does not answer."""
+    """As `work`; waits up to `patience_s` for a database that does not respond."""
     until, has_warned = time.monotonic() + place.patience_s, False
     while True:
         try:
@@ -196,7 +196,7 @@ def work_when_database_answers(settings: Settings, place: Place) -> int:
             if not is_transient(exc):
                 raise
             if time.monotonic() > until:
-                server_log.error("the database does not answer: %s", in_a_line(exc))
+                server_log.error("the database does not respond: %s", in_a_line(exc))
                 return AWAY
             if not has_warned:
                 server_log.warning("waiting for the database: %s", in_a_line(exc))
@@ -273,7 +273,7 @@ async def _answers(address: EngineAddress, shown: Security, patience_s: float) -
 
 
 def _own_address(address: EngineAddress) -> str:
-    """This machine's address in the network of the scheduler, where it listens."""
+    """The address of this machine in the scheduler's network, to listen on."""
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     with socket.socket(family, socket.SOCK_DGRAM) as way:
         way.connect((address.host, address.port or 1))

@@ -1,1 +1,1 @@
-"""How well the filter, the people and the kinds of evidence agree with the truth."""
+"""Quality: how well filter, people and kinds of evidence agree with the truth."""

@@ -1,4 +1,4 @@
-"""Answers of people beside the verdicts on the same boxes."""
+"""SQL of people's answers, joined with the decisions on the same boxes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Said(NamedTuple):
 
 
 class AnswerRepository:
-    """Reads `reviews` beside `decisions`; only boxes that were answered are read."""
+    """Reads `reviews` together with `decisions`, for answered boxes only."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -52,7 +52,7 @@ class AnswerRepository:
         return [AnsweredBox(*row) for row in self._session.execute(rows)]
 
     def said(self, dataset_id: int) -> list[Said]:
-        """All answers on boxes that have one now, by box, and oldest first."""
+        """All answers on boxes that have one now, by box, oldest first."""
         rows = (
             select(Review.box_id, Review.reviewer, Review.verdict, Review.batch_id)
             .join(Decision, Decision.box_id == Review.box_id)

@@ -1,4 +1,4 @@
-"""Routes of quality: people compared with the filter, and kinds of evidence."""
+"""Routes that compare the filter with people, and kinds of evidence with the truth."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def create_evaluation(
     services: AppServices,
     principal: CurrentPrincipal,
 ) -> Response:
-    """Measure every channel that the frames' files allow; verdicts stay as they are."""
+    """Measure every channel that the frames' files allow; verdicts do not change."""
     found = DatasetRepository(session).named(dataset)
     run = request_evaluation(services, session, found, principal.name)
     return accepted(described_run(services, session, run))
@@ -47,7 +47,7 @@ def get_evaluation(
     services: AppServices,
     query: Annotated[EvaluationQuery, Query()],
 ) -> Evaluation:
-    """Precision, recall and F1 of every measured channel, from the numbers at hand."""
+    """Precision, recall and F1 of every measured channel, from stored numbers."""
     found = DatasetRepository(session).named(dataset)
     return evaluation(services, session, found, query.truth)
 
@@ -62,7 +62,7 @@ def get_quality(
     services: AppServices,
     query: Annotated[QualityQuery, Query()],
 ) -> Quality:
-    """The filter against people or instances, agreement, suggested thresholds."""
+    """The filter compared with people or instances, agreement, suggested thresholds."""
     found = DatasetRepository(session).named(dataset)
     asked = (query.truth, Goal(query.target, query.recall))
     return quality(services, session, found, asked)

@@ -1,4 +1,4 @@
-"""How well the filter, the people and the kinds of evidence agree with the truth."""
+"""Compares the filter, people and kinds of evidence with the truth."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ def request_evaluation(
 ) -> Run:
     """Queue a run that measures every channel that the frames' files allow.
 
-    Verdicts stay as they are: the configuration is the active one. From then on new
-    frames are measured under every channel, too.
+    Verdicts do not change: the configuration is the active one. From then on new frames
+    are measured by every channel, too.
     """
     _, config = coming_settings(session, dataset)
     wanted = RunRequest(config, author, activate=True, channels=CHANNELS)
@@ -62,7 +62,7 @@ def request_evaluation(
 def evaluation(
     context: ServiceContext, session: Session, dataset: Dataset, truth: Truth
 ) -> Evaluation:
-    """What each measured channel gets right, by the numbers at hand."""
+    """How often each measured channel is right, from stored numbers."""
     measurement = active_measurement(session, dataset)
     stored = measurement.options.get("channels") or {}
     channels = tuple(name for name in CHANNELS if name in stored.get("names", ()))
@@ -108,8 +108,8 @@ def _truth_by_people(
 ) -> Callable[[DatasetColumns], tuple[IntArray, BoolArray]]:
     """A function that finds the boxes which people decided.
 
-    It takes numbers of a dataset, and gives the rows of these boxes in them, and for
-    each row whether the latest answer is keep.
+    It takes the numbers of a dataset, and returns the rows of these boxes in them, and
+    for each row whether the latest answer is keep.
     """
     answered = AnswerRepository(session).decided(dataset.id)
     box_ids = np.array([box.box_id for box in answered], np.int64)
@@ -117,7 +117,7 @@ def _truth_by_people(
 
     def truth_of(numbers: DatasetColumns) -> tuple[IntArray, BoolArray]:
         rows = np.searchsorted(numbers.box_ids, box_ids)
-        # The others are of another part, or came after the numbers were read.
+        # Other boxes are in another part, or were stored after the numbers were read.
         known = rows < len(numbers)
         known[known] = numbers.box_ids[rows[known]] == box_ids[known]
         return rows[known].astype(np.int64), keep[known]
@@ -134,7 +134,7 @@ def quality(
     dataset: Dataset,
     asked: tuple[Truth, Goal],
 ) -> Quality:
-    """Everything that the truth says about the filter, and people about each other."""
+    """The filter compared with the truth, and people compared with each other."""
     truth, goal = asked
     config = config_of(active_version(session, dataset))
     if truth == "people":
@@ -165,7 +165,7 @@ def quality(
 
 
 def _by_people(boxes: Sequence[AnsweredBox]) -> Judged:
-    """The boxes that people decided, but for those that the filter did not measure."""
+    """The boxes that people decided, except those that the filter did not measure."""
     columns = list(zip(*boxes, strict=True)) or [()] * len(AnsweredBox._fields)
     _, class_id, reason, large, match, distance, review = columns
     reasons = np.array(reason, np.int64)
@@ -183,7 +183,7 @@ def _by_people(boxes: Sequence[AnsweredBox]) -> Judged:
 def _by_instances(
     context: ServiceContext, session: Session, dataset: Dataset, config: FilterConfig
 ) -> tuple[int, Judged]:
-    """How many boxes have a truth, and those that can be judged."""
+    """How many boxes have a truth, and the boxes that can be judged."""
     measurement = active_measurement(session, dataset)
     total, judged = 0, []
     cache = context.one(ColumnCache)
@@ -195,7 +195,7 @@ def _by_instances(
 
 
 def _counted(judged: Judged) -> dict[str, object]:
-    """Counts under the names that they have where the truth is an answer."""
+    """Counts, with the names of the wire: those for answers as the truth."""
     scores = judged.confusion.as_dict()
     return {
         "kept_keep": scores["kept_visible"],
@@ -225,7 +225,7 @@ def _by_distance(judged: Judged) -> tuple[Band, ...]:
 
 @dataclass(frozen=True)
 class Panel:
-    """The latest answer of each reviewer on each box, but for cleared ones."""
+    """The latest answer of each reviewer on each box, except cleared ones."""
 
     latest: dict[tuple[int, str], str]
 
@@ -233,8 +233,8 @@ class Panel:
     def of(cls, session: Session, dataset_id: int) -> Panel:
         """The panel of a dataset.
 
-        Answers of batches that were undone do not count, and neither do the answers
-        that the undo repeated, since nobody gave these.
+        Answers of undone batches do not count, and neither do the answers that the undo
+        repeated, since no person gave them.
         """
         answers = AnswerRepository(session)
         ignored = answers.undone_batches(dataset_id)
@@ -246,7 +246,7 @@ class Panel:
         return cls({key: said for key, said in latest.items() if said != "clear"})
 
     def reviewers(self) -> tuple[Reviewer, ...]:
-        """How many boxes each of them answered, and how; the busiest first."""
+        """How many boxes each reviewer answered, and how; the most active first."""
         counts = Counter((who, said) for (_, who), said in self.latest.items())
         totals = Counter(who for _, who in self.latest)
         return tuple(
@@ -261,7 +261,7 @@ class Panel:
         )
 
     def agreement(self) -> Agreement:
-        """How far those agree who decided the same boxes."""
+        """How far reviewers agree on boxes that several of them decided."""
         decided = [
             (box, who, _is_kept(said))
             for (box, who), said in self.latest.items()

@@ -1,1 +1,1 @@
-"""Answers of people: given, undone, carried over; and the queue of boxes to review."""
+"""Reviews: storing, undoing and carrying over answers; the queue of boxes to review."""

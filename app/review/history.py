@@ -1,6 +1,6 @@
-"""What happened to a box: decisions of runs and answers of people, newest first.
+"""The history of a box: decisions of runs and answers of people, newest first.
 
-Only changes are stored. Any earlier verdict is decided again: the numbers of a
+Only changes are stored. Earlier verdicts are computed again: the numbers of a
 measurement and the version of a configuration never change, and deciding is pure.
 """
 
@@ -31,10 +31,10 @@ from unghost.wire.boxes import HistoryEntry
 
 
 def history(session: Session, box_id: int) -> list[HistoryEntry]:
-    """Everything that was said of a box, newest first.
+    """All decisions and answers on a box, newest first.
 
-    In the order in which it was stored, whatever a clock said: answers by their
-    revisions, runs by their numbers, and a run after the answers that it found.
+    They are in the order in which they were stored, regardless of clocks: answers by
+    revision, runs by id, and a run after the answers that existed when it was done.
     """
     box = FrameRepository(session).box(box_id)
     frame = FrameRepository(session).with_id(box.frame_id)
@@ -54,11 +54,11 @@ def history(session: Session, box_id: int) -> list[HistoryEntry]:
 
 
 def _answers_before(run: Run, reviews: Sequence[Review]) -> int:
-    """How many of a box's answers there were when a run was done."""
+    """How many of a box's answers existed when a run was done."""
     if run.last_review_id is not None:
         last = run.last_review_id
         return sum(review.id <= last for review in reviews)
-    # Of a run that an earlier version carried out there is only the time.
+    # A run of an earlier version has only its time.
     at = run.finished_at or run.created_at
     return sum(review.created_at <= at for review in reviews)
 
@@ -108,7 +108,7 @@ def _decision(
 
 
 def _evidence(row: EvidenceRow, classes: Mapping[str, int]) -> Evidence:
-    """A frame's numbers, those of its channels among them."""
+    """A frame's numbers, including those of its channels."""
     numbers = unpack_numbers([row.numbers], [row.box_count])
     return replace(
         to_evidence(numbers, list(classes), list(classes.values())),

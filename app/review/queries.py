@@ -1,8 +1,8 @@
-"""SQL of answers, of acts on many boxes, and of claims.
+"""SQL of answers, of bulk reviews and of claims.
 
-Answers are stored by `ReviewRepository`: given on boxes as they were seen (one box or a
-hundred thousand), given as they were before, or carried over to a new frame. Each of
-the three inserts rows and then lets `boxes.current.answered` show them.
+`ReviewRepository` stores answers in three ways: on boxes in the state in which they
+were seen (one box or a hundred thousand), as an undo, or carried over to a new frame.
+Each inserts rows and then calls `boxes.current.answered` to update the decisions.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ from app.measuring.queries import is_deleted, is_there
 
 
 class SeenBoxes(NamedTuple):
-    """Boxes to answer, and the revision that all of them had when a person saw them."""
+    """Boxes to answer, and the revision of all of them when a person saw them."""
 
     box_ids: Sequence[int]
     revision: int
 
 
 class StandingBoxes(NamedTuple):
-    """Boxes whose answer of one act is in force, so that the act can be undone on them.
+    """Boxes on which a batch is still in force, so that it can be undone on them.
 
-    No answer followed it, or all that followed were undone. `revision` is that of the
-    boxes now, `before` that of the answer before the act.
+    No answer followed it, or all that followed were undone. `revision` is the boxes'
+    current revision, `before` that of the answer before the batch.
     """
 
     box_ids: Sequence[int]
@@ -64,7 +64,7 @@ class ReviewedBox(NamedTuple):
 
 
 class Signature(NamedTuple):
-    """Who answers boxes of a dataset and when; `batch_id` is that of an act on many."""
+    """Who answers boxes of a dataset, and when; `batch_id` is set for a bulk review."""
 
     dataset_id: int
     reviewer: str
@@ -90,7 +90,7 @@ class AnswerRow(TypedDict):
 
 
 class AnsweredBox(NamedTuple):
-    """A box that has got an answer at some time."""
+    """A box that has, or had, an answer."""
 
     id: int
     source_id: str
@@ -104,7 +104,7 @@ class ReviewRepository:
         self._session = session
 
     def state(self, box_id: int) -> ReviewedBox:
-        """A box before it is answered; NotFound for one that is not current."""
+        """The current state of a box; raises NotFound if the box is not current."""
         rows = select(*_STATE).where(Decision.box_id == box_id)
         there = rows.join(Dataset, Dataset.id == Decision.dataset_id).where(is_there())
         found = self._session.execute(there).first()
@@ -122,7 +122,7 @@ class ReviewRepository:
     def answer(
         self, boxes: Sequence[SeenBoxes], verdict: str, comment: str, by: Signature
     ) -> int:
-        """Answer boxes of the dataset that are as they were seen; how many."""
+        """Answer the boxes that still have the seen revision; returns how many."""
         said = literal(verdict), literal(comment)
         stored = sum(
             self._insert(_answers(said, by, chunk, seen.revision))
@@ -133,7 +133,7 @@ class ReviewRepository:
         return stored
 
     def answer_as_before(self, boxes: Sequence[StandingBoxes], by: Signature) -> int:
-        """Answer boxes as before the act, where nobody has answered since; how many."""
+        """Repeat the answers before a batch, unless others followed; how many."""
         earlier = aliased(Review)
         said = (
             func.coalesce(earlier.verdict, "clear"),
@@ -154,7 +154,7 @@ class ReviewRepository:
         return stored
 
     def carry_over(self, rows: Sequence[AnswerRow]) -> None:
-        """Insert the first answers on new boxes, which nobody has claimed."""
+        """Insert the first answers on new boxes, which have no claims."""
         insert_rows(self._session, Review, rows)
         answered(self._session, [row["box_id"] for row in rows])
 
@@ -169,7 +169,7 @@ class ReviewRepository:
     def _make_latest(self, box_ids: Iterable[int], by: Signature) -> None:
         """Make the inserted answers the latest ones, and end the claims on their boxes.
 
-        Those of an act on many boxes, maybe a hundred thousand, are found by the act.
+        Answers of a bulk review, maybe a hundred thousand, are selected by its id.
         """
         connection = self._session.connection()
         if by.batch_id is None:
@@ -186,7 +186,7 @@ class ReviewRepository:
         return list(self._session.scalars(rows))
 
     def answered_boxes(self, frame_id: int) -> list[AnsweredBox]:
-        """Boxes of a frame on which somebody ever answered."""
+        """Boxes of a frame that have, or had, an answer."""
         rows = (
             select(Box.id, Box.source_id, Box.class_id)
             .where(Box.frame_id == frame_id)
@@ -198,9 +198,8 @@ class ReviewRepository:
     def meant_by(self, box_ids: Iterable[int]) -> Counter[str]:
         """On how many boxes each person has an answer that they did not undo.
 
-        What counts is the last answer of each person on a box, whatever others answered
-        afterwards; answers on the same box in earlier revisions of the frame are theirs
-        too.
+        The last answer of each person on a box counts, regardless of later answers by
+        others. Answers on the same box in earlier revisions of the frame count too.
         """
         last: dict[tuple[int, str], str] = {}
         newest_of = {box_id: box_id for box_id in box_ids}
@@ -230,7 +229,7 @@ _COLUMNS: Final = (
     *("box_id", "revision", "verdict", "comment"),
     *("reviewer", "batch_id", "created_at"),
 )
-"""Of `reviews`, as `_answers` selects them."""
+"""Columns of `reviews`, in the order in which `_answers` selects them."""
 _UNIQUE: Final = ("box_id", "revision")
 _STATE: Final = (
     *(Decision.box_id, Decision.dataset_id),
@@ -287,7 +286,7 @@ class ReviewBatches:
         return batch
 
     def with_id(self, batch_id: int) -> ReviewBatch:
-        """A batch; NotFound."""
+        """A batch; raises NotFound."""
         found = self._session.get(ReviewBatch, batch_id)
         if found is None or is_deleted(self._session, found.dataset_id):
             raise NotFound("review batch", batch_id)
@@ -304,12 +303,12 @@ class ReviewBatches:
         return list(self._session.scalars(rows.order_by(Review.box_id)))
 
     def size(self, batch_id: int) -> int:
-        """How many answers a batch is made of."""
+        """How many answers a batch has."""
         rows = select(func.count()).where(Review.batch_id == batch_id)
         return self._session.scalar(rows) or 0
 
     def standing(self, batch_id: int) -> list[StandingBoxes]:
-        """The boxes on which a batch stands, those alike together."""
+        """The boxes on which a batch is still in force, grouped by their revisions."""
         standing = _standing(batch_id)
         rows = (
             select(standing.c.box_id, Decision.revision, standing.c.answered - 1)
@@ -323,11 +322,11 @@ class ReviewBatches:
 
 
 def _standing(batch_id: int) -> CTE:
-    """Each box of the batch, with every revision that its latest answer repeats.
+    """Each box of the batch, with every revision that is equal to its latest answer.
 
-    An undo repeats the answer from before the act that it undoes, so it is equal to
-    that earlier revision. So several acts on the same boxes can be undone one by one,
-    the newest first.
+    An undo repeats the answer from before the batch that it undoes, so it is equal to
+    that earlier revision. Thus several batches on the same boxes can be undone one by
+    one, the newest first.
     """
     standing = (
         select(
@@ -358,7 +357,7 @@ def _standing(batch_id: int) -> CTE:
 
 
 class ClaimRepository:
-    """Rows of `claims`; those that expired are as good as gone."""
+    """Rows of `claims`; expired ones have no effect."""
 
     def __init__(self, session: Session) -> None:
         self._session = session

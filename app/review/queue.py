@@ -1,7 +1,7 @@
-"""The queue: which boxes a reviewer gets next, and nobody else meanwhile.
+"""The queue: which boxes a reviewer gets next, claimed so that nobody else gets them.
 
-The random orders come from a Feistel network (`Shuffle`), which maps places to box ids
-and back, one to one, without a list of them. The number of its places is a power of
+The random orders come from a Feistel network (`Shuffle`), a one-to-one mapping from
+positions to box ids and back that needs no list. The number of positions is a power of
 four; ids beyond the range of a dataset are left out.
 """
 
@@ -33,13 +33,13 @@ from filter_core.types import IntArray
 
 CLAIM: Final = timedelta(minutes=5)
 ANSWERS_PER_SHUFFLE: Final = 64
-"""The random order is drawn anew after so many answers; else the search for the next
-box would begin with all those that are answered already."""
+"""The random order changes after this many answers: otherwise the search for the next
+box would begin with all boxes that are answered already."""
 
 
 @dataclass(frozen=True)
 class QueueRequest:
-    """Who asks for which boxes, in which order; `exclude` are in the page already."""
+    """A reviewer's request for boxes; `exclude` are boxes that the page has already."""
 
     reviewer: str
     order: str
@@ -51,7 +51,7 @@ class QueueRequest:
 
 @dataclass(frozen=True)
 class RemainingBoxes:
-    """What is queued, part after part, and how many boxes each of them has."""
+    """The parts of a queue, in order, and the number of boxes in each."""
 
     parts: Sequence[BoxFilter]
     counts: Sequence[int]
@@ -69,7 +69,7 @@ class QueuePage(TypedDict):
 def remaining_boxes(
     context: ServiceContext, name: str, wanted: QueueRequest
 ) -> RemainingBoxes:
-    """The parts of a queue and their sizes, counted while others can write."""
+    """The parts of a queue and their sizes, counted before waiting to write."""
     with context.database.read() as session:
         dataset = DatasetRepository(session).named(name)
         parts = _in_turn(to_filter(session, dataset, _of_queue(wanted)))
@@ -80,7 +80,7 @@ def remaining_boxes(
 def next_boxes(
     session: Session, dataset: Dataset, wanted: QueueRequest, queue: RemainingBoxes
 ) -> QueuePage:
-    """Boxes claimed for this reviewer, and how many there are."""
+    """Claim the next boxes for this reviewer; returns them with the queue's counts."""
     now = utc_now()
     claims = ClaimRepository(session)
     claims.forget_expired(dataset.id, now)
@@ -115,7 +115,7 @@ def _of_queue(wanted: QueueRequest) -> Selection:
 
 
 def _in_turn(wanted: BoxFilter) -> list[BoxFilter]:
-    """Boxes without an answer first, those that somebody was unsure of last."""
+    """The parts: boxes without an answer first, boxes answered `unsure` last."""
     if wanted.review != "undecided":
         return [wanted]
     return [replace(wanted, review="none"), replace(wanted, review="unsure")]
@@ -146,16 +146,16 @@ def _take(
 
 
 MAX_PROBES: Final = 1 << 14
-"""Boxes that are asked about one by one before all of a filter are read instead."""
+"""Boxes that are looked up in random order before all boxes are read instead."""
 FIRST_PORTION: Final = 256
 MAX_PORTION: Final = 4096
 
 
 @dataclass(frozen=True)
 class QueueOrder:
-    """How boxes are handed out; `seed` is of the random ones.
+    """The order in which boxes are claimed; `seed` is for random orders.
 
-    There may be fewer of them than `expected`, but not more.
+    `expected` is an upper bound of the number of boxes.
     """
 
     name: str
@@ -194,8 +194,7 @@ def _by_class(wanted: BoxFilter, present: Present) -> Iterator[BoxFilter]:
 def _by_doubt(
     session: Session, wanted: BoxFilter, present: Present, order: QueueOrder
 ) -> Iterator[int]:
-    # Those flagged as unsure are spread thinly over all boxes, and have an index of
-    # their own, by id.
+    # Boxes answered `unsure` are rare, and have an index of their own, by id.
     sort = "id" if wanted.review == "unsure" else "doubt"
     pages, cursor = BoxPages(session, wanted, present), ""
     while True:
@@ -215,12 +214,12 @@ def _shuffled(
         return []
     shuffle = Shuffle(*span, order.seed)
     likely = order.limit * (span[1] - span[0] + 1) // order.expected
-    # Toss-ups are few and have an index: to read all of them is soon quicker.
+    # Toss-ups are few and have an index: reading all of them is soon faster.
     most = min(order.max_probes, order.expected) if wanted.toss_up else order.max_probes
     found = [] if likely > most else _probed(probes, wanted, shuffle, order)
     if len(found) >= order.limit:
         return found[: order.limit]
-    # The filter selects so few that reading all of them is quicker.
+    # The filter selects so few boxes that reading all of them is faster.
     every = probes.every(wanted)
     in_order = every[np.argsort(shuffle.places_of(every))].tolist()
     free = (box_id for box_id in in_order if box_id not in order.blocked)
@@ -230,7 +229,7 @@ def _shuffled(
 def _probed(
     probes: BoxProbes, wanted: BoxFilter, shuffle: Shuffle, order: QueueOrder
 ) -> list[int]:
-    """Boxes found by asking about one after the other, in their random order."""
+    """Boxes found by looking up one portion after the other, in random order."""
     found: list[int] = []
     asked = 0
     for portion in shuffle.portions(FIRST_PORTION, 4, MAX_PORTION):
@@ -248,7 +247,7 @@ _Words = NDArray[np.uint64]
 
 @dataclass(frozen=True)
 class Shuffle:
-    """The numbers from `low` to `high` in an order of the seed's own."""
+    """The numbers from `low` to `high` in a pseudo-random order of the seed."""
 
     low: int
     high: int
@@ -256,16 +255,16 @@ class Shuffle:
 
     @property
     def half_bits(self) -> int:
-        """Half the bits that the span needs, so that it can be halved."""
+        """Half the number of bits of a position, which is even."""
         return max(1, ((self.high - self.low).bit_length() + 1) // 2)
 
     @property
     def places(self) -> int:
-        """How many places there are; less than four times as many as numbers."""
+        """The number of positions, less than four times that of numbers."""
         return 1 << 2 * self.half_bits
 
     def portions(self, first: int, growth: int, most: int) -> Iterator[list[int]]:
-        """All numbers in order, in portions that grow to `most` places."""
+        """All numbers in order, in portions that grow to `most` positions."""
         start, size = 0, first
         while start < self.places:
             stop = min(start + size, self.places)
@@ -273,7 +272,7 @@ class Shuffle:
             start, size = stop, min(size * growth, most)
 
     def numbers(self, places: _Words) -> IntArray:
-        """The numbers at these places; those beyond the span are left out."""
+        """The numbers at these positions; those beyond `high` are left out."""
         left, right = places >> self._shift, places & self._mask
         for key in self._keys():
             left, right = right, left ^ self._mixed(right, key)
@@ -282,7 +281,7 @@ class Shuffle:
         return inside
 
     def places_of(self, numbers: IntArray) -> _Words:
-        """Where these numbers stand; the inverse of `numbers`."""
+        """The positions of these numbers; the inverse of `numbers`."""
         words = (numbers - self.low).astype(np.uint64)
         left, right = words >> self._shift, words & self._mask
         for key in reversed(self._keys()):

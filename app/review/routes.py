@@ -68,7 +68,7 @@ def take_from_queue(
     services: AppServices,
     principal: CurrentPrincipal,
 ) -> Response:
-    """The next boxes to look at, claimed for five minutes; an answer ends the claim."""
+    """The next boxes to review, claimed for five minutes; an answer ends the claim."""
     chosen = body.model_dump(exclude={"filters"})
     filters = selection_of(body.filters)
     wanted = QueueRequest(principal.name, selection=filters, **chosen)
@@ -88,7 +88,7 @@ def create_review(
     session: WriteSession,
     principal: CurrentPrincipal,
 ) -> Response:
-    """Answer on a box; 412 with the current decision if someone was faster."""
+    """Answer a box; 412 with the current decision if someone answered it before."""
     answer = reviews.Answer(body.verdict, body.comment, principal.name)
     try:
         stored = reviews.review_box(session, box_id, answer, body.seen_revision)
@@ -106,11 +106,11 @@ def create_bulk_review(
     services: AppServices,
     audit: Audited,
 ) -> Response:
-    """One answer on many boxes: one act, one undo."""
+    """One answer on many boxes, which one undo takes back."""
     try:
         run_id, chosen = _find_boxes(body, services)
     except AppError:
-        # A repeated request gets its first answer when the transaction begins.
+        # A repeated request gets its first response when the transaction begins.
         begin_as_work(audit.session)
         raise
     begin_as_work(audit.session)
@@ -154,10 +154,10 @@ def create_bulk_review(
 def _find_boxes(
     body: BulkIn, services: ServiceContext
 ) -> tuple[int | None, reviews.ChosenBoxes]:
-    """The run that decided the dataset, and the boxes that a body asks for.
+    """The run that decided the dataset, and the boxes that a body selects.
 
-    They are read before the turn to write. If a box is answered until the answers are
-    stored, its revision tells.
+    They are read before waiting for the turn to write. The revision of a box shows if
+    it is answered in between.
     """
     with services.database.read() as session:
         dataset = DatasetRepository(session).named(body.dataset)
@@ -172,12 +172,12 @@ def _find_boxes(
 def _boxes(
     body: BulkIn, services: ServiceContext, session: Session, dataset: Dataset
 ) -> reviews.ChosenBoxes:
-    """The boxes that a body asks for, each with the revision that was seen.
+    """The boxes that a body selects, each with the revision that was seen.
 
     Raises
     ------
     Unprocessable
-        The body asks in no way, in two ways, or without what its way needs.
+        The body has neither `box_ids` nor `filter`, or both, or a wrong field for it.
     StaleSnapshot
         The boxes of the filter have changed since the snapshot.
     """
@@ -186,8 +186,8 @@ def _boxes(
     if body.filter is not None:
         if body.snapshot is None or body.seen_revisions is not None:
             raise Unprocessable(
-                "expected a filter with snapshot, which a list of its boxes has beside "
-                "total if count=true is asked for, found it without snapshot or with "
+                "expected a filter with snapshot, which a list of its boxes contains "
+                "together with total for count=true, found it without snapshot or with "
                 "seen_revisions",
             )
         wanted = selection_of(body.filter)
@@ -212,9 +212,9 @@ def undo_bulk_review(
     principal: CurrentPrincipal,
     audit: Audited,
 ) -> Response:
-    """Undo a bulk answer: boxes get the answers they had, unless answered since.
+    """Undo a bulk review: boxes get the answers they had, unless answered since.
 
-    Batches of others are undone by admins alone.
+    Only admins may undo batches of others.
     """
     with services.database.read() as looking:
         standing = reviews.standing_boxes(looking, batch_id)

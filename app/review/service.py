@@ -1,9 +1,9 @@
-"""Answers of people: given on one box or many, undone, carried over to new frames.
+"""Answers of people: on one box or many, undone, or carried over to new frames.
 
-All of them are stored in one way (`app.review.queries`). An answer goes to a box as
-somebody saw it, by the revision that it had then: if somebody else answered in between,
-one answer alone is refused (StaleReview), an act on listed boxes leaves that box out,
-and one on all boxes of a filter is refused as a whole (StaleSnapshot, in `routes`).
+All are stored in the same way (`app.review.queries`). An answer contains the revision
+of the box that the person saw. If somebody else has answered since, a single answer is
+refused (StaleReview), a bulk review of listed boxes skips that box, and one of all
+boxes of a filter is refused as a whole (StaleSnapshot, in `routes`).
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Answer:
 def review_box(
     session: Session, box_id: int, answer: Answer, seen_revision: int
 ) -> Review:
-    """Add one answer; StaleReview if someone answered since it was seen."""
+    """Add one answer; StaleReview if the box was answered since it was seen."""
     reviews = ReviewRepository(session)
     box = reviews.state(box_id)
     seen = SeenBoxes([box_id], seen_revision)
@@ -72,10 +72,10 @@ def review_box(
 
 @dataclass(frozen=True)
 class ChosenBoxes:
-    """Boxes for one answer, as somebody read them before it is their turn to write.
+    """Boxes for a bulk review, read before waiting for the turn to write.
 
-    `boxes` are to be answered if they still have their revision by then. `stale` were
-    answered since they were seen, `skipped` are gone or of another dataset.
+    `boxes` are answered if they still have their revision then. `stale` were answered
+    since they were seen, `skipped` no longer exist or are of another dataset.
     """
 
     boxes: list[SeenBoxes]
@@ -84,21 +84,21 @@ class ChosenBoxes:
 
     @property
     def number(self) -> int:
-        """How many were asked for."""
+        """How many boxes the request selects."""
         return self.expected + len(self.stale) + len(self.skipped)
 
     @property
     def expected(self) -> int:
-        """How many are to be answered."""
+        """How many boxes are to be answered."""
         return sum(len(seen.box_ids) for seen in self.boxes)
 
 
 @dataclass(frozen=True)
 class StoredBatch:
-    """One answer on many boxes as it is stored, and the boxes that were left alone.
+    """A stored bulk review, and the boxes that it left out.
 
-    `stale` were answered since they were seen, `skipped` are gone or of another
-    dataset.
+    `stale` were answered since they were seen, `skipped` no longer exist or are of
+    another dataset.
     """
 
     batch: ReviewBatch
@@ -110,7 +110,7 @@ class StoredBatch:
 def review_many(
     session: Session, dataset: Dataset, chosen: ChosenBoxes, answer: Answer
 ) -> StoredBatch:
-    """Add one answer to many boxes, each once, where it is as somebody saw it."""
+    """Add one answer to many boxes, except those that have changed since seen."""
     batches, reviews = ReviewBatches(session), ReviewRepository(session)
     batch = batches.add(
         ReviewBatch(
@@ -141,21 +141,21 @@ def listed_boxes(
     seen: Sequence[int] | None,
     limit: int,
 ) -> ChosenBoxes:
-    """The boxes that a person listed, each once, and which of them are as seen.
+    """The boxes that a person listed, each once, and which have changed since seen.
 
     Parameters
     ----------
     ids : sequence of int
     seen : sequence of int, or None
-        The revision of each box, in the order of `ids`. None: nothing is known of
-        what the person saw, so only boxes without an answer are to be taken.
+        The revision of each box, in the order of `ids`. None if they are unknown: then
+        only boxes without an answer are chosen.
 
     Raises
     ------
     Unprocessable
         There are more or fewer revisions than boxes, or two of one box.
     TooLarge
-        More boxes than one act may answer.
+        There are more boxes than one bulk review may change.
     """
     revision_of: dict[int, int | None] = dict.fromkeys(ids)
     if seen is not None:
@@ -196,7 +196,7 @@ def _seen_revisions(ids: Sequence[int], seen: Sequence[int]) -> dict[int, int]:
 def boxes_as_they_are(
     session: Session, dataset: Dataset, ids: Sequence[int]
 ) -> ChosenBoxes:
-    """Boxes that a person has seen in the state that this session reads."""
+    """Boxes that a person has seen in the current state of this session."""
     alike: dict[int, list[int]] = {}
     for state in ReviewRepository(session).states(dataset.id, ids):
         alike.setdefault(state.revision, []).append(state.box_id)
@@ -205,7 +205,7 @@ def boxes_as_they_are(
 
 
 def standing_boxes(session: Session, batch_id: int) -> list[StandingBoxes]:
-    """The answers that undoing a batch would undo; read before the turn to write."""
+    """The answers that undoing a batch would undo; read before waiting to write."""
     return ReviewBatches(session).standing(batch_id)
 
 
@@ -214,15 +214,15 @@ def undo_batch(
 ) -> tuple[ReviewBatch, int, list[int]]:
     """Undo a batch: repeat the answers before it, except where someone answered since.
 
-    `standing` comes from `standing_boxes`. Boxes that somebody has answered since then
-    are left alone.
+    `standing` comes from `standing_boxes`. Boxes that were answered since then are left
+    out.
 
     Raises
     ------
     NotFound
         There is no such batch.
     Forbidden
-        It is another person's, and this is no admin.
+        It is another person's, and the caller is not an admin.
     Conflict
         It was undone already.
     """
@@ -251,7 +251,7 @@ def undo_batch(
 
 
 class NewBox(NamedTuple):
-    """A box of a new revision of a frame; `raw` is the box as it came."""
+    """A box of a new revision of a frame; `raw` is the box as it was sent."""
 
     id: int
     source_id: str
@@ -269,10 +269,10 @@ def carry_reviews(
     carried : list of AnswerRow
         The repeated answers.
     set_aside : Counter of str
-        How many answers stay behind, by reviewer: their boxes are gone or are others
-        now, or have no answer in force. An answer that another person cleared or
-        replaced, in any revision, is counted: clearing first must not be a way to get
-        rid of other people's answers. One that its own author undid is not counted.
+        How many answers are dropped, by reviewer: their boxes no longer exist, have
+        changed, or have no answer in force. Answers that another person cleared or
+        replaced, in any revision, count: otherwise people could remove others' answers
+        by clearing them first. Answers that their author has undone do not count.
     """
     reviews = ReviewRepository(session)
     answered = reviews.answered_boxes(old.id)

@@ -1,9 +1,9 @@
-"""The end of a run: one transaction that stores what changed and makes it current.
+"""The final step of a run: one transaction that stores all changes and activates them.
 
-Because it is one transaction, nobody ever sees half of a dataset decided. It is run as
-a chunk, like the parts that measure, so that it is tried again if its process dies, but
-not more often than a chunk (`MOST_ATTEMPTS` in `app.jobs.work`). Of two processes that
-run it, the second finds the run over and changes nothing.
+Because it is one transaction, nobody ever sees half of a dataset decided. It is also a
+chunk, so that it is retried if its process dies, up to `MOST_ATTEMPTS` times
+(`app.jobs.work`). If two processes execute it, the second finds that the run has ended
+and changes nothing.
 """
 
 from __future__ import annotations
@@ -38,13 +38,12 @@ from filter_core.decisions.rules import decide
 from filter_core.types import BoolArray, Decisions, IntArray
 
 _REASONS: Final = 32
-"""More than there are reasons; they are packed into one number with flags."""
+"""Above all reasons, which are packed into one number together with flags."""
 
 
 @dataclass(frozen=True)
 class BeforeAndAfter:
-    """Numbers that are current now, and those that a run decides on: of a dataset,
-    or of a range of its frames."""
+    """The current numbers of a dataset or a range of its frames, and those of a run."""
 
     before: DatasetColumns
     after: DatasetColumns
@@ -53,7 +52,7 @@ class BeforeAndAfter:
     def parts(
         cls, context: ServiceContext, session: Session, run: Run
     ) -> Iterator[BeforeAndAfter]:
-        """One after the other, as much of the dataset as may be held in memory."""
+        """The parts of the dataset, each small enough to be held in memory."""
         dataset = DatasetRepository(session).with_id(run.dataset_id)
         both = dataset.active_measurement_id or 0, run.measurement_id or 0
         cache = context.one(ColumnCache)
@@ -62,12 +61,12 @@ class BeforeAndAfter:
 
 
 def decide_all(task: Task[Run]) -> None:
-    """Decide all boxes of a run and end it, unless frames have come in meanwhile.
+    """Decide all boxes of a run and end it, unless there are new frames to measure.
 
     Raises
     ------
     JobStopped
-        The run is over, or somebody is about to cancel it.
+        The run has ended, or is being cancelled.
     """
     context = task.context
     # Loading a million numbers holds no lock; the transaction finds them cached.
@@ -82,7 +81,7 @@ def decide_all(task: Task[Run]) -> None:
             _decide_and_store(task, session, run, scope.config)
             task.end_job(session)
         else:
-            # Frames came in meanwhile; attempts that ended this process count anew.
+            # There are new frames to measure; earlier attempts no longer count.
             task.stored(session)
 
 
@@ -106,7 +105,7 @@ def _decide_and_store(
 
 
 class Activation:
-    """What a run changes, counted part by part: nothing grows with the boxes."""
+    """Counts the changes of a run part by part, in memory of a constant size."""
 
     def __init__(self, session: Session, run: Run, progress: _Progress) -> None:
         self._session, self._run, self._progress = session, run, progress
@@ -120,7 +119,7 @@ class Activation:
     def decide(
         self, numbers: BeforeAndAfter, active: FilterConfig, config: FilterConfig
     ) -> None:
-        """Decide a part by both configurations, and store what differs."""
+        """Decide a part by both configurations, and store the differences."""
         before = numbers.before.decided(active)
         after = decide(numbers.after.evidence, config)
         ids, flipped = numbers.after.box_ids, before.reason != after.reason
@@ -152,7 +151,7 @@ class Activation:
             measured_again(self._session, ids, evidence, self._progress)
 
     def _tally(self, numbers: DatasetColumns, decisions: Decisions) -> None:
-        """Count everything anew: cheaper, and surer, than counting what changed."""
+        """Count all boxes, which is cheaper and safer than counting changes."""
         if not len(numbers):
             return
         ends = np.searchsorted(self._reviewed, numbers.box_ids[[0, -1]] + [0, 1])
@@ -174,7 +173,7 @@ class Activation:
 
 @dataclass
 class _Progress:
-    """Called with rows as they are written: says how far it is, and may end it."""
+    """A callback for written rows: reports progress, raises if the job must stop."""
 
     task: Task[Run]
     total: int
@@ -185,7 +184,7 @@ class _Progress:
     _written: int = 0
 
     def begin(self, boxes: int, rows: int) -> None:
-        """A part of so many boxes, of which so many rows are to be written."""
+        """Begin a part of `boxes` boxes, for which `rows` rows are to be written."""
         self._before, self._part = self._before + self._part, boxes
         self._rows, self._written = rows, 0
         self(0)

@@ -1,6 +1,6 @@
-"""What decides differently: under another configuration, or between two runs.
+"""Finds boxes whose verdict differs: by another configuration, or between two runs.
 
-What runs have changed is stored, but any two of them, activated or not, are compared by
+The changes of runs are stored, but any two runs, activated or not, are compared by
 deciding again: numbers and configurations never change, and deciding is pure.
 """
 
@@ -78,7 +78,7 @@ FARTHEST: Final = float("inf")
 
 
 class FlipTable:
-    """How many boxes of each class went from which reason to which.
+    """Counts boxes by class, reason before and reason after.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class FlipTable:
         after: NDArray[np.uint8],
         rows: IntArray | None = None,
     ) -> IntArray:
-        """Count boxes in, and find those whose verdicts differ.
+        """Count boxes, and find those whose verdicts differ.
 
         Parameters
         ----------
@@ -105,28 +105,28 @@ class FlipTable:
         before, after : (M,) uint8
             Reasons of the boxes in `rows`.
         rows : (M,) int, or None
-            None: all of them, in their order.
+            None for all of them, in order.
 
         Returns
         -------
         int array
-            Places in `before` and `after`, ascending.
+            Indexes into `before` and `after`, ascending.
         """
-        # Two bytes for each box, one pass each: a preview is asked for while one drags.
+        # Two bytes per box and single passes: previews are made while a slider moves.
         changes = before * np.uint16(_REASONS) + after
         index = evidence.class_index if rows is None else evidence.class_index[rows]
         shape = len(evidence.class_names), _REASONS, _REASONS
         cells = index * np.int64(_REASONS * _REASONS)
         cells += changes
         counts = np.bincount(cells, minlength=int(np.prod(shape))).reshape(shape)
-        # A part of a dataset may meet its classes in another order.
+        # A part of a dataset may have its classes in another order.
         here = [self.names.index(name) for name in evidence.class_names]
         self._boxes[here] += counts
         return np.flatnonzero(_FLIPS.ravel()[changes])
 
     @property
     def after(self) -> IntArray:
-        """(classes, reasons): boxes by the reason that they have now."""
+        """(classes, reasons): boxes by their reason after."""
         table: IntArray = self._boxes.sum(axis=1)
         return table
 
@@ -137,11 +137,11 @@ class FlipTable:
 
     @property
     def changed(self) -> int:
-        """How many have another reason."""
+        """How many boxes have another reason."""
         return self.compared - int(self._boxes.trace(axis1=1, axis2=2).sum())
 
     def verdicts(self) -> dict[str, int]:
-        """How many boxes have each verdict now."""
+        """How many boxes have each verdict after."""
         reasons = self.after.sum(axis=0)
         return {
             verdict.value: int(reasons[code == VERDICT_OF_REASON].sum())
@@ -149,11 +149,11 @@ class FlipTable:
         }
 
     def flips(self) -> dict[str, int]:
-        """How many boxes of a class have another verdict; classes without are out."""
+        """How many boxes of each class have another verdict, if any have."""
         return self._by_class(_FLIPS)
 
     def sides(self) -> dict[str, FlipCounts]:
-        """How many flipped which way, by class; classes without any are out."""
+        """How many boxes flipped in each direction, by class, if any did."""
         sides = {side: self._by_class(which) for side, which in _SIDES.items()}
         return {
             name: FlipCounts(**{side: of.get(name, 0) for side, of in sides.items()})
@@ -162,7 +162,7 @@ class FlipTable:
         }
 
     def totals(self) -> dict[str, int]:
-        """How many flipped which way."""
+        """How many boxes flipped in each direction."""
         return {side: int(self._boxes[:, at].sum()) for side, at in _SIDES.items()}
 
     def _by_class(self, which: BoolArray) -> dict[str, int]:
@@ -172,10 +172,10 @@ class FlipTable:
 
 
 class _Nearest:
-    """The flips that are nearest to a threshold, which are the ones to look at.
+    """The flips that are nearest to a threshold, which people should look at.
 
-    Equally near ones are in the order of their boxes. `after` is the place that they
-    come after: a distance, and a box.
+    Equally near ones are in order of box id. `after` is the position of the cursor: a
+    distance and a box id.
     """
 
     def __init__(self, limit: int, after: tuple[float, int] | None = None) -> None:
@@ -183,7 +183,7 @@ class _Nearest:
         self.found: list[tuple[float, int, Flip]] = []
 
     def add(self, before: _Decided, after: _Decided, flips: IntArray) -> None:
-        """Look for some among the flips of a part of a dataset."""
+        """Add the nearest among the flips of a part of a dataset."""
         if not self._limit:
             return
         rows = after.rows_of(flips)
@@ -206,9 +206,9 @@ class _Nearest:
 
 @dataclass(frozen=True)
 class _Decided:
-    """Boxes of a part of a dataset, and what was decided of the whole part.
+    """Boxes of a part of a dataset, and the decisions on all boxes of the part.
 
-    `rows` are some of them, or None for all.
+    `rows` selects boxes of the part; None selects all.
     """
 
     numbers: DatasetColumns
@@ -218,12 +218,12 @@ class _Decided:
 
     @cached_property
     def reasons(self) -> NDArray[np.uint8]:
-        """Of these boxes."""
+        """The reasons of these boxes."""
         reasons = self.decisions.reason
         return reasons if self.rows is None else reasons[self.rows]
 
     def rows_of(self, places: IntArray) -> IntArray:
-        """Where boxes at places among these stand in the part."""
+        """The rows in the part of boxes with these indexes."""
         return places if self.rows is None else self.rows[places]
 
 
@@ -236,7 +236,7 @@ def _flip(before: _Decided, after: _Decided, at: int) -> Flip:
 
 @dataclass(frozen=True)
 class PreviewLimits:
-    """How many flips are listed, and into how many bins matches are counted."""
+    """The number of flips to list, and the number of bins of histograms."""
 
     flips: int
     bins: int
@@ -249,7 +249,7 @@ def preview(
     config: FilterConfig,
     limits: PreviewLimits,
 ) -> Preview:
-    """Counts, histograms and flips."""
+    """The counts, histograms and flips of a configuration that is not applied."""
     plan = plan_for(DatasetReading.of(dataset), config)
     measurement = active_measurement(session, dataset)
     if needs_pixels(session, dataset, plan):
@@ -297,7 +297,7 @@ def preview(
 def current_histogram(
     context: ServiceContext, session: Session, dataset: Dataset, bins: int
 ) -> Histogram:
-    """Matches per class as they are, with the active configuration's thresholds."""
+    """Current matches per class, with the active configuration's thresholds."""
     measurement = active_measurement(session, dataset)
     names = tuple(DatasetRepository(session).classes(dataset.id))
     counts: IntArray = np.zeros((len(names), bins), np.int64)
@@ -320,7 +320,7 @@ def _recounted(
 
 
 def _with_counts_of(frames: Sequence[Evidence], evidence: Evidence) -> Evidence:
-    """The evidence of a dataset with what was counted again, frame by frame."""
+    """The evidence of a dataset with the recounted columns of its frames."""
     return replace(
         evidence,
         accept_mask=np.concatenate([one.accept_mask for one in frames]),
@@ -332,7 +332,7 @@ def _with_counts_of(frames: Sequence[Evidence], evidence: Evidence) -> Evidence:
 
 @dataclass(frozen=True)
 class DiffPage:
-    """Which flips are listed: those after a place, nearest to a threshold first."""
+    """A page of flips, nearest to a threshold first, after the cursor's position."""
 
     limit: int
     cursor: str | None
@@ -351,7 +351,7 @@ def run_diff(
     measurements = [run.measurement_id or 0 for run in runs]
     names = tuple(DatasetRepository(session).classes(runs[1].dataset_id))
     table = FlipTable(names)
-    # One more than the page has tells that there is another page.
+    # One more than the limit, to find out whether there is a next page.
     nearest = _Nearest(page.limit + 1, _place(page.cursor) if page.cursor else None)
     cache = context.one(ColumnCache)
     for numbers in cache.parts(session, runs[1].dataset_id, *measurements):
@@ -384,21 +384,21 @@ def run_diff(
 def compared_runs(
     session: Session, run_id: int, against: int | None
 ) -> tuple[Run, Run]:
-    """The run to compare with, and the run; by default the one that was active before.
+    """The run to compare with (default: the one active before), and the run.
 
     Raises
     ------
     Conflict
-        One of them has decided nothing.
+        One of them is not done.
     BadRequest
-        There is nothing to compare with, or it is of another dataset.
+        There is no run to compare with, or it is of another dataset.
     """
     runs = RunRepository(session)
     run = runs.with_id(run_id)
     other_id = against or run.previous_run_id
     if other_id is None:
         raise BadRequest(
-            f"run {run_id} is the first of its dataset; say ?against=ID",
+            f"run {run_id} is the first of its dataset; pass ?against=ID",
             code="nothing_before",
         )
     other = runs.with_id(other_id)
@@ -410,7 +410,7 @@ def compared_runs(
     for each in (other, run):
         if each.state != "done":
             raise Conflict(
-                f"run {each.id} is {each.state}; only runs that are done have decided",
+                f"run {each.id} is {each.state}; only runs that are done are compared",
                 code="run_not_done",
             )
     return other, run
@@ -423,7 +423,7 @@ def _compared(
     if before is after:
         rows = [np.arange(len(after))] * 2
     else:
-        # Frames that came in between are measured under one measurement only.
+        # Frames that were added in between have numbers of one measurement only.
         _, *rows = np.intersect1d(
             before.box_ids, after.box_ids, assume_unique=True, return_indices=True
         )

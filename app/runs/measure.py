@@ -1,4 +1,4 @@
-"""The part of a run that makes numbers: from pixels, or from tag histograms."""
+"""The measuring part of a run: computes numbers from pixels or from tag histograms."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ _DAMAGED: Final = (
     *("bad_image", "image_size_mismatch", "image_too_large"),
     *("bad_instances", "lossy_instances", "bad_lidar"),
 )
-"""What a file is itself, whatever a configuration asks of it."""
+"""Errors of a file itself, independent of the configuration."""
 COMMIT_EVERY_S: Final = 0.25
-"""How much work a crash may cost, and how often progress is seen to move."""
+"""Interval of commits: how much work a crash may cost, and how often progress moves."""
 
 
 @dataclass(frozen=True)
 class RunScope:
-    """The identities of one run, read once."""
+    """The ids and the configuration of a run, read once."""
 
     run_id: int
     dataset_id: int
@@ -54,7 +54,7 @@ class RunScope:
 
     @classmethod
     def of(cls, session: Session, run: Run) -> RunScope:
-        """What the run's row refers to."""
+        """The scope of a run's row."""
         config = config_of(ConfigRepository(session).with_id(run.config_id))
         return cls(run.id, run.dataset_id, run.measurement_id or 0, config)
 
@@ -72,10 +72,10 @@ class _Source:
 
 @dataclass(frozen=True)
 class _Part:
-    """One chunk of a run: its frames that lack numbers, and what is known of them.
+    """One chunk of a run: its frames that lack numbers, and their rows.
 
-    One that ended processes is worked on frame by frame, each of which is stored before
-    the next one begins: then the first that lacks its numbers is the one that kills.
+    A chunk that ended processes is suspect: each frame is stored before the next one
+    begins, so that the first frame without numbers is the one that ends processes.
     """
 
     scope: RunScope
@@ -88,7 +88,7 @@ class _Part:
 
     @classmethod
     def of(cls, session: Session, task: Task[Run]) -> _Part:
-        """The work of a chunk; nothing if the chunk is done."""
+        """The part for a chunk; without frames if the chunk is done."""
         run = task.row(session)
         scope, chunk = RunScope.of(session, run), task.chunk(session)
         missing = [] if chunk is None else unmeasured_of(session, run, chunk)
@@ -109,7 +109,7 @@ class _Part:
 def plan_frames(
     session: Session, run: Run, *, after: int, most: int, frames: int
 ) -> list[Span]:
-    """Up to so many chunks of frames behind an id that lack their numbers."""
+    """Up to `most` chunks of frames after an id that lack their numbers."""
     missing = EvidenceRepository(session).unmeasured_frames(
         run.dataset_id, run.measurement_id or 0, after=after, limit=most * frames
     )
@@ -120,14 +120,14 @@ def plan_frames(
 
 
 def is_measured(session: Session, scope: RunScope) -> bool:
-    """True if no frame lacks its numbers: none has come in since they were made."""
+    """True if no frame lacks its numbers, not even frames stored during the run."""
     return not EvidenceRepository(session).unmeasured_frames(
         scope.dataset_id, scope.measurement_id, limit=1
     )
 
 
 def unmeasured_of(session: Session, run: Run, chunk: Chunk) -> list[int]:
-    """Frames of a chunk that lack their numbers; none in one that is done."""
+    """Frames of a chunk that lack their numbers; empty if the chunk is done."""
     if chunk.state == "done":
         return []
     return EvidenceRepository(session).unmeasured_frames(
@@ -139,12 +139,12 @@ def unmeasured_of(session: Session, run: Run, chunk: Chunk) -> list[int]:
 
 
 def measure_chunk(task: Task[Run]) -> None:
-    """Make the numbers of a chunk's frames that are not there yet.
+    """Compute and store the missing numbers of a chunk's frames.
 
     Raises
     ------
     JobStopped
-        Before all were made; those that were are stored.
+        It was stopped before the end; numbers computed so far are stored.
     """
     task.check()
     with task.context.database.read() as session:
@@ -155,7 +155,7 @@ def measure_chunk(task: Task[Run]) -> None:
     )
     with closing(results) as rows:
         for measured_frame in rows:
-            # When the service stops, what is measured by then is kept.
+            # When the service stops, frames that are measured already are stored.
             task.check_wanted()
             measured += 1
             buffer.add(measured_frame, is_last=measured == len(part.missing))
@@ -166,9 +166,9 @@ def measure_chunk(task: Task[Run]) -> None:
 
 
 class _Measured(NamedTuple):
-    """The row of a frame's numbers; which of its files is damaged, if one is.
+    """The row of a frame's numbers, and the error of a damaged file, if there is one.
 
-    Or, in place of the row, why its pictures cannot be read within the limits.
+    If its pictures cannot be read within the limits, `refusal` is set and `row` empty.
     """
 
     frame_id: int
@@ -194,7 +194,7 @@ def _numbers(task: Task[Run], part: _Part, frame_id: int) -> _Measured:
 
 
 class _CommitBuffer:
-    """What was measured in each quarter of a second, stored together."""
+    """Buffers measured frames, and stores those of a quarter of a second together."""
 
     def __init__(self, task: Task[Run], part: _Part) -> None:
         self._task, self._part = task, part
@@ -203,7 +203,7 @@ class _CommitBuffer:
         self._begun = time.monotonic()
 
     def add(self, measured: _Measured, *, is_last: bool) -> None:
-        """One more; the last one waits for the caller's `commit`."""
+        """Add a frame; the last one waits for the caller's `commit`."""
         if measured.refusal is None:
             self._measured.append(measured)
         else:
@@ -213,11 +213,11 @@ class _CommitBuffer:
             self.commit(is_whole=False)
 
     def commit(self, *, is_whole: bool) -> None:
-        """Store numbers, count them, and note a chunk that is whole: one transaction.
+        """Store numbers, count them, and mark a complete chunk, in one transaction.
 
         Frames that another process has measured meanwhile are not counted again. A
-        chunk with frames that cannot be read is put into quarantine once all others of
-        it are stored.
+        chunk with frames that cannot be read is quarantined once all its other frames
+        are stored.
         """
         measured, self._measured, self._begun = self._measured, [], time.monotonic()
         scope = self._part.scope
@@ -273,9 +273,9 @@ def _remeasured(
     frame: Frame,
     contents: Mapping[str, bytes],
 ) -> _Measured:
-    """A frame's numbers, as if those of its files had not come that are damaged.
+    """Measure a frame, ignoring files that are damaged.
 
-    They were stored by a version that looked at less of them.
+    Such files were stored by an earlier version, which checked less.
     """
     annotation = parse_annotation(frame.annotation, frame=frame.key)
     size = (frame.width or 0, frame.height or 0)
@@ -296,7 +296,7 @@ def _remeasured(
             if fault.kind not in _DAMAGED or kind not in left:
                 raise
             damage = damage or fault
-            # Without its mask, pixels would count that never should.
+            # Without the ignore mask, pixels would count that must be ignored.
             left = {} if kind == "ignore_mask" else _without(left, kind)
     ids = [source.classes[name] for name in measured.evidence.class_names]
     row = {

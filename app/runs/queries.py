@@ -16,11 +16,11 @@ from filter_core.types import IntArray
 
 FLIP: Final = np.dtype([("box_id", "<i8"), ("before", "u1"), ("after", "u1")])
 BOXES_PER_ROW: Final = 8192
-"""80 KiB: little to read for the history of one box, few rows for a million."""
+"""80 KiB: fast to read for the history of one box, and few rows for a million."""
 
 
 def pack_flips(box_ids: IntArray, before: IntArray, after: IntArray) -> bytes:
-    """Boxes in order of id, with their reasons before and after."""
+    """Pack boxes, given in order of id, with their reasons before and after."""
     record = np.zeros(len(box_ids), FLIP)
     record["box_id"], record["before"], record["after"] = box_ids, before, after
     return record.tobytes()
@@ -59,7 +59,7 @@ class RunRepository:
         return newest(self._session, Run, dataset_id, page)
 
     def last_to_activate(self, dataset_id: int) -> Run | None:
-        """The open run after which no other one will change what is active."""
+        """The last open run that will activate its configuration, if there is one."""
         rows = select(Run).where(
             Run.dataset_id == dataset_id,
             Run.state.in_(OPEN),
@@ -68,9 +68,9 @@ class RunRepository:
         return self._session.scalar(rows.order_by(Run.id.desc()).limit(1))
 
     def has_to_wait(self, run: Run) -> bool:
-        """Whether an earlier run of the dataset is to become active before this one.
+        """Whether an earlier run of the dataset has to be activated before this one.
 
-        Each was asked for as a change of what those before it will have made active.
+        Each run was requested as a change of the settings that earlier ones activate.
         """
         if not run.activate:
             return False
@@ -103,7 +103,7 @@ class RunRepository:
     def record_flips(
         self, run_id: int, box_ids: IntArray, before: IntArray, after: IntArray
     ) -> None:
-        """Store what a run changed; ids are in order."""
+        """Store the changes of a run; ids are in order."""
         portions = [
             slice(start, start + BOXES_PER_ROW)
             for start in range(0, len(box_ids), BOXES_PER_ROW)

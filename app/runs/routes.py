@@ -1,4 +1,4 @@
-"""Routes of configurations, of previews, and of runs."""
+"""Routes of configurations, previews and runs."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ async def config_body(request: Request) -> LoadedConfig:
     media_type = request.headers.get("content-type", "").partition(";")[0].strip()
     if media_type.lower() not in _MEDIA_TYPES:
         raise UnsupportedMedia(
-            "the body must be application/json or application/yaml, "
-            f"it says {media_type or 'nothing'!r}"
+            "expected application/json or application/yaml, "
+            f"found {media_type or 'no media type'!r}"
         )
     return await run_off_loop(request, await request.body(), load_config)
 
@@ -76,7 +76,7 @@ def described_config() -> dict[str, object]:
     """The body for the OpenAPI document."""
     schema = {
         "description": "The keys of filter.yaml, or carlasimu's boundingBox.yaml; "
-        "every key is optional, nothing at all is the defaults.",
+        "every key is optional, and an empty body means all defaults.",
         "anyOf": [
             {"$ref": f"#/components/schemas/{FilterConfigIn.__name__}"},
             {
@@ -119,7 +119,7 @@ def create_config(
     session: WriteSession,
     principal: CurrentPrincipal,
 ) -> Response:
-    """Store a version; it decides nothing before a run applies it."""
+    """Store a version; it has no effect until a run applies it."""
     found = DatasetRepository(session).named(dataset)
     version, created = add_version(
         session,
@@ -146,7 +146,7 @@ def get_config(
 
 @configs_router.get("/datasets/{dataset}/config")
 def get_active_config(dataset: DatasetName, session: ReadSession) -> ConfigVersion:
-    """The version that decides now."""
+    """The active version, by which boxes are decided now."""
     found = DatasetRepository(session).named(dataset)
     return describe_version(found, active_version(session, found))
 
@@ -171,7 +171,7 @@ def activate_config(
 def preview_config(
     dataset: DatasetName, body: PreviewIn, session: ReadSession, services: AppServices
 ) -> Preview:
-    """What a configuration would decide; nothing is written, no pixel is read."""
+    """What a configuration would decide; writes nothing and reads no pixel."""
     found = DatasetRepository(session).named(dataset)
     config = FilterConfig.from_mapping(body.config.root)
     limits = PreviewLimits(flips=body.limit, bins=body.bins)
@@ -222,7 +222,7 @@ def create_run(
 
 @router.get("/runs/{run_id}")
 def get_run(run_id: RowId, session: ReadSession, services: AppServices) -> Run:
-    """A run and how far it is."""
+    """A run and its progress."""
     return described_run(services, session, RunRepository(session).with_id(run_id))
 
 
@@ -243,7 +243,7 @@ async def watch_run(
 def stop_run(
     run_id: RowId, session: WriteSession, services: AppServices, audit: Audited
 ) -> Response:
-    """End a run that is not over; nothing changes in its dataset. 409 if it is over."""
+    """Cancel a run; its dataset does not change. 409 if the run has ended already."""
     run = cancel(services, session, RUNS, run_id)
     described = described_run(services, session, run)
     audit.note(Act.RUN_CANCELLED, run_id, dataset=described.dataset)
@@ -251,7 +251,7 @@ def stop_run(
 
 
 async def diff_page(limit: Limit = 100, cursor: Cursor = None) -> DiffPage:
-    """Which of the flips are asked for."""
+    """The page of flips that a request names by its parameters."""
     return DiffPage(limit, cursor)
 
 
@@ -260,7 +260,7 @@ def compared(
     session: ReadSession,
     against: Annotated[
         int | None,
-        Query(ge=1, le=MAX_ID, description="Another run; else the active one before."),
+        Query(ge=1, le=MAX_ID, description="Another run; default: the former active."),
     ] = None,
 ) -> tuple[tables.Run, tables.Run]:
     """The run to compare with, and the run of the path."""
@@ -279,6 +279,6 @@ def compare_runs(
     services: AppServices,
     page: Annotated[DiffPage, Depends(diff_page)],
 ) -> Response:
-    """Boxes that a run decides otherwise than another, nearest to a threshold first."""
+    """Boxes whose verdicts differ between two runs, nearest to a threshold first."""
     found = run_diff(services, session, runs, page)
     return page_with_link(request, found, found.next_cursor)

@@ -1,8 +1,8 @@
-"""Runs asked for, begun, described and cancelled.
+"""Runs: requests for them, their jobs and their descriptions.
 
-The work of a run is done outside of any transaction; then one transaction looks for
-frames that came in meanwhile, stores what changed, and makes its verdicts current.
-Nobody ever sees a dataset that is half decided.
+Frames are measured in many small transactions. One final transaction checks for new
+frames, stores the changes, and makes the run's verdicts current, so that nobody ever
+sees a dataset that is half decided.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ _MOST_NAMED: Final = 20
 
 @dataclass(frozen=True)
 class RunRequest:
-    """A run as it was asked for.
+    """The parameters of a new run.
 
-    `channels` are to be measured besides those that the configuration decides by.
+    `channels` are measured in addition to those by which the configuration decides.
     """
 
     config: str | FilterConfig
@@ -78,7 +78,7 @@ def request_run(
 def coming_settings(
     session: Session, dataset: Dataset
 ) -> tuple[DatasetReading, FilterConfig]:
-    """What is active when all runs are done: what the next change is a change of."""
+    """The settings that are active when all open runs are done: the base of changes."""
     reading = DatasetReading.of(dataset)
     run = RunRepository(session).last_to_activate(dataset.id)
     if run is None:
@@ -127,20 +127,20 @@ def describe_run(
 
 
 def described_run(context: ServiceContext, session: Session, run: Run) -> wire.Run:
-    """A run with the names of what it refers to."""
+    """A run as responses show it, with its dataset's name and its digest looked up."""
     dataset = DatasetRepository(session).with_id(run.dataset_id)
     digest = ConfigRepository(session).with_id(run.config_id).digest
     return describe_run(context, run, dataset.name, digest)
 
 
 class RunJobs:
-    """Chunks are frames that lack their numbers; the final step decides all boxes."""
+    """The job kind of runs: chunks measure frames, the final step decides all boxes."""
 
     table = Run
     final_step: str | None = "deciding its boxes"
 
     def may_begin(self, session: Session, row: Run) -> bool:
-        """Whether no earlier run of the dataset is to become active before this one."""
+        """Whether the run may begin: False if an earlier one has to activate first."""
         return not RunRepository(session).has_to_wait(row)
 
     def begin(self, session: Session, row: Run) -> None:
@@ -165,7 +165,7 @@ class RunJobs:
         measure_chunk(task)
 
     def finish(self, task: Task[Run]) -> None:
-        """Decide, and end the run, unless frames have come in meanwhile."""
+        """Decide all boxes and end the run, unless there are new frames to measure."""
         decide_all(task)
 
     def unfinished(self, session: Session, row: Run, chunk: Chunk) -> list[int]:
@@ -179,7 +179,7 @@ class RunJobs:
         ends: set[tuple[int, int]] = set()
         for chunk in chunks:
             left = unmeasured_of(session, row, chunk)
-            if chunk.error:  # these could not be read, and those between them could
+            if chunk.error:  # these frames cannot be read; those between them can
                 ends.update((frame_id, frame_id) for frame_id in left)
             elif left:
                 ends.add((left[0], left[-1]))
@@ -196,7 +196,7 @@ class RunJobs:
         return f"{word} {', '.join(named)}" if named else ""
 
     def describe(self, context: ServiceContext, session: Session, row: Run) -> wire.Run:
-        """A run with the names of what it refers to."""
+        """A run as responses show it."""
         return described_run(context, session, row)
 
 

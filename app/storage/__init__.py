@@ -1,4 +1,4 @@
-"""Storage of blobs: files named by the digest of their content."""
+"""Storage of blobs, which are files named by the SHA-256 digest of their content."""
 
 from __future__ import annotations
 
@@ -62,12 +62,12 @@ class MissingLibrary(Exception):
 
 
 def open_store(settings: Settings) -> BlobStore:
-    """The store that the settings name; `prepare` has to be called before it is used.
+    """The storage of the settings; call `prepare` before using it.
 
     Raises
     ------
     MissingLibrary
-        Files are to be in S3, and the library for that is not installed.
+        The storage is S3, and the library for it is not installed.
     """
     local = settings.data / BLOBS
     bucket = bucket_of(settings.storage)

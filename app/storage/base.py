@@ -1,4 +1,4 @@
-"""The interface of stores of blobs (a folder or a bucket), and what they share."""
+"""The interface of blob stores (a folder or a bucket), and code that they share."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
 PIECE: Final = 4 * 1024**2
-"""Bytes of a blob in memory at a time while it is sent."""
+"""Bytes of a blob that are in memory at a time while it is sent."""
 
 
 def sha256_of(data: bytes) -> str:
-    """The name of a blob."""
+    """The digest of a blob, which is its name."""
     return hashlib.sha256(data).hexdigest()
 
 
@@ -27,19 +27,19 @@ def place_of(digest: str) -> str:
 
 
 class Drafts:
-    """Blobs that are being put into a store; each store has a subclass of its own."""
+    """Blobs that are being put into a store; each store has its own subclass."""
 
 
 class Unsure(Exception):
-    """Raised where only a store on another machine knows whether blobs are still there.
+    """Raised if a request to a remote store is needed to find out if blobs exist.
 
-    It ends the transaction that would refer to them, since nobody should wait to write
-    while that store is asked. Afterwards `BlobStore.make_sure` asks, and the
-    transaction is tried again.
+    It rolls back the transaction that would refer to them, since no request should be
+    made while others wait to write. Then `BlobStore.make_sure` makes the request, and
+    the transaction is retried.
     """
 
     def __init__(self, digests: Sequence[str]) -> None:
-        super().__init__(f"{len(digests)} blobs have to be asked for")
+        super().__init__(f"{len(digests)} blobs have to be looked up")
         self.digests = digests
 
 
@@ -47,8 +47,8 @@ class Unsure(Exception):
 class Blob:
     """A stored blob, read in parts.
 
-    `part` gives the bytes from the first offset up to the second; `path` is where the
-    blob lies if it is a file of this machine.
+    `part` returns the bytes from the first offset up to the second; `path` is set if
+    the blob is a file on this machine.
     """
 
     size_bytes: int
@@ -56,13 +56,13 @@ class Blob:
     path: Path | None = None
 
     def pieces(self, first: int = 0, end: int | None = None) -> Iterator[bytes]:
-        """The bytes from `first` up to `end`, some megabytes at a time."""
+        """The bytes from `first` up to `end`, a few megabytes at a time."""
         end = self.size_bytes if end is None else end
         for start in range(first, end, PIECE):
             yield self.part(start, min(start + PIECE, end))
 
     def digest(self) -> str:
-        """The digest of the content; it is never held as a whole."""
+        """The digest of the content, which is read in pieces."""
         found = hashlib.sha256()
         for piece in self.pieces():
             found.update(piece)
@@ -72,7 +72,7 @@ class Blob:
 class BlobStore(Protocol):
     """Blobs named by their SHA-256; safe for several writers in several processes.
 
-    Whatever asks a store on another machine may raise `StorageAway`.
+    Methods that send requests to a remote store may raise `StorageAway`.
     """
 
     def prepare(self) -> None:
@@ -82,19 +82,19 @@ class BlobStore(Protocol):
         """Try to write; raises what `put` would raise now."""
 
     def put(self, blobs: Mapping[str, bytes]) -> None:
-        """Store blobs by their digests; when this returns they survive a power cut.
+        """Store blobs by their digests; when this returns, they are durable.
 
-        A blob that is there already counts as put now (see `remove`).
+        A blob that exists already counts as put now (see `remove`).
         """
 
     def draft(self, blobs: Mapping[str, bytes]) -> Drafts:
-        """Begin to put blobs; call `settle` or `discard` afterwards."""
+        """Start putting blobs; call `settle` or `discard` afterwards."""
 
     def settle(self, many: Sequence[Drafts]) -> None:
         """Finish drafts: when this returns, their blobs are stored as by `put`."""
 
     def discard(self, many: Sequence[Drafts]) -> None:
-        """Give up drafts, in place of `settle`."""
+        """Drop drafts, instead of `settle`."""
 
     def read(self, digest: str) -> bytes:
         """The bytes of a blob; DamagedFile if it is missing or its digest is wrong."""
@@ -111,24 +111,24 @@ class BlobStore(Protocol):
     def require(self, digests: Iterable[str]) -> None:
         """Check that no blob was removed since it was put.
 
-        Call it in the transaction that will refer to the blobs; it asks no other
-        machine.
+        Call it in the transaction that will refer to the blobs; it sends no request to
+        another machine.
 
         Raises
         ------
         TryLater
             One is missing; if the client sends it again, it is put again.
         Unsure
-            Another machine has to be asked: end the transaction, call `make_sure`, and
-            begin again.
+            A remote store has to be queried: end the transaction, call `make_sure`, and
+            retry.
         """
 
     def make_sure(self, digests: Iterable[str]) -> None:
-        """Ask whether blobs are there that were put a moment ago.
+        """Check in a remote store that recently put blobs exist.
 
-        Call it outside of transactions, and only after a transaction that `Unsure`
-        ended. Blobs are removed only in a turn to write; so an earlier removal has
-        ended by then, and for a later one these blobs are too young.
+        Call it outside of transactions, and only after a transaction that `Unsure` has
+        ended. Blobs are removed only while holding the turn to write; so an earlier
+        removal has ended by then, and for a later one these blobs are too young.
 
         Raises
         ------
@@ -140,10 +140,10 @@ class BlobStore(Protocol):
         """Put those of these blobs that are missing or of another size."""
 
     def remove(self, digests: Sequence[str], *, unused_since: float) -> dict[str, int]:
-        """Remove blobs that were not put since a time; sizes of the removed ones."""
+        """Remove blobs that were not put since a time; returns the removed sizes."""
 
     def adopt(self, file: Path) -> str:
-        """Move a finished file from the temporary folder into the store; its digest."""
+        """Move a file from the temporary folder into the store; returns its digest."""
 
     def files(self) -> Iterator[StoredFile]:
         """All blobs."""
@@ -177,7 +177,7 @@ def stored_files(folder: Path) -> Iterator[StoredFile]:
         if _DIGEST.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
             try:
                 found = entry.stat(follow_symlinks=False)
-            except FileNotFoundError:  # gone since the folder was read
+            except FileNotFoundError:  # deleted since the folder was read
                 continue
             yield StoredFile(entry.name, found.st_size, found.st_mtime)
 
@@ -199,12 +199,12 @@ def leftovers(folder: Path) -> Iterator[tuple[Path, float]]:
 
 
 def export_of(leftover: Path) -> str:
-    """The export that an unfinished file belongs to, as ``export-7``."""
+    """The export to which an unfinished file belongs, as ``export-7``."""
     return "-".join(leftover.name.split("-")[:2])
 
 
 def digest_of(file: Path) -> str:
-    """The digest of a file's content; it is never held as a whole."""
+    """The digest of a file's content, which is read in pieces."""
     digest = hashlib.sha256()
     with file.open("rb") as stream:
         while chunk := stream.read(_CHUNK):

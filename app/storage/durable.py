@@ -11,7 +11,7 @@ from typing import Final
 
 
 def flush_file(file: Path) -> None:
-    """Return when the content of a file is on the disk."""
+    """Flush the content of a file to the disk."""
     descriptor = os.open(file, os.O_RDWR)
     try:
         os.fsync(descriptor)
@@ -20,7 +20,7 @@ def flush_file(file: Path) -> None:
 
 
 def flush_folder(folder: Path) -> None:
-    """Return when the entries of a folder are on the disk."""
+    """Flush the entries of a folder to the disk."""
     # A rename is only durable once its folder is. Windows cannot open folders, and
     # does not need to.
     if os.name == "nt":
@@ -33,9 +33,9 @@ def flush_folder(folder: Path) -> None:
 
 
 def flush_everything(folder: Path) -> None:
-    """Return when everything below a folder is on the disk."""
+    """Flush everything below a folder to the disk."""
     if hasattr(os, "sync"):
-        # A hundred thousand files at once, not one after the other.
+        # Flushes a hundred thousand files at once instead of one by one.
         os.sync()
         return
     for path in folder.rglob("*"):
@@ -44,9 +44,9 @@ def flush_everything(folder: Path) -> None:
 
 
 def make_folder(folder: Path, mode: int = 0o700) -> None:
-    """Make a folder and the folders above it, so that they survive a power cut.
+    """Create a folder and its parents durably.
 
-    If the folder itself were lost, so would be everything in it, flushed or not.
+    If a power failure lost the folder, it would lose everything in it, even if flushed.
     """
     if folder.is_dir():
         return

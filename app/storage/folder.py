@@ -1,4 +1,4 @@
-"""Blobs in a folder: put, read and removed."""
+"""A blob store in a folder."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from app.storage.base import (
 from app.storage.durable import flush_file, flush_folder, make_folder
 
 _PREFIX_LENGTH: Final = 2
-"""Characters of the digest that name the sub-folder: 256 of them."""
+"""Characters of the digest that name the sub-folder, of which there are 256."""
 _NEW_FILE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
 
@@ -50,9 +50,9 @@ class FolderStorage:
             self.prepare()
 
     def prepare(self) -> None:
-        """Make the folder and its 256 sub-folders, where they are missing."""
-        # All of them now: later, a writer could find a sub-folder that another one has
-        # made but not flushed, and would have to flush its parent as well.
+        """Create the folder and its 256 sub-folders, where they are missing."""
+        # All at once: later, a writer could find a sub-folder that another one has
+        # created but not flushed, and would have to flush its parent as well.
         make_folder(self.folder)
         for number in range(16**_PREFIX_LENGTH):
             name = f"{number:0{_PREFIX_LENGTH}x}"
@@ -66,15 +66,15 @@ class FolderStorage:
             file.write(b"ready?")
 
     def put(self, blobs: Mapping[str, bytes]) -> None:
-        """Store blobs by their digests; when this returns they survive a power cut.
+        """Store blobs by their digests; when this returns, they are durable.
 
-        A blob that is there already is not written again. Its folder is flushed all
-        the same: another writer may not have done that yet.
+        A blob that exists already is not written again. Its folder is still flushed:
+        another writer may not have done that yet.
         """
         self.settle([self.draft(blobs)])
 
     def draft(self, blobs: Mapping[str, bytes]) -> FolderDrafts:
-        """Write blobs beside their final paths; `settle` or `discard` them later."""
+        """Write blobs next to their final paths; `settle` or `discard` them later."""
         drafts = FolderDrafts([self.path(digest) for digest in blobs])
         try:
             for path, data in zip(drafts.places, blobs.values(), strict=True):
@@ -88,8 +88,8 @@ class FolderStorage:
     def settle(self, many: Sequence[Drafts]) -> None:
         """Make drafts durable blobs: each file and each folder is flushed once.
 
-        All files come before all folders: one flush often writes the data of others as
-        well, which makes theirs quick.
+        All files are flushed before all folders: one flush often writes data of other
+        files as well, which makes their own fast.
         """
         try:
             for draft, _ in _files(many):
@@ -158,10 +158,10 @@ class FolderStorage:
             One is missing; if the client sends it again, it is put again.
         """
         if not all(self.path(digest).exists() for digest in digests):
-            raise TryLater("a file was cleared away meanwhile; send the frame again")
+            raise TryLater("a file was deleted meanwhile; send the frame again")
 
     def make_sure(self, digests: Iterable[str]) -> None:
-        """As `require`, which is never unsure of files of this machine."""
+        """As `require`, which never raises `Unsure` for files on this machine."""
         self.require(digests)
 
     def put_missing(self, blobs: Mapping[str, bytes]) -> None:
@@ -175,7 +175,7 @@ class FolderStorage:
             self.put(lost)
 
     def remove(self, digests: Sequence[str], *, unused_since: float) -> dict[str, int]:
-        """Remove blobs that were not put since a time; sizes of the removed ones."""
+        """Remove blobs that were not put since a time; returns the removed sizes."""
         removed = {}
         for digest in digests:
             path = self.path(digest)
@@ -190,7 +190,7 @@ class FolderStorage:
         return removed
 
     def adopt(self, file: Path) -> str:
-        """Move a finished file of the same file system into the store."""
+        """Move a file of the same file system into the store; returns its digest."""
         flush_file(file)
         name = digest_of(file)
         path = self.path(name)
@@ -228,7 +228,7 @@ class FolderStorage:
         return draft
 
     def close(self) -> None:
-        """Nothing has to be released."""
+        """Do nothing: there are no resources to release."""
 
 
 def _own(many: Sequence[Drafts]) -> Iterator[FolderDrafts]:
@@ -249,10 +249,10 @@ def _part(path: Path, first: int, end: int) -> bytes:
 
 
 def _holds(path: Path, size_bytes: int) -> bool:
-    """Whether a blob is there with its full size.
+    """Whether a blob exists with its full size.
 
-    If so, it counts as put now, so that garbage collection leaves it until a row refers
-    to it.
+    If so, its time is set to now, so that garbage collection keeps it until a row
+    refers to it.
     """
     try:
         if path.stat().st_size != size_bytes:

@@ -1,7 +1,7 @@
-"""Checks that the disk has room for uploads, and keeps a reserve for deleting.
+"""Checks that the disk has space for uploads, and keeps a reserve for deletions.
 
 On a full disk SQLite cannot delete anything, because it first writes its log. So the
-data folder contains a file without content of use, which is deleted in that case.
+data folder contains a placeholder file, which is deleted in that case.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ RESERVE_BYTES: Final = 32 * 1024**2
 MOST_OF_DISK: Final = 16
 """The reserve is at most the disk's size divided by this."""
 DELETING_BYTES: Final = 4 * 1024**2
-"""Bytes that a request which deletes writes at most.
+"""Bytes that a request for a deletion writes at most.
 
-Deleting a frame of very many revisions writes more.
+Deleting a frame with very many revisions writes more.
 """
 RETRY_S: Final = 30
 _PIECE: Final = 1024**2
@@ -35,34 +35,34 @@ log = logging.getLogger(__name__)
 
 
 def free_bytes(folders: Iterable[Path]) -> int:
-    """Free bytes on the disks of these folders: the smallest number."""
+    """The smallest number of free bytes on the disks of these folders."""
     return min(shutil.disk_usage(folder).free for folder in folders)
 
 
 def require_room(settings: Settings, store: BlobStore) -> None:
-    """Refuse an upload if too little of the disk is free.
+    """Refuse an upload if there is too little free disk space.
 
     Raises
     ------
     StorageFull
-        Less is free than `min_free_bytes`.
+        Fewer than `min_free_bytes` are free.
     """
     free = free_bytes((settings.data, store.temporary_folder()))
     if free < settings.min_free_bytes:
         raise StorageFull(
             f"{free} bytes are free on the disk of the service, and "
             f"{int(settings.min_free_bytes)} have to stay free; nothing more is stored "
-            "until there is room",
+            "until there is disk space",
             retry_after_s=RETRY_S,
         )
 
 
 class DeletionSignal(threading.Event):
-    """Set after a deletion: rows can be removed, and the reserve made again."""
+    """Set after a deletion, so that rows are removed and the reserve is restored."""
 
 
 class Reserve:
-    """A file of the data folder that is deleted to make room for deleting."""
+    """A placeholder file that is deleted to make disk space for deletions."""
 
     def __init__(self, data: Path) -> None:
         self.path = data / RESERVE
@@ -75,20 +75,19 @@ class Reserve:
         )
 
     def give_up(self, needed_bytes: int | None = None) -> bool:
-        """Delete the reserve if there is too little room to delete; whether it did.
+        """Delete the reserve if there is too little disk space; returns if it did.
 
-        Too little is less than `needed_bytes`, or, without them, less than the size of
-        the reserve.
+        Too little is less than `needed_bytes`, by default the size of the reserve.
         """
         needed = self.size_bytes if needed_bytes is None else needed_bytes
         if self.path.exists() and free_bytes([self.path.parent]) < needed:
             self.path.unlink(missing_ok=True)
-            log.warning("the disk is full: the reserve is given up to delete something")
+            log.warning("the disk is full: the reserve is released for a deletion")
             return True
         return False
 
     def keep(self, min_free_bytes: int) -> None:
-        """Make the reserve if it is missing and `min_free_bytes` stay free besides."""
+        """Create a missing reserve, if `min_free_bytes` stay free in addition."""
         size = self.size_bytes
         if self.path.exists() or free_bytes([self.path.parent]) < size + min_free_bytes:
             return
@@ -103,7 +102,7 @@ class Reserve:
 
 
 def _allocate(file: io.RawIOBase, size: int) -> None:
-    """Allocate so many bytes of the disk for a file: a sparse file would take none."""
+    """Allocate disk space for a file, which a sparse file would not."""
     if hasattr(os, "posix_fallocate"):
         os.posix_fallocate(file.fileno(), 0, size)
         return

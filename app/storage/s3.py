@@ -1,7 +1,7 @@
-"""Blobs in a bucket of Amazon's S3, or of a server with the same API.
+"""A blob store in a bucket of Amazon S3, or of a server with the same API.
 
-S3 promises that a put is durable when it returns, and that a blob is never visible in
-parts. So nothing has to be renamed or flushed.
+S3 guarantees that a put is durable when it returns, and that a blob is never partly
+visible. So nothing has to be renamed or flushed.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from obstore.store import ClientConfig, RetryConfig, S3Config
 
 MAX_PARALLEL: Final = 16
-"""How many blobs are put, and how many requests sent beside them, at a time."""
+"""Maximum number of concurrent puts, and of other concurrent requests."""
 SMALL_BYTES: Final = 2 * PIECE
 """Blobs up to this size are read once: they are verified and sent from memory."""
 PART_BYTES: Final = 8 * 1024**2
@@ -49,10 +49,10 @@ PART_BYTES: Final = 8 * 1024**2
 CLOCK_STEP_S: Final = 1.0
 """S3 rounds times down to whole seconds."""
 YOUNG: Final = 12
-"""Blobs are removed at the earliest after so many times `trust_s`.
+"""Minimum age at which blobs are removed, as a multiple of `trust_s`: an hour.
 
-That is an hour. The clocks differ by less: S3 refuses requests with a clock that is
-more than a quarter of an hour off.
+Clocks differ by less: S3 refuses requests whose clock is off by more than a quarter of
+an hour.
 """
 MOST_TRUSTED: Final = 20_000
 _READY: Final = "ready"
@@ -68,30 +68,30 @@ class S3Drafts(Drafts):
 
 
 class S3Storage:
-    """A store of blobs in a bucket; keys are as paths in a folder."""
+    """A store of blobs in a bucket; keys are the same as paths in a folder."""
 
     def __init__(self, place: S3Place, local: Path) -> None:
         self._store, self._probe = retrying_client(place), quick_client(place)
         self._local = local
         self._patience_s = 2 * place.timeout_s
         self._recent = _RecentBlobs(place.trust_s)
-        # Two pools: garbage collection asks within its turn to write, and must not wait
-        # for puts.
+        # Two pools: garbage collection sends requests while it holds the turn to write,
+        # and must not wait for puts.
         self._puts = ThreadPoolExecutor(MAX_PARALLEL, "s3-puts")
         self._asks = ThreadPoolExecutor(MAX_PARALLEL, "s3-asks")
         self._slots = threading.BoundedSemaphore(MAX_PARALLEL)
 
     def prepare(self) -> None:
-        """Check that blobs can be put and listed; make the local folder."""
+        """Check that blobs can be put and listed; create the local folder."""
         self.check()
         with translated():
             next(self._probe.list(chunk_size=1), None)
         make_folder(self._local)
 
     def check(self) -> None:
-        """Try to create a key, which takes the same permissions as `put`.
+        """Try to create a key, which needs the same permissions as `put`.
 
-        It exists after the first time, so a bucket with versions does not fill up.
+        It exists after the first time, so a bucket with versioning does not fill up.
         """
         with suppress(AlreadyExistsError), translated():
             self._probe.put(_READY, b"ready?", mode="create")
@@ -99,14 +99,14 @@ class S3Storage:
     def put(self, blobs: Mapping[str, bytes]) -> None:
         """Store blobs by their digests; when this returns, they are durable.
 
-        A blob that is there is put again, since only its time shows that it is in use.
+        An existing blob is put again, since only its time shows that it is in use.
         """
         self.settle([self.draft(blobs)])
 
     def draft(self, blobs: Mapping[str, bytes]) -> S3Drafts:
-        """Begin to put blobs; waits while `MAX_PARALLEL` others are being put.
+        """Start putting blobs; waits while `MAX_PARALLEL` others are being put.
 
-        So only few blobs are in memory, however slow the store is.
+        This limits the number of blobs in memory if the store is slow.
         """
         drafts = S3Drafts([])
         try:
@@ -123,7 +123,7 @@ class S3Storage:
             put.result()
 
     def discard(self, many: Sequence[Drafts]) -> None:
-        """Give up puts that have not begun; garbage collection removes the rest."""
+        """Cancel puts that have not begun; garbage collection removes the others."""
         for put in _puts_of(many):
             put.cancel()
 
@@ -169,15 +169,15 @@ class S3Storage:
             raise Unsure(unsure)
 
     def make_sure(self, digests: Iterable[str]) -> None:
-        """Ask for blobs; TryLater if one was removed since it was put."""
+        """Look up blobs; raises TryLater if one was removed since it was put."""
         asked, begun = list(digests), time.monotonic()
         if not all(self._asks.map(self._find, asked)):
-            raise TryLater("a file was cleared away meanwhile; send the frame again")
+            raise TryLater("a file was deleted meanwhile; send the frame again")
         for digest in asked:
             self._recent.add(digest, begun)
 
     def put_missing(self, blobs: Mapping[str, bytes]) -> None:
-        """Put those of stored blobs again that are gone, or of another size."""
+        """Put those of these blobs that are missing or of another size."""
         found = zip(blobs, self._asks.map(self._find, blobs), strict=True)
         sizes = {digest: file.size_bytes for digest, file in found if file}
         lost = {
@@ -189,9 +189,9 @@ class S3Storage:
             self.put(lost)
 
     def remove(self, digests: Sequence[str], *, unused_since: float) -> dict[str, int]:
-        """Remove blobs that were not put since a time; the sizes of the removed ones.
+        """Remove blobs that were not put since a time; returns sizes of removed ones.
 
-        Young ones stay in any case, since `require` does not ask for them.
+        Young ones always stay, since `require` does not look them up.
         """
         young_s = YOUNG * self._recent.trust_s
         until = min(unused_since, time.time() - young_s) if young_s else unused_since
@@ -200,7 +200,7 @@ class S3Storage:
         return {digest: size for digest, size in sizes if size is not None}
 
     def adopt(self, file: Path) -> str:
-        """Put a finished file, in parts if it is large, and delete it; its digest."""
+        """Put a file, in parts if it is large, and delete it; returns its digest."""
         digest = digest_of(file)
         with translated():
             self._store.put(
@@ -224,13 +224,13 @@ class S3Storage:
         return leftovers(self._local)
 
     def temporary_folder(self) -> Path:
-        """Where exports are written before they are put."""
+        """A local folder in which exports are written before they are put."""
         folder = self._local / "tmp"
         make_folder(folder)
         return folder
 
     def close(self) -> None:
-        """Let each thread end after what it does now."""
+        """Let each thread end after its current request."""
         self._puts.shutdown(wait=False, cancel_futures=True)
         self._asks.shutdown(wait=False, cancel_futures=True)
 
@@ -251,7 +251,7 @@ class S3Storage:
             with translated():
                 self._store.put(key, data, mode="create")
         except AlreadyExistsError:
-            # Another process may be removing the old one: see `Unsure`.
+            # Another process may be removing the existing blob: see `Unsure`.
             with translated():
                 self._store.put(key, data, use_multipart=False)
         else:
@@ -311,7 +311,7 @@ class _RecentBlobs:
                 del self._at[next(iter(self._at))]
 
     def discard(self, digest: str) -> None:
-        """Remove a blob, which is not there any more."""
+        """Remove a blob that no longer exists."""
         with self._lock:
             self._at.pop(digest, None)
 
@@ -334,10 +334,10 @@ def _wrong_size(digest: str, found: int, size_bytes: int) -> DamagedFile:
 
 CONNECT_S: Final = 3
 PROBE_S: Final = 5.0
-"""Time limit of a request that only finds out whether the store answers."""
+"""Timeout of a request that only checks whether the store responds."""
 MOST_RETRIES: Final = 4
 TRUST_S: Final = 300.0
-"""How long a blob that was put or found is taken to be there without asking."""
+"""How long a blob that was put or found is assumed to exist without a request."""
 NO_BUCKET: Final = "NoSuchBucket"
 NO_KEYS: Final = "NoKeys"
 _ROLES: Final = "169.254.169.254"
@@ -346,10 +346,10 @@ _CODE: Final = re.compile(r"<Code>(\w{1,64})</Code>")
 
 @dataclass(frozen=True)
 class S3Place:
-    """Where a bucket is, and how long its server may take.
+    """The address of a bucket, and its timeouts.
 
     An `endpoint` without TLS needs `plain`. Without a `region`, that of the environment
-    is used. `timeout_s` limits one attempt, and the time in which another may begin.
+    is used. `timeout_s` limits each attempt, and the time for starting retries.
     """
 
     bucket: Bucket
@@ -361,12 +361,12 @@ class S3Place:
 
 
 def retrying_client(place: S3Place) -> S3Store:
-    """A client that repeats failed requests."""
+    """A client that retries failed requests."""
     return _opened(place, place.timeout_s, MOST_RETRIES)
 
 
 def quick_client(place: S3Place) -> S3Store:
-    """A client that fails soon, to find out whether the store answers."""
+    """A client with a short timeout, to check whether the store responds."""
     return _opened(place, min(PROBE_S, place.timeout_s), 1)
 
 
@@ -411,7 +411,7 @@ def translated(*, absent: bool = False) -> Iterator[None]:
 
 
 def _away(reason: str) -> StorageAway:
-    error_log.warning("the store of the files does not answer: %s", reason)
+    error_log.warning("the storage of the files does not respond: %s", reason)
     return StorageAway(reason)
 
 
@@ -421,5 +421,5 @@ def _reason(exc: Exception) -> str:
     code = _CODE.search(text)
     if code:
         return code[1]
-    # Without keys in the environment, the role of the machine is asked for some.
+    # Without keys in the environment, the library requests those of the machine's role.
     return NO_KEYS if _ROLES in text else type(exc).__name__

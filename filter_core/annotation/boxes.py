@@ -1,7 +1,7 @@
-"""The boxes of an annotation, read from JSON; every fault in them is noted.
+"""Reads the boxes of an annotation from JSON, and collects every fault in them.
 
-`read_boxes` is what parsing calls. Faults are collected in a `Faults`, so that one pass
-finds all of them; a box with a fault is left out of the result.
+Faults are collected in a `Faults`, so that one pass finds all of them; a box with a
+fault is not in the result.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def read_boxes(
 
 
 def box_place(index: int, raw: object) -> BoxPlace:
-    """The place of a box, also of one that is no object."""
+    """The place of a box, even if it is not an object."""
     return BoxPlace(index, raw.get("id") if isinstance(raw, Mapping) else None)
 
 
@@ -148,7 +148,7 @@ def _read_instance(raw: Mapping[str, object], at: Place, faults: Faults) -> int 
 def read_extra(
     raw: Mapping[str, object], known: frozenset[str], at: Place, faults: Faults
 ) -> dict[str, object]:
-    """What exports write unchanged: ``extra``, and every key not in `known`."""
+    """The data that exports write unchanged: ``extra``, and keys not in `known`."""
     given = raw.get("extra")
     extra = {} if given is None else read_kept_object(given, at / "extra", faults)
     if raw.keys() <= known:

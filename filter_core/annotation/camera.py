@@ -1,7 +1,7 @@
-"""The camera and the other sensors of an annotation, read from JSON; faults are noted.
+"""Reads the camera and the other sensors of an annotation from JSON; collects faults.
 
-`read_camera` gives a camera only where all of it is there and without a fault. It gives
-the size of the camera's image also without one, because 2D boxes need no more.
+`read_camera` returns a camera only if all of its keys are there and valid. It returns
+the size of the image even without a camera, because 2D boxes need only that.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ _KNOWN_KEYS: Final = frozenset({"width", "height", *_OPTICS, *_POSES})
 def read_camera(value: object, faults: Faults) -> tuple[Camera | None, _Size | None]:
     """The camera if all of it is given, and the size of its image; null is no camera.
 
-    A matrix ``intrinsic`` can stand for ``fov``, and a matrix ``world_to_camera`` for
-    ``transform``. Where neither of a pair is given there is no camera, but a size.
+    A matrix ``intrinsic`` can replace ``fov``, and a matrix ``world_to_camera``
+    ``transform``. If neither key of a pair is given, only the size is returned.
     """
     if value is None:
         return None, None
@@ -86,7 +86,7 @@ def _only_one(
 ) -> str | None:
     given = [key for key in keys if value.get(key) is not None]
     if len(given) > 1:
-        # Two that disagree would project differently, and nothing says which is meant.
+        # If the two disagree, it is unknown which one is meant.
         faults.add(at, "contradiction", f"{keys[0]} or {keys[1]}", "both")
     return given[0] if given else None
 
@@ -139,9 +139,9 @@ def _motion(pose: Transform | _Rows) -> FloatArray:
 
 
 def require_camera(raw: Mapping[str, object], faults: Faults) -> None:
-    """Note as a fault that 3D boxes cannot be projected: the camera is incomplete.
+    """Add a fault if there are 3D boxes but the camera is incomplete.
 
-    Only for a camera that has no faults of its own, since those say more.
+    Only for a camera without faults of its own, because those say more.
     """
     box = _first_3d_box(raw.get("boxes"))
     if box is None:

@@ -1,8 +1,7 @@
-"""The annotation of one frame once it is read, and its boxes as rectangles.
+"""The parsed annotation of one frame, and its boxes as rectangles.
 
-`filter_core.annotation.parsing` makes these values from JSON; they are not changed
-afterwards. `frame_boxes_2d` puts the boxes, whatever form they were given in, into the
-frame's image.
+`filter_core.annotation.parsing` makes these objects from JSON; they are immutable.
+`frame_boxes_2d` converts boxes of any form to rectangles in the frame's image.
 """
 
 from __future__ import annotations
@@ -33,10 +32,10 @@ GEOMETRIES: Final = (*FORMS, *FORMS_3D)
 """The keys under which a box can give its geometry, exactly one of them."""
 
 _MIN_KEYS: Final = 200_000
-"""Keys of JSON that any annotation may have, also one of few boxes."""
+"""Number of JSON keys that every annotation may have, even with few boxes."""
 
 _OUTSIDE: Final = (-2.0, -2.0, -1.0, -1.0)
-"""A rectangle that every profile finds outside of every image."""
+"""A rectangle that is outside of every image, in each profile."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,7 @@ class BoxAnnotation:
         As given.
     instance_id : int or None
     extra : dict
-        Keys that the product does not know, kept to be given back.
+        Unknown keys, which are kept and returned.
     raw : mapping
         The box as given.
     """
@@ -140,7 +139,7 @@ class FrameAnnotation:
     weather : dict
     sensors : dict of Sensor
     extra : dict
-        Keys of the frame that the product does not know.
+        Unknown keys of the frame.
     raw : mapping
         The annotation as given.
     """

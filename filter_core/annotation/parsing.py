@@ -1,6 +1,6 @@
-"""The JSON of one frame's annotation, read and checked: every fault in one pass.
+"""Parses and checks the JSON of one frame's annotation; finds all faults in one pass.
 
-`parse_annotation` takes JSON, or the mapping it decodes to, and gives a
+`parse_annotation` takes JSON, or the mapping it decodes to, and returns a
 `FrameAnnotation`, or raises all faults, each with its place. JSON is read more strictly
 than Python does: a key that occurs twice is a fault, because one of its values would be
 lost.
@@ -89,8 +89,8 @@ def without_key(
 ) -> tuple[str, Mapping[str, object] | bytes]:
     """The frame's key, taken from its annotation, and the annotation without it.
 
-    Where the annotation has no ``key``, or is no object, or has a key twice, that is
-    `name` and the annotation as given: `parse_annotation` says what is wrong with it.
+    If the annotation has no ``key``, is no object, or has a key twice, the result is
+    `name` and the annotation as given: `parse_annotation` reports the error.
 
     Raises
     ------

@@ -74,7 +74,7 @@ DistanceT = TypeVar("DistanceT")
 
 @dataclass(frozen=True, kw_only=True, init=False, eq=False, repr=False)
 class ClassKeys(Generic[ShareT, CountT, DistanceT]):
-    """The keys that single classes can override, declared once for four classes.
+    """The keys that single object classes can override, for four Python classes.
 
     They differ in the type of the values: `DecideConfig` has the global values,
     `ClassConfig` those that one class overrides, or `INHERIT`; `ClassLimits` has the
@@ -419,10 +419,10 @@ _Config = TypeVar("_Config", bound=DecideConfig)
 
 @dataclass(frozen=True, kw_only=True)
 class FilterConfig(DecideConfig):
-    """Everything that a verdict depends on besides pixels and boxes.
+    """Everything that a verdict depends on, except pixels and boxes.
 
-    To the keys of `DecideConfig` it adds those that say how images are read and 3D
-    boxes projected.
+    In addition to the keys of `DecideConfig`, it has those for reading images and
+    projecting 3D boxes.
     """
 
     projection: ProjectionMode = declared(
@@ -480,15 +480,14 @@ class FilterConfig(DecideConfig):
         dataset_name: str = "the dataset",
         ignored: JsonObject | None = None,
     ) -> MeasureConfig:
-        """What measured numbers depend on, agreed with the dataset.
+        """The settings on which measured numbers depend, completed by the dataset's.
 
         Parameters
         ----------
         dataset : SegmentationOptions, optional
-            How the dataset says that its segmentations are read. Default: it says
-            nothing.
+            The dataset's options for segmentations. Default: none.
         dataset_name : str
-            What errors call the dataset.
+            The name of the dataset in errors.
         ignored : JsonObject, optional
             The dataset's ignored pixels, which never count.
 
@@ -538,9 +537,9 @@ class ConfigSchema(_ObjectSchema):
 def schema_of(config_class: type[DecideConfig]) -> ConfigSchema:
     """The JSON schema of the mappings that `from_mapping` of a class accepts.
 
-    Beside standard keywords a key has ``x-unit``, ``x-evidence`` (the kinds of evidence
-    whose rules read it, if not all do; ``auto`` if it tries one of these channels) and
-    ``x-needs-pixels`` (whether images may have to be read again after it has changed).
+    In addition to standard keywords, a key has ``x-unit``, ``x-evidence`` (the kinds of
+    evidence whose rules read it, if not all; ``auto`` if it tries one of them) and
+    ``x-needs-pixels`` (whether images may have to be read again after a change).
     """
     properties = {
         name: {**key.schema(), "default": key.default}
@@ -669,7 +668,7 @@ class ConfigChange(NamedTuple):
 
 
 def diff_configs(before: FilterConfig, after: FilterConfig) -> list[ConfigChange]:
-    """What differs between two configurations.
+    """The keys in which two configurations differ.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Declaring the keys of a configuration, and the kinds of evidence that one can name.
+"""Declares keys of a configuration, and the kinds of evidence that it can select.
 
 A key is a field of a dataclass whose metadata hold a `Key`: its allowed values, default
 and description. `declared` makes such a field; `PERCENT`, `METRES`, `counted`, `limit`
@@ -28,7 +28,7 @@ Number: TypeAlias = float | int
 
 
 class Allowed(Protocol):
-    """The values that a key may have. ``str()`` names them for people."""
+    """The allowed values of a key. ``str()`` describes them for people."""
 
     def checked(self, name: str, value: object, at: str = "") -> object:
         """The value in its one canonical form.
@@ -197,7 +197,7 @@ def limit(null: float) -> NumberRange:
 
 
 _Field: TypeAlias = Any
-"""A dataclass field: `dataclasses.field` itself says that it fits every annotation."""
+"""`dataclasses.field`, typed so that it fits every annotation."""
 
 
 def declared(key: Key) -> _Field:
@@ -321,7 +321,7 @@ EVIDENCE: Final = (
     EvidenceKind(
         "depth_center",
         "raw depth, camera, 3D boxes",
-        "nothing nearer is seen at its centre: a rival to compare with",
+        "nothing nearer is seen at its centre: another method, for comparison",
         file="depth",
     ),
     EvidenceKind(
@@ -339,7 +339,7 @@ EVIDENCE: Final = (
     ),
     EvidenceKind(
         AUTO,
-        "whatever a frame has",
+        "the data of instance, depth or ordered",
         "the strongest of instance, depth and ordered that has a number",
     ),
 )

@@ -1,9 +1,9 @@
-"""What measured numbers depend on, apart from the frame itself. No thresholds here.
+"""`MeasureConfig`: the settings on which measured numbers depend. No thresholds here.
 
 `FilterConfig.measuring` makes a `MeasureConfig`. It is identified by its digest: with
 equal digests, the same frame gives equal numbers. Digests and `as_dict` are stored
-beside numbers, so their form must not change: if it did, every dataset would be
-measured again.
+with the numbers, so their form must not change: otherwise every dataset would have to
+be measured again.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ class MeasureConfig:
     profile : ``paper`` or ``carlasimu``
     projection : ``clipped`` or ``naive``
     own_reading : SegmentationOptions
-        What the configuration itself says of segmentations.
+        The configuration's own options for segmentations.
     reading : SegmentationOptions
-        The same, completed by what the dataset says.
+        The same, completed by the dataset's options.
     accept : Mapping
         Tags that count for a class, by its name; classes without one have the default.
     ignored : JsonObject or None
         The dataset's ignored pixels, which never count.
     channels : tuple of ChannelName
-        What is measured besides the segmentation: names of `CHANNELS`, in that order.
+        The channels to be measured: names of `CHANNELS`, in that order.
     depth_tolerance : float, metres
         See the key of that name.
     """

@@ -64,7 +64,7 @@ def apply_channels(
 
 
 class JudgedBy(NamedTuple):
-    """What each of N boxes was judged by.
+    """The channel that judged each of N boxes, and its numbers.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ def _rows_of_channels(
 
 @dataclass(frozen=True)
 class ChannelJudgement:
-    """What the sentence about a box that a channel judged is composed from.
+    """The values in the explanation of a box that a channel judged.
 
     Attributes
     ----------
@@ -176,7 +176,7 @@ def any_of(names: Sequence[str]) -> str:
 
 
 class BoxesToJudge(NamedTuple):
-    """What the rules of channels read of N boxes.
+    """The input of the channels' rules for N boxes.
 
     Attributes
     ----------
@@ -235,7 +235,7 @@ class _Channel:
 
 
 def _ordered_needed(boxes: BoxesToJudge) -> IntArray:
-    # The limit for pixels that nearer boxes leave holds only where they take some.
+    # `ordered_min_pixels` only applies where nearer boxes take some pixels.
     explained = boxes.numbers.explained_by != NOT_MEASURED
     least = np.maximum(boxes.min_visible_pixels, 1)
     return np.where(explained, boxes.config.ordered_min_pixels, least)

@@ -21,13 +21,13 @@ from filter_core.types import UNKNOWN_COLUMN, UNKNOWN_TAG, HiddenBy, Reason
 _HIDES_NOTHING: Final = frozenset(
     {"Road", "RoadLine", "Sidewalk", "Ground", "Terrain", "Sky"}
 )
-"""Tags of what lies around an object in its box, not in front of it."""
+"""Tags of the surroundings of an object, which do not hide it."""
 
 _MOST_SHOWN: Final = 3
 
 
 class Judgement(NamedTuple):
-    """What the sentence about one box is composed from.
+    """The values in the explanation of one box.
 
     Attributes
     ----------
@@ -49,8 +49,8 @@ class Judgement(NamedTuple):
         Profile ``carlasimu``, which needs more than the threshold where profile
         ``paper`` needs at least the threshold.
     channel : ChannelJudgement or None
-        What a channel says of the box; None where none judged it. The reasons that only
-        channels reject for have no sentence without it.
+        The judgement of a channel; None if no channel judged the box. The reasons of
+        channels have no sentence without it.
     """
 
     reason: Reason
@@ -136,8 +136,8 @@ def explain(judgement: Judgement) -> str:
 def rounded_percent(value: float, against: float | None = None) -> str:
     """A percentage, 0..100, for people, rounded only as far as the sentence stays true.
 
-    Whole from 10 up, one decimal below; more decimals if the rounded number would be
-    equal to `against`, 0 or 100, or on the other side of it, and the exact one is not.
+    A whole number from 10 up, one decimal below. It has more decimals if rounding would
+    move it to, or past, `against`, 0 or 100.
     """
     marks = [0.0, 100.0] + ([against] if against is not None else [])
     return f"{_rounded(value, 0 if value >= 10 else 1, marks)} %"

@@ -1,10 +1,10 @@
-"""Decisions in the form in which others get them: API dicts, and export columns.
+"""Decisions in their output forms: dictionaries for the API, and columns for exports.
 
-`decision_dicts` makes a `Decision` of each box, under the keys of the API, from columns
+`decision_dicts` makes a `Decision` of each box, with the keys of the API, from columns
 of evidence and decisions; it reads no pixels. Exports are written from columns:
-`decided_boxes` makes those of every format, `decision_columns` what tables of decisions
-have besides them. `occlusion_levels` and `truncation` say how much of an object is
-hidden and cut off, in the terms of label formats.
+`decided_boxes` makes those of every format, `decision_columns` those that tables of
+decisions have in addition. `occlusion_levels` and `truncation` compute how much of an
+object is hidden and cut off, as label formats define it.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ Decision = TypedDict(
         "box_pixels": int | None,
         "area_percent": float | None,
         "crowding": float | None,  # percent
-        "explained_by": str | None,  # id of the nearer box that claims its pixels
+        "explained_by": str | None,  # id of the nearer box that takes its pixels
         "hidden_by": list[HiddenBy],
         "lossy": bool,
         "distance": float | None,  # metres
@@ -97,14 +97,14 @@ Decision = TypedDict(
 )
 """One box, its verdict and the numbers that led to it, under the keys of the API.
 
-docs/api.md says what each key means. What only a server knows (its own ids, run and
-review) is not in it.
+docs/api.md describes each key. The keys that only a server can fill (its own ids, run
+and review) are not in it.
 """
 
 
 @dataclass(frozen=True)
 class FrameFacts:
-    """What the decisions of one frame have in common.
+    """The values that all decisions of one frame share.
 
     Attributes
     ----------
@@ -200,7 +200,7 @@ def decided_boxes(
 def decision_columns(
     frame: FrameFacts | Sequence[FrameFacts], evidence: Evidence, decisions: Decisions
 ) -> DecisionColumns:
-    """What tables of decisions have besides `decided_boxes`, without answers of people.
+    """The columns of tables of decisions besides `decided_boxes`; no people's answers.
 
     Parameters
     ----------
@@ -237,9 +237,9 @@ def _composed(
     decisions: Decisions,
     geometry: BoxGeometry | None,
 ) -> dict[str, Sequence[object]]:
-    """What N > 0 decisions have under each key of `Decision`, in the order of the keys.
+    """The values of N > 0 decisions for each key of `Decision`, in the keys' order.
 
-    The one place that says where a key comes from.
+    No other code defines the value of a key.
     """
     count, config = len(ids), frames[0].config
     channels = evidence.channels
@@ -295,7 +295,7 @@ def _judgements(
     hidden: Sequence[list[HiddenBy]],
     by_channels: Sequence[ChannelJudgement | None],
 ) -> Iterator[Judgement]:
-    """What the sentences about N > 0 boxes are composed from."""
+    """The values in the explanations of N > 0 boxes."""
     config, class_names = frames[0].config, _class_names(evidence)
     limits = {name: config.limits_of(name) for name in evidence.class_names}
     masks = evidence.accept_mask.tolist()
@@ -326,7 +326,7 @@ def _by_channels(
     judged: JudgedBy,
     nearer: Sequence[tuple[str, str] | None],
 ) -> list[ChannelJudgement | None]:
-    """What the channels say of each of N boxes; None where none judged it."""
+    """The judgement of the channels on each of N boxes; None where none judged it."""
     found: list[ChannelJudgement | None] = [None] * len(frames)
     if evidence.channels is None:
         return found
@@ -355,7 +355,7 @@ def _accepted(frame: FrameFacts, accept_mask: int) -> tuple[str, ...]:
 def _tags_in_front(
     frames: Sequence[FrameFacts], evidence: Evidence
 ) -> list[list[HiddenBy]]:
-    """What hides each of N boxes; nothing where no tags were counted."""
+    """The tags that hide each of N boxes; none where no tags were counted."""
     if evidence.tag_counts is None:
         return [[] for _ in frames]
     counts, masks = evidence.tag_counts.tolist(), evidence.accept_mask.tolist()
@@ -432,7 +432,7 @@ def occlusion_levels(nearer_percent: FloatArray) -> IntArray:
     Parameters
     ----------
     nearer_percent : (N,) float64, percent of the silhouette
-        What something nearer covers; NaN: unknown.
+        The share that something nearer covers; NaN: unknown.
 
     Returns
     -------

@@ -35,7 +35,7 @@ _PerBox: TypeAlias = FloatArray | IntArray | np.float64 | np.int64
 
 
 class _Bit(IntEnum):
-    """What holds for a box, as bits of one number; bits 0 and 1 are its `BoxState`."""
+    """The conditions of the rules, as bits; the lowest two hold the `BoxState`."""
 
     OUT_OF_RANGE = 1 << 2
     UNMAPPED = 1 << 3
@@ -65,11 +65,11 @@ _RULES: Final = (
 )
 """Reason, mask, value, in the order of Algorithm 2.
 
-The first row with ``bits & mask == value`` decides. Who changes how thresholds decide
-changes also what repeats it: lists find the boxes around a threshold in SQL
-(`ClassThresholds.sides` and `THRESHOLD_REASONS` in `app/boxes/filter.py`;
-`tests/unit/app/boxes/test_thresholds_in_sql.py` compares), and labels on the page
-compare match and threshold (`static/js/boxes/wording.js`).
+The first row with ``bits & mask == value`` decides. Two other places repeat how
+thresholds decide and must be changed together with this: lists find the boxes around a
+threshold in SQL (`ClassThresholds.sides` and `THRESHOLD_REASONS` in
+`app/boxes/filter.py`; `tests/unit/app/boxes/test_thresholds_in_sql.py` compares), and
+labels on the page compare match and threshold (`static/js/boxes/wording.js`).
 """
 
 _REASON_OF_BITS: Final = np.array(
@@ -281,7 +281,7 @@ class _Block:
 def _per_box(
     per_class: FloatArray | IntArray, class_index: NDArray[np.int32]
 ) -> _PerBox:
-    """What a (K,) array of numbers by class means for each box."""
+    """The number of each box, from a (K,) array of numbers by class."""
     alike = bool((per_class == per_class[0]).all())
     chosen: _PerBox = per_class[0] if alike else per_class.take(class_index)
     return chosen

@@ -1,1 +1,1 @@
-"""How right verdicts are, how far people agree, and which thresholds fit answers."""
+"""Accuracy of verdicts, agreement between people, and suggested thresholds."""

@@ -1,4 +1,4 @@
-"""How far people agree with each other, and how far beyond chance (kappa)."""
+"""Agreement between people, and agreement beyond chance (kappa)."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Agreement:
-    """What several people said of the same boxes.
+    """The agreement of several people on the same boxes.
 
     Attributes
     ----------

@@ -1,9 +1,9 @@
-"""Comparing kinds of evidence with the truth: how often each is right, and where not.
+"""Compares the kinds of evidence with the ground truth.
 
 `Evaluation` takes, frame by frame, evidence of boxes and whether each object is
 visible. Every kind of evidence decides all boxes under the same configuration. The
-results are counts by class and distance, and the largest errors. Without answers of
-people, `truth_from_instances` takes the truth from instance images.
+results are counts by class and distance, and the largest errors. Without people's
+answers, `truth_from_instances` takes the ground truth from instance images.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Suggesting the best threshold per class from boxes of known truth, with an interval.
+"""Suggests the best threshold per class from boxes of known truth, with an interval.
 
 `suggest` finds the threshold of one class from the matches of its boxes and whether
 each should be kept. `suggest_per_class` does so for every class of boxes that were
@@ -22,7 +22,7 @@ from filter_core.evaluation.scores import Confusion
 from filter_core.types import BoolArray, Evidence, FloatArray, IntArray, Reason
 
 Target: TypeAlias = Literal["f1", "recall"]
-"""What the best threshold is best for."""
+"""The goal for which a threshold is optimised."""
 
 _RESAMPLES: Final = 200
 """Bootstrap resamples for the interval."""
@@ -69,7 +69,7 @@ class Answers:
 
 @dataclass(frozen=True)
 class Goal:
-    """What a threshold is chosen for.
+    """The goal for which a threshold is chosen.
 
     Attributes
     ----------

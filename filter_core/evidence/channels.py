@@ -2,8 +2,8 @@
 
 `measure_evidence` takes the boxes, the sensors' data (`Sensors`) and what to measure
 (`MeasureConfig`), and returns `Evidence`. It reads the files and passes them to the
-other modules of this package, which measure one kind of evidence each. What was not
-asked for, or lacks its input, stays "not measured".
+other modules of this package, which measure one kind of evidence each. Numbers that
+are not requested, or whose input is missing, stay "not measured".
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Crowding: how much of a box another box of an alike class covers. Reads no pixels.
+"""Crowding: how much of a box another box of a similar class covers. Reads no pixels.
 
 A semantic segmentation cannot tell two cars apart: where two boxes overlap, matching
 pixels of one may belong to the other. Crowding is the largest share of a box that one

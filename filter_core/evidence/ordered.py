@@ -1,8 +1,8 @@
 """The order of boxes by distance as evidence, for the channel ``ordered``.
 
-A pixel that a nearer box claims is no evidence for a box behind it. `owned_pixels` lets
-the boxes of a frame claim their accepted pixels, from near to far. `islands` are
-patches that a box leaves to a box behind it.
+A pixel that a nearer box takes is no evidence for a box behind it. `owned_pixels` lets
+the boxes of a frame take their accepted pixels, from near to far. `islands` are patches
+that a box leaves to a box behind it.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ def owned_pixels(
     ids: Sequence[str],
     image_wh: tuple[int, int],
 ) -> tuple[IntArray, IntArray]:
-    """Let boxes claim their accepted pixels, from near to far.
+    """Let boxes take their accepted pixels, from near to far.
 
     Parameters
     ----------
     accepted : those of the boxes that are in the image
     distance : (N,) float64, metres
-        Boxes of unknown distance (NaN) claim no pixels and get no number.
+        Boxes of unknown distance (NaN) take no pixels and get no number.
     ids : of the N boxes
         Break ties of distance.
     image_wh : (width, height), px
@@ -40,16 +40,16 @@ def owned_pixels(
     Returns
     -------
     owned : (N,) int64, px
-        The accepted pixels of each box's silhouette that no nearer box has claimed;
+        The accepted pixels of each box's silhouette that no nearer box has taken;
         `NOT_MEASURED` for boxes of unknown distance or outside the image.
     explained_by : (N,) int64
-        The row of the nearer box that has claimed most of the box's accepted pixels
-        (the nearest of several); `NOT_MEASURED` if none has claimed any.
+        The row of the nearer box that has taken most of the box's accepted pixels
+        (the nearest of several); `NOT_MEASURED` if none has taken any.
 
     Notes
     -----
-    A ghost in front claims nothing if it has no accepted pixels, so it does not hide
-    what is behind it. Two kinds of pixels count for a box and stay free for others:
+    A ghost in front takes nothing if it has no accepted pixels, so it does not hide
+    boxes behind it. Two kinds of pixels count for a box and stay free for others:
     those whose centres are outside its outline, which cannot show it, and `islands`.
     """
     owned = np.full(len(distance), NOT_MEASURED, np.int64)

@@ -1,8 +1,8 @@
 """The segmentation as evidence: how many pixels of each box have an accepted tag.
 
 `measure` counts the pixels in each box that the box's class accepts and, as a
-histogram, the pixels of every tag. What other accept sets would have counted follows
-from the histogram, without pixels: `with_accept_sets` takes them from a configuration,
+histogram, the pixels of every tag. The counts for other accept sets follow from the
+histogram, without pixels: `with_accept_sets` takes these sets from a configuration,
 `with_accept_masks` as bit masks.
 """
 
@@ -77,7 +77,7 @@ def measure(
     Parameters
     ----------
     segmentation : Segmentation or None
-        None: only what needs no pixels is measured.
+        None: only numbers that need no pixels are measured.
     boxes : FrameBoxes of N boxes
     options : MeasureOptions
     ignore : (H, W) bool, optional
@@ -186,7 +186,7 @@ class _Counts(NamedTuple):
 
     @classmethod
     def of_geometry(cls, bounds: IntArray) -> _Counts:
-        """What is known without a segmentation."""
+        """The counts that are known without a segmentation."""
         x0, y0, x1, y1 = bounds.T
         return cls((x1 - x0) * (y1 - y0), np.zeros(len(bounds), np.int64), None)
 
@@ -287,7 +287,7 @@ def _match_percent(counts: _Counts, areas: FloatArray, profile: Profile) -> Floa
 
 
 class NeedsPixels(FilterError):
-    """Raised for other accept sets in profile ``carlasimu``: pixels must be read."""
+    """Other accept sets in profile ``carlasimu`` need the pixels to be read again."""
 
     code = "needs_pixels"
 

@@ -1,7 +1,7 @@
 """COCO: all images and boxes of a dataset, or of a part of it, in one JSON file.
 
-A file is read image by image, with the places that `filter_core.formats.coco_index`
-found in it; one file is written for each part of the split.
+A file is read image by image, with the byte positions that
+`filter_core.formats.coco_index` found in it; one file is written per part of the split.
 
 References
 ----------
@@ -87,8 +87,8 @@ def _coco_files(root: Path) -> list[Path]:
 def read_coco(root: Path, options: ReadOptions) -> FrameSet:
     """The frames of one or several COCO files.
 
-    Images that share an id cannot be told apart by their boxes: they are one frame
-    that says so, and the others go on.
+    If several images share an id, it is unknown to which of them a box belongs: they
+    become one frame with an error, and all other frames are read.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def read_coco(root: Path, options: ReadOptions) -> FrameSet:
 
 
 _SPLITS: Final = ("train", "val", "test")
-"""What the name of a COCO file may end in."""
+"""The parts of a split in which the name of a COCO file may end."""
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ def _named(index: CocoIndex) -> Iterator[_Name]:
 
 
 _MOST_NAMED: Final = 3
-"""Images with the same id that an error names; more are counted."""
+"""Images with the same id that an error names; further ones are counted."""
 
 
 def _problem(one: _Name, seen: int) -> FilterError | None:
@@ -268,13 +268,13 @@ def _is_side(value: object) -> bool:
 
 
 _OURS: Final = frozenset({"id", "image_id", "category_id", "bbox", "attributes"})
-"""Keys of an annotation that are read, and not just kept."""
+"""Keys of an annotation that are interpreted; all others are only kept."""
 
 
 def _boxes(row: _Row, *, ours: bool) -> Iterator[dict[str, object]]:
     boxes = list(row.index.boxes(row.row))
     ids = [str(box["id"]) for box in boxes if "id" in box]
-    # Where an id occurs twice, none is given: places tell the boxes apart then.
+    # If an id occurs twice, the boxes are identified by their positions instead.
     use_ids = len(set(ids)) == len(boxes)
     for number, given in enumerate(boxes):
         at = f"{row.index.name}, annotation {str(given.get('id', number))[:40]!r}"
@@ -304,7 +304,7 @@ _OUR_ATTRIBUTES: Final = ("id", "type_id", "base_type", "instance_id", "distance
 
 
 def _from_attributes(attributes: dict[str, object]) -> dict[str, object]:
-    """What `CocoWriter` puts under ``attributes``, again under its own keys."""
+    """The keys that `CocoWriter` stored under ``attributes``."""
     known: dict[str, object] = {
         key: attributes[key] for key in _OUR_ATTRIBUTES if key in attributes
     }
@@ -314,7 +314,7 @@ def _from_attributes(attributes: dict[str, object]) -> dict[str, object]:
 
 
 def _beside(given: dict[str, object], known: frozenset[str]) -> dict[str, object]:
-    """Unknown keys of a file; those that have a meaning here go under ``extra``."""
+    """Unknown keys of a file; keys that have a meaning here are put under ``extra``."""
     clashing = {key: value for key, value in given.items() if key in known}
     free = {key: value for key, value in given.items() if key not in known}
     return {**free, "extra": clashing} if clashing else free
@@ -326,8 +326,8 @@ class CocoWriter:
 
     Ids of images, categories and annotations are whole numbers from 1, unique in their
     file: with an annotation id of 0 pycocotools counts a perfect detection as wrong.
-    What COCO has no key for is under ``attributes``: the box's own id, its distance and
-    its 3D box. Regions to ignore are crowds.
+    Values without a key in COCO are under ``attributes``: the box's own id, its
+    distance and its 3D box. Regions to ignore are crowds.
     """
 
     traits: ClassVar[Traits] = Traits(holds_crowds=True)

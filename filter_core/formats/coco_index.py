@@ -1,7 +1,7 @@
 """The byte positions of images and boxes in a COCO file, found in one pass.
 
-The file may have any length: it is read piece by piece, and what stays in memory is a
-few numbers for each image and box, with which each can be read again.
+The file may have any length: it is read piece by piece, and only a few numbers for each
+image and box are kept in memory, with which it can be read again.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from filter_core.types import IntArray
 
 
 def index_coco(path: Path, name: str) -> CocoIndex:
-    """Read a file once and note where everything is.
+    """Read a file once, and store the position of each image and box.
 
-    `name` is the file, as errors name it.
+    `name` is the name of the file in errors.
 
     Raises
     ------
@@ -54,7 +54,7 @@ class CocoIndex:
     Attributes
     ----------
     name : str
-        As errors name it.
+        Its name in errors.
     path : Path
     names : dict
         The class of each category id.
@@ -77,7 +77,7 @@ class CocoIndex:
     repeated: dict[int, list[int]]
 
     def image(self, row: int) -> dict[str, object]:
-        """What the file says of one image."""
+        """The JSON object of one image."""
         with self.path.open("rb") as file:
             return self._load(file, self.places[row], f"images[{row}]")
 
@@ -258,7 +258,7 @@ def read_object(
 
 
 _MAX_VALUE: Final = 16 << 20
-"""Bytes of one value; what is longer is no box and no image."""
+"""Bytes of one value; boxes and images are shorter."""
 
 _MANY_VALUES: Final = JsonLimits.max_values
 
@@ -390,7 +390,7 @@ def _no_constant(word: str) -> None:
 
 
 def decode_value(content: bytes, name: str) -> object:
-    """One value from its own bytes, as UTF-8; `name` is what errors call them.
+    """One value from its own bytes, as UTF-8; `name` is their name in errors.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""Every decision of every frame, whatever its verdict: as JSONL, CSV or Parquet.
+"""Every decision of every frame, with any verdict: as JSONL, CSV or Parquet.
 
-JSONL has whole decisions, a line for each frame. The tables have a row for each box and
-a column for each plain value; they are written from columns, and no object is made for
-a box.
+JSONL has complete decisions, one line per frame. The tables have one row per box and
+one column per plain value; they are written from columns, without an object for each
+box.
 """
 
 from __future__ import annotations
@@ -259,7 +259,7 @@ _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 
 def _cells(column: Sequence[object], kind: type) -> Sequence[object]:
-    """A column as CSV has it; text that looks like a formula gets an apostrophe."""
+    """A column as CSV text; text that looks like a formula gets an apostrophe."""
     if kind is bool:
         return ["true" if value else "false" for value in column]
     if kind is str:
@@ -274,7 +274,7 @@ def _cells(column: Sequence[object], kind: type) -> Sequence[object]:
 
 
 def _drained(text: io.StringIO) -> bytes:
-    """The text so far, which is empty then."""
+    """Returns the buffered text and empties the buffer."""
     content = text.getvalue()
     text.seek(0)
     text.truncate()

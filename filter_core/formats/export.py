@@ -1,8 +1,8 @@
-"""What a writer of a format is given: frames with decisions, a head, options, a sink.
+"""The input of a format's writer: frames with decisions, a head, options and a sink.
 
-Frames come one at a time, and the sink takes each file in pieces, so that an export
-never has a whole dataset in memory. The options are the same for every format; each
-names those that it uses.
+Frames are passed one at a time, and the sink takes each file in pieces, so an export
+never has a whole dataset in memory. All formats share one set of options; each format
+declares those that it uses.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ Sink: TypeAlias = Callable[[str, Iterable[bytes]], None]
 class ExportFrame:
     """One frame to be exported.
 
-    What a format does not need (see `filter_core.formats.format.Need`) may be missing.
+    Data that a format does not need (`filter_core.formats.format.Need`) may be missing.
 
     Attributes
     ----------
@@ -76,11 +76,11 @@ class ExportFrame:
         Gives the image's bytes; called only if images are copied.
     palette : str or None
     decisions : sequence of mapping
-        What is known of each decision, as
-        `filter_core.decisions.record.decision_dicts` makes it; a server adds what only
-        it knows. Empty for formats that do not write them.
+        The dictionary of each decision, as made by
+        `filter_core.decisions.record.decision_dicts`; a server adds its own keys.
+        Empty for formats that do not write them.
     columns : DecisionColumns or None
-        What tables have of the same boxes besides `boxes`; None for other formats.
+        The further columns of tables, of the same boxes; None for other formats.
     """
 
     key: str
@@ -97,7 +97,7 @@ class ExportFrame:
 
 @dataclass(frozen=True)
 class ExportHead:
-    """What a writer has to know of an export as a whole.
+    """The data of an export as a whole.
 
     Attributes
     ----------
@@ -133,8 +133,8 @@ class ExportOptions:
 
     Attributes
     ----------
-    include : ``effective`` (what a person or else the filter keeps), ``kept`` (what the
-        filter keeps, whatever people say) or ``all``
+    include : ``effective`` (boxes whose effective verdict is kept), ``kept`` (boxes
+        that the filter keeps, regardless of people's answers) or ``all``
     include_unmeasured : bool
         Also boxes that could not be measured and that nobody has answered.
     rejected : ``drop``, or ``dontcare``: as regions that training and scoring ignore,
@@ -184,7 +184,7 @@ class ExportOptions:
         return cls(**{**given, "bands": tuple(sorted(set(distances)))})
 
     def changed(self) -> frozenset[str]:
-        """Names of the options that are not as they are by default."""
+        """Names of the options that differ from their defaults."""
         usual = ExportOptions()
         return frozenset(
             field.name
@@ -194,15 +194,15 @@ class ExportOptions:
 
 
 class ExportError(FilterError):
-    """An export whose numbers do not add up, or that lacks what it needs."""
+    """An export whose counts do not add up, or whose input is incomplete."""
 
     code = "bad_export"
 
 
 class GivenAnnotation:
-    """One frame's annotation as it was sent; it is decoded when a part of it is used.
+    """One frame's annotation as it was sent; it is parsed on first use.
 
-    It was checked when it was sent, and is not checked again.
+    It was checked when it was uploaded, and is not checked again.
 
     Parameters
     ----------
@@ -210,8 +210,7 @@ class GivenAnnotation:
         Gives the annotation; called at most once, and only if a part of it is used.
     wh : (width, height) of the image, px
     crowds : bool
-        Whether boxes of it may be crowds. False spares reading it only to see that
-        there are none.
+        Whether boxes of it may be crowds. If False, it need not be read to find out.
     """
 
     def __init__(
@@ -232,7 +231,7 @@ class GivenAnnotation:
 
     @property
     def boxes(self) -> Sequence[Mapping[str, object]]:
-        """Each box with all its keys as given, also those of other products."""
+        """Each box with all its keys as given, unknown keys included."""
         boxes: Sequence[Mapping[str, object]] = self.frame.get("boxes", ())
         return boxes
 
@@ -261,11 +260,11 @@ class GivenAnnotation:
         return crowd
 
     def frame_extra(self) -> dict[str, object]:
-        """What it says beyond what the product knows."""
+        """The unknown keys of the frame."""
         return _extra(self.frame, KNOWN_FRAME_KEYS)
 
     def box_extra(self, row: int) -> dict[str, object]:
-        """What it says of one box beyond what the product knows."""
+        """The unknown keys of one box."""
         return _extra(self.boxes[row], KNOWN_BOX_KEYS)
 
 

@@ -1,8 +1,8 @@
 """Files of an export: their names, their text, and temporary storage for it.
 
-Keys of frames come from users: a name made of one is never a path that leads elsewhere.
-A spool holds pieces that are written later, in memory while they are few, else on disk.
-`folder_sink` makes a folder that is whole or not there at all.
+Keys of frames come from users: a file name made from a key never leads out of the
+folder. A spool stores pieces that are written later, in memory or, if they are many, on
+disk. `folder_sink` creates a folder only when it is complete.
 """
 
 from __future__ import annotations
@@ -50,18 +50,18 @@ _IMPOSSIBLE: Final = re.compile(
 def file_stem(key: str) -> str:
     """A frame's key as a path inside an export, different for every key.
 
-    Keys come from users: whatever a file system or an unpacking tool could take for
-    something else is written as ``%`` and its code. Sub-folders stay.
+    Keys come from users: characters with a special meaning for a file system or an
+    unpacking tool are written as ``%`` and their code. Sub-folders stay.
     """
     *folders, name = key.split("/")
     return "/".join([*map(_safe_folder, folders), _safe_part(name)])
 
 
 class FileNames:
-    """Makes stems that differ also where a file system ignores case or accents.
+    """Makes stems that differ even on file systems that ignore case or accents.
 
     Windows and macOS would unpack ``a`` over ``A``. The first in the order of the
-    export keeps its name, any other gets a piece of its key's digest, so the same
+    export keeps its name, any other gets a part of its key's digest, so the same
     dataset always gives the same names. With `flat`, sub-folders become part of the
     name, since many readers do not look into them.
     """
@@ -148,7 +148,7 @@ class Spool:
 
     @property
     def file(self) -> IO[bytes]:
-        """The file behind it, for a library that wants one."""
+        """The underlying file, for libraries that need one."""
         return self._file
 
     def write(self, piece: bytes) -> None:
@@ -196,7 +196,7 @@ def escaped(value: object) -> str:
 
 def attributes(**values: object) -> str:
     """`` a="1" b="x"``, quoted."""
-    # Not above: it loads HTTP and TLS, which no filter needs.
+    # Not imported above, because it loads HTTP and TLS.
     from xml.sax.saxutils import quoteattr
 
     return "".join(
@@ -244,7 +244,7 @@ class _Folder:
             raise ExportError(f"{name[:80]!r} is no name of a file in an export")
         path = self._root.joinpath(*parts)
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Exclusive: what a system takes for the same name must not be lost.
+        # Exclusive: a name that the system considers equal must not be overwritten.
         with path.open("xb") as file:
             file.writelines(pieces)
 

@@ -1,4 +1,4 @@
-"""What a format declares: how it is recognised, read and written.
+"""`Format`: declares how a format is recognised, read and written.
 
 Each format's module declares one `Format`; `filter_core.formats.registry` lists them.
 """
@@ -23,12 +23,12 @@ from filter_core.formats.tally import Counts
 from filter_core.formats.writing import NewWriter, write_labels
 
 Recognition: TypeAlias = Literal["certain", "possible", "otherwise", "none"]
-"""How sure a format is that a source is in it.
+"""How certain it is that a source is in a format.
 
-``certain``: it is, and no format after this one is asked. ``possible``: it may be; if
-several formats say so, a person has to choose. ``otherwise``: it is taken for this
-format only if no format says ``certain`` or ``possible``; if several say
-``otherwise``, for the first of them. ``none``: it is not.
+``certain``: it is, and no later format is tried. ``possible``: it may be; if there are
+several such formats, a person has to choose. ``otherwise``: it counts as this format
+only if no format is ``certain`` or ``possible``; the first such format is taken.
+``none``: it is not.
 """
 
 SELECTION_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
@@ -38,16 +38,16 @@ LABEL_OPTIONS: Final = SELECTION_OPTIONS | {"boxes", "split"}
 """The `ExportOptions` of a format of labels; some have more, or not all of these."""
 
 Need: TypeAlias = Literal["annotation", "image", "decisions", "decision_columns"]
-"""What of a frame not every format writes.
+"""Data of a frame that only some formats need.
 
-``annotation``: the annotation as given, which is read when something of it is asked
-for (`ExportFrame.given`); ``image``: the image, or its type; ``decisions``: an object
-for each box, composed as for the API, which takes the most time; ``decision_columns``:
-what tables have of it (`ExportFrame.columns`).
+``annotation``: the annotation as given, which is parsed on first use
+(`ExportFrame.given`); ``image``: the image, or its type; ``decisions``: a dictionary
+for each box, as in the API, which takes the most time; ``decision_columns``: the
+columns of tables (`ExportFrame.columns`).
 """
 
 LABEL_NEEDS: Final[frozenset[Need]] = frozenset({"annotation", "image"})
-"""What formats of labels need."""
+"""The data that formats of labels need."""
 
 _FILES_LOOKED_AT: Final = 2000
 
@@ -67,7 +67,7 @@ class Source:
     def label_files(self) -> list[str]:
         """The first 2,000 ``.txt`` and ``.xml`` files of a folder, relative to it.
 
-        Listed once, however many formats ask.
+        Cached, because several formats need the list.
         """
         return list(islice(walk(self.path, (".txt", ".xml")), _FILES_LOOKED_AT))
 
@@ -100,16 +100,16 @@ _Requirement = TypeVar("_Requirement", bound=Callable[[], object])
 class Format:
     """A format of annotated frames, declared at the head of its module.
 
-    What it can do follows in the module, each function under a decorator:
-    `recogniser`, `reader`, `writer` (or `label_writer`) and `requirement`. What it
-    cannot do stays None.
+    Its functions follow in the module, each with a decorator: `recogniser`, `reader`,
+    `writer` (or `label_writer`) and `requirement`. Functions that it does not have
+    stay None.
 
     Attributes
     ----------
     name : str
-        As commands, URLs and stored exports have it.
+        Its name in commands, URLs and stored exports.
     title : str
-        As people call it.
+        Its name for people.
     holds : str
         The row of docs/formats.md: its files and what is in them, in Markdown.
     brief : str
@@ -121,9 +121,9 @@ class Format:
         The names of the `ExportOptions` that `write` uses; any other must keep its
         default.
     needs : frozenset of `Need`
-        What of a frame `write` needs besides the columns of its boxes.
+        The data of a frame that `write` needs besides the columns of its boxes.
     recognise : callable or None
-        Tells whether a source is in this format, without reading its labels.
+        Returns whether a source is in this format, without reading its labels.
     read : callable or None
         Gives the frames of a folder or a file.
     write : callable or None

@@ -1,4 +1,4 @@
-"""The product's own format: a JSONL file with a line for each frame.
+"""Unghost's own format: a JSONL file with one line per frame.
 
 A line is the frame's annotation as given, its key, and the paths of its files; an
 export leaves out the boxes that are rejected, and changes nothing else.
@@ -139,7 +139,7 @@ def _read_line(line: bytes, at: str, folder: Path, options: ReadOptions) -> Fram
     try:
         raw = read_json(line.rstrip(), halves=True)
     except JsonError as exc:
-        # Its line is always the first: which one it is of the file stands before it.
+        # The JSON is one line, so its own "line 1" is replaced by the line of the file.
         found = exc.found.replace("line 1, ", "", 1)
         return _problem(at, "one JSON object", found)
     if not isinstance(raw, dict):
@@ -188,8 +188,8 @@ _OURS: Final = frozenset({"boxes", "key", *FRAME_FILES})
 class ManifestWriter:
     """Writes ``manifest.jsonl`` and ``images/STEM.png``.
 
-    A box is written as it was given: its geometry in whatever form, 3D
-    boxes, cameras and every unknown key. Nothing is clipped.
+    A box is written as it was given: its geometry in the same form, 3D boxes, cameras
+    and every unknown key. Nothing is clipped.
     """
 
     traits: ClassVar[Traits] = Traits(holds_crowds=True, holds_unplaced=True)
@@ -208,7 +208,7 @@ class ManifestWriter:
         copied = self._context.options.images == "copy" and frame.read_image is not None
         given, ids = frame.given, frame.boxes.ids
         known = {key: v for key, v in given.frame.items() if key not in _OURS}
-        # A box without an id is known by its place, which others' leaving would change.
+        # A box without an id is identified by its position, which can change.
         rows = out.boxes.row.tolist()
         boxes = [{"id": ids[row], **given.boxes[row]} for row in rows]
         line = {

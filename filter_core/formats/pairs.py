@@ -1,8 +1,8 @@
-"""Images with their segmentations, and each frame's annotation where a file has it.
+"""Images with their segmentations and, if there is a file, their annotations.
 
-A segmentation has the name of its image, in a folder of its own (``seg/1.png``) or
-beside it with an ending (``1_seg.png``). ``1.json`` is the annotation of ``1.png``, as
-an upload takes it; an image without one is a frame without boxes.
+A segmentation has the name of its image, in a folder of its own (``seg/1.png``), or is
+in the same folder with an ending (``1_seg.png``). ``1.json`` is the annotation of
+``1.png``, as for an upload; an image without one is a frame without boxes.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ PAIRS: Final = Format(
 @PAIRS.recogniser
 def _recognise(source: Source) -> Recognition:
     root = source.path
-    # Labels of a kind that cannot be told are not to be left out in silence.
+    # Labels of an unknown layout must not be ignored silently.
     if root.is_file() or any(map(holds_boxes, source.label_files)):
         return "none"
     return "otherwise" if any(True for _ in walk(root, IMAGE_SUFFIXES)) else "none"

@@ -1,7 +1,7 @@
-"""What all readers of folders share: what they give, and which files go together.
+"""Shared by all readers of folders: their result, and matching the files of a frame.
 
-A reader gives a `FrameSet`. Files of one frame have the same name in parallel folders;
-keys that file names cannot hold come from the list that an export brings
+A reader returns a `FrameSet`. Files of one frame have the same name in parallel
+folders; keys that are no valid file names are read from the list in an export
 (``frames.jsonl``).
 """
 
@@ -21,19 +21,19 @@ from filter_core.errors import FilterError, JsonError, LayoutError
 from filter_core.json_text import read_json
 
 MAX_LABEL_BYTES: Final = 16 * 1024 * 1024
-"""A larger label file is not one: ten thousand boxes take under a megabyte."""
+"""Larger files are refused: ten thousand boxes take under a megabyte."""
 
 MAX_KEY: Final = 512
 
 KEYS_NAME: Final = "frames.jsonl"
-"""Says which frame each file belongs to, so that reading it back gives its key."""
+"""The list of frames' keys in an export, by which the keys are restored."""
 
 IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg")
 
 _FOLDER_WORDS: Final = frozenset(
     {"images", "image", "img", "jpegimages", "labels", "label", "annotations"}
 )
-"""Names of folders that say what their files are, not which frame they belong to."""
+"""Names of folders that describe the kind of files, and are not part of a key."""
 
 _SEGMENTATION_FOLDERS: Final = ("seg", "segmentation", "segmentations", "semantic")
 
@@ -42,7 +42,7 @@ _BAND: Final = re.compile(r"label\d+", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class FrameSource:
-    """One frame as a folder holds it.
+    """The files and the annotation of one frame of a folder.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class FrameSource:
     others : mapping of str to Path
         ``depth``, ``instances``, ``lidar``, ``radar``, ``ignore_mask`` where given.
     problem : FilterError or None
-        Why the frame cannot be used; the others go on.
+        Why the frame cannot be used; other frames are still read.
     """
 
     key: str
@@ -108,7 +108,7 @@ class FrameSet:
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """How a folder is to be read, where it does not say itself.
+    """Options for reading a folder that its own files do not determine.
 
     Attributes
     ----------
@@ -191,8 +191,8 @@ def match(
     image_index, tag_index = FileIndex(images), FileIndex(segmentations)
     frames = []
     for key, label in label_index:
-        # Segmentations often lie in a flat folder beside labels in sub-folders, but
-        # only a name that occurs once on both sides can be told by its end.
+        # Segmentations are often in a flat folder although labels have sub-folders, but
+        # only a name that occurs once on both sides identifies a frame.
         alone = label_index.is_only_base(key)
         image = image_index.take(key, by_base=alone)
         tags = tag_index.take(key, by_base=alone)
@@ -206,9 +206,9 @@ def match(
 
 
 class FileIndex:
-    """Files by frame key; a second file of the same key is noted, not taken.
+    """Files by frame key; a second file of the same key is listed, not used.
 
-    `key_of` gives the key of a file; that is `frame_key` where it is not told.
+    `key_of` returns the key of a file; by default `frame_key`.
     """
 
     def __init__(
@@ -278,7 +278,7 @@ _TEXTS_AT_THE_TOP: Final = frozenset(
         "test.txt",
     }
 )
-"""Lists of files and notes that lie beside a dataset; deeper down, such a name is a
+"""Lists of files and notes in a dataset's top folder; in sub-folders such a file is a
 frame's."""
 
 
@@ -374,7 +374,7 @@ def read_label_text(path: Path, name: str) -> str:
 
 
 def read_label_bytes(path: Path, name: str) -> bytes:
-    """A label file's bytes; `name` is what errors call it.
+    """A label file's bytes; `name` is its name in errors.
 
     Raises
     ------
@@ -393,7 +393,7 @@ def read_label_bytes(path: Path, name: str) -> bytes:
 
 
 def read_columns(words: Sequence[str], at: str) -> list[float]:
-    """The numbers that `words` say; `at` is their place, for errors.
+    """The numbers in `words`; `at` is their place, for errors.
 
     Raises
     ------
@@ -413,9 +413,9 @@ def read_columns(words: Sequence[str], at: str) -> list[float]:
 
 
 def is_hidden(name: str) -> bool:
-    """Whether readers pass over a file or folder of this name, and all that is in it.
+    """Whether readers skip a file or folder of this name, and its content.
 
-    That is what begins with a dot, and what macOS puts into archives.
+    These names begin with a dot, or are those that macOS puts into archives.
     """
     return name.startswith(".") or name == "__MACOSX"
 

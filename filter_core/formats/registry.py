@@ -9,12 +9,12 @@ name is repeated in these places, each of which a check compares with this list:
 * ``tests/pins``, if it is written: a digest of each of its files.
 
 The service puts `Format.title` and `Format.brief` into the OpenAPI document, from which
-the page takes them, and ``make docs`` writes what the tables of docs/formats.md say of
-it. Sentences of README.md and of docs/ that name formats are for people to keep. The
-recipe is in ARCHITECTURE.md.
+the page takes them, and ``make docs`` generates the tables of docs/formats.md. Other
+sentences of README.md and docs/ that name formats must be updated by hand. The recipe
+is in ARCHITECTURE.md.
 
-A *layout* is a format as a folder shows it: the name of a format that can be read, or
-``auto`` for the one that the folder's files are recognised to be in.
+A *layout* is the format in which a folder is read: the name of a format that can be
+read, or ``auto`` to recognise it from the folder's files.
 """
 
 from __future__ import annotations
@@ -71,13 +71,13 @@ FORMATS: Final[Mapping[str, Format]] = {
 """By name, in the order in which they are offered."""
 
 EXPORT_FORMATS: Final = tuple(name for name, one in FORMATS.items() if one.write)
-"""What `write_export` takes."""
+"""The formats that `write_export` can write."""
 
 LAYOUTS: Final = ("auto", *(name for name, one in FORMATS.items() if one.read))
 """The formats that `read_source` can read, and ``auto``."""
 
 _ASKED_FIRST: Final = (MANIFEST, KITTI, CARLASIMU, VOC)
-"""A folder may have the files of several: the first that is certain is taken."""
+"""The order in which layouts are tried; the first that is certain is taken."""
 
 _IN_ORDER_OF_ASKING: Final = dict.fromkeys((*_ASKED_FIRST, *FORMATS.values()))
 
@@ -148,7 +148,7 @@ def detect_layout(source: Path) -> str:
 def possible_layouts(source: Path) -> tuple[str, ...]:
     """The names of the layouts that a folder or a file may have, the likeliest first.
 
-    No format is asked after one that is certain.
+    No format is tried after one that is certain.
     """
     asked = Source(source)
     found: list[str] = []
@@ -201,7 +201,7 @@ def write_export(
 
 
 def format_of(name: str, options: ExportOptions) -> Format:
-    """The format of this name, if it can be written as it is asked.
+    """The format of this name, if it can be written with these options.
 
     Raises
     ------

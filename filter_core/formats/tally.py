@@ -1,4 +1,4 @@
-"""The counts of an export: every box that went in is accounted for in manifest.json."""
+"""The counts of an export: manifest.json accounts for every box of the dataset."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MARKS: Final = (*(verdict.value for verdict in VERDICTS), "unsure", "lossy")
 
 
 class Change(NamedTuple):
-    """What became of a box that was not written as it is.
+    """The outcome of a box that was not written unchanged.
 
     Attributes
     ----------
@@ -81,11 +81,11 @@ class ExportTally:
             self._frames["without_boxes"] += 1
 
     def image_missing(self) -> None:
-        """Note a frame whose image was to be copied and is not there."""
+        """Count a frame whose image is missing although images are copied."""
         self._frames["without_image"] += 1
 
     def renamed(self, key: str, file: str) -> None:
-        """Note a frame whose files have another name than its key."""
+        """List a frame whose files have another name than its key."""
         self._renamed.add({"frame": key, "file": file})
 
     def count_boxes(self, frame: ExportFrame) -> IntArray:
@@ -120,9 +120,9 @@ class ExportTally:
         self._count[name] += np.bincount(number, minlength=len(self._classes))
 
     def written(self, number: IntArray, rectangles: Sequence[str] = ()) -> None:
-        """Note boxes that went out, by the places of their classes.
+        """Count boxes that were written, by the numbers of their classes.
 
-        `rectangles` say which of a box's rectangles it was, if any.
+        `rectangles` names the rectangle that was written for each box, if any.
         """
         self._add("out", number)
         for name, boxes in Counter(rectangles).items():
@@ -131,7 +131,7 @@ class ExportTally:
     def changed(
         self, frame: ExportFrame, number: Sequence[int], changes: Sequence[Change]
     ) -> None:
-        """Note what became of boxes of a frame, by the places of their classes."""
+        """Count changed boxes of a frame, by the numbers of their classes."""
         ids = frame.boxes.ids
         for place, (row, fate, reason) in zip(number, changes, strict=True):
             self._count[fate][place] += 1
@@ -148,7 +148,7 @@ class ExportTally:
             )
 
     def banded(self, band: str, boxes: int) -> None:
-        """Note how many boxes of a frame are in a distance band."""
+        """Count the boxes of a frame in a distance band."""
         self._bands[band] += boxes
 
     def counts(self) -> Counts:
@@ -193,7 +193,7 @@ class ExportTally:
     def manifest(self, more: Mapping[str, object] | None = None) -> Iterator[bytes]:
         """``manifest.json`` in pieces: the head, the counts, every changed box.
 
-        `more` is what the format has to say. Raises as `counts`.
+        `more` has the format's own keys. Raises as `counts`.
         """
         body = {
             "format": self._head.format,

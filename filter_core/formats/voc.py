@@ -116,12 +116,12 @@ def _read_frames(
 
 
 def read_voc(content: bytes, name: str) -> dict[str, object]:
-    """The annotation in one VOC file; `name` is the file, as errors name it.
+    """The annotation in one VOC file; `name` is the name of the file in errors.
 
     Corners that are whole numbers throughout the file are Pascal VOC's own, counted
     from 1 and inclusive, and become half-open; a fraction anywhere means that a script
-    wrote pixel coordinates as it had them, and they are taken as they are. What VOC
-    says of pose, truncation, difficulty and occlusion is kept with the box.
+    wrote pixel coordinates as it had them, and they are taken as they are. VOC's
+    pose, truncation, difficulty and occlusion are kept with the box.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def read_voc(content: bytes, name: str) -> dict[str, object]:
 
 
 class _Element(Protocol):
-    """What is used of an XML element."""
+    """The used members of an XML element."""
 
     tag: str
 
@@ -291,9 +291,9 @@ class VocWriter:
     """Writes ``Annotations/STEM.xml``, ``JPEGImages/STEM.png`` and ``ImageSets/Main``.
 
     Rectangles are rounded to whole pixels, the first of which is 1, both ends included;
-    a frame without boxes has its file too. What a VOC file said of pose, truncation,
-    difficulty and occlusion is given back; else a box that the image's border cuts is
-    truncated. Boxes to ignore are difficult, which VOC's scoring leaves out.
+    a frame without boxes has its file too. Pose, truncation, difficulty and occlusion
+    from a VOC file are written again; otherwise a box that is cut by the image's border
+    is truncated. Boxes to ignore are difficult, which VOC's scoring leaves out.
     """
 
     traits: ClassVar[Traits] = Traits(needs_key_list=True, needs_flat_names=True)

@@ -1,8 +1,8 @@
-"""What all formats of labels share: which boxes go out, where, and under which names.
+"""Shared by all formats of labels: choosing boxes, splitting frames, naming files.
 
 `write_labels` takes frames one at a time, chooses and clips their boxes, splits them
-into parts and distance bands and counts them; a format's `LabelWriter` is given
-what is left to write.
+into parts and distance bands and counts them; a format's `LabelWriter` writes the
+result.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from filter_core.types import (
 PARTS: Final = ("train", "val")
 
 _LEAST_SIDE: Final = 0.01
-"""Pixels; what is thinner would vanish when a format rounds it."""
+"""Pixels; a thinner box would vanish when a format rounds it."""
 
 _LEAST_CUT: Final = 1e-9
 """The least share of a box that is cut, if any of it is; else rounding could give 0."""
@@ -105,7 +105,7 @@ class LabelBoxes:
 
 @dataclass(frozen=True)
 class Traits:
-    """What a format of labels can hold, and what its readers need besides.
+    """The capabilities of a format of labels, and the needs of its readers.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class OutFrame:
 
 @dataclass(frozen=True)
 class ExportContext:
-    """What a writer writes with.
+    """The context of a writer.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ class ExportContext:
     stack : ExitStack
         Closes what the writer opens.
     facts : dict
-        What the writer has to say of itself in ``manifest.json``.
+        The writer's own keys in ``manifest.json``.
     """
 
     sink: Sink
@@ -334,7 +334,7 @@ class _LabelExport:
 
 
 class _BoxChooser:
-    """Chooses the boxes of each frame and counts what became of all of them.
+    """Chooses the boxes of each frame and counts the outcomes of all boxes.
 
     Parameters
     ----------
@@ -391,7 +391,7 @@ class _BoxChooser:
         return chosen
 
     def _crowd(self, frame: ExportFrame) -> BoolArray:
-        """(N,): boxes that stand for many objects, where a format cannot say so."""
+        """(N,): boxes for many objects, if the format cannot represent them."""
         if self._traits.holds_crowds:
             return np.zeros(len(frame.boxes), np.bool_)
         return frame.given.is_crowd(len(frame.boxes))
@@ -427,7 +427,7 @@ class _BoxChooser:
 
 
 def _rectangles(boxes: DecidedBoxes, which: str) -> tuple[BoxesXYXY, NDArray[np.str_]]:
-    """(N, 4): the rectangles that were asked for, or the next best; which (N,) it is.
+    """(N, 4): the requested rectangles, or else the visible ones; and their names (N,).
 
     NaN rows and empty names where there is none.
     """

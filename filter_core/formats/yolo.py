@@ -142,7 +142,7 @@ def _yolo_classes(root: Path) -> tuple[str, ...]:
 def ordered_names(names: object, at: str) -> tuple[str, ...]:
     """Names in the order of their numbers, which must be 0, 1, 2 and so on.
 
-    `names` is a list, or a mapping from number to name; `at` says where it stands.
+    `names` is a list, or a mapping from number to name; `at` is its place, for errors.
 
     Raises
     ------
@@ -167,7 +167,7 @@ def ordered_names(names: object, at: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class LabelFolders:
-    """Where a YOLO-like layout keeps its files, and what its numbers mean.
+    """The folders and the classes of a YOLO-like layout.
 
     Attributes
     ----------

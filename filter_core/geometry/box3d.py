@@ -58,7 +58,7 @@ def boxes3d_vertices(rows: ArrayLike) -> FloatArray:
 
 
 def in_carla_order(vertices: ArrayLike) -> FloatArray:
-    """Corners in CARLA's order, whatever order they are given in.
+    """Corners in CARLA's order, from corners in any order.
 
     Parameters
     ----------

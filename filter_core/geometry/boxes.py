@@ -1,8 +1,8 @@
 """Rectangles in pixels: five notations, correction (Algorithm 1), pixels they touch.
 
-`to_xyxy` converts rectangles from the notation they were given in, `correct_xyxy`
-clamps them to the image and says which cannot be measured, and `pixel_bounds` gives
-the pixels that the others touch. No 3D here.
+`to_xyxy` converts rectangles from any of the notations, `correct_xyxy` clamps them to
+the image and finds those that cannot be measured, and `pixel_bounds` returns the pixels
+that the others touch. No 3D here.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def to_xyxy(form: str, values: ArrayLike, wh: tuple[int, int]) -> BoxesXYXY:
 def correct_xyxy(
     xyxy: ArrayLike, wh: tuple[int, int], profile: Profile = "paper"
 ) -> tuple[BoxesXYXY, NDArray[np.uint8]]:
-    """Correct the coordinates of boxes (Algorithm 1) and say what became of each.
+    """Correct the coordinates of boxes (Algorithm 1), and return the state of each.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ _NOT_TURNED: Final[Mapping[str, float]] = dict.fromkeys(_ROTATION_KEYS, 0.0)
 
 @dataclass(frozen=True)
 class Transform:
-    """Where something stands and how it is turned.
+    """A location and a rotation.
 
     Attributes
     ----------

@@ -1,1 +1,1 @@
-"""Pictures as bytes and as pixels; no palette."""
+"""Images as files and as pixels; no palettes."""

@@ -1,8 +1,8 @@
 """PNG and JPEG files decoded to pixels.
 
-`decode_color` gives three colour channels, `decode_image` what OpenCV's flags ask for.
-Both take the bytes and the header that `filter_core.images.header` read of them, and
-give None for a damaged file.
+`decode_color` returns three colour channels, `decode_image` the form that OpenCV's
+flags select. Both take the bytes and the header that `filter_core.images.header` read
+from them, and return None for a damaged file.
 
 Most of what decoding a segmentation costs is inflating it, and zlib-ng, which uses
 vector instructions, takes a tenth of the time of the zlib inside OpenCV. So it inflates
@@ -88,13 +88,13 @@ def _in_order(pixels: NDArray[np.uint8], order: ChannelOrder) -> NDArray[np.uint
 def decode_image(
     content: bytes, header: ImageHeader, flags: int
 ) -> NDArray[np.uint8] | None:
-    """What OpenCV decodes of a file, if it is as large as the header says.
+    """The image as decoded by OpenCV, if its size is that of the header.
 
     Parameters
     ----------
     content : bytes of a PNG or JPEG
     header : ImageHeader
-        What `read_image_header` says of the same bytes.
+        The result of `read_image_header` for the same bytes.
     flags : of `cv2.imdecode`
         With those that reduce the size to a half, a quarter or an eighth, the reduced
         size is expected. A rotation in EXIF is never applied.
@@ -118,7 +118,7 @@ def decode_image(
 
 
 _AT_ONCE: Final = 1 << 20
-"""Bytes that are inflated in one step, to be counted and thrown away."""
+"""Bytes that are inflated in one step; they are only counted."""
 
 
 def _refuse_surplus(content: bytes) -> None:
@@ -178,7 +178,7 @@ it in memory, OpenCV alone takes one."""
 _CHANNELS: Final = {"rgb": 3, "rgba": 4}
 
 _METHODS: Final = slice(26, 29)
-"""Where the header names compression, filters and interlacing; 0 is the common one."""
+"""The position of compression, filters and interlacing in the header; usually 0."""
 
 _NO_FILTER, _SUB = 0, 1
 
@@ -276,7 +276,7 @@ def _inflated(body: bytes, size: int) -> bytes | None:
     """So many bytes, whose checksum is right; None if there are more or fewer."""
     inflate = zlib_ng.decompressobj()
     try:
-        # With room for one more, it reads on to the end and to the checksum.
+        # A buffer of one more byte makes it read to the end, and check the checksum.
         data: bytes = inflate.decompress(body, size + 1)
     except _ERROR:
         return None

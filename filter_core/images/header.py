@@ -1,4 +1,4 @@
-"""What a PNG or JPEG says about itself, read from its bytes without decoding them."""
+"""Reads the header of a PNG or JPEG file, without decoding its pixels."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _JPEG_MODELS: Final[dict[int, ColorModel]] = {1: "grey", 3: "rgb", 4: "cmyk"}
 
 @dataclass(frozen=True)
 class ImageHeader:
-    """What an image file says that it contains.
+    """The properties of an image according to its header.
 
     Attributes
     ----------
@@ -64,11 +64,11 @@ def read_image_header(
     max_side : int, px
         Checked before anything is decoded, so that a header cannot ask for gigabytes.
     whole : bool
-        True: what stands between the segments or chunks of the whole file is looked at,
-        so that a decoder finds what the header says, in time bounded by the file's
+        True: the whole file is checked, also between its segments or chunks, so that a
+        decoder finds an image as the header describes it, in time bounded by the file's
         size.
-        False: only up to the first pixels. For files that are not decoded, or are one's
-        own.
+        False: only the part up to the first pixels is checked. For files that are not
+        decoded, or that Unghost has written.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def read_image_header(
         If a side exceeds `max_side`.
     ImageError
         If it is neither PNG nor JPEG, ends too early, is animated, contradicts its
-        format, or has in it what no camera and no program writes.
+        format, or contains data that no camera and no program writes.
 
     References
     ----------
@@ -99,8 +99,8 @@ def read_image_header(
 def read_image_size(start: bytes) -> tuple[int, int]:
     """Width and height, px, of a PNG or JPEG, from its first bytes.
 
-    Of a PNG 24 are enough, of a JPEG those up to its frame header. What else is right
-    or wrong with the file is not looked at.
+    Of a PNG 24 are enough, of a JPEG those up to its frame header. The rest of the file
+    is not checked.
 
     Raises
     ------

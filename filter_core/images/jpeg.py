@@ -1,8 +1,8 @@
 """The segments and scans of a JPEG, walked from its first byte to its end.
 
-Nothing is decoded. What is read here is what any decoder reads: libjpeg passes over
-bytes that are no marker, so that a file may show one size to who reads its header by
-the lengths of its segments, and another one to who decodes it. Such files are refused.
+Nothing is decoded. This reader finds the same segments as any decoder. libjpeg skips
+bytes that are no marker, so a file could have one size for a reader that follows the
+lengths of its segments, and another size for a decoder. Such files are refused.
 
 References
 ----------

@@ -2,8 +2,8 @@
 
 The pixels of an image are codes, one byte each, or colours: red, green, blue. Either
 way `values_of` gives one number per pixel, which can be compared, and a table with an
-entry for each of the 2^24 colours gives the code of a colour. Which colour has which
-code is not known here: `filter_core.segmentation.codes` says it.
+entry for each of the 2^24 colours gives the code of a colour. The codes are defined in
+`filter_core.segmentation.codes`.
 
 Counting uses that a segmentation consists of runs, equal pixels side by side, each of
 some fifty pixels on average. `run_ends` finds where they end and `run_lengths`

@@ -1,7 +1,7 @@
 """The chunks of a PNG, walked from its signature to its end; nothing is decoded.
 
-What is read here is what any decoder reads: a file in which two programs could find
-different pictures, or which costs more to read than its pixels do, is refused.
+A file is refused if two programs could find different images in it, or if it costs more
+to read than its pixels do.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _MAX_INFLATED_BYTES: Final = 1 << 22
 """Of all these together; a profile of colours has some 500 KB."""
 
 _FEW_PARTS: Final = 1024
-"""So many are allowed, whatever their size."""
+"""Number of parts that are always allowed, of any size."""
 
 _PART_BYTES: Final = 1024
 """Pixels come in parts of 8 KiB or more; many parts that are smaller are refused."""

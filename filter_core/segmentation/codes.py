@@ -1,14 +1,14 @@
 """A code for each known colour, and a segmentation as pixels with codes.
 
-Every colour that any tag family has, in either channel order, has a number from 1: its
-code. Code 0 is all other colours. So an image's colours can be looked up in one table
-before its family is known; which tag a code means, `tags_of_codes` says per family.
+Every colour of any tag family, in either channel order, has a number from 1, its code.
+All other colours have code 0. So an image's colours can be looked up in one table
+before its family is known; `tags_of_codes` returns the tag of each code in a family.
 
 A colour is packed as ``R << 16 | G << 8 | B``: what four bytes B, G, R, A are as a
 little-endian integer without A.
 
-`Segmentation` is what reading a segmentation image gives: its `PixelCodes`, and what
-was recognised. Raw tags are their own codes there.
+`Segmentation` is the result of reading a segmentation image: its `PixelCodes`, and the
+recognised properties. Raw tags are their own codes there.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """CARLA's tag families: which tag number has which name and colour, per version.
 
 A family is the table that a range of CARLA's versions share. `FAMILIES` has them by
-name, `family_of_version` says which one a version renders, and a `Palette` turns tags
-into names and colours and back. The tables' sources stand beside them.
+name, `family_of_version` returns the one that a version renders, and a `Palette`
+converts tags to names and colours and back. Comments name the tables' sources.
 """
 
 from __future__ import annotations

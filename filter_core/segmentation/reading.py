@@ -1,8 +1,9 @@
 """Reading segmentations: a file or an array of tags in, a `Segmentation` out.
 
-`read_segmentation` reads an image file of any form that CARLA or its users write, by
-what is known of it (`SegmentationOptions`) and what its colours show, or refuses it and
-says why. `segmentation_from_tags` takes an array of tags whose family is known.
+`read_segmentation` reads an image file of any form that CARLA or its users write,
+according to the given options (`SegmentationOptions`) and the colours that occur, or
+refuses it with the reason. `segmentation_from_tags` takes an array of tags of a known
+family.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ from filter_core.segmentation.tags import (
 from filter_core.types import TagImage
 
 PALETTES: Final = ("auto", *FAMILIES)
-"""What can be said of a segmentation's tag family."""
+"""The allowed names of a segmentation's tag family."""
 
 Encoding: TypeAlias = Literal["auto", "palette", "raw"]
 
@@ -60,7 +61,7 @@ _FIELDS = ("palette", "encoding", "channel_order", "lossy")
 
 
 class NamesReading(Protocol):
-    """What says how segmentations are to be read: a configuration or a dataset."""
+    """An object with options for segmentations: a configuration or a dataset."""
 
     @property
     def palette(self) -> str: ...
@@ -97,7 +98,7 @@ class SegmentationOptions:
 
     @classmethod
     def named_by(cls, source: NamesReading) -> SegmentationOptions:
-        """What a configuration or a dataset says, whose words have been checked."""
+        """The options of a configuration or a dataset, whose values were checked."""
         return cls(
             palette=source.palette,
             encoding=source.encoding,
@@ -107,7 +108,7 @@ class SegmentationOptions:
 
     @classmethod
     def agreed(cls, layers: Mapping[str, SegmentationOptions]) -> SegmentationOptions:
-        """What several sources say together, the strongest first.
+        """The options of several sources combined, the strongest first.
 
         Parameters
         ----------
@@ -270,7 +271,7 @@ def _refuse_unusable(header: ImageHeader, options: SegmentationOptions) -> None:
 
 
 def _named(options: SegmentationOptions) -> tuple[Named, tuple[str, ...]]:
-    """What is named, the options before the frame's version, and what to note."""
+    """The named family, from the options or else the frame's version, and notes."""
     order: ChannelOrder | None
     order = None if options.channel_order == "auto" else options.channel_order
     family = None if options.palette == "auto" else palette_of(options.palette).name

@@ -1,10 +1,11 @@
-"""Which family, in which channel order, the colours that occur belong to.
+"""Recognises the tag family and the channel order of the colours that occur.
 
 Colours decide, never the share of pixels: an image of carla-0.9.14 can be explained to
 99.6 % by the palette of carla-0.9.10, and a swapped Sky equals Rock.
 
-`recognize` takes the codes of the colours that occur and what was `Named` beforehand,
-and gives the `Recognition`, or raises `SegmentationError` where it would have to guess.
+`recognize` takes the codes of the colours that occur and the options that were `Named`,
+and returns the `Recognition`, or raises `SegmentationError` where it would have to
+guess.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _NEWEST_FIRST: Final = (
 
 
 class Reading(NamedTuple):
-    """One way to understand colours: a tag family and an order of channels."""
+    """An interpretation of colours: a tag family and an order of channels."""
 
     family: str
     order: ChannelOrder
@@ -43,7 +44,7 @@ class Reading(NamedTuple):
         return frozenset(code for code in codes if tags[code] == UNKNOWN_TAG)
 
     def name_of(self, code: int) -> str:
-        """What a colour means in this reading."""
+        """The name of a colour's tag in this reading."""
         return palette_of(self.family).name_of(
             int(tags_of_codes(self.family, self.order)[code])
         )
@@ -51,7 +52,7 @@ class Reading(NamedTuple):
 
 @dataclass(frozen=True)
 class Named:
-    """What was named rather than left to recognition, and by whom.
+    """The family and order that were named instead of left to recognition.
 
     Attributes
     ----------
@@ -159,7 +160,7 @@ def _recognize(codes: frozenset[int], named: Named) -> Recognition:
 
 
 def color_of(code: int, order: ChannelOrder) -> RGB:
-    """The colour of a code as red, green, blue, whatever the order in the file."""
+    """The colour of a code as red, green, blue, for either order in the file."""
     red, green, blue = unpacked(KNOWN_COLORS[code - 1])
     return (red, green, blue) if order == "rgb" else (blue, green, red)
 
@@ -192,7 +193,7 @@ def _refuse_contradiction(
 
 
 def contradiction(text: str) -> SegmentationError:
-    """The error of a segmentation that contradicts what was said of it."""
+    """The error for a segmentation that contradicts the named options."""
     return SegmentationError(text, code="segmentation_contradiction")
 
 
@@ -201,7 +202,7 @@ def _refuse_mixture(
     equals: list[Reading],
     missing: Mapping[Reading, frozenset[int]],
 ) -> None:
-    """Families that each lack another colour: neither is proved."""
+    """Refuse colours of several families of which none has all."""
     for other in equals:
         if other.family == PAPER_TABLE or missing[other] == missing[chosen]:
             continue

@@ -52,7 +52,7 @@ const app = {
   insist: answers.insist,
   closeConflict: answers.closeConflict,
   kept: answers.kept,
-  offerUnowned: answers.offerUnowned,
+  unowned: answers.unowned,
   resume: answers.resume,
   uploads: createUploads(uploadCalls, core.isSignedIn),
 };
@@ -68,7 +68,6 @@ render(h(Shell, { app, linkError }), element("app"));
 if (app.isSignedIn.get()) {
   if (linkError) app.toasts.show(linkError, { kind: "error" });
   void app.greet();
-  app.offerUnowned();
   app.resume();
 }
 

@@ -120,7 +120,7 @@ def test_lists_go_page_by_page_in_every_order(api, street):
         assert len(seen) == len(set(seen)) == 2 * FRAMES, order
 
 
-def test_who_repeats_a_post_gets_the_same_answer(api, street):
+def test_a_repeated_post_gets_the_same_answer(api, street):
     box = api.boxes(street)[0]["box_id"]
     body = {"verdict": "keep", "seen_revision": 0}
     headers = {"Idempotency-Key": f"main-path-{box}"}

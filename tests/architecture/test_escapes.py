@@ -41,7 +41,7 @@ def escapes(text: str) -> int:
 
 
 @pytest.mark.parametrize("folder", PYTHON)
-def test_whoever_silences_a_tool_says_why(folder):
+def test_a_silenced_tool_has_a_reason(folder):
     """That they name what they silence, mypy and ruff see to."""
     silent = [
         f"{source.name}: {comment}"
@@ -59,7 +59,7 @@ def comments(text: str) -> list[str]:
     return [token.string for token in tokens if token.type == tokenize.COMMENT]
 
 
-def test_what_is_counted():
+def test_escapes_are_counted():
     text = (
         "from typing import Any, cast\n"
         "one: Any = cast('int', two)  # type: ignore[misc]  # noqa: E501\n"

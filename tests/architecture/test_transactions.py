@@ -41,7 +41,7 @@ def oversteps(function):
     )
 
 
-def test_who_is_given_a_session_leaves_transactions_alone():
+def test_functions_with_a_session_leave_transactions_alone():
     found = {
         f"{source.name}:{function.name}"
         for source in python_sources("app")

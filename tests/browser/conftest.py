@@ -15,6 +15,7 @@ from playwright.sync_api import (
     expect,
 )
 
+from tests.support import plain_http
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.windows import (
@@ -44,7 +45,7 @@ def browser() -> Iterator[Browser]:
 def api(server: RunningServer) -> Iterator[httpx.Client]:
     """The server as a program sees it."""
     base = f"{server.url}/api/v1"
-    with httpx.Client(base_url=base, headers=server.headers, timeout=60) as client:
+    with plain_http.Client(base_url=base, headers=server.headers, timeout=60) as client:
         yield client
 
 

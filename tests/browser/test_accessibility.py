@@ -37,7 +37,7 @@ def test_focus_is_always_visible(scene, ada):
     assert set(outlines) <= {"solid", "auto"}
 
 
-def test_what_happens_is_said(scene, ada):
+def test_events_are_announced_to_screen_readers(scene, ada):
     page = ada.open(scene.link("real"))
     spoken = page.locator(".sr-only[aria-live]")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import httpx
 import pytest
-from playwright.sync_api import FloatRect, Locator, Page, ViewportSize, expect
+from playwright.sync_api import FloatRect, Locator, Page, Route, ViewportSize, expect
 
 from tests.support.page import crowds
 from tests.support.page.scenes import MakeScene, Scene
@@ -14,6 +14,9 @@ pytestmark = pytest.mark.browser
 
 LONG_KEY = f"{'a-run-whose-name-says-everything-' * 4}/front-camera/000001"
 OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
+OVERFLOW_DOWN = "document.documentElement.scrollHeight - innerHeight"
+KEEP_WITHOUT_A_NAME = """localStorage.setItem(
+  "unghost.bulk.v1.k", JSON.stringify({ key: "k", count: 7 }))"""
 TOP = "(element) => element.getBoundingClientRect().top"
 BROKEN_WORDS = """(elements) => elements.flatMap((element) => {
   const broken = [];
@@ -25,6 +28,13 @@ BROKEN_WORDS = """(elements) => elements.flatMap((element) => {
   }
   return broken;
 })"""
+BELOW_SIGN = """(shares) => shares.filter((share) => {
+  const sign = share.parentElement.querySelector(".icon").getBoundingClientRect();
+  const range = document.createRange();
+  range.selectNodeContents(share);
+  const text = range.getBoundingClientRect();
+  return text.right > sign.left && text.top < sign.bottom;
+}).map((share) => share.textContent)"""
 GAPS = """(buttons) => buttons.slice(1).map((button, i) => {
   const [one, other] = [buttons[i], button].map((each) => each.getBoundingClientRect());
   return Math.max(other.left - one.right, other.top - one.bottom);
@@ -108,7 +118,7 @@ def test_keys_of_a_configuration_break_between_their_words_alone(scene, visit):
 
 
 @pytest.mark.parametrize("link", ["#/datasets/nowhere/frames", "#/frames/999999"])
-def test_what_is_not_there_leads_to_what_is(ada, link):
+def test_a_missing_page_leads_to_the_datasets(ada, link):
     page: Page = ada.open("#/datasets")
     page.goto(f"{ada.url}/{link}")
 
@@ -117,7 +127,7 @@ def test_what_is_not_there_leads_to_what_is(ada, link):
     expect(page.get_by_role("heading", name="Datasets")).to_be_visible()
 
 
-def test_what_nobody_answered_is_not_called_answered(make_scene, ada, empty):
+def test_a_dataset_without_answers_is_not_shown_as_answered(make_scene, ada, empty):
     outside = [{"id": "a", "class": "car", "xyxy": [-20, -20, -5, -5]}]
     scene = make_scene(boxes=outside)
     page = ada.open(f"#/datasets/{scene.dataset}/frames")
@@ -127,3 +137,49 @@ def test_what_nobody_answered_is_not_called_answered(make_scene, ada, empty):
     page = ada.open("#/datasets")
     progress = page.locator(".card", has_text=empty).get_by_role("progressbar")
     expect(progress).to_have_attribute("aria-valuenow", "0")
+
+
+@pytest.mark.parametrize(
+    ("view", "size"),
+    [
+        pytest.param("grid-view", PHONE, id="grid"),
+        pytest.param("queue", PHONE, id="queue"),
+        # On a phone, one scrolls from the frame to its boxes.
+        pytest.param("review", WIDE, id="frame"),
+    ],
+)
+def test_a_message_above_a_view_that_fills_the_window_does_not_push_it_out(
+    scene: Scene, visit: Visit, view: str, size: ViewportSize
+):
+    links = {"review": scene.link("ghost"), "queue": crowds.queue(scene)}
+    page = visit(viewport=size).open(links.get(view, crowds.grid(scene)))
+    page.evaluate(KEEP_WITHOUT_A_NAME)
+    page.reload()
+    expect(page.locator(".strip")).to_contain_text("7 unsent answers")
+    expect(page.locator(f".{view}")).to_be_visible()
+
+    assert page.evaluate(OVERFLOW) == 0
+    assert page.evaluate(OVERFLOW_DOWN) == 0
+
+
+def test_numbers_of_a_narrow_window_stay_on_the_line_of_their_units(
+    make_scene: MakeScene, visit: Visit
+):
+    scene = make_scene(boxes=crowds.crowd(4))
+    crowds.review(scene, scene.box_id("b0"), "keep")
+    ada = visit(viewport=PHONE)
+    ada.page.route("**/quality?*", with_many_answers)
+    page = ada.open(f"#/datasets/{scene.dataset}/quality")
+    shares = page.locator(".field2__share")
+    expect(shares).to_have_count(4)
+
+    assert shares.evaluate_all(BROKEN_WORDS) == []
+    assert shares.evaluate_all(BELOW_SIGN) == []
+
+
+def with_many_answers(route: Route) -> None:
+    """The same answer of the server, with counts of two and three digits."""
+    quality = route.fetch().json()
+    counts = {"kept_keep": 409, "rejected_reject": 383, "kept_reject": 111}
+    quality["confusion"] |= {**counts, "rejected_keep": 29}
+    route.fulfill(json=quality)

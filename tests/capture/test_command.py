@@ -85,7 +85,9 @@ def test_a_host_that_nobody_knows_ends_with_69(unghost, tmp_path):
     assert "no simulator at simulator.invalid:2000" in said.err
 
 
-def test_what_the_simulator_does_not_have_is_told_with_the_file(as_carla, tmp_path):
+def test_a_blueprint_that_the_simulator_lacks_is_named_with_the_file(
+    as_carla, tmp_path
+):
     scenario = written(tmp_path, ego={"blueprint": "vehicle.tesla.modl3"})
 
     done = run(scenario, "--output", tmp_path / "out")
@@ -162,7 +164,7 @@ def test_a_captured_folder_is_filtered_as_it_is(unghost, stage):
     assert (told["kept"], told["rejected"], told["unmeasured"]) == (14, 6, 0)
 
 
-def test_what_was_missed_is_said(as_carla, tmp_path):
+def test_missed_ticks_and_objects_are_reported(as_carla, tmp_path):
     as_carla.simulator.faults.foreign_ticks = {12}
     scenario = written(tmp_path, frames=1, camera={"width": 48, "height": 32})
 

@@ -79,7 +79,7 @@ def test_the_real_class_has_everything_the_fake_has(name):
 
 
 @pytest.mark.parametrize("name", FAKES)
-def test_what_the_fake_lets_one_go_through_the_library_does_as_well(name):
+def test_the_real_class_has_every_operator_of_the_fake(name):
     offered = {one for one in OPERATORS if hasattr(FAKES[name], one)}
 
     assert offered <= {one for one in OPERATORS if hasattr(getattr(carla, name), one)}

@@ -60,7 +60,7 @@ def test_a_box_of_the_map_is_in_the_world_already(pose):
 
 
 @pytest.mark.parametrize("pose", POSES, ids=str)
-def test_what_is_annotated_is_projected_as_the_librarys_matrices_do(pose):
+def test_annotations_are_projected_as_by_the_librarys_matrices(pose):
     ahead = carla.Transform(pose.transform(carla.Location(15, 2, 0)), pose.rotation)
     one = SeenObject(
         Named("7", "actor", "car"), local_box(given_box()), as_transform(ahead)

@@ -149,7 +149,7 @@ def test_points_are_stored_as_measured(stage):
     assert np.arctan2(y, x) == pytest.approx(-0.2)
 
 
-def test_what_the_actor_says_of_itself_is_stored(stage):
+def test_attributes_of_an_actor_are_stored(stage):
     stage.capture()
 
     boxes = {box["id"]: box for box in lines(stage)[0]["boxes"]}

@@ -43,7 +43,9 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("changes", "words"), WRONG, ids=lambda v: str(v)[:40])
-def test_what_does_not_fit_is_refused_before_anything_is_spawned(stage, changes, words):
+def test_a_scenario_that_does_not_fit_is_refused_before_anything_is_spawned(
+    stage, changes, words
+):
     before = len(stage.simulator.spawned)
 
     with pytest.raises(CaptureError, match=words):
@@ -99,7 +101,7 @@ def test_another_scenario_does_not_go_on_in_the_same_folder(stage):
         ({"autopilot": False, "lights": ["Fog"]}, "no vehicle: it has no lights"),
     ],
 )
-def test_what_only_a_vehicle_can_do_is_refused_for_other_blueprints(stage, ego, words):
+def test_options_of_vehicles_are_refused_for_other_blueprints(stage, ego, words):
     walker = {"blueprint": "walker.pedestrian.0001", "spawn_point": 0}
 
     with pytest.raises(CaptureError, match=words):

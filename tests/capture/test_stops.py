@@ -71,7 +71,7 @@ def test_a_terminal_that_is_closed_leaves_nothing_behind(stage, tick):
     assert stage.left_behind() == {}
 
 
-def test_who_wants_to_outlive_the_terminal_does(stage):
+def test_a_capture_that_ignores_hangups_outlives_its_terminal(stage):
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     at_tick(stage, TICK, lambda: signal.raise_signal(signal.SIGHUP))
 

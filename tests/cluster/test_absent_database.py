@@ -31,7 +31,7 @@ def test_a_worker_gives_up_in_words_where_no_database_answers(made, nowhere):
     worker = made.worker("--patience", "1", joined=False, **nowhere)
 
     assert worker.ended() == 69
-    assert "the database does not answer" in worker.said
+    assert "the database does not respond" in worker.said
     assert SECRET not in worker.said
     assert "Traceback" not in worker.said
 

@@ -224,7 +224,7 @@ def answered(port, certificates):
     [
         ("tcp://192.0.2.1:8786", "not encrypted"),
         pytest.param("tls://192.0.2.1:8786", "UNGHOST_TLS_CA", marks=pytest.mark.long),
-        pytest.param("dask", "is no engine", marks=pytest.mark.long),
+        pytest.param("dask", "is not an engine", marks=pytest.mark.long),
     ],
 )
 def test_a_server_refuses_an_engine_that_anybody_could_use(tmp_path, engine, said):

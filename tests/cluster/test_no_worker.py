@@ -15,7 +15,7 @@ from tests.support.waiting import until
 SAID = "no worker has joined"
 
 
-def test_what_lasts_is_said_when_it_begins_and_once_in_a_while():
+def test_an_absence_of_workers_is_logged_at_its_beginning_and_once_in_a_while():
     now = [0.0]
     absence = AbsenceLog(clock=lambda: now[0])
 

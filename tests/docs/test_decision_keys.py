@@ -67,7 +67,7 @@ def test_the_service_answers_the_types_of_the_library():
     assert found == typed_keys(Decision)
 
 
-def test_what_the_service_composes_is_what_it_says_it_answers():
+def test_composed_decisions_have_the_documented_keys():
     assert typed_keys(StoredDecision) == schema_of(boxes.Decision)
 
 
@@ -82,9 +82,9 @@ def test_every_key_is_explained():
     assert set(StoredDecision.__annotations__) - explained == set()
 
 
-def test_what_hides_a_box_has_the_same_keys_everywhere():
+def test_hidden_by_has_the_same_keys_everywhere():
     assert typed_keys(HiddenBy) == schema_of(boxes.HiddenBy)
 
 
-def test_what_was_recognised_has_the_same_keys_everywhere():
+def test_a_segmentation_report_has_the_same_keys_everywhere():
     assert typed_keys(SegmentationReport) == schema_of(frames.SegmentationReport)

@@ -13,7 +13,7 @@ from tools.reference import part_pattern
 from unghost.wire.runs import ExportIn, ExportOptions
 
 DOCUMENT = read("docs/formats.md")
-_, GOING_OUT = DOCUMENT.split("## What goes out")
+_, GOING_OUT = DOCUMENT.split("## Writing")
 
 
 def rows_with(column):

@@ -35,7 +35,7 @@ def keys(data):
         return {row[0] for row in database.execute("SELECT key FROM frames")}
 
 
-def test_what_was_answered_before_a_backup_of_a_busy_server_is_in_it(tmp_path, unghost):
+def test_a_backup_of_a_busy_server_has_every_answer_given_before_it(tmp_path, unghost):
     stop = threading.Event()
     answered: list[str] = []
 

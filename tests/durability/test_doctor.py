@@ -73,7 +73,7 @@ def test_a_damaged_file_is_found_and_named(filled, spoil):
     assert "backup" in found["files"].todo
 
 
-def test_what_is_wrong_is_told_by_the_exit_code_and_to_people(filled, unghost):
+def test_faults_are_told_by_the_exit_code_and_in_words(filled, unghost):
     (filled / "token").chmod(0o644)
     warned = unghost("doctor")
     cut(filled)
@@ -126,7 +126,7 @@ def test_little_room_is_said(filled):
     assert examined(filled, min_free_bytes=2**60)["disk"].severity is Severity.WARNING
 
 
-def test_it_looks_at_a_folder_that_is_served(tmp_path):
+def test_the_doctor_examines_a_folder_that_is_served(tmp_path):
     with served(tmp_path / "data") as (_, api):
         dataset = api.dataset()
         api.stored(

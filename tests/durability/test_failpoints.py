@@ -218,7 +218,7 @@ def test_an_answer_of_a_person_is_there_or_not(servers, dataset, point):
     assert told in ((None, 201) if point in SEEN else (None,))
 
 
-def test_what_the_killed_left_behind_can_be_cleared_away(servers, dataset):
+def test_leftovers_of_killed_servers_can_be_removed(servers, dataset):
     """Runs after any of the others, or alone."""
     killed(servers, Point("rename", after=True, turn=2), upload(dataset, 200))
     left = len(blobs(servers.data))

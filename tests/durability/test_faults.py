@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import sqlite3
-from contextlib import closing
-
 import pytest
-from sqlalchemy.exc import DatabaseError
 
-from app.db.engine import make_engine, sqlite_url
-from app.http.problems import refusal_of
 from tests.support import frames as scene
 from tests.support.data_folders import blobs, examined, served
 from tests.support.mounts import read_only, small_disk
@@ -117,30 +111,6 @@ def test_damaged_files_are_refused_by_name_and_mended_by_sending_them_again(tmp_
 
 
 @pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
-def test_a_damaged_database_is_told_at_the_start_and_by_a_code(filled, tmp_path):
-    with closing(sqlite3.connect(filled / "unghost.db")) as database:
-        database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        pages = database.execute(
-            "SELECT rootpage FROM sqlite_master WHERE tbl_name = 'decisions' "
-            "AND rootpage > 0"
-        ).fetchall()
-    with (filled / "unghost.db").open("r+b") as file:
-        for (page,) in pages:
-            file.seek((page - 1) * 4096)
-            file.write(b"\xff" * 4096)
-
-    engine = make_engine(sqlite_url(filled / "unghost.db"))
-    with pytest.raises(DatabaseError) as raised, engine.connect() as connection:
-        connection.exec_driver_sql("SELECT * FROM decisions").all()
-    engine.dispose()
-    refusal = refusal_of(raised.value)
-
-    assert (refusal.status, refusal.code) == (503, "database_damaged")
-    assert "`unghost doctor` says more" in refused_start(filled, tmp_path)
-    assert examined(filled).keys() == {"database"}
-
-
-@pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
 def test_a_folder_whose_database_is_gone_is_not_served_as_an_empty_one(
     filled, tmp_path
 ):
@@ -149,7 +119,7 @@ def test_a_folder_whose_database_is_gone_is_not_served_as_an_empty_one(
 
     said = refused_start(filled, tmp_path)
 
-    assert "is missing, but its files are there" in said.splitlines()[-1]
+    assert "is missing, but its files still exist" in said.splitlines()[-1]
     assert "restore a backup" in said.splitlines()[-1]
     assert not (filled / "unghost.db").exists()
     assert len(blobs(filled)) == 4

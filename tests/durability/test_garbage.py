@@ -59,7 +59,7 @@ def test_files_of_a_deleted_frame_go_and_others_stay(filled):
     assert collected(filled).files == 0
 
 
-def test_what_is_younger_than_the_time_of_grace_stays(filled):
+def test_files_younger_than_the_grace_period_stay(filled):
     delete_a_frame(filled)
 
     kept = collected(filled, grace_hours=1)

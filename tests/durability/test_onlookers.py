@@ -29,7 +29,7 @@ def seen(file):
     return int(done.stdout)
 
 
-def test_what_is_written_after_somebody_looked_is_there(tmp_path):
+def test_rows_written_after_another_process_read_the_database_are_kept(tmp_path):
     """The last one to close clears the log away: the service has it open still."""
     file = tmp_path / "data" / "unghost.db"
     with running_services(tmp_path / "data"):

@@ -14,9 +14,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import httpx
 import pytest
 
+from tests.support import plain_http
 from tests.support.command_line import CommandLine
 from tests.support.databases import problems_of
 from tests.support.frames import write_manifest
@@ -53,7 +53,7 @@ def command_line(place: Path, server: RunningServer) -> CommandLine:
     )
 
 
-def test_whatever_is_killed_what_was_acknowledged_is_there(place):
+def test_acknowledged_frames_survive_any_kill_during_a_push(place):
     print(f"KILL_SEED={SEED}")
     dice = random.Random(SEED)
     wanted = digests(place)
@@ -141,11 +141,10 @@ def check_whole(place, client, dataset, wanted) -> list[str]:
 
 def known(client: Client, dataset: str, keys: list[str]) -> dict[str, str]:
     """What the server says these frames are."""
-    answer = httpx.post(
+    answer = plain_http.post(
         f"{client.url}/api/v1/datasets/{dataset}/known-frames",
         json={"keys": keys},
         headers={"Authorization": f"Bearer {client.token}"},
-        trust_env=False,
     )
     return {item["key"]: item["digest"] for item in answer.json()["items"]}
 

@@ -77,7 +77,7 @@ def fill(api):
     return Ids(newest["id"], box, run["id"], export["id"], batch["id"], config)
 
 
-def test_it_is_gone_for_everybody_before_its_rows_are(data):
+def test_a_deleted_dataset_is_gone_for_everybody_before_its_rows_are(data):
     with served(data) as (_, api):
         ids = fill(api)
 
@@ -98,7 +98,7 @@ def test_it_is_gone_for_everybody_before_its_rows_are(data):
     assert 'unghost_jobs{kind="export",state="done"} 0' in metrics
 
 
-def test_what_a_killed_server_left_goes_with_the_next_one(data):
+def test_a_removal_that_a_kill_interrupted_is_finished_by_the_next_server(data):
     with served(data) as (server, api):
         fill(api)
         stored = count(data)

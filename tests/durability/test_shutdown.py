@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from tests.support import archives
+from tests.support import archives, plain_http
 from tests.support import frames as scene
 from tests.support.api import BASE
 from tests.support.databases import rows_of, writing
@@ -84,7 +84,7 @@ def terminate(server):
     """Ask it to stop, and wait until it says that it does."""
     server.process.send_signal(signal.SIGTERM)
     for _ in range(PATIENCE_S * 10):
-        ready = httpx.get(f"{server.url}/readyz", trust_env=False, timeout=PATIENCE_S)
+        ready = plain_http.get(f"{server.url}/readyz", timeout=PATIENCE_S)
         if ready.status_code == 503:
             assert [e["code"] for e in ready.json()["errors"]] == ["shutdown"]
             return
@@ -100,7 +100,7 @@ def ended(server):
     return server.process.wait(PATIENCE_S)
 
 
-def test_what_arrived_is_stored_and_answered_and_nothing_new_is_begun(start_api):
+def test_a_stop_answers_requests_that_arrived_and_begins_nothing_new(start_api):
     server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S=str(PATIENCE_S))
     name = api.dataset()
     upload = SlowUpload(server, name, "slow")
@@ -211,7 +211,7 @@ def test_a_request_that_takes_too_long_is_told_so(start_api):
 
     assert (status, json.loads(body)["code"]) == (503, "not_ready")
     assert ended(server) == 0
-    assert "1 requests are cut off" in server.log.read_text("utf-8")
+    assert "1 requests are cancelled" in server.log.read_text("utf-8")
     assert rows(server, "SELECT count(*) FROM frames") == [(0,)]
 
 
@@ -240,7 +240,7 @@ def reading_little_by_little(server):
     """A client for whom next to nothing waits but in the server."""
     little = (socket.SOL_SOCKET, socket.SO_RCVBUF, 64 * 1024)
     transport = httpx.HTTPTransport(socket_options=[little])
-    return httpx.Client(
+    return plain_http.Client(
         base_url=server.url,
         headers=server.headers,
         transport=transport,
@@ -263,7 +263,7 @@ def test_work_that_does_not_end_is_ended_and_goes_on_later(start_api):
     run = api.finished(accepted)
 
     assert code == 1
-    assert "did not end in time" in first.log.read_text("utf-8")
+    assert "the shutdown took too long" in first.log.read_text("utf-8")
     assert (run["state"], run["done"]) == ("done", FRAMES)
 
 

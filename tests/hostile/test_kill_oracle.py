@@ -47,7 +47,7 @@ RECOUNT = """
 
 
 @pytest.mark.timeout(14400)
-def test_what_was_acknowledged_survives_any_kill_exactly_once(tmp_path):
+def test_acknowledged_writes_survive_any_kill_exactly_once(tmp_path):
     print(f"KILL_SEED={SEED}")
     dice, folder = random.Random(SEED), tmp_path / "data"
     ledger, promised = None, 0

@@ -259,7 +259,7 @@ def test_a_deleted_dataset_does_not_come_back_with_an_older_schema(engine):
     assert current_revision(engine) == head_revision(SCRIPTS)
 
 
-def test_what_is_done_is_noted_again_after_going_down_and_up(engine):
+def test_the_audit_log_works_again_after_going_down_and_up(engine):
     migrate(engine, SCRIPTS)
     migrate(engine, SCRIPTS, "0004")
     assert "audit_log" not in inspect(engine).get_table_names()

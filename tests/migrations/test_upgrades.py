@@ -46,7 +46,7 @@ def test_every_table_of_every_revision_is_filled(engine):
 
 
 @pytest.mark.parametrize("revision", REVISIONS)
-def test_what_was_stored_at_a_revision_survives_the_way_up_and_back(engine, revision):
+def test_rows_of_a_revision_survive_the_way_up_and_back(engine, revision):
     migrate(engine, SCRIPTS, revision)
     fill(engine, revision)
     before = contents(engine)
@@ -61,7 +61,7 @@ def test_what_was_stored_at_a_revision_survives_the_way_up_and_back(engine, revi
 
 
 @pytest.mark.parametrize("revision", REVISIONS)
-def test_what_both_know_survives_the_way_down_and_up_again(engine, revision):
+def test_columns_that_both_revisions_have_survive_the_way_down_and_up(engine, revision):
     migrate(engine, SCRIPTS)
     fill(engine, REVISIONS[-1])
     above = contents(engine)

@@ -79,7 +79,7 @@ def test_each_container_has_the_certificates_it_names_and_no_others(name):
     assert "ca.key" not in RECIPE["secrets"]
 
 
-def test_what_the_containers_run_are_commands():
+def test_containers_run_commands_that_exist():
     commands = [one["command"] for one in SERVICES.values() if "command" in one]
 
     assert commands

@@ -12,10 +12,10 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-import httpx
 import pytest
 import yaml
 
+from tests.support import plain_http
 from tests.support.dockerfile import Stage, parse_dockerfile
 from tests.support.installation import Installation
 from tests.support.servers import start_anew, stop, wait_for_link
@@ -104,7 +104,7 @@ def test_the_start_command_serves_as_an_ordinary_user(
     process = start_anew([*drop, *command], data, log, environment)
     try:
         url = wait_for_link(process, log).partition("/#")[0]
-        ready = httpx.get(f"{url}/readyz", timeout=30)
+        ready = plain_http.get(f"{url}/readyz", timeout=30)
         python, *words = at(url, health_check(IMAGE))
         healthy = subprocess.run([installation.python, *words], check=False)
     finally:

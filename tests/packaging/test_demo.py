@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import httpx
-
+from tests.support import plain_http
 from tests.support.installation import Installation
 from tests.support.servers import start_anew, stop, token_of, wait_for_link
 
@@ -17,7 +16,7 @@ def test_the_demo_renders_filters_and_serves(installation: Installation, tmp_pat
     try:
         url = wait_for_link(process, log).partition("/#")[0]
         headers = {"Authorization": f"Bearer {token_of(tmp_path / 'data')}"}
-        with httpx.Client(base_url=url, headers=headers, timeout=60) as client:
+        with plain_http.Client(base_url=url, headers=headers, timeout=60) as client:
             ready = client.get("/readyz")
             page = client.get("/")
             stats = client.get("/api/v1/datasets/demo/stats").json()

@@ -22,6 +22,7 @@ import pyarrow.parquet
 from filter_core.formats.registry import EXPORT_FORMATS
 from tests.pins import street
 from tests.pins.walk import BASE, DATASET, FINISHED, plain, walked
+from tests.support import plain_http
 from tests.support.databases import rows_of
 from tests.support.servers import RunningServer, running_server
 
@@ -64,9 +65,7 @@ def found() -> dict[str, Any]:
 
 
 def _client(server: RunningServer) -> httpx.Client:
-    return httpx.Client(
-        base_url=server.url, headers=server.headers, trust_env=False, timeout=60
-    )
+    return plain_http.Client(base_url=server.url, headers=server.headers)
 
 
 def _exports(http: httpx.Client) -> tuple[dict[str, Any], dict[str, dict[str, bytes]]]:

@@ -24,7 +24,7 @@ def lowered(name: str, found: Any) -> Any:
 
 
 @pytest.mark.parametrize("name", PINS)
-def test_it_is_as_it_was(name):
+def test_a_pinned_output_is_unchanged(name):
     complaint = stored.complaint(name, lowered(name, PINS[name]()))
 
     assert not complaint, complaint

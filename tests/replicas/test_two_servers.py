@@ -6,10 +6,9 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
-import httpx
-
 from app.access.gate import REMEMBERED_S
 from tests.support import frames as scene
+from tests.support import plain_http
 from tests.support.api import BASE, Api
 from tests.support.event_reader import events, open_events
 from tests.support.long_streets import FROM_PIXELS, fill
@@ -47,13 +46,13 @@ def test_servers_that_share_a_folder_share_the_first_token(replicas):
 def test_a_code_and_a_session_of_one_are_those_of_the_other(replicas):
     one, two = replicas.one.server.url, replicas.two.server.url
     code = replicas.two.server.login_link.partition("/#code=")[2]
-    opened = httpx.post(f"{one}/api/v1/session", json={"code": code})
-    again = httpx.post(f"{two}/api/v1/session", json={"code": code})
+    opened = plain_http.post(f"{one}/api/v1/session", json={"code": code})
+    again = plain_http.post(f"{two}/api/v1/session", json={"code": code})
     shown = {"Authorization": f"Bearer {opened.json()['session']}"}
-    with httpx.Client(base_url=two, headers=shown, trust_env=False) as browser:
+    with plain_http.Client(base_url=two, headers=shown) as browser:
         known = browser.get("/api/v1/session")
         browser.delete("/api/v1/session")
-    with httpx.Client(base_url=one, headers=shown, trust_env=False) as browser:
+    with plain_http.Client(base_url=one, headers=shown) as browser:
         last_sent_s = until_refused(browser)
 
     assert (opened.status_code, again.status_code) == (201, 401)

@@ -10,10 +10,10 @@ import random
 import threading
 import time
 
-import httpx
 import pytest
 
 from tests.support import frames as scene
+from tests.support import plain_http
 from tests.support.api import BASE, Api
 from tests.support.archives import frame, lines_of, packed
 from tests.support.long_streets import FROM_PIXELS
@@ -32,7 +32,7 @@ def problem(answer):
 
 def until_ready(server):
     for _ in range(MOST_TRIES):
-        answer = httpx.get(f"{server.url}/readyz", trust_env=False, timeout=60)
+        answer = plain_http.get(f"{server.url}/readyz", timeout=60)
         if answer.status_code == 200:
             return
         time.sleep(0.1)  # it looks itself once a second
@@ -57,7 +57,7 @@ def test_a_store_that_is_away_is_told_as_503_and_what_is_stored_comes_back(on_s3
 
     refused = on_s3.api.put(dataset, "after", **files(2))
     picture = on_s3.api.get(f"/frames/{frame_id}/image")
-    ready = httpx.get(f"{on_s3.server.url}/readyz", trust_env=False, timeout=60)
+    ready = plain_http.get(f"{on_s3.server.url}/readyz", timeout=60)
     listed = on_s3.api.json(f"/datasets/{dataset}/frames")["items"]
     on_s3.gate.flow()
     on_s3.gate.shut()
@@ -96,7 +96,9 @@ def send(api, dataset, members):
 
 
 def complaints(server):
-    return server.log.read_text("utf-8").count("the store of the files does not answer")
+    return server.log.read_text("utf-8").count(
+        "the storage of the files does not respond"
+    )
 
 
 def until_it_complains(server, before):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import hashlib
 
-import httpx
 import pytest
 
 from tests.support import frames as scene
+from tests.support import plain_http
 from tests.support.api import BASE
 from tests.support.archives import frame, lines_of, packed
 from tests.support.long_streets import FROM_PIXELS
@@ -93,7 +93,7 @@ def test_a_picture_is_answered_in_parts_and_only_once(on_s3, dataset):
     assert (known.status_code, beyond.status_code) == (304, 416)
 
 
-def test_pictures_are_drawn(on_s3, dataset):
+def test_pictures_are_drawn_from_files_in_a_bucket(on_s3, dataset):
     box = on_s3.api.boxes(dataset)[0]
     frame_path = f"/frames/{box['frame_id']}"
 
@@ -135,7 +135,7 @@ def test_a_frame_that_is_sent_again_mends_its_files(on_s3):
     assert api.get(path).content == content
 
 
-def test_a_download_goes_on_where_it_stopped(on_s3, dataset):
+def test_an_export_in_a_bucket_is_downloaded_in_parts(on_s3, dataset):
     made = exported(on_s3.api, dataset, images="copy")
     whole = on_s3.api.http.get(made["download"])
     tag, size = whole.headers["etag"], made["size_bytes"]
@@ -157,8 +157,8 @@ def test_a_download_goes_on_where_it_stopped(on_s3, dataset):
     assert made["sha256"] in on_s3.bucket.blobs()
 
 
-def test_it_is_ready_and_counts_what_is_stored(on_s3, dataset):
-    ready = httpx.get(f"{on_s3.server.url}/readyz", trust_env=False).json()
+def test_a_service_with_a_bucket_is_ready_and_counts_its_files(on_s3, dataset):
+    ready = plain_http.get(f"{on_s3.server.url}/readyz").json()
     for _ in range(1000):
         text = on_s3.api.http.get("/metrics").text
         if "\nunghost_blob_bytes " in text:
@@ -169,7 +169,7 @@ def test_it_is_ready_and_counts_what_is_stored(on_s3, dataset):
     assert float(counted) > FRAMES
 
 
-def test_what_nothing_refers_to_is_cleared_away_and_the_rest_is_whole(on_s3, s3):
+def test_unused_files_are_removed_and_the_others_are_whole(on_s3, s3):
     api, command, dataset = on_s3.api, on_s3.command, on_s3.api.dataset()
     images = {"old": scene.image(99), "young": scene.image(98)}
     digests = {key: hashlib.sha256(image).hexdigest() for key, image in images.items()}

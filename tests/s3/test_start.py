@@ -34,7 +34,7 @@ def test_a_server_that_is_not_there(tmp_path, s3):
     said = refusal(tmp_path / "data", TestBucket("http://127.0.0.1:1", "pictures"))
 
     assert "'pictures' at http://127.0.0.1:1" in said
-    assert "it does not answer" in said
+    assert "it does not respond" in said
 
 
 @pytest.mark.parametrize("status", [pytest.param(500, marks=pytest.mark.long), 503])
@@ -42,7 +42,7 @@ def test_a_server_that_fails(tmp_path, s3, status):
     with answering(lambda _: (status, "")) as url:
         said = refusal(tmp_path / "data", TestBucket(url, "pictures"))
 
-    assert "it does not answer" in said
+    assert "it does not respond" in said
 
 
 def test_refused_keys_are_named_by_their_variables_and_never_shown(tmp_path):

@@ -12,11 +12,12 @@ from typing import Any
 import httpx
 
 from tests.support import frames as scene
+from tests.support import plain_http
 
 BASE = "/api/v1"
 FINISHED = ("done", "failed", "cancelled")
 MOST_LOOKS = 20_000
-LOOK_EVERY_S = 0.01
+LOOK_EVERY_S = 0.03
 """Asking without a pause would take the processor from the run that one waits for."""
 _numbers = count(1)
 
@@ -29,10 +30,7 @@ class Api:
 
     @classmethod
     def at(cls, url: str, headers: Mapping[str, str]) -> Api:
-        client = httpx.Client(
-            base_url=url, headers=headers, trust_env=False, timeout=60
-        )
-        return cls(client)
+        return cls(plain_http.Client(base_url=url, headers=headers))
 
     def get(self, path: str, **parameters: Any) -> httpx.Response:
         return self.http.get(BASE + path, params=parameters or None)

@@ -10,9 +10,11 @@ from __future__ import annotations
 import os
 import sys
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
+from functools import lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from sqlalchemy import (
@@ -31,11 +33,13 @@ from app.db.engine import Database, make_engine, sqlite_url
 from app.db.inspection import broken_keys
 from app.db.migrate import migrate
 from app.package import migrations_dir
+from app.storage import make_folder
 
 # Read here: the tests see no UNGHOST_* variables.
 CHOSEN = os.environ.get("UNGHOST_TEST_DATABASE", "")
 SERVER = make_url(CHOSEN or "postgresql+psycopg://postgres@127.0.0.1:5432/postgres")
 DATABASE_URL = "UNGHOST_DATABASE_URL"
+FILE = "unghost.db"
 _PREFIX = "unghost_test_"
 _of_folders: dict[Path, URL] = {}
 _template: list[URL] = []
@@ -68,9 +72,24 @@ def environment_of(data: Path) -> dict[str, str]:
     return {DATABASE_URL: _text(_database_of(data))} if CHOSEN else {}
 
 
+def give_tables(data: Path, settings: Mapping[str, object]) -> None:
+    """Put a database with all tables, but no rows, into a data folder that is new.
+
+    A service makes them itself where they are missing: that takes longer than all
+    else that it does at its start. `settings` are those of the service; where they
+    name another place for its database or its files, it starts without.
+    """
+    named = {name.removeprefix("UNGHOST_").lower() for name in settings}
+    is_new = not data.exists() or not any(data.iterdir())
+    if CHOSEN or named & {"database_url", "storage"} or not is_new:
+        return
+    make_folder(data)
+    (data / FILE).write_bytes(_migrated_file())
+
+
 def url_of(data: Path) -> str:
     """The database of a data folder."""
-    return _text(_database_of(data)) if CHOSEN else sqlite_url(data / "unghost.db")
+    return _text(_database_of(data)) if CHOSEN else sqlite_url(data / FILE)
 
 
 @contextmanager
@@ -112,7 +131,7 @@ def everything_in(data: Path) -> str:
 def problems_of(data: Path) -> list[str]:
     """What `unghost doctor` says of a database that nobody serves."""
     if not CHOSEN:
-        return inspection.problems_of(data / "unghost.db")
+        return inspection.problems_of(data / FILE)
     with closing(Database(_text(_database_of(data)))) as database:
         return broken_keys(database.engine)
 
@@ -187,6 +206,15 @@ def _migrated() -> URL:
         engine.dispose()
         _template.append(url)
     return _template[0]
+
+
+@lru_cache(maxsize=1)
+def _migrated_file() -> bytes:
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / FILE
+        with closing(Database(sqlite_url(file))) as database:
+            migrate(database.engine, migrations_dir())
+        return file.read_bytes()
 
 
 def _created(options: str) -> URL:

@@ -87,6 +87,21 @@ def frame(key, *boxes, wh=WH, annotation=None, **more):
     )
 
 
+def street(count, boxes=10, **more):
+    """Frames with kept, rejected and cut boxes."""
+    for number in range(count):
+        made = [
+            box(
+                each,
+                (each, 5, each + 20, 130 if each % 3 else 50),
+                "rejected" if each % 4 == 0 else "kept",
+                distance=each * 11.0,
+            )
+            for each in range(boxes)
+        ]
+        yield frame(f"town/{number:06}", *made, map=f"Town{number % 3}", **more)
+
+
 def column(decisions, name, dtype=np.float64, absent=np.nan):
     """One value of each decision, as an array."""
     values = (one.get(name) for one in decisions)

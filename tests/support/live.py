@@ -14,11 +14,12 @@ import httpx
 import uvicorn
 from fastapi import FastAPI
 
+from app.engine import LocalEngine
 from app.main import create_app
 from app.serve import listen, server_config
 from app.settings import Settings
-from tests.support import probe_routes
-from tests.support.databases import settings_of
+from tests.support import plain_http, probe_routes
+from tests.support.databases import give_tables, settings_of
 
 
 @dataclass(frozen=True)
@@ -39,13 +40,26 @@ class Live:
 
     def client(self, **headers: str) -> httpx.Client:
         """A client that sends these headers only."""
-        return httpx.Client(
-            base_url=self.url, headers=headers, trust_env=False, timeout=60
-        )
+        return plain_http.Client(base_url=self.url, headers=headers)
 
     def admin(self) -> httpx.Client:
         """A client that sends the first token."""
         return self.client(**self.bearer)
+
+
+@contextmanager
+def resting(engine: LocalEngine) -> Iterator[None]:
+    """The one thread that works off jobs has something else to do: they wait."""
+    done = threading.Event()
+
+    def rest() -> None:
+        done.wait(120)
+
+    engine.submit(rest)
+    try:
+        yield
+    finally:
+        done.set()
 
 
 class _Server(uvicorn.Server):
@@ -63,6 +77,7 @@ class _Server(uvicorn.Server):
 @contextmanager
 def live(data: Path, **chosen: Any) -> Iterator[Live]:
     """Serve this data folder with these settings until the block ends."""
+    give_tables(data, chosen)
     settings = Settings(data=data, **{**settings_of(data), **chosen})
     app = create_app(settings)
     app.include_router(probe_routes.router)

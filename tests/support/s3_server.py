@@ -20,12 +20,12 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import urlsplit
 
-import httpx
 from obstore.store import S3Store
 
 from app.addresses import Bucket
 from app.storage.base import place_of
 from app.storage.s3 import S3Place, retrying_client
+from tests.support import plain_http
 from tests.support.sources import CHECKOUT
 
 KEYS = {"AWS_ACCESS_KEY_ID": "tests", "AWS_SECRET_ACCESS_KEY": "a-secret-of-tests"}
@@ -117,7 +117,7 @@ class S3Server:
     def bucket(self) -> TestBucket:
         """A new one."""
         name = f"tests-{uuid.uuid4().hex}"
-        httpx.put(f"{self.url}/{name}", trust_env=False).raise_for_status()
+        plain_http.put(f"{self.url}/{name}").raise_for_status()
         return TestBucket(self.url, name)
 
 
@@ -151,7 +151,8 @@ def main() -> None:
     offset_s = 0.0
 
     def shifted_now() -> datetime:
-        return utcnow() + timedelta(seconds=offset_s)
+        now: datetime = utcnow() + timedelta(seconds=offset_s)
+        return now
 
     vars(models)["utcnow"] = shifted_now
     server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)

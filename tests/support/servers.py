@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import httpx
-
-from tests.support import processes
-from tests.support.databases import environment_of
+from tests.support import plain_http, processes
+from tests.support.databases import environment_of, give_tables
 from tests.support.processes import Process
 
 STOP_WAIT_S = 30
@@ -42,14 +40,14 @@ class RunningServer:
     def login_link_of(self, token: str) -> str:
         """As `login_link`, for whoever has this token."""
         headers = {"Authorization": f"Bearer {token}"}
-        made = httpx.post(f"{self.url}/api/v1/login-codes", headers=headers)
+        made = plain_http.post(f"{self.url}/api/v1/login-codes", headers=headers)
         assert made.status_code == 201, made.text
         return f"{self.url}/#code={made.json()['code']}"
 
     def signed_in(self, token: str = "") -> dict[str, Any]:
         """The browser storage of somebody who is signed in, as Playwright takes it."""
         body = {"token": token or self.token}
-        opened = httpx.post(f"{self.url}/api/v1/session", json=body)
+        opened = plain_http.post(f"{self.url}/api/v1/session", json=body)
         assert opened.status_code == 201, opened.text
         kept = {"name": SESSION_KEY, "value": opened.text}
         return {
@@ -72,7 +70,8 @@ def running_server(
 ) -> Iterator[RunningServer]:
     """Serve this data folder; `settings` are UNGHOST_* variables.
 
-    `anew` starts Python itself, as benchmarks do, and tests of the start.
+    `anew` starts Python itself and lets the service make its database, as benchmarks
+    do, and tests of the start.
 
     Raises
     ------
@@ -83,6 +82,7 @@ def running_server(
     if anew:
         process = start_anew(SERVER, data, log, settings or {})
     else:
+        give_tables(data, settings or {})
         process = start(["app"], data, log, settings or {})
     try:
         url = wait_for_link(process, log).partition("/#")[0]

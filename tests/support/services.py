@@ -6,6 +6,7 @@ import json
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import count
@@ -24,6 +25,7 @@ from app.engine import Job, LocalEngine
 from app.ingest.frame import StoredFrame, UploadedFrame, UploadRequest
 from app.ingest.service import add_frame
 from app.jobs.driver import drive_job
+from app.jobs.service import cancel
 from app.measuring.active import active_version, config_of
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository
@@ -32,12 +34,17 @@ from app.review import service as reviews
 from app.review.history import history
 from app.runs.flips import PreviewLimits, preview
 from app.runs.queries import RunRepository
-from app.runs.service import RunRequest, request_run
+from app.runs.service import RUNS, RunRequest, request_run
 from app.security import Principal
 from app.settings import Settings
 from filter_core.config.filter import FilterConfig
 from tests.support import frames as scene
-from tests.support.databases import settings_of
+from tests.support.databases import give_tables, settings_of
+from tests.support.statements import interrupted_at
+from tests.support.waiting import until
+
+FLIPS = "INSERT INTO flips "
+"""A statement that begins like this is of the transaction that ends a run."""
 
 _numbers = count(1)
 
@@ -45,6 +52,7 @@ _numbers = count(1)
 @contextmanager
 def running_services(folder: Path, **chosen: Any) -> Iterator[Services]:
     """The context of a service without a port: database, storage, engine, pools."""
+    give_tables(folder, chosen)
     chosen = {**settings_of(folder), **chosen}
     with running(Settings(data=folder, workers=2, **chosen)) as context:
         yield Services(context)
@@ -83,9 +91,9 @@ class Services:
     context: ServiceContext
     author: str = "ada"
 
-    def dataset(self, **reading: Any) -> Street:
-        """A new dataset with a name of its own."""
-        name = f"street-{next(_numbers)}"
+    def dataset(self, name: str = "", **reading: Any) -> Street:
+        """A new dataset; without a name, with one of its own."""
+        name = name or f"street-{next(_numbers)}"
         wanted = datasets.NewDataset(
             DatasetReading(name, **reading), "", None, FilterConfig(), self.author
         )
@@ -186,6 +194,30 @@ class Street:
         assert over.wait(60)
         with self.context.database.read() as session:
             return RunRepository(session).with_id(run_id)
+
+    def cancelled_while_it_ends(self, run_id: int) -> str:
+        """Carry out a run that is cancelled within its last transaction.
+
+        Returns the state that who cancels is told. Where one writer has the database,
+        the run holds the place that cancelling waits for.
+        """
+        job, engine = run_job(run_id), self.context.engine
+        answers = []
+
+        def told() -> str:
+            with self.context.database.write() as session:
+                return cancel(self.context, session, RUNS, run_id).state
+
+        def interrupt() -> None:
+            answers.append(pool.submit(told))
+            until(lambda: job in engine.interrupted())
+
+        with (
+            ThreadPoolExecutor(1) as pool,
+            interrupted_at(self.context.database.engine, FLIPS, interrupt),
+        ):
+            drive_job(self.context, job)
+        return str(answers[0].result(10))
 
     def history(self, box_id: int) -> list[dict[str, Any]]:
         with self.context.database.read() as session:

@@ -1,8 +1,8 @@
-"""The SQL that is run, as SQLAlchemy hands it to the driver."""
+"""The SQL that is run, as SQLAlchemy hands it to the driver: noted, or interrupted."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -26,3 +26,26 @@ def statements_of(engine: Engine | Connection) -> Iterator[list[Statement]]:
         yield found
     finally:
         event.remove(engine, "before_cursor_execute", note)
+
+
+@contextmanager
+def interrupted_at(
+    engine: Engine, words: str, act: Callable[[], object], *, after: bool = False
+) -> Iterator[None]:
+    """Call `act` once: at the first statement with these words, before or after it.
+
+    It is called in the thread that runs the statement, which goes on behind it.
+    """
+    waiting = [act]
+
+    def call(_connection, _cursor, statement, *_rest):
+        if waiting and words in statement:
+            waiting.pop()()
+
+    when = "after_cursor_execute" if after else "before_cursor_execute"
+    event.listen(engine, when, call)
+    try:
+        yield
+    finally:
+        event.remove(engine, when, call)
+    assert not waiting, f"no statement with {words!r}"

@@ -1,1 +1,1 @@
-"""Records frames from a running CARLA simulator, and puts it back as it was."""
+"""Records frames from a running CARLA simulator, and restores its state."""

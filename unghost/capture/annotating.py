@@ -39,15 +39,15 @@ _MAX_TURN_DEG: Final = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """Everything that was measured at one tick.
+    """The measurements of one tick.
 
     Attributes
     ----------
     snapshot : Snapshot
     measured : mapping
-        What each sensor measured, by its name.
+        The measurement of each sensor, by its name.
     before, after : Snapshot or None
-        Of the neighbouring ticks, if the images of this simulator may show these.
+        Of the neighbouring ticks, if images of this simulator may show those ticks.
     """
 
     snapshot: Snapshot
@@ -68,7 +68,7 @@ class Annotator:
     left_out : Counter
         Objects without a box, by reason, summed over all frames.
     poses_differ : int
-        Frames whose image said another camera pose than the world did.
+        Frames whose image had another camera pose than the snapshot.
     """
 
     session: Session
@@ -204,12 +204,12 @@ def _distances(objects: Sequence[SeenObject], camera: Transform) -> list[float]:
 
 @dataclass(frozen=True)
 class SensorPose:
-    """Where a sensor stood, as its measurement says and as the snapshot says.
+    """The pose of a sensor, from its measurement and from the snapshot.
 
     Attributes
     ----------
     measured, snapshot : Transform
-        `snapshot` is what the actor says where the snapshot does not have it.
+        `snapshot` is the actor's pose if the snapshot does not have it.
     used : Transform
         The one to project with.
     """
@@ -220,7 +220,7 @@ class SensorPose:
 
     @property
     def differs(self) -> bool:
-        """Whether they are further apart than rounding explains."""
+        """Whether they differ by more than rounding errors."""
         return differs(self.measured, self.snapshot)
 
 

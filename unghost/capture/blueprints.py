@@ -49,7 +49,7 @@ def choose_blueprints(
 
 
 def with_wheels(found: list[Blueprint], wheels: Wheels, at: str) -> list[Blueprint]:
-    """Those with so many wheels; `ScenarioError` if there are none."""
+    """The blueprints with so many wheels; `ScenarioError` if there are none."""
     if wheels == "all":
         return found
     chosen = [each for each in found if _is(each, "number_of_wheels", wheels)]
@@ -81,7 +81,7 @@ def set_attributes(
 
 
 def _as_text(value: AttributeValue, kind: str) -> str:
-    """A value as CARLA takes it, which itself reads ``10 m`` as 10 and ``far`` as 0."""
+    """A value as text; checked, because CARLA reads ``10 m`` as 10 and ``far`` as 0."""
     if kind not in NUMBERS:
         return str(value).lower() if isinstance(value, bool) else str(value)
     try:
@@ -104,6 +104,6 @@ def randomise(blueprint: Blueprint, dice: random.Random) -> None:
 
 
 def _is(blueprint: Blueprint, name: str, wanted: int) -> bool:
-    # CARLA refuses to give a number as a text.
+    # CARLA does not return numbers as text.
     has = blueprint.has_attribute(name)
     return bool(has and int(blueprint.get_attribute(name).as_int()) == wanted)

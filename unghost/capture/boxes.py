@@ -1,9 +1,9 @@
-"""The boxes of a world: those of its actors, and those that the map brings.
+"""The boxes of a world: those of its actors, and those of the map's own objects.
 
-This module asks the simulator, `objects` judges what it answers. Actors (vehicles,
+This module calls the simulator; `objects` checks the results. Actors (vehicles,
 walkers, parked cars that are props) move, so their poses come from the snapshot of each
-tick; everything else about an actor is asked for once. Parked vehicles and
-traffic lights of the map stand still and are asked for once, in the world's frame.
+tick; all other data of an actor is requested once. Parked vehicles and traffic lights
+of the map stand still and are requested once, in the world's frame.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from unghost.capture.simulator import (
 _PARKED_MESHES: Final = "/ParkedVehicles/"
 """Props with this in their mesh's path are parked cars of large maps."""
 _HAS_ACTOR_INSTANCES: Final = (0, 9, 16)
-"""From here on the instance camera shows actors' ids, as 16 bits."""
+"""The version from which on the instance camera shows 16 bits of actors' ids."""
 _PARKED: Final = {
     "Car": "car",
     "Truck": "truck",
@@ -52,13 +52,13 @@ _PARKED: Final = {
     "Motorcycle": "motorcycle",
     "Bicycle": "bicycle",
 }
-"""The class of what `carla.CityObjectLabel` calls so."""
+"""The class of each label of `carla.CityObjectLabel`."""
 SAME_M: Final = 0.5
 """Two boxes of one kind whose centres are this close are one object."""
 
 
 class ActorBoxes:
-    """Boxes of actors; the simulator is asked about each actor only once."""
+    """Boxes of actors; the data of each actor is requested only once."""
 
     def __init__(self, world: World, scenario: Scenario, version: str) -> None:
         self._world, self._scenario = world, scenario
@@ -67,7 +67,7 @@ class ActorBoxes:
 
     @property
     def known_ids(self) -> frozenset[int]:
-        """The actors that were looked at."""
+        """The ids of all actors whose data was requested."""
         return frozenset(self._known)
 
     def seen(
@@ -118,7 +118,7 @@ class ActorBoxes:
 
     def _look_at(self, actor: Actor) -> _Known | None:
         try:
-            # From 0.9.16 on this asks the simulator, and fails for one that is gone.
+            # From 0.9.16 on this calls the simulator, and fails if the actor is gone.
             box = local_box(actor.bounding_box)
             tags = tuple(int(tag) for tag in actor.semantic_tags)
             attributes = dict(actor.attributes)
@@ -155,7 +155,7 @@ class ActorBoxes:
 
 @dataclass(frozen=True)
 class _Known:
-    """What does not change about an actor; without a box, its own means nothing."""
+    """The constant data of an actor; None for its box if that is meaningless."""
 
     named: Named
     box: LocalBox | None
@@ -166,7 +166,7 @@ def map_boxes(
 ) -> list[SeenObject]:
     """Every object of the map that has a box, once, in world coordinates."""
     found: list[SeenObject] = []
-    # Where their layer is taken away, their boxes may still be told.
+    # The simulator may still return boxes of layers that were unloaded.
     layers = scenario.map_layers
     there = layers.get("ParkedVehicles", layers.get("All", True))
     if scenario.boxes.parked_vehicles and there:
@@ -204,7 +204,7 @@ def _unique(objects: Iterable[SeenObject], left_out: Counter[str]) -> list[SeenO
 def _parked(carla: Carla, world: World, left_out: Counter[str]) -> Iterator[SeenObject]:
     for label, class_name in _PARKED.items():
         if not hasattr(carla.CityObjectLabel, label):
-            continue  # a library from before 0.9.14 has vehicles in one
+            continue  # before 0.9.14, the library has one label for all vehicles
         objects = world.get_environment_objects(getattr(carla.CityObjectLabel, label))
         for thing in objects:
             # The box is in the world's frame: the object's transform is not for it.
@@ -230,7 +230,7 @@ def _lights(carla: Carla, world: World, left_out: Counter[str]) -> Iterator[Seen
         try:
             heads += _heads(light)
         except RuntimeError:
-            # Some maps do not know their own lights; the level still has their boxes.
+            # Some maps do not list their lights; the level still has the lights' boxes.
             boxes = world.get_level_bbs(carla.CityObjectLabel.TrafficLight)
             heads = [(f"level-{i}", "level", box) for i, box in enumerate(boxes)]
             break

@@ -1,7 +1,7 @@
 """Converts the seven YAML files of the program carlasimu to one scenario.
 
-Every key is either taken over, named in a note, or refused: nothing is ignored in
-silence. Each file is converted and checked by itself, so that a fault names its file.
+Every key is either converted, listed in a note, or refused: none is ignored silently.
+Each file is converted and checked separately, so that an error names its file.
 """
 
 from __future__ import annotations
@@ -89,12 +89,12 @@ _NOT_ATTRIBUTES: Final = frozenset({"location", "sensor_tick", *_SHARED})
 
 @dataclass
 class Conversion:
-    """The content of a scenario file, and notes about what was not taken over.
+    """The content of a scenario file, and notes about keys that were not converted.
 
     Attributes
     ----------
     scenario : dict
-        Valid; keys that nobody set and that have the default are left out.
+        Valid; keys that were not set, or that have their default, are left out.
     notes : list of str
     """
 
@@ -265,7 +265,7 @@ def _weather(given: Mapping[str, object], result: Conversion) -> None:
 def _map_layers(given: Mapping[str, object], result: Conversion) -> None:
     known = {**{name: name for name in MAP_LAYERS}, **_LAYERS}
     _refuse_unknown(given, frozenset(known), "mapLayer.yaml")
-    # A layer that is there already need not be loaded.
+    # A layer that is loaded already need not be loaded.
     off = {known[name]: False for name, wanted in given.items() if wanted is False}
     result.scenario["map_layers"] = off
 

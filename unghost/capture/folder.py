@@ -1,4 +1,4 @@
-"""The folder of a capture: its files, its manifest, and how it is continued.
+"""The folder of a capture: writes its files and its manifest, and continues it.
 
 Images are stored as PNG files without loss, points of LiDAR and radar as binary PLY
 files. A frame is added to the manifest when all its files are complete and durable, so
@@ -38,7 +38,7 @@ MANIFEST_KEYS: Final[Mapping[str, str]] = {
     "lidar": "lidar_intensity",
     "radar": "radar",
 }
-"""What a manifest calls the file of each sensor; its folder is called as the sensor."""
+"""The key of each sensor's file in a manifest; the folder is named after the sensor."""
 _RED = 2
 """In memory a pixel is blue, green, red, alpha."""
 Table = NDArray[np.void]
@@ -56,7 +56,7 @@ _PLY_NAMES: Final = {"f": "float", "u": "uint"}
 class FrameRecord(TypedDict):
     """A line of the manifest without the key and the files of the frame.
 
-    `filter_core.annotation.parsing` reads it; ``extra`` holds what nothing reads.
+    `filter_core.annotation.parsing` reads it; ``extra`` holds data that is only stored.
     """
 
     carla_version: str
@@ -76,7 +76,7 @@ class CaptureFolder:
     ----------
     path : Path
     keys : list of str
-        Of the frames that are there, in the manifest's order.
+        Of the recorded frames, in the manifest's order.
     """
 
     def __init__(self, path: Path) -> None:
@@ -102,7 +102,7 @@ class CaptureFolder:
         if known is not None and self.keys:
             self._require_same(known, about)
         else:
-            # Without a frame there is nothing that a mended scenario could not fit.
+            # Without any frame, a changed scenario cannot contradict recorded frames.
             self.describe(about)
 
     def describe(self, about: Mapping[str, object]) -> None:
@@ -130,7 +130,7 @@ class CaptureFolder:
             target.parent.mkdir(exist_ok=True)
             _write_whole(target, content)
             paths[MANIFEST_KEYS[sensor]] = name
-        # The manifest has one place for points, and that is for those with tags.
+        # The manifest has one key for points, which is for points with tags.
         more = paths.pop("lidar_intensity", None)
         if more is not None:
             frame["extra"]["files"] = {"lidar_intensity": more}
@@ -241,10 +241,10 @@ def semantic_lidar_points(measurement: Measurement) -> Table:
 
 
 def radar_points(measurement: Measurement) -> Table:
-    """What the radar measured, and x, y, z computed from it, in the sensor's axes.
+    """The radar's measurements, and x, y, z computed from them, in the sensor's axes.
 
-    The detections are asked for by name: descriptions of their order in memory
-    disagree with each other.
+    Fields of detections are read by name, because descriptions of their order in memory
+    contradict each other.
     """
     if not isinstance(measurement, RadarScan):
         raise CaptureError("the library gives something that is no radar scan")

@@ -1,4 +1,4 @@
-"""An object that may get a box: what it is, where it is, and how large.
+"""Objects that may get a box: their identity, their pose, and their size.
 
 CARLA's boxes are sometimes wrong. For each kind of object, a function `checked_...`
 repairs a box with a known defect, marks it, or returns None if it is meaningless. This
@@ -27,18 +27,18 @@ _TWO_WHEELERS: Final[Mapping[str, Triple]] = {
 _PARKED_CAR: Final[Triple] = (2.3, 0.95, 0.75)
 """Half sizes of a parked car whose own are impossible."""
 _PART_HALF_HEIGHT_M: Final = 0.5
-"""What is lower is a part of a parked vehicle."""
+"""Objects below this height are parts of a parked vehicle."""
 _BUTTON_HALF_HEIGHT_M: Final = 0.2
-"""What is lower is the button of a pedestrians' light."""
+"""Objects below this height are buttons of pedestrians' lights."""
 _SLIM_HALF_M, _WIDENED_HALF_M = 0.1, 0.2
-"""The head of a light that is slimmer than the first gets the second."""
+"""A light's head that is thinner than the first number gets the second."""
 _CAPSULE_M: Final = 1e-3
-"""Differences that rounding explains, where a walker's box is a collision capsule."""
+"""The rounding error within which a walker's box counts as a collision capsule."""
 
 
 @dataclass(frozen=True)
 class Named:
-    """What does not change about an object.
+    """The constant data of an object.
 
     Attributes
     ----------
@@ -51,9 +51,9 @@ class Named:
     type_id, base_type : str or None
         As CARLA's blueprint has them.
     semantic_tags : tuple of int
-        Tags that the simulator says the object has.
+        The object's tags according to the simulator.
     instance_id : int or None
-        What the instance camera shows for it, 16 bits.
+        Its id in the instance image, 16 bits.
     more : mapping
         Further notes for the annotation.
     """
@@ -70,7 +70,7 @@ class Named:
 
 @dataclass(frozen=True)
 class LocalBox:
-    """Centre, half sizes and turn of a box, and what was done to it.
+    """Centre, half sizes and rotation of a box, and how it was corrected.
 
     Attributes
     ----------
@@ -212,7 +212,7 @@ def checked_walker(box: LocalBox, widen_m: float) -> LocalBox | None:
 
 
 def checked_prop(box: LocalBox) -> LocalBox:
-    """A parked car that is a prop; its own turn is wrong in CARLA 0.9.15."""
+    """A parked car that is a prop; its own rotation is wrong in CARLA 0.9.15."""
     straight = box.changed("straightened", rotation=(0.0, 0.0, 0.0))
     if is_sane(straight) and straight.extent[2] >= _PART_HALF_HEIGHT_M:
         return straight

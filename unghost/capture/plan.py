@@ -1,4 +1,4 @@
-"""What a capture would do, before it does it: for people and for programs."""
+"""The plan of a capture, which `--dry-run` shows: for people and for programs."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _MOST_POINTS_PER_S: Final = 1e9
 
 @dataclass(frozen=True)
 class Plan:
-    """What a capture would do: rows for people, a record for programs."""
+    """The plan of a capture: rows for people, a record for programs."""
 
     rows: tuple[tuple[str, str], ...]
     record: dict[str, object]
 
 
 def plan_of(scenario: Scenario, output: Path, dataset: str | None) -> Plan:
-    """The plan of a scenario; nothing is asked of a simulator."""
+    """The plan of a scenario; needs no simulator."""
     sensors = wanted_sensors(scenario)
     seconds = scenario.frames * scenario.ticks_per_frame * scenario.delta_s
     ticks = scenario.warm_up_ticks + scenario.frames * scenario.ticks_per_frame
@@ -106,6 +106,6 @@ def _bytes_of(scenario: Scenario, name: str) -> float:
     attributes = getattr(scenario.sensors, name).attributes
     try:
         rate = float(attributes["points_per_second"])
-    except (KeyError, ValueError):  # what is no number is refused by the simulator
+    except (KeyError, ValueError):  # the simulator refuses values that are no numbers
         rate = _USUAL_POINTS_PER_S[name]
     return min(rate, _MOST_POINTS_PER_S) * scenario.delta_s * _BYTES_OF_POINTS[name]

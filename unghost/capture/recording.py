@@ -1,4 +1,4 @@
-"""One capture, from the first tick to the last frame: calls everything else here."""
+"""Runs one capture, from the first tick to the last frame."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ Advance = Callable[[int, "int | None"], None]
 _MOST_MISSED: Final = 20
 """Ticks in a row without a complete frame that end the capture."""
 _SETTLING_TICKS: Final = 10
-"""After another preset the exposure of the cameras needs so long."""
+"""Ticks that the exposure of the cameras needs after a change of the preset."""
 _STILL_THERE_S: Final = 5.0
 _ANOTHER_CLIENT: Final = "another client ticked the world"
 
 
 @dataclass
 class Recorded:
-    """What a capture did.
+    """The counts of a capture.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Recorded:
     vehicles, walkers : int
         Spawned; fewer than asked for if the map had no room.
     poses_differ : int
-        Frames whose image said another camera pose than the world did.
+        Frames whose image had another camera pose than the snapshot.
     """
 
     frames: int = 0
@@ -87,7 +87,7 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Request:
-    """What to record, the folder to record to, and what to call with progress."""
+    """The scenario, the folder to record to, and callbacks for progress."""
 
     scenario: Scenario
     output: Path
@@ -105,7 +105,7 @@ def record(carla: Carla, request: Request) -> Recorded:
     SimulatorAway
         No simulator answers, or it stops answering.
     KeyboardInterrupt
-        Somebody asked to stop; recorded frames are complete, and the same call
+        A stop was requested; recorded frames are complete, and the same call
         continues.
     """
     scenario = request.scenario
@@ -113,7 +113,7 @@ def record(carla: Carla, request: Request) -> Recorded:
     try:
         return _record(carla, client, request)
     except RuntimeError as error:
-        # The one class of error that the library has: time-outs, places taken.
+        # The library's only class of errors, for time-outs, occupied places and so on.
         if not answers(client, min(scenario.timeout_s, _STILL_THERE_S)):
             raise SimulatorAway(f"the simulator went away: {error}") from error
         raise CaptureError(f"the simulator said: {error}") from error
@@ -205,7 +205,7 @@ class _Recorder:
         return max(0, self._session.scenario.ticks_per_frame - used)
 
     def _wait(self, ticks: int) -> None:
-        """Let so many ticks pass without recording them."""
+        """Tick so many times without recording."""
         for _ in range(ticks):
             self._stop.check()
             self._last = self._session.tick()

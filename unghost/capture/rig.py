@@ -1,9 +1,9 @@
-"""The sensors on the ego vehicle, and what all of them measured at one tick.
+"""The sensors on the ego vehicle, and their measurements of one tick.
 
-All cameras sit at one place, so that their images agree pixel by pixel. Each sensor
-delivers into a queue of its own, from a thread of CARLA's library. `collect` takes the
-measurements of one tick from all queues, or none: measurements of different ticks are
-never mixed.
+All cameras have the same pose, so that their images agree pixel by pixel. Each sensor
+puts its measurements into a queue of its own, from a thread of CARLA's library.
+`collect` takes the measurements of one tick from all queues, or none: measurements of
+different ticks are never mixed.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ _TURNING: Final = ("lidar", "semantic_lidar")
 CAMERAS: Final = ("rgb", "segmentation", "instances", "depth")
 """The sensors that deliver images; the others deliver points."""
 _LOOK_EVERY_S: Final = 0.2
-"""How long a request to stop may go unnoticed while a sensor is waited for."""
+"""The interval of checks for a stop request while waiting for a sensor."""
 NO_DATA: Final = "sent nothing in time"
 FROM_LATER: Final = "sent a later tick"
 
 
 @dataclass(frozen=True, eq=False)
 class MountedSensor:
-    """A sensor that will be spawned: its blueprint and where it sits."""
+    """A sensor to be spawned: its blueprint and its mount."""
 
     name: str
     blueprint: Blueprint
@@ -156,7 +156,7 @@ def collect(
     *,
     check: Callable[[], None],
 ) -> dict[str, Measurement] | Missed:
-    """What every sensor measured at one tick.
+    """The measurements of all sensors at one tick.
 
     Measurements of earlier ticks are discarded. One of a later tick means that the
     measurement of this tick was lost.

@@ -1,4 +1,4 @@
-"""A scenario: everything that one capture does, read from one YAML file.
+"""A scenario: the description of a capture, read from one YAML file.
 
 Each class is a mapping of that file: the keys that may stand in it, their ranges and
 their defaults, which docs/capture.md explains to users. `read_scenario` names every
@@ -40,7 +40,7 @@ _SHORT: Final = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
 _MAX_BYTES: Final = 1 << 20
 _NOT_THE_CONTENT: Final = frozenset({"host", "port", "timeout_s", "frames"})
-"""Keys that may differ when a capture goes on: where, how long, how many."""
+"""Keys that may differ when a capture is continued: address, time-outs, number."""
 Port: TypeAlias = Annotated[int, Field(ge=1, le=65535)]
 Count: TypeAlias = Annotated[int, Field(ge=0, le=2000)]
 Generation: TypeAlias = Literal[1, 2, "all"]
@@ -153,7 +153,7 @@ class Weather(Part):
 
     @property
     def is_given(self) -> bool:
-        """Whether the simulator's own weather is to be changed at all."""
+        """Whether the scenario changes the simulator's weather."""
         chosen = (self.preset, self.parameters, self.presets, self.sweep)
         return any(bool(value) for value in chosen)
 
@@ -180,7 +180,7 @@ class Mount(Part):
 
 
 class Camera(Part):
-    """What all cameras share: they must see the same, pixel by pixel."""
+    """The settings of all cameras, whose images must match pixel by pixel."""
 
     width: int = Field(default=1280, ge=16, le=16384)
     height: int = Field(default=720, ge=16, le=16384)
@@ -190,7 +190,7 @@ class Camera(Part):
 
 
 class CameraSensor(Part):
-    """One camera: which, and attributes that are its own."""
+    """One camera, and its own attributes."""
 
     attributes: dict[str, AttributeValue] = Field(default_factory=dict)
 
@@ -250,7 +250,7 @@ class Sensors(Part):
 
 
 class Boxes(Part):
-    """Which objects get boxes, and how CARLA's known defects are met."""
+    """Which objects get boxes, and how CARLA's known errors are corrected."""
 
     vehicles: bool = True
     walkers: bool = True
@@ -312,7 +312,7 @@ class Scenario(Part):
 
     @property
     def digest(self) -> str:
-        """What the recorded frames depend on, as SHA-256."""
+        """SHA-256 of the keys on which the recorded frames depend."""
         content = self.model_dump(mode="json", exclude=set(_NOT_THE_CONTENT))
         canonical = json.dumps(content, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(canonical.encode()).hexdigest()

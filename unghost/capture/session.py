@@ -1,10 +1,10 @@
-"""A simulator that is put back as it was, however the capture ends.
+"""Changes the state of a simulator for a capture, and always restores it.
 
-`open_session` switches the scenario's map to synchronous mode. It notes how to undo
+`open_session` switches the scenario's map to synchronous mode. It records how to undo
 each change, and undoes all of them when its block ends, also after an error. Signals
 (SIGINT, SIGTERM, SIGHUP) do not end the process: `listening_for_stop` turns them into a
 request that is checked between two steps, and `shielded` delays them while the
-simulator is put back.
+simulator's state is restored.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from unghost.capture.simulator import (
 )
 
 Note = Callable[[str], None]
-"""Tells a person something that does not end the capture."""
+"""Prints a warning that does not end the capture."""
 _BATCH: Final = 100
 """Actors that are destroyed by one call."""
 _SIGNALS: Final = tuple(
@@ -83,7 +83,7 @@ def open_session(
 
 @dataclass(eq=False)
 class Session:
-    """What one capture uses of the simulator and has to put back.
+    """The simulator during one capture, and the changes to be undone.
 
     Attributes
     ----------
@@ -130,9 +130,9 @@ class Session:
         return snapshot if alone else None
 
     def put_back(self) -> None:
-        """Undo everything; a step that fails does not keep the others from it.
+        """Undo all changes; if a step fails, the others are still done.
 
-        Only a simulator that is gone does: each step would wait for its time-out.
+        If the simulator is gone, it stops, because each step would wait for a time-out.
         """
         while self._undo:
             what, step = self._undo.pop()
@@ -152,7 +152,7 @@ class Session:
         return True
 
     def _say(self, text: str) -> None:
-        # The terminal may have been closed; the world is put back all the same.
+        # The terminal may have been closed; the world is restored all the same.
         with suppress(OSError):
             self.note(text)
 
@@ -162,7 +162,7 @@ class Session:
         while self._actors:
             batch = [destroy(self._actors.pop()) for _ in self._actors[-_BATCH:]]
             for answer in self.client.apply_batch_sync(batch, False):
-                # One that is gone already, as after a reload of the map, is no fault.
+                # An actor may be gone already, for example after a reload of the map.
                 if answer.error and "not found" not in answer.error:
                     self._say(f"an actor could not be destroyed: {answer.error}")
 
@@ -232,24 +232,24 @@ def _choose_glass(session: Session) -> None:
 
 
 class StopRequest:
-    """Whether somebody wants the capture to end."""
+    """A request to stop the capture."""
 
     def __init__(self) -> None:
         self.asked = False
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt if somebody asked; called between two acts."""
+        """Raise KeyboardInterrupt if a stop was requested; called between two steps."""
         if self.asked:
             raise KeyboardInterrupt
 
     def take(self, _number: int, _frame: FrameType | None) -> None:
-        """Note a signal; the next `check` raises, however many came."""
+        """Handle a signal: the next `check` raises."""
         self.asked = True
 
 
 @contextmanager
 def listening_for_stop() -> Iterator[StopRequest]:
-    """Turn signals into requests, so that no actor is spawned without being noted."""
+    """Turn signals into stop requests, so that every spawned actor is recorded."""
     request = StopRequest()
     if threading.current_thread() is not threading.main_thread():
         yield request
@@ -281,6 +281,6 @@ def shielded() -> Iterator[None]:
 
 
 def _wanted() -> list[signal.Signals]:
-    # Who starts a capture with `nohup` wants it to outlive the terminal.
+    # Under `nohup`, the capture must continue when the terminal is closed.
     kept = signal.SIG_IGN if _HANG_UP is None else signal.getsignal(_HANG_UP)
     return [each for each in _SIGNALS if each != _HANG_UP or kept is not signal.SIG_IGN]

@@ -1,9 +1,9 @@
-"""CARLA's client library as this package knows it.
+"""Protocols for CARLA's client library, and everything that is specific to CARLA.
 
 The library is an optional dependency whose versions differ, so protocols describe the
-members that are used, and nothing else of it is relied on. `load_carla` has the only
-``import carla``. Beside them stands what is known of CARLA without a simulator: the
-words that a scenario may use, how its values become numbers, and what can go wrong.
+members that are used; no other members may be used. `load_carla` has the only ``import
+carla``. This module also has what is known about CARLA without a simulator: the values
+that a scenario may use, conversions to numbers, and the errors.
 """
 
 from __future__ import annotations
@@ -53,15 +53,15 @@ LENS_ATTRIBUTES: Final = (
     "lens_x_size",
     "lens_y_size",
 )
-"""What bends the picture; `lens_flare_intensity` only adds light to it."""
+"""Attributes that distort the image; `lens_flare_intensity` only adds light."""
 
 _WRONG_METADATA: Final = ((0, 9, 14), (0, 9, 15))
-"""Their images can carry the pose of another tick than the one they show."""
+"""Versions whose images can have the pose of another tick than the one they show."""
 _DIGITS: Final = 6
 
 
 class CaptureError(Exception):
-    """A capture cannot begin or go on; the text says why."""
+    """A capture cannot begin or continue; the text says why."""
 
 
 class ScenarioError(CaptureError):
@@ -169,7 +169,7 @@ class Actor(Protocol):
 
 @runtime_checkable
 class Vehicle(Protocol):
-    """What an actor of the class `carla.Vehicle` can do besides what all actors can."""
+    """The members of `carla.Vehicle` besides those of all actors."""
 
     def set_autopilot(self, enabled: bool, port: int, /) -> None: ...
     def set_light_state(self, state: object, /) -> None: ...
@@ -177,7 +177,7 @@ class Vehicle(Protocol):
 
 @runtime_checkable
 class WalkerController(Protocol):
-    """What an actor of the class `carla.WalkerAIController` can do."""
+    """The members of `carla.WalkerAIController` besides those of all actors."""
 
     def start(self) -> None: ...
     def stop(self) -> None: ...
@@ -187,21 +187,21 @@ class WalkerController(Protocol):
 
 @runtime_checkable
 class TrafficLight(Protocol):
-    """What an actor of the class `carla.TrafficLight` can do."""
+    """The members of `carla.TrafficLight` besides those of all actors."""
 
     def get_light_boxes(self) -> Iterable[Box]: ...
 
 
 @runtime_checkable
 class Sensor(Protocol):
-    """What an actor of the class `carla.Sensor` can do."""
+    """The members of `carla.Sensor` besides those of all actors."""
 
     def listen(self, callback: Callable[[Measurement], None], /) -> None: ...
     def stop(self) -> None: ...
 
 
 class Measurement(Protocol):
-    """`carla.SensorData`: what a sensor measured at one tick."""
+    """`carla.SensorData`: the measurement of a sensor at one tick."""
 
     @property
     def frame(self) -> int: ...
@@ -211,7 +211,7 @@ class Measurement(Protocol):
 
 @runtime_checkable
 class Image(Protocol):
-    """What `carla.Image` has: pixels of four bytes each, blue, green, red, alpha.
+    """`carla.Image`: pixels of four bytes each, blue, green, red, alpha.
 
     `raw_data` is a view of memory that lives as long as the image.
     """
@@ -226,7 +226,7 @@ class Image(Protocol):
 
 @runtime_checkable
 class PointCloud(Protocol):
-    """What both kinds of LiDAR measurement have: rows of 4-byte numbers."""
+    """A measurement of either kind of LiDAR: rows of 4-byte numbers."""
 
     @property
     def raw_data(self) -> memoryview: ...
@@ -243,7 +243,7 @@ class Detection(Protocol):
 
 @runtime_checkable
 class RadarScan(Protocol):
-    """What `carla.RadarMeasurement` has."""
+    """`carla.RadarMeasurement`."""
 
     def __iter__(self) -> Iterator[Detection]: ...
 
@@ -271,7 +271,7 @@ class Timestamp(Protocol):
 
 
 class Snapshot(Protocol):
-    """`carla.WorldSnapshot`: where all actors were at one tick."""
+    """`carla.WorldSnapshot`: the poses of all actors at one tick."""
 
     @property
     def frame(self) -> int: ...
@@ -293,7 +293,7 @@ class EnvironmentObject(Protocol):
 
 
 class Settings(Protocol):
-    """`carla.WorldSettings`; a copy, which `World.apply_settings` puts into force."""
+    """`carla.WorldSettings`: a copy, which `World.apply_settings` applies."""
 
     synchronous_mode: bool
     no_rendering_mode: bool
@@ -347,7 +347,7 @@ class World(Protocol):
 
 @runtime_checkable
 class GlassWorld(Protocol):
-    """What worlds can do besides that from 0.9.16 on."""
+    """The additional members of worlds from 0.9.16 on."""
 
     def set_annotations_traverse_translucency(self, enabled: bool, /) -> None: ...
 
@@ -428,7 +428,7 @@ class Carla(Protocol):
 
 
 def load_carla() -> Carla:
-    """The module `carla`, of whatever version is installed.
+    """The module `carla`, in the installed version.
 
     Raises
     ------
@@ -455,7 +455,7 @@ def connect(carla: Carla, host: str, port: int, timeout_s: float) -> Client:
         Nothing answers within the time-out.
     """
     try:
-        # A name that stands for no address is refused here already.
+        # Raises for a host name without an address.
         client = carla.Client(host, port)
         client.set_timeout(timeout_s)
         client.get_server_version()
@@ -475,14 +475,14 @@ def answers(client: Client, timeout_s: float) -> bool:
 
 
 def as_image(measurement: Measurement) -> Image:
-    """What a camera measured; `CaptureError` if it is no image."""
+    """The measurement of a camera; `CaptureError` if it is no image."""
     if not isinstance(measurement, Image):
         raise CaptureError("the library gives something that is no image")
     return measurement
 
 
 def is_dormant(actor: Actor) -> bool:
-    """Whether a large map has put the actor to sleep: nothing of it is drawn then."""
+    """Whether a large map has made the actor dormant, so that it is not rendered."""
     return bool(getattr(actor, "is_dormant", False))
 
 

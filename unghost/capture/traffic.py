@@ -35,17 +35,17 @@ _TRIES: Final = 5
 
 @dataclass(frozen=True, eq=False)
 class TrafficKinds:
-    """The blueprints that a scenario asks for, with their attributes checked.
+    """The blueprints that a scenario selects, with their attributes checked.
 
     Attributes
     ----------
     ego : Blueprint
     vehicles, walkers : sequence of Blueprint
-        Those to choose from; empty if none is wanted.
+        Those to choose from; may be empty.
     spawn_points : sequence of Pose
         The map's own, in its order.
     controller : Blueprint or None
-        Of what steers walkers; None if there are no walkers.
+        The blueprint that controls walkers; None if there are no walkers.
     """
 
     ego: Blueprint
@@ -57,7 +57,7 @@ class TrafficKinds:
 
 @dataclass(frozen=True)
 class Spawned:
-    """How many were spawned; there was no free place for the others."""
+    """How many actors were spawned; there was no free place for others."""
 
     ego: Actor
     vehicles: int
@@ -108,7 +108,7 @@ def _base_type(blueprint: Blueprint) -> str:
 
 
 def spawn(session: Session, kinds: TrafficKinds, stop: StopRequest) -> Spawned:
-    """Put everybody into the world; the same seed tries the same places."""
+    """Spawn all vehicles and walkers; the same seed tries the same places."""
     dice = random.Random(session.seed)
     manager = session.client.get_trafficmanager(_port(session))
     manager.set_random_device_seed(session.seed)
@@ -198,7 +198,7 @@ def _spawn_walkers(
         return 0
     seed = session.seed
     if plan.seed is not None:
-        # It moves on as the scenario's own does.
+        # Its seed changes in the same way as the scenario's.
         seed = plan.seed + session.seed - session.scenario.seed
     world.set_pedestrians_seed(seed)
     world.set_pedestrians_cross_factor(plan.cross_percent / 100)

@@ -1,4 +1,4 @@
-"""The command line: `unghost`. Parses, calls, prints; it decides nothing."""
+"""The command line `unghost`: parses options, calls the client or library, prints."""
 
 from unghost.cli.program import main
 

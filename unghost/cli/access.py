@@ -1,4 +1,4 @@
-"""Who may come in, and who did what: login links, tokens, the audit log."""
+"""Commands for access: login links, tokens, the audit log."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class LoginOptions(ServerOptions):
 def login(options: LoginOptions) -> None:
     """Print a link that signs a browser in as you: once, within ten minutes.
 
-    Whoever opens it first is signed in as you: do not give it to anybody.
+    The first person who opens it is signed in as you: do not give it to anybody.
     """
     from unghost.wire.note import state_folder
 
@@ -82,10 +82,10 @@ def login(options: LoginOptions) -> None:
 def show_login_page(
     link: str, folder: Path, is_over: Callable[[], bool], stop: threading.Event
 ) -> bool:
-    """Open a login link in the browser, and wait until it is used, ended or stopped.
+    """Open a login link in the browser, and wait until it is used, expired or stopped.
 
-    Everybody on the machine sees the arguments of a browser. It is therefore given the
-    name of a file that only its owner can read; the link, with its code, stands inside.
+    Everybody on the machine can see the arguments of a browser. So the browser gets the
+    name of a file that only its owner can read, and that contains the link.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def show_login_page(
 
 
 def remove_login_pages(folder: Path) -> None:
-    """Remove the files that stayed behind where a process was killed."""
+    """Remove the files of processes that were killed."""
     for file in folder.glob(f"{_PAGE_PREFIX}*{_PAGE_SUFFIX}"):
         file.unlink(missing_ok=True)
 
@@ -211,7 +211,7 @@ def revoke_token(options: RevokeTokenOptions) -> None:
 
 
 def _find_token(client: Client, which: str) -> Token:
-    """The token of this name, else of this number: names may be numbers."""
+    """The token of this name, else of this number, since names may be numbers."""
     tokens = list(client.tokens())
     for token in tokens:
         if token.name == which:
@@ -254,7 +254,7 @@ def _state(token: Token) -> str:
 def _make_token_offline(
     options: CreateTokenOptions, until: datetime | None
 ) -> NewToken:
-    """A token in the database that a server of this data folder would have.
+    """Create a token directly in the database of this data folder.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Tending a data folder, also while it is served: copies, checks, unused files."""
+"""Maintenance of a data folder, even while it is served: backup, doctor, gc."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ class RestoreOptions(DataOptions):
 def backup(options: BackupOptions) -> None:
     """Copy a data folder, also while it is served, and check the copy.
 
-    The copy has every answer that was given before. It appears when it is complete.
+    The copy has everything that the server acknowledged before. It gets its name when
+    it is complete.
     """
     from app.maintenance.backup import make_backup
     from app.maintenance.datafolder import CannotMaintain

@@ -69,7 +69,7 @@ class CaptureOptions(ServerOptions):
 def capture(options: CaptureOptions) -> None:
     """Record what a scenario describes from a running CARLA simulator.
 
-    Safe to interrupt and to repeat: the simulator is put back as it was, and the same
+    Can be interrupted and repeated: the simulator's state is restored, and the same
     command continues. Exit code 69 if no simulator answers, or it stops answering.
     """
     from unghost.capture.plan import plan_of
@@ -93,7 +93,7 @@ def capture(options: CaptureOptions) -> None:
     try:
         recorded = _record(scenario, output, options)
     except ScenarioError as error:
-        # Found by asking the simulator: told like those that the file alone shows.
+        # Faults that the simulator detects are reported like those of the file itself.
         raise ScenarioError(f"{options.scenario.name}: {error}") from error
     _print_recorded(recorded, output, options)
     if options.push is not None:
@@ -148,7 +148,7 @@ def _pushing(folder: Path, dataset: str, options: CaptureOptions) -> PushOptions
 
 
 def _require_dataset(folder: Path, dataset: str, options: CaptureOptions) -> None:
-    """Ask the service now: a wrong token is not to be found after hours of frames."""
+    """Check the dataset now, so that a wrong token is not found after hours."""
     pushing = _pushing(folder, dataset, options)
     with pushing.connect() as client:
         ensure_dataset(client, dataset, pushing.reading, ())

@@ -14,7 +14,7 @@ from unghost.cli.screen import DONE, REFUSED, UNAVAILABLE, refused_on
 
 @dataclass(frozen=True, kw_only=True)
 class NodeOptions(OutputOptions):
-    """What a node of a cluster shows to others."""
+    """The certificate options of a node of a cluster."""
 
     ca: Annotated[
         Path | None,
@@ -170,7 +170,7 @@ def scheduler(options: SchedulerOptions) -> None:
 def certificates(options: CertificatesOptions) -> None:
     """Create an authority, and certificates for scheduler, workers and services.
 
-    Whoever has ca.key can admit more nodes: keep it on a machine that is not a node.
+    Anybody who has ca.key can admit more nodes: keep it on a machine that is no node.
     """
     from app.engine import UnusableEngine
     from app.engine.certificates import make_certificates

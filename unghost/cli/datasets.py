@@ -1,4 +1,4 @@
-"""What the server holds: `unghost datasets`, and `unghost stats` of one of them."""
+"""`unghost datasets` lists the datasets, `unghost stats` counts the boxes of one."""
 
 from __future__ import annotations
 

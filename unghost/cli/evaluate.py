@@ -1,6 +1,6 @@
-"""`unghost evaluate`: how often each kind of evidence is right, on your own frames.
+"""`unghost evaluate`: the accuracy of each kind of evidence, on your own frames.
 
-Printed as tables, drawn as a picture, and suggested as thresholds for each class.
+It prints tables, draws a chart, and suggests thresholds for each class.
 """
 
 from __future__ import annotations
@@ -200,7 +200,7 @@ def _score_row(score: ConfusionObject) -> tuple[object, ...]:
 
 @dataclass
 class _Thresholds:
-    """Thresholds that the truth suggests: collects boxes, then prints and writes."""
+    """Suggested thresholds: collects boxes, then prints and writes the thresholds."""
 
     collector: TruthCollector
     goal: Goal
@@ -210,7 +210,7 @@ class _Thresholds:
     def asked_for(
         cls, options: EvaluateOptions, config: FilterConfig
     ) -> _Thresholds | None:
-        """Those of the command line; None without `--suggest`."""
+        """Made from the options of the command line; None without `--suggest`."""
         from filter_core.evaluation.thresholds import Goal, TruthCollector
 
         if options.suggest:
@@ -230,7 +230,7 @@ class _Thresholds:
         return self.collector.suggestions(self.goal)
 
     def print_and_write(self, screen: Screen) -> None:
-        """The table, and the file if one was asked for."""
+        """Print the table, and write the file if one was requested."""
         rows = map(_threshold_row, self.suggested)
         screen.table(_THRESHOLD_COLUMNS, rows, tag="threshold")
         if not self.suggested:
@@ -253,7 +253,7 @@ def _threshold_row(one: ClassSuggestion) -> tuple[object, ...]:
 
 
 def _yaml(config: FilterConfig, found: list[ClassSuggestion]) -> str:
-    """Everything that the evaluation used, with the new thresholds."""
+    """The configuration of the evaluation with the new thresholds, as YAML."""
     import yaml
 
     from filter_core.evaluation.thresholds import with_thresholds

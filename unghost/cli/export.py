@@ -103,9 +103,9 @@ def export(options: ExportOptions) -> None:
 
 
 def wait_for_export(client: Client, export: Export, screen: Screen) -> Export:
-    """Follow an export until its file is ready, with a bar.
+    """Wait until an export is done, with a progress bar.
 
-    Interrupted, it is ended: nobody else asked for it.
+    If the command is interrupted, the export is cancelled.
 
     Raises
     ------
@@ -260,7 +260,7 @@ def _write_labels(
 
 
 class _Progress:
-    """Passes on the frames that can be written; counts them, and lists the others."""
+    """Passes on the frames that can be written, counts them, and lists the others."""
 
     def __init__(self, screen: Screen) -> None:
         self.screen = screen

@@ -40,13 +40,13 @@ Write: TypeAlias = Callable[[bytes], object]
 
 _STDOUT: Final = Path("-")
 _BUFFER_BYTES: Final = 1 << 20
-"""A line is some twenty kilobytes: many of them in one write."""
+"""Bytes of lines that are written together; a line has some twenty kilobytes."""
 FEWEST_FRAMES: Final = 1000
-"""Fewer are decided before processes would have started."""
+"""Frames from which on processes are used; fewer are decided before they start."""
 FEWEST_PROCESSES: Final = 3
 """Two threads wait for each other less than two processes cost."""
 _PART: Final = 8
-"""Frames that are handed to a process together."""
+"""Frames that are sent to a process together."""
 _PARTS_AHEAD: Final = 4
 """Per process."""
 
@@ -145,7 +145,7 @@ class _Tally:
         self._boxes.update(line.verdicts)
 
     def print_summary(self, output: Path, unmatched: Sequence[Unmatched]) -> None:
-        """Frames and boxes by what became of them; with `--json` what fits no frame."""
+        """Print counts of frames and boxes; with `--json`, files that fit no frame."""
         frames = {"decided": self.decided, "failed": self.failed}
         boxes = {name: self._boxes[name] for name in get_args(Verdict)}
         counts = {**frames, **boxes}
@@ -248,7 +248,7 @@ def _parts(found: Iterable[FrameSource]) -> Iterator[list[FrameSource | FrameOut
 
 
 def _sendable(source: FrameSource) -> FrameSource | FrameOutcome:
-    """A frame as another process can take it: errors cannot be sent as they are."""
+    """A frame in a form that can be sent to another process."""
     from filter_core.errors import problem_of
     from filter_core.local import FrameOutcome
 
@@ -258,7 +258,7 @@ def _sendable(source: FrameSource) -> FrameSource | FrameOutcome:
 
 
 def _context() -> BaseContext:
-    """How processes start: forked from a clean one if the system can, else as new."""
+    """How processes start: forked from a clean process if possible, else spawned."""
     import multiprocessing
     import multiprocessing.util
 
@@ -278,13 +278,13 @@ def _begin() -> None:
     import cv2
 
     cv2.setNumThreads(1)  # the other cores have processes of their own
-    # Ctrl-C is the command's to hear: it lets the frames at hand be finished.
+    # The main process handles Ctrl-C; this one finishes its current frames.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """A command that is killed cannot tell its processes to end."""
+    """End this process when the command is killed, which cannot stop it itself."""
     import multiprocessing
     from multiprocessing.connection import wait
 
@@ -316,7 +316,7 @@ def _line_of(config: FilterConfig, frame: FrameSource | FrameOutcome) -> FrameLi
 
 @cache
 def _encoder() -> Callable[[dict[str, object]], bytes]:
-    """What makes the lines: a frame has some 700 values, so the encoder matters."""
+    """The JSON encoder of lines; a frame has some 700 values, so its speed matters."""
     from pydantic import TypeAdapter
 
     return TypeAdapter(dict[str, object]).dump_json

@@ -1,4 +1,4 @@
-"""Options of commands: the groups that several share, and how they become typer's.
+"""Options of commands: groups that several commands share, and their typer commands.
 
 A command is a function of one frozen dataclass, whose fields are its options:
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from unghost.client.client import Client
 
 Action: TypeAlias = Callable[[Any], None]
-"""What a command does, given its dataclass of options."""
+"""The function of a command; its parameter is the dataclass of options."""
 
 DatasetName: TypeAlias = Annotated[str, typer.Argument(help="Name of the dataset.")]
 ConfigFile: TypeAlias = Annotated[
@@ -122,7 +122,7 @@ class DataOptions(OutputOptions):
 
 
 def settings_of(**given: object) -> Settings:
-    """The environment's settings, with those on top that were given.
+    """The settings from the environment, overridden by the given ones.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def config_text(path: Path) -> str:
 
 @contextmanager
 def error_context(path: Path | None) -> Iterator[None]:
-    """Put the name of the configuration file before what is wrong with it.
+    """Put the name of the configuration file before the error.
 
     Raises
     ------
@@ -185,13 +185,13 @@ def error_context(path: Path | None) -> Iterator[None]:
 
 
 def listed(words: object) -> str:
-    """The words of a `Literal` as a sentence lists them: "a, b or c"."""
+    """The values of a `Literal` as a list in a sentence: "a, b or c"."""
     *first, last = map(str, get_args(words))
     return f"{', '.join(first)} or {last}"
 
 
 def build_command(name: str, action: Action) -> typer.core.TyperCommand:
-    """Make typer's command of a function of one dataclass of options.
+    """Make a typer command from a function of one dataclass of options.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def build_command(name: str, action: Action) -> typer.core.TyperCommand:
         try:
             action(options(**plain))
         except KeyboardInterrupt as stop:
-            # Typer would end without a message. Its text says what goes on.
+            # Typer would end without a message.
             Screen().note(str(stop) or "interrupted")
             raise typer.Exit(INTERRUPTED) from stop
 
@@ -247,7 +247,7 @@ def _signature(options: type[Any], hints: Mapping[str, object]) -> inspect.Signa
 def _with_choices(hint: object) -> object:
     """The annotation with an enumeration in place of each `Literal`.
 
-    Older versions of typer know no `Literal`, and none knows a list of one.
+    Older versions of typer do not support `Literal`, and none supports lists of it.
     """
     origin, args = get_origin(hint), get_args(hint)
     if origin is Literal:

@@ -1,4 +1,4 @@
-"""The program: its commands, and the one place where errors become exit codes."""
+"""The program: the list of its commands, and the mapping of errors to exit codes."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ _HELP: Final = "--help"
 class LazyCommand(TyperCommand):
     """A command that is imported when it is called or listed, and built when called.
 
-    So no command waits for what others import.
+    So no command waits for the imports of others.
     """
 
     def __init__(self, name: str, function: str) -> None:
@@ -109,7 +109,7 @@ class LazyCommand(TyperCommand):
         parent: Context = None,
         **extra: object,
     ) -> Context:
-        """Read the arguments; from here on the command that was built acts."""
+        """Parse the arguments with the command that is built for them."""
         self.show_help(info_name, args, parent)
         return self.build().make_context(info_name, args, parent, **extra)
 
@@ -118,8 +118,8 @@ class LazyCommand(TyperCommand):
     ) -> None:
         """Print the help and exit if the arguments ask for it; else do nothing.
 
-        The arguments are only told apart, because `--help` may be the value of an
-        option. To convert one, typer loads pydantic, which help does without.
+        The arguments are parsed, because `--help` may be the value of an option, but
+        not converted, because that would load pydantic, which help does not need.
         """
         if _HELP not in args:
             return
@@ -132,7 +132,7 @@ class LazyCommand(TyperCommand):
 
 
 class LazyGroup(TyperGroup):
-    """Commands that share a word, or all of them."""
+    """A group of commands, such as `config`, or all commands."""
 
     def make_context(
         self,
@@ -141,14 +141,14 @@ class LazyGroup(TyperGroup):
         parent: Context = None,
         **extra: object,
     ) -> Context:
-        """Read the arguments up to the command, unless its help is asked for."""
+        """Parse the arguments up to the command, unless its help is requested."""
         self.show_help(info_name, args, parent)
         return super().make_context(info_name, args, parent, **extra)
 
     def show_help(
         self, info_name: str | None, args: list[str], parent: Context
     ) -> None:
-        """Print the help of the command that is named and exit, if it is asked for."""
+        """Print the help of the named command and exit, if it is requested."""
         command = self.commands.get(args[0]) if _HELP in args else None
         if isinstance(command, LazyCommand | LazyGroup):
             context = typer.Context(self, info_name=info_name, parent=parent)
@@ -221,14 +221,14 @@ def unghost(
 
 
 def main() -> NoReturn:
-    """Run the command line and exit with a code that means something."""
+    """Run the command line and exit with one of the documented codes."""
     try:
         app()
     except KeyboardInterrupt:
         Screen().note("interrupted")
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
-        # The program that reads our output has ended, as `| head` does.
+        # The program that reads the output has ended, as in `| head`.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(REFUSED)
     except Exception as error:
@@ -249,7 +249,7 @@ _TOKEN_HINT: Final = (
 
 def exit_code(error: Exception) -> int | None:
     """The exit code for an error that people can understand; None for a bug."""
-    # Here and not above, because a command that succeeds may need none of them.
+    # Imported here, because a command that succeeds needs none of them.
     import httpx
 
     from unghost.client.discovery import BadServerUrl, ForeignServer
@@ -272,7 +272,7 @@ def exit_code(error: Exception) -> int | None:
 
 
 def error_lines(error: Exception) -> Iterator[str]:
-    """What people are told of an error: a sentence, then lines with more about it."""
+    """The error message: a sentence, then lines with details."""
     import httpx
 
     from unghost.client.errors import ApiError, Unauthorized
@@ -298,6 +298,6 @@ def error_lines(error: Exception) -> Iterator[str]:
 def _address(error: httpx.TransportError) -> str:
     try:
         url = error.request.url
-    except RuntimeError:  # httpx: no request belongs to this error
+    except RuntimeError:  # httpx: the error has no request
         return "the server"
     return str(url.copy_with(path="/", query=None)).rstrip("/")

@@ -1,4 +1,4 @@
-"""`unghost push`: a folder of frames to the server, and what became of each frame."""
+"""`unghost push`: uploads a folder of frames, and prints the outcome of each."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class PushOptions(ServerOptions, SourceOptions, SegmentationReading):
 def push(options: PushOptions) -> None:
     """Upload a folder of frames, and have every box decided.
 
-    Safe to interrupt and to repeat: frames that the server has are not sent again.
+    Can be interrupted and repeated: frames that the server has are not sent again.
     Exit code 3 if some frames were refused or could not be matched; they are listed.
     """
     report = PushReport(options.screen)
@@ -111,7 +111,7 @@ def ensure_dataset(
 def send(
     client: Client, options: PushOptions, found: FrameSet, report: PushReport
 ) -> None:
-    """Send every frame, with a bar; an interruption says how far it came."""
+    """Send every frame, with a progress bar; if interrupted, print the number sent."""
     sent = client.push(
         options.dataset,
         outgoing(found),
@@ -146,9 +146,9 @@ def _note_unmapped(client: Client, options: PushOptions) -> None:
 
 
 class PushReport:
-    """Counts outcomes; tells each one as a JSON line, or all of them at the end.
+    """Counts outcomes; prints each as a JSON line, or a summary at the end.
 
-    Of the problems it keeps as many as it will list: there may be one per frame.
+    Keeps only as many problems as it will list, since there may be one per frame.
     """
 
     def __init__(self, screen: Screen) -> None:
@@ -160,22 +160,22 @@ class PushReport:
 
     @property
     def seen(self) -> int:
-        """Frames that are done with, one way or the other."""
+        """Number of frames with any outcome."""
         return self._outcomes.total()
 
     @property
     def refused(self) -> int:
-        """Frames that were not taken."""
+        """Number of frames that were refused."""
         return self._outcomes["refused"]
 
     @property
     def stored(self) -> int:
-        """Frames that are new."""
+        """Number of new frames."""
         return self._outcomes["stored"]
 
     @property
     def succeeded(self) -> int:
-        """Frames that the server has."""
+        """Number of frames that the server has."""
         return self.seen - self.refused
 
     def add(self, outcome: Outcome) -> None:
@@ -197,14 +197,14 @@ class PushReport:
         """The frames that were refused, one by one."""
         self._print_some(self._problems, self.refused)
         if self._changed:
-            # The server's words name a parameter that is no option here.
+            # The server's message names a parameter of the API, not the option.
             have = (
                 "1 frame has" if self._changed == 1 else f"{self._changed} frames have"
             )
             self._screen.note(f"{have} other content there; --replace stores it")
 
     def print_summary(self, unmatched: Sequence[Unmatched], dataset: str) -> None:
-        """Say what happened; the problems one by one."""
+        """Print the summary, and the problems one by one."""
         self.print_problems()
         self._print_some(map(not_matched, unmatched), len(unmatched))
         self._screen.record(
@@ -249,7 +249,7 @@ def _line(outcome: NotSent) -> str:
     line = refusal(outcome.key, _detail(error))
     if not isinstance(error, ApiError):
         return line
-    # A single fault is what the error itself says.
+    # The message of the error already contains a single fault.
     faults = error.errors if len(error.errors) > 1 else ()
     more = [f"and {error.more_errors} more"] if error.more_errors else []
     return "\n    ".join([line, *map(str, faults), *more])

@@ -1,7 +1,7 @@
-"""Configurations and the runs that apply them: set, compared, followed, cancelled.
+"""Commands for runs and for configurations.
 
-`unghost run`, `wait`, `cancel` and `diff` are about runs, `unghost config` is about
-what a dataset's boxes are decided by.
+`unghost run`, `wait`, `cancel` and `diff` are about runs, `unghost config` is about the
+configuration of a dataset.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _SUMS: Final = (
     *("run", "against", "compared", "total"),
     *("kept_to_rejected", "rejected_to_kept", "by_class", "sides_by_class"),
 )
-"""What `unghost diff --json` says of all boxes together."""
+"""The last line of `unghost diff --json`: the counts of all boxes."""
 
 CancelOnInterrupt: TypeAlias = Annotated[
     bool,
@@ -86,7 +86,7 @@ class CancelOptions(ServerOptions):
 def run(options: RunOptions) -> None:
     """Apply a configuration to a whole dataset.
 
-    The verdicts in force stay as they are, except with --activate.
+    The current verdicts do not change, except with --activate.
     """
     with options.connect() as client:
         version = _add_config(client, options.dataset, options.config)
@@ -123,9 +123,10 @@ def cancel(options: CancelOptions) -> None:
 def wait_for_run(
     client: Client, run: Run, screen: Screen, *, cancel: bool = False
 ) -> Run:
-    """Follow a run until it is done, with a bar.
+    """Wait until a run is done, with a progress bar.
 
-    Interrupted, the run goes on and a message says so; with `cancel` it is ended.
+    If interrupted, the run continues and a message says so; with `cancel` it is
+    cancelled.
 
     Raises
     ------
@@ -208,7 +209,7 @@ def diff(options: DiffOptions) -> None:
 
 def rows_of(found: Diff) -> list[tuple[object, ...]]:
     """A row per class, those with most changes first, and one of all."""
-    # An older server does not say which way: that is not the same as none.
+    # An older server does not send the directions; that does not mean 0.
     unknown = (0, 0) if "sides_by_class" in found.raw else (None, None)
     ways = {name: _ways(counts) for name, counts in found.sides_by_class.items()}
     rows = [
@@ -262,7 +263,7 @@ class ConfigSetOptions(ServerOptions):
 def set_config(options: ConfigSetOptions) -> None:
     """Store a configuration and make it the active one.
 
-    Every frame is decided again; until then the old verdicts stay in force.
+    Every frame is decided again; until then the old verdicts stay current.
     """
     screen = options.screen
     with options.connect() as client:

@@ -1,4 +1,4 @@
-"""What a command prints, and the exit codes: all that a program sees of a command.
+"""The output of commands, and their exit codes.
 
 Data goes to stdout, everything else to stderr. On a terminal there are bars and tables;
 elsewhere plain lines, one TAB between columns.
@@ -44,7 +44,7 @@ class Refused(Exception):
 
 @contextmanager
 def refused_on(*errors: type[Exception]) -> Iterator[None]:
-    """Take errors for the command's refusal: their text says why.
+    """Convert these errors to `Refused`, with their text.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def refused_on(*errors: type[Exception]) -> Iterator[None]:
 
 
 def partly_done(done: int) -> typer.Exit:
-    """The end of a command that could not do all: 3, or 1 if nothing was done."""
+    """Exit of a command that was partly done: code 3, or 1 if nothing was done."""
     return typer.Exit(PARTLY if done else REFUSED)
 
 
@@ -81,14 +81,14 @@ class Screen:
         self.as_json = as_json
 
     def record(self, record: Mapping[str, object], text: str | None = None) -> None:
-        """One piece of data: a JSON line, or `text` for people (None: nothing)."""
+        """Print one record: a JSON line, or `text` for people (None: nothing)."""
         if self.as_json:
             _print(json.dumps(record, ensure_ascii=False))
         elif text is not None:
             self.text(text)
 
     def text(self, text: str) -> None:
-        """Data for people; with `--json` nothing, a record says the same there."""
+        """Print data for people; nothing with `--json`, where records have the data."""
         if not self.as_json:
             _print(text)
 
@@ -99,9 +99,9 @@ class Screen:
         *,
         tag: str | None = None,
     ) -> None:
-        """Rows for people; with `--json` nothing, records say the same there.
+        """Print a table for people; nothing with `--json`, where records have the data.
 
-        As plain lines each begins with `tag`, which tells several tables apart.
+        In plain text each line begins with `tag`, which identifies the table.
         """
         if self.as_json:
             return
@@ -118,20 +118,20 @@ class Screen:
         answers: Iterable[AnswerT],
         row: Callable[[AnswerT], Sequence[object]],
     ) -> None:
-        """A table with a row for each answer; with `--json` a line for each."""
+        """Print a table with a row per object; with `--json`, a line per object."""
         listed = list(answers)
         for answer in listed:
             self.record(answer.raw)
         self.table(columns, map(row, listed))
 
     def note(self, text: str) -> None:
-        """A line for people who watch; never data."""
+        """Print a status line for people, to standard error."""
         sys.stderr.write(f"{text}\n")
         sys.stderr.flush()
 
     @contextmanager
     def progress(self, title: str, unit: str) -> Iterator[Advance]:
-        """A bar with rate and time left on a terminal, else a line now and then."""
+        """A bar with rate and remaining time on a terminal, else occasional lines."""
         if sys.stderr.isatty():
             with _bar(title, unit) as advance:
                 yield advance
@@ -190,7 +190,7 @@ def _rich_table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> Non
             column, overflow="fold", justify="right" if numbers else "left"
         )
     for row in rows:
-        # Text: names from users are not markup.
+        # Plain text, because names from users are not markup.
         table.add_row(*(Text(_cell(value)) for value in row))
     Console().print(table, "")
 

@@ -1,7 +1,7 @@
 """`unghost serve` and `unghost demo`: the service and its page, on this machine.
 
-The demo renders a street with ghost boxes and pushes it through the API, as anyone
-would, while the service runs.
+The demo renders a street with ghost boxes and uploads it through the API while the
+service runs.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def serve(options: ServeOptions) -> None:
     opened: list[threading.Thread] = []
 
     def ready(link: startup.LoginLink) -> None:
-        # Those of a service that was killed.
+        # Left behind by a service that was killed.
         remove_login_pages(settings.data)
         found = {"login_link": link.url, "data": str(settings.data)}
         screen.record(found, startup.ready_text(link.url))
@@ -139,7 +139,7 @@ def demo(options: DemoOptions) -> None:
     folder = options.data
     if folder is None and "UNGHOST_DATA" not in os.environ:
         folder = _DEMO_DATA
-    # A log line for each request would hide the bars, so they must be asked for.
+    # A log line per request would hide the bars, so by default there are none.
     quiet = None if "UNGHOST_LOG_LEVEL" in os.environ else "warning"
     settings = settings_of(data=folder, port=options.port, log_level=quiet)
     with refused_on(startup.CannotServe):
@@ -166,7 +166,7 @@ def rendered_street(data: Path, options: DemoOptions, screen: Screen) -> Path:
     folder = data / "demo" / name
     if folder.exists():
         return folder
-    # Renamed when it is complete: an interrupted rendering is never taken for one.
+    # Renamed when complete, so that an interrupted rendering is never used.
     partial = folder.with_name(f"{name}.part")
     make_folder(partial)  # the first to be made in the data folder, and that itself
     with screen.progress("render the street", "frames") as advance:
@@ -178,7 +178,7 @@ def rendered_street(data: Path, options: DemoOptions, screen: Screen) -> Path:
 
 
 class _Filling:
-    """Pushes the street in a thread, since the main thread serves."""
+    """Uploads the street in a thread, because the main thread runs the server."""
 
     def __init__(
         self, street: Path, screen: Screen, token_file: Path, *, stop_when_done: bool
@@ -191,22 +191,22 @@ class _Filling:
         self.refused = 0
 
     def start(self, url: str) -> None:
-        """Begin; the server answers from now on."""
+        """Start the thread; called when the server is ready."""
         # A daemon thread: an interruption does not wait for the frames.
         threading.Thread(target=self._run, args=(url,), daemon=True).start()
 
     def raise_if_failed(self) -> None:
-        """What went wrong, if something did."""
+        """Raise the error of the thread, if there was one."""
         if self._error is not None:
             raise self._error
 
     def _run(self, url: str) -> None:
         try:
             self._fill(url)
-        except Exception as error:  # told by the main thread, which it ends
+        except Exception as error:  # raised again by the main thread
             self._error = error
         if self._error is not None or self._stop_when_done:
-            # As Ctrl-C does, which the server takes as the sign to end well.
+            # As for Ctrl-C, on which the server shuts down in order.
             signal.raise_signal(signal.SIGINT)
 
     def _fill(self, url: str) -> None:
@@ -216,7 +216,7 @@ class _Filling:
         with Client(url, token) as client:
             report = self._push(client)
             numbers = client.stats(_DEMO_DATASET)
-            # Made now: rendering and pushing may take longer than a link is good for.
+            # Created now: rendering and uploading may take longer than a link is valid.
             login_link = f"{url}/#code={client.create_login_code().code}"
         self.refused = report.refused
         report.print_problems()

@@ -1,4 +1,4 @@
-"""A folder of frames on this machine: how it is to be read, and its frames."""
+"""Options for reading a folder of frames, and the frames of the folder."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class SourceOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentationReading:
-    """How segmentations are to be read, where their files do not tell."""
+    """Options for reading segmentations, where their files do not determine them."""
 
     palette: Annotated[
         Palette | None,
@@ -105,7 +105,7 @@ class SegmentationReading:
 
     @property
     def reading(self) -> dict[str, str]:
-        """What was given, by the names that datasets and configurations use."""
+        """The given options, with the names that datasets and configurations use."""
         given = {
             "palette": self.palette,
             "encoding": self.encoding,
@@ -142,7 +142,7 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
     Raises
     ------
     LayoutError
-        It has none of the layouts, or not the one that was named.
+        Its layout is unknown, or is not the one that was named.
     Refused
         It has no frames.
     """
@@ -174,7 +174,7 @@ def _count_lines(source: Path) -> int:
 def read_config(
     path: Path | None, reading: SegmentationReading, screen: Screen
 ) -> FilterConfig:
-    """A file's configuration, with what the command line says on top."""
+    """The configuration of a file, overridden by options of the command line."""
     from filter_core.config.file import load_config
     from filter_core.config.filter import FilterConfig
 
@@ -186,7 +186,7 @@ def read_config(
 
 
 def outgoing(frames: Iterable[FrameSource]) -> Iterator[OutgoingFrame | NotSent]:
-    """Frames as they are sent; one that cannot be read says why."""
+    """Frames to be sent; one that cannot be read becomes `NotSent` with the reason."""
     from unghost.client.outgoing import NotSent, OutgoingFrame
 
     for frame in frames:

@@ -1,1 +1,1 @@
-"""The client of the REST API: describes its calls, sends them, follows jobs."""
+"""The Python client of the REST API: its calls, transport, jobs and uploads."""

@@ -1,9 +1,9 @@
-"""Every call of the REST API, described once, by resource.
+"""Every call of the REST API, grouped by resource.
 
-The methods describe calls; a client that inherits `Api` sends them (see
-`call.endpoint`). Paths and queries are those of docs/api.md. Three requests are not
-described here, because their answers are read while they arrive: the events of a job
-and the file of an export (`jobs`), and batches of frames (`batches`).
+Each method describes a call as data (`Call`); the client that inherits `Api` sends it
+(see `call.endpoint`). Paths and queries are those of docs/api.md. Three requests are
+not described here, because their responses are streamed: the events of a job and the
+file of an export (`jobs`), and batches of frames (`batches`).
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ class DatasetCalls:
     ) -> Call[wire.Dataset | wire.Run]:
         """Change options, as in `create_dataset`.
 
-        What concerns pixels is returned as the run that measures again; the dataset
-        changes when that is done.
+        If the change affects how segmentations are read, the result is the run that
+        measures again, and the dataset changes when that run is done.
         """
         return Call("PATCH", dataset_path(name), _changed_dataset, json=options)
 
@@ -143,8 +143,9 @@ class FrameCalls:
         """Store a frame with its boxes and files, and decide about every box.
 
         `files` are image, segmentation, depth, instances, lidar, radar, ignore_mask:
-        bytes or the path of a file. The same frame again changes nothing (`created`
-        is False); another one under the same key raises `Conflict`, unless `replace`.
+        bytes or the path of a file. Sending the same frame again changes nothing
+        (`created` is False). Other content under the same key raises `Conflict`,
+        unless `replace` is set.
         """
         given = {name: one for name, one in files.items() if one is not None}
         frame = OutgoingFrame(key, annotation or {"boxes": []}, given)
@@ -197,7 +198,7 @@ def _stored_frame(response: httpx.Response) -> wire.StoredFrame:
 
 
 def known_frames(dataset: str, keys: Sequence[str]) -> Call[dict[str, wire.KnownFrame]]:
-    """Those of at most 1,000 keys that the dataset with this path has, by key."""
+    """The stored frames with these keys (at most 1,000), by key."""
     path, read = f"{dataset}/known-frames", answer(_known_frames)
     return Call("POST", path, read, json={"keys": keys}, patience=PATIENCE)
 
@@ -227,7 +228,7 @@ class PictureCalls:
 
 
 class BoxCalls:
-    """Boxes, their history, which to look at next, and what people say about them."""
+    """Boxes, their history, the review queue, and people's answers."""
 
     @listing
     def boxes(self, /, dataset: str, **filters: object) -> Listing[wire.Decision]:
@@ -278,10 +279,10 @@ class BoxCalls:
         filters: Mapping[str, object] | None = None,
         exclude: Sequence[int] = (),
     ) -> Call[wire.Queue]:
-        """The next boxes to look at, claimed for five minutes by this token's name.
+        """The next boxes to review, reserved (claimed) for this token for five minutes.
 
-        `filters` are those of `boxes`, by the names of the API; `exclude` are boxes
-        that the caller has already.
+        `filters` are those of `boxes`, with the names of the API; `exclude` lists ids
+        of boxes that the caller already has.
         """
         body = {
             "order": order,
@@ -323,21 +324,21 @@ class BoxCalls:
         Parameters
         ----------
         boxes
-            Decisions: boxes that somebody has answered since they were read are left
-            alone. Ids: boxes that have an answer are left alone. A selection: all of
-            its boxes are answered, or none if any has changed since `select_boxes`.
+            Decisions: boxes that somebody has answered since they were read are not
+            changed. Ids: boxes that have an answer are not changed. A selection: all
+            of its boxes are answered, or none if any has changed since `select_boxes`.
 
         Returns
         -------
         ReviewBatch
-            `stale` are boxes that were left alone because they have an answer,
-            `skipped` boxes that do not exist any more.
+            `stale` lists boxes that were not changed because they have an answer that
+            the caller has not seen, `skipped` boxes that no longer exist.
 
         Raises
         ------
         StaleReview
-            Boxes of the selection were added, deleted, decided anew or answered
-            since; `current` has their number now (`total`).
+            Boxes of the selection have been added, deleted, decided again or answered
+            since; `total` in `current` is their present number.
         """
         body = {"dataset": dataset, "verdict": verdict, "comment": comment}
         read = result(wire.ReviewBatch)
@@ -372,12 +373,12 @@ def _as_in_api(filters: Mapping[str, object]) -> dict[str, object]:
 def _which(
     boxes: Sequence[wire.Decision] | Sequence[int] | wire.Selection,
 ) -> dict[str, object]:
-    """The boxes of a bulk review, and how they were seen, as the server takes it."""
+    """The keys of a bulk review's body that select the boxes and their seen state."""
     if isinstance(boxes, wire.Selection):
         return {"filter": boxes.filter, "snapshot": boxes.snapshot}
     if isinstance(boxes, Mapping):
         raise TypeError(
-            "expected decisions, ids or what select_boxes answers, found a mapping"
+            "expected decisions, ids or a result of select_boxes, found a mapping"
         )
     seen = [box for box in boxes if isinstance(box, wire.Decision)]
     if not seen:
@@ -485,7 +486,7 @@ def run_path(run: wire.Run | int) -> str:
 
 
 def id_of(job: wire.Run | wire.Export | int) -> int:
-    """The id of a run or an export, which may stand for it."""
+    """The id of a run or an export; an id is returned as it is."""
     return job if isinstance(job, int) else job.id
 
 
@@ -505,7 +506,7 @@ class ExportCalls:
     def start_export(
         self, /, dataset: str, format: str, **options: object
     ) -> Call[wire.Export]:
-        """Have the labels written in a ZIP archive: "yolo", "coco", "kitti", "voc" and
+        """Start writing the labels to a ZIP archive: "yolo", "coco", "kitti", "voc" and
         others; formats and options as in the documentation of the formats.
         """
         path = dataset_path(dataset, "exports")
@@ -534,7 +535,7 @@ class AccessCalls:
 
     @endpoint
     def session(self) -> Call[wire.Session]:
-        """Whose token this client has, and its role."""
+        """The name and the role of this client's token."""
         return Call("GET", f"{API}/session", result(wire.Session))
 
     @listing
@@ -585,12 +586,12 @@ class AccessCalls:
 
     @listing
     def audit(self) -> Listing[wire.AuditEntry]:
-        """Who did what, as the server's audit log has it, newest first; for admins."""
+        """The entries of the audit log, newest first; for admins."""
         return Listing(f"{API}/audit", wire.AuditEntry)
 
 
 class QualityCalls:
-    """Quality: the filter against people, and its channels against each other."""
+    """Quality: the accuracy of the filter and of each channel."""
 
     @endpoint
     def quality(
@@ -601,11 +602,11 @@ class QualityCalls:
         recall: float | None = None,
         truth: Truth = "people",
     ) -> Call[wire.Quality]:
-        """How good the filter is, and which thresholds would be better.
+        """The accuracy of the filter, and suggested thresholds.
 
-        It is compared with what people answered, or with `truth="instances"` with what
-        instance images show (`evaluate` measures them). Suggested are the thresholds of
-        the best F1, or with `target="recall"` the highest that reach this `recall`.
+        The filter is compared with people's answers, or with `truth="instances"` with
+        instance images (`evaluate` measures them). The suggested thresholds have the
+        best F1 or, with `target="recall"`, are the highest that reach `recall`.
         """
         path = dataset_path(dataset, "quality")
         params = {"target": target, "truth": truth, "recall": recall}
@@ -613,9 +614,9 @@ class QualityCalls:
 
     @endpoint
     def evaluate(self, dataset: str) -> Call[wire.Run]:
-        """Measure every channel that the frames' files allow; no verdict changes.
+        """Measure every channel for which frames have the files; no verdict changes.
 
-        The run can be waited for; then `evaluations` has all channels.
+        Returns a run; when it is done, `evaluations` has all channels.
         """
         path = dataset_path(dataset, "evaluations")
         return Call("POST", path, result(wire.Run))
@@ -631,7 +632,7 @@ class QualityCalls:
 
 
 class HealthCalls:
-    """Which server it is, and whether it can work."""
+    """The version of the server, and whether it is ready."""
 
     @endpoint
     def version(self) -> Call[wire.Version]:

@@ -31,7 +31,7 @@ Report: TypeAlias = Callable[[Outcome], object]
 """Called with each frame's outcome as soon as it is known."""
 
 CONCERNS_ALL: Final = (Unauthorized, Forbidden, NotFound, Unavailable, UnexpectedAnswer)
-"""Errors of one frame that every other would meet as well."""
+"""Errors of one frame that all other frames would get as well."""
 
 _MEDIA_TYPE: Final = "application/x-tar"
 
@@ -42,7 +42,7 @@ class BatchSender:
     def __init__(
         self, endpoint: Endpoint, retry: RetryPolicy, pause: Callable[[float], bool]
     ) -> None:
-        """`pause` waits so many seconds and returns whether to continue after it."""
+        """`pause` waits so many seconds, and returns False if sending must stop."""
         self._endpoint = endpoint
         self._retry = retry
         self._pause = pause
@@ -58,10 +58,10 @@ class BatchSender:
         Raises
         ------
         ApiError
-            What concerns every frame: no access, no such dataset, a full disk.
+            An error that concerns all frames: no access, no such dataset, a full disk.
         httpx.TransportError
-            The server does not answer, also after the retries, which are counted anew
-            after each outcome.
+            The server does not answer even after the retries. The count of retries
+            starts again after each outcome.
         """
         unanswered = deque(frames)
         attempts = Attempts(self._retry, PATIENCE)
@@ -116,7 +116,7 @@ class BatchSender:
                 connection.send(END_OF_ARCHIVE)
                 sent = True
             except OSError:
-                # It may have said why, and which frames it has.
+                # The response may give the reason, and the frames that were stored.
                 yield from connection.lines(wait=True)
                 raise
             yield from connection.lines(wait=True)

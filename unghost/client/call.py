@@ -1,8 +1,8 @@
-"""What a call of the REST API is, and the decorators that make methods of calls.
+"""The class `Call`, and decorators that turn descriptions of calls into methods.
 
-A call is data: what is asked for, and how its answer is read. Describing a call sends
-nothing, so the same description serves a client that waits for the answer and one that
-is awaited.
+A `Call` is data: a request, and a function that reads its response. Describing a call
+sends nothing, so a synchronous and an asynchronous client can use the same
+descriptions.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ Files: TypeAlias = Mapping[str, tuple[str, bytes, str]]
 """Parts of a form: file name, content and media type, by the part's name."""
 
 Read: TypeAlias = Callable[[httpx.Response], T]
-"""Makes a result of a successful answer; UnexpectedAnswer if it cannot."""
+"""Reads the result from a successful response, or raises UnexpectedAnswer."""
 
 PAGE_SIZE: Final = 500
-"""Items of a list that are asked for at once."""
+"""Number of items that one request of a list fetches."""
 
 PATIENCE: Final = 2
-"""`Call.patience` of a call that is one step of something longer, such as following a
-run: the server may be restarted in between."""
+"""`Call.patience` of a call that is one step of a longer operation, such as waiting for
+a run: the server may be restarted in between."""
 
 
 class Kind(Protocol[T_co]):
@@ -69,7 +69,7 @@ class Kind(Protocol[T_co]):
 
 @dataclass(frozen=True)
 class Call(Generic[T]):
-    """One request, and how its answer is read.
+    """One request, and the function that reads its response.
 
     It can be sent more than once, because its bodies are values and not streams.
 
@@ -78,7 +78,7 @@ class Call(Generic[T]):
     path
         From the root of the server.
     read
-        Called with the answer if the status is a success; makes the result of it.
+        Makes the result from a response with a success status.
     retried
         Whether to try again if the server does not answer or is busy.
     patience
@@ -100,7 +100,7 @@ class Call(Generic[T]):
 
 @dataclass(frozen=True)
 class Page(Generic[T]):
-    """Some items of a list, each read when it is reached; the last has no cursor."""
+    """One page of a list. Items are read lazily; the last page has no cursor."""
 
     items: Iterator[T]
     next_cursor: str | None
@@ -108,7 +108,7 @@ class Page(Generic[T]):
 
 @dataclass(frozen=True)
 class Listing(Generic[T]):
-    """A list that the server hands out in pages."""
+    """A list that the server returns in pages."""
 
     path: str
     item: Kind[T]
@@ -145,12 +145,12 @@ class AsyncSender(Protocol):
 
 
 class ClientMethod(Generic[P, T_co, AsyncT_co]):
-    """A method whose result depends on the kind of client that has it.
+    """A method whose type depends on the client class: its result, or an awaitable.
 
     Parameters
     ----------
     function
-        Takes the client and the method's arguments, and has the client send the call.
+        Takes the client and the method's arguments; the client sends the call.
     """
 
     def __init__(self, function: Callable[Concatenate[Sender, P], T_co]) -> None:
@@ -173,7 +173,7 @@ class ClientMethod(Generic[P, T_co, AsyncT_co]):
     def __get__(
         self, owner: Sender | AsyncSender | None, kind: type
     ) -> Callable[..., object]:
-        # What a function does as an attribute, so that `help` shows one.
+        # As a function does when it is an attribute, so that `help` shows it.
         return self._function if owner is None else MethodType(self._function, owner)
 
 
@@ -182,8 +182,8 @@ def endpoint(
 ) -> ClientMethod[P, T, Awaitable[T]]:
     """Make a method that sends a call, from a function that describes the call.
 
-    The function is written as a method, of any class that clients inherit; it makes no
-    use of the client.
+    The function is written as a method of a class that clients inherit; it does not
+    use the client.
     """
 
     @wraps(describe)
@@ -210,31 +210,31 @@ def listing(
 
 
 def _annotate_result(describe: Callable[..., object], result: str) -> None:
-    # `help` and `inspect.signature` find it behind the method: see `wraps`.
+    # `help` and `inspect.signature` read it from the function that `wraps` wraps.
     describe.__annotations__["return"] = result
 
 
 def result(kind: Kind[T]) -> Read[T]:
-    """Reads the JSON object of an answer as an object of a class."""
+    """Reads the JSON object of a response as an object of a class."""
     return answer(kind.read)
 
 
 def answer(read: Callable[[Json], T]) -> Read[T]:
-    """Reads the JSON object of an answer by a function, as `Kind.read` does it."""
+    """Reads the JSON object of a response with a function such as `Kind.read`."""
     return lambda response: read_object(read, body_of(response), response)
 
 
 def content(response: httpx.Response) -> bytes:
-    """Reads an answer that is a file."""
+    """Reads a response that is a file."""
     return response.content
 
 
 def nothing(_: httpx.Response) -> None:
-    """Reads an answer of which only the success matters."""
+    """Ignores the content of a successful response."""
 
 
 def read_object(read: Callable[[Json], T], raw: Json, response: httpx.Response) -> T:
-    """What `read` makes of a part of an answer; UnexpectedAnswer if it cannot."""
+    """The result of `read` for a part of a response; UnexpectedAnswer if it fails."""
     try:
         return read(raw)
     except (LookupError, ValueError, TypeError, AttributeError) as exc:
@@ -242,7 +242,7 @@ def read_object(read: Callable[[Json], T], raw: Json, response: httpx.Response) 
 
 
 def body_of(response: httpx.Response) -> Json:
-    """The JSON object of an answer; UnexpectedAnswer if it is none."""
+    """The JSON object of a response; UnexpectedAnswer if it is none."""
     body = json_object(response)
     if body is None:
         raise unexpected(response, "is not a JSON object")
@@ -250,7 +250,7 @@ def body_of(response: httpx.Response) -> Json:
 
 
 def query_of(params: Params) -> dict[str, str | list[str]]:
-    """The parameters as a query has them: without None, each value as text."""
+    """The parameters of the query string: without None, each value as text."""
     query: dict[str, str | list[str]] = {}
     for key, value in params.items():
         if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""The client: sends the calls of the API, turns pages, follows jobs, pushes frames."""
+"""`Client`: sends API calls, fetches pages of lists, follows jobs, uploads frames."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ _DEFAULT_RETRY: Final = RetryPolicy()
 class Client(Api, JobMethods):
     """A connection to an Unghost server.
 
-    Without arguments it talks to the server of `UNGHOST_SERVER`, else the one on this
-    machine, and finds that one's token by itself. Safe to use from many threads.
+    Without arguments it connects to the server in `UNGHOST_SERVER` or, if that is not
+    set, to the one on this machine, whose token it finds. Safe to use from threads.
 
         with Client() as client:
             for box in client.boxes("town10", verdict="rejected"):
@@ -47,7 +47,7 @@ class Client(Api, JobMethods):
         self._transport = Transport(server, timeout=timeout, retry=retry)
 
     def __repr__(self) -> str:
-        # Without the token: representations end in logs.
+        # Without the token, because representations are often logged.
         return f"Client({self.url!r})"
 
     def __enter__(self: ClientT) -> ClientT:
@@ -66,7 +66,7 @@ class Client(Api, JobMethods):
         self._transport.close()
 
     def ready(self) -> bool:
-        """Whether the server can take work now; asks once."""
+        """Whether the server is ready; sends one request, without retries."""
         try:
             self._send(READINESS)
         except Unavailable:
@@ -81,19 +81,19 @@ class Client(Api, JobMethods):
         replace: bool = False,
         connections: int = 2,
     ) -> Generator[Outcome, None, None]:
-        """Store many frames; yields what became of each, as it is known, in any order.
+        """Store many frames; yields the outcome of each as soon as it is known.
 
-        Frames travel in batches, and their files go from the disk to the server without
-        being held in memory. What the server has already is not sent; what it refuses
-        is an outcome (`NotSent`) and no error. A connection that breaks is made again,
-        and frames without an answer are sent once more. Stopping early, by closing the
-        iterator, sends nothing more.
+        Frames are sent in batches, and their files are streamed from the disk. Frames
+        that the server already has are not sent. A frame that the server refuses gives
+        an outcome (`NotSent`), not an exception. If a connection breaks, it is opened
+        again, and the frames without an answer are sent again. Closing the iterator
+        early stops the upload.
 
             frames = (OutgoingFrame(p.stem, boxes_of(p), {"image": p}) for p in paths)
             for outcome in client.push("town10", frames):
                 print(outcome.key, outcome.word)
         """
-        # Most programs ask and do not push: they need not wait for these modules.
+        # Imported here, because most programs only read and never push.
         from unghost.client.push import Upload
 
         upload = Upload(self._transport, dataset_path(dataset), replace, connections)
@@ -103,7 +103,7 @@ class Client(Api, JobMethods):
         return self._transport.send(call)
 
     def _pages(self, listing: Listing[T]) -> Iterator[T]:
-        """Every item of a list, page by page as they are reached."""
+        """Every item of a list; a page is fetched when its first item is needed."""
         cursor: str | None = None
         while True:
             page = self._send(listing.page(cursor))

@@ -1,10 +1,10 @@
-"""Where the server is, and the token of a server on this machine.
+"""Finds the server's address, and the token of a server on this machine.
 
-A token that was found in a file is sent only to the server that it belongs to: one on
-this machine that runs as the owner of the file. Another user's program may have taken
-the port of a server that has ended. Before such a token is sent, the users whose
-programs listen at the address are therefore compared with the owner of the file. This
-is done on Linux only, because other systems do not say who listens.
+A token that was found in a file is sent only to a server on this machine that runs as
+the owner of the file, because another user's program may have taken the port of a
+server that has ended. Before such a token is sent, the users whose programs listen at
+the address are therefore compared with the owner of the file. This works only on Linux,
+because other systems do not report who listens.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class TokenFile:
 
 @dataclass(frozen=True)
 class Server:
-    """A server's address, and the token to show there (None: none was found).
+    """A server's address, and the token for it (None: none was found).
 
     `token_file` is where the token was found; None if it was given.
     """
@@ -54,7 +54,7 @@ class BadServerUrl(ValueError):
 
 
 class ForeignServer(Exception):
-    """Another user listens where the server of a token that was found should be."""
+    """Another user's program listens at the address of the server of a found token."""
 
 
 def find_server(
@@ -63,12 +63,12 @@ def find_server(
     *,
     environ: Mapping[str, str] | None = None,
 ) -> Server:
-    """The server to talk to, by what is given, the environment and local files.
+    """The server to connect to, from the arguments, the environment and local files.
 
-    The token is the first of: the one given, `UNGHOST_TOKEN`, the `token` file in the
-    folder `UNGHOST_DATA`, what `unghost serve` noted for just this address, the `token`
-    file in `./unghost-data`. ForeignServer if it is from a file, and somebody else than
-    that file's owner listens at the address.
+    The token is the first of: the argument, `UNGHOST_TOKEN`, the `token` file in the
+    folder `UNGHOST_DATA`, the file that `unghost serve` noted for this address, the
+    `token` file in `./unghost-data`. Raises ForeignServer if the token is from a file
+    and another user than the owner of that file listens at the address.
     """
     env = os.environ if environ is None else environ
     address = _checked(url or env.get("UNGHOST_SERVER") or DEFAULT_URL)
@@ -81,13 +81,13 @@ def find_server(
 
 
 def refuse_foreign(server: Server) -> None:
-    """ForeignServer if a token from a file would go to somebody else than its owner."""
+    """Raise ForeignServer if another user than the owner of the token file listens."""
     file = server.token_file
     if file is None:
         return
     parsed = httpx.URL(server.url)
     port = parsed.port or DEFAULT_PORT[parsed.scheme]
-    # Root may be the proxy of a container, or have opened the port for a service.
+    # Root may run the proxy of a container, or have opened the port for a service.
     foreign = listening_uids(parsed.host, port) - {file.owner, _ROOT}
     if foreign:
         raise ForeignServer(
@@ -184,12 +184,12 @@ class _Listener:
 def listening_uids(host: str, port: int) -> frozenset[int]:
     """The users whose programs a connection to this loopback address could reach.
 
-    Empty where nobody listens in this network namespace, and on other systems.
+    Empty if no program listens in this network namespace, and on other systems.
     """
     if sys.platform != "linux":
         return frozenset()
     there = [one for one in _listeners() if one.port == port]
-    # Which of its addresses `localhost` becomes is decided later: all count.
+    # `localhost` is resolved later, so all of its addresses count.
     names = _LOCALHOST if host == "localhost" else (host,)
     return frozenset(uid for name in names for uid in _reached(_plain(name), there))
 
@@ -199,7 +199,7 @@ def _reached(address: Address, there: list[_Listener]) -> set[int]:
         one.uid for one in there if one.address in (address, _ANY[address.version])
     }
     if not found and address.version == 4:
-        # A socket of IPv6 takes connections of IPv4 that no other one takes.
+        # An IPv6 socket also accepts IPv4 connections that no IPv4 socket accepts.
         found = {one.uid for one in there if one.address == _ANY[6]}
     return found
 

@@ -1,7 +1,7 @@
-"""One HTTP connection whose answer is read while the request is still being sent.
+"""One HTTP connection whose response is read while the request is still being sent.
 
-httpx reads an answer only when it has sent everything. Here a body goes from files to
-the socket in large chunks, and h11 does what HTTP asks for around it.
+httpx reads a response only when it has sent the whole request. Here a body is written
+from files to the socket in large chunks, and h11 implements the HTTP protocol.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from unghost.client.outgoing import FilePiece, Piece
 from unghost.client.transport import Endpoint
 
 _CONTINUE_S: Final = 5.0
-"""How long to wait for a word before the body; a proxy may keep it to itself."""
+"""How long to wait for "100 Continue"; a proxy may not forward it."""
 
 _CHUNK_BYTES: Final = 1 << 18
 
@@ -33,7 +33,7 @@ class FileChanged(Exception):
 
 @dataclass(frozen=True)
 class _Announced:
-    """Stands for so many bytes of a body, which h11 counts and does not send."""
+    """A placeholder for `size` bytes of a body, which h11 counts but does not send."""
 
     size: int
 
@@ -42,9 +42,9 @@ class _Announced:
 
 
 class Duplex:
-    """A connection that opens when it is needed and is kept for the next request.
+    """A connection that is opened when needed and kept for the next request.
 
-    For one thread; `abort` may be called from any.
+    Not thread-safe, except `abort`, which any thread may call.
     """
 
     def __init__(self, endpoint: Endpoint) -> None:
@@ -56,7 +56,7 @@ class Duplex:
         self._buffer = bytearray(_CHUNK_BYTES)
 
     def begin(self, media_type: str, size: int) -> None:
-        """Announce a POST of `size` bytes, and wait until the server wants them.
+        """Send the head of a POST of `size` bytes; wait until the server accepts it.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class Duplex:
         Raises
         ------
         OSError
-            The connection is broken; what was answered before can still be read.
+            The connection is broken; lines received before can still be read.
         FileChanged
         """
         sock = self._open_socket()
@@ -101,14 +101,14 @@ class Duplex:
             sock.sendall(piece)
 
     def lines(self, *, wait: bool) -> Iterator[bytes]:
-        """Whole lines of the answer: those that are there, or all of them.
+        """Whole lines of the response: those received so far, or all of them.
 
         Raises
         ------
         OSError, h11.RemoteProtocolError
-            The connection was cut before the answer's end.
+            The connection was cut before the end of the response.
         ApiError
-            The answer is not a 200.
+            The status of the response is not 200.
         """
         while not self._answered:
             event = self._http.next_event()
@@ -126,20 +126,20 @@ class Duplex:
                 self._answered = True
 
     def end(self, *, sent: bool) -> None:
-        """End the request, and the connection if the body was not `sent` whole."""
-        # Their state is another one if the server wants to close the connection.
+        """End the request; close the connection if the body was not `sent` whole."""
+        # h11's state is another one if the server wants to close the connection.
         if sent and self._answered and self._http.their_state is h11.DONE:
             self._http.start_next_cycle()
         else:
             self.close()
 
     def abort(self) -> None:
-        """End the connection for good, also under a thread that is using it."""
+        """Close the connection permanently, even while another thread uses it."""
         self._aborted = True
         self.close()
 
     def close(self) -> None:
-        """End the connection; the next request opens another."""
+        """Close the connection; the next request opens another."""
         sock, self._socket = self._socket, None
         if sock is None:
             return
@@ -208,7 +208,7 @@ class Duplex:
                 left -= count
 
     def _receive(self, *, wait: bool) -> bytes | None:
-        """Bytes of the answer, b"" at its end; None if there are none now."""
+        """Bytes of the response, b"" at its end; None if none have arrived."""
         sock = self._open_socket()
         if wait:
             return sock.recv(_CHUNK_BYTES)

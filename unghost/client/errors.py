@@ -1,21 +1,21 @@
-"""What a call to the server can raise, as one tree.
+"""The exceptions that calls raise, as one tree.
 
-ApiError                the server answered, and the answer is not a success
-|-- BadRequest          400: a parameter that the server does not know
-|-- Unauthorized        401: no token, or one that the server does not know
+ApiError                the server's response is not a success
+|-- BadRequest          400: a malformed request or an unknown parameter
+|-- Unauthorized        401: no token, or an unknown one
 |-- Forbidden           403: the token's role does not allow it
 |-- NotFound            404
 |-- Conflict            409: other content under the same name, or the wrong state
-|   `-- StaleReview     412: someone changed it meanwhile; `current` says how
+|   `-- StaleReview     412: someone else changed it first; `current` is its state
 |-- TooLarge            413
 |-- Invalid             422 and 415: `errors` lists the faults
 |-- Unavailable         408, 429, 502, 503, 504: try again later
 |-- ServerFault         500
-`-- UnexpectedAnswer    an answer that is not Unghost's
-RunFailed               a run or an export that was waited for did not succeed
-DamagedDownload         the bytes that came are not those that were promised
+`-- UnexpectedAnswer    a response that is not Unghost's
+RunFailed               the run or export that was waited for failed or was cancelled
+DamagedDownload         the downloaded bytes do not have the expected digest
 
-No answer at all is `httpx.TransportError`, which is passed on untouched.
+If there is no response at all, `httpx.TransportError` is raised.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 
 
 class ApiError(Exception):
-    """The server answered, and the answer is not a success.
+    """The server's response is not a success.
 
-    `code` is for programs and does not change, `detail` is for people. `errors` are the
-    single faults, at most a hundred, and `more_errors` is how many more there are.
-    `request_id` finds the request in the log of the server. `retry_after_s` is how long
-    to wait, if the server said so.
+    `code` is stable and for programs, `detail` is for people. `errors` lists the single
+    errors, at most a hundred; `more_errors` is the number of further ones. `request_id`
+    identifies the request in the log of the server. `retry_after_s` is the time to wait
+    before a retry, if the server named one.
     """
 
     def __init__(
@@ -61,11 +61,11 @@ class ApiError(Exception):
 
 
 class BadRequest(ApiError):
-    """400: the request names something that the server does not know."""
+    """400: a malformed request or an unknown parameter."""
 
 
 class Unauthorized(ApiError):
-    """401: no token, or one that the server does not know."""
+    """401: no token, or an unknown one."""
 
 
 class Forbidden(ApiError):
@@ -73,7 +73,7 @@ class Forbidden(ApiError):
 
 
 class NotFound(ApiError):
-    """404: there is no such thing."""
+    """404: the object does not exist."""
 
 
 class Conflict(ApiError):
@@ -81,20 +81,20 @@ class Conflict(ApiError):
 
 
 class StaleReview(Conflict):
-    """412: someone answered meanwhile; `current` is what is there now.
+    """412: someone else answered first; `current` is the present state.
 
-    For a box that is its decision; for a selection of boxes, `total` and `snapshot`.
+    For a box, this is its decision; for a selection of boxes, `total` and `snapshot`.
     """
 
     @property
     def current(self) -> Json | None:
-        """What the server has now; None if it did not say."""
+        """The present state on the server; None if the response did not contain it."""
         current = self.problem.get("current")
         return current if isinstance(current, Mapping) else None
 
 
 class TooLarge(ApiError):
-    """413: more bytes than the server takes."""
+    """413: more bytes than the server accepts."""
 
 
 class Invalid(ApiError):
@@ -110,7 +110,7 @@ class ServerFault(ApiError):
 
 
 class UnexpectedAnswer(ApiError):
-    """An answer that is not Unghost's: another server, or a proxy's own page."""
+    """A response that is not Unghost's: from another server, or a proxy's own page."""
 
 
 class RunFailed(Exception):
@@ -118,7 +118,7 @@ class RunFailed(Exception):
 
 
 class DamagedDownload(Exception):
-    """The downloaded bytes are not those that the server promised."""
+    """The downloaded bytes do not have the digest that the server announced."""
 
 
 _BY_STATUS: dict[int, type[ApiError]] = {
@@ -147,7 +147,7 @@ def error_of(response: httpx.Response) -> ApiError:
     wait_s = retry_after_s(response.headers.get("Retry-After"))
     if problem is not None and "code" in problem:
         return kind(response.status_code, problem, wait_s)
-    # Without a problem body somebody else answered: a proxy, another program.
+    # A body that is no problem document is from another program, such as a proxy.
     if kind is not Unavailable:
         kind = UnexpectedAnswer
     detail = f"{response.url.copy_with(query=None)} answered {response.status_code}"
@@ -159,21 +159,21 @@ def error_of(response: httpx.Response) -> ApiError:
 
 
 def error_of_problem(problem: Json) -> ApiError:
-    """The exception for a problem within an answer, such as in a line of a batch."""
+    """The exception for a problem document in a response, such as a batch's line."""
     status = problem.get("status")
     status = status if isinstance(status, int) else 500
     return _BY_STATUS.get(status, ApiError)(status, problem)
 
 
 def unexpected(response: httpx.Response, why: str) -> UnexpectedAnswer:
-    """The exception for a 2xx that does not say what it should."""
+    """The exception for a 2xx response with unexpected content."""
     where = response.url.copy_with(query=None)
     problem = {"code": "unexpected_answer", "detail": f"the answer of {where} {why}"}
     return UnexpectedAnswer(response.status_code, problem)
 
 
 def run_failed(what: str, state: str, error: wire.Failure | None) -> RunFailed:
-    """The exception for work on the server that ended in another state than done."""
+    """The exception for a run or an export that failed or was cancelled."""
     why = "" if error is None else f": {error.detail or error.code}"
     return RunFailed(f"{what} is {state}{why}")
 

@@ -1,8 +1,8 @@
-"""Runs and exports followed to their end, and the file of an export fetched.
+"""Waits for runs and exports, and downloads the file of an export.
 
-A job is followed by its events, which the server sends as they happen; if these cannot
-be received, its state is asked for at intervals. An interrupted download continues
-where it stopped, and the file is checked before it appears.
+The progress of a job is read from its event stream or, if the stream is not available,
+by polling its state. An interrupted download continues where it stopped, and the digest
+is checked before the file gets its final name.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _CHUNK_BYTES: Final = 1 << 20
 
 
 class State(Protocol):
-    """What the server says about a job."""
+    """The state of a job as the server reports it."""
 
     @property
     def state(self) -> str:
@@ -46,7 +46,7 @@ class State(Protocol):
 
     @property
     def finished(self) -> bool:
-        """Nothing more will happen to it."""
+        """Whether the job has ended: done, failed or cancelled."""
         ...
 
     @property
@@ -61,14 +61,14 @@ Progress: TypeAlias = Callable[[StateT], object]
 
 
 class JobMethods:
-    """The methods of a client that follow runs and exports, and fetch files."""
+    """Methods of the client that wait for runs and exports, and download files."""
 
     _transport: Transport
 
     def events(self, run: wire.Run | int) -> Iterator[wire.Run]:
-        """A run each time that it changes, until it is over.
+        """Yields a run each time it changes, until it has ended.
 
-        A stream that breaks off is continued where it was.
+        A stream that breaks off is continued after the last received event.
         """
         return self._run(run).events()
 
@@ -79,7 +79,7 @@ class JobMethods:
         progress: Callable[[wire.Run], object] | None = None,
         timeout_s: float | None = None,
     ) -> wire.Run:
-        """The run when it is done; `progress` is called with each state on the way.
+        """Wait for a run and return it; `progress` is called with each state before.
 
         Raises
         ------
@@ -91,9 +91,9 @@ class JobMethods:
         return self._run(run).done(progress, timeout_s)
 
     def export_events(self, export: wire.Export | int) -> Iterator[wire.Export]:
-        """An export each time that it changes, until it is over.
+        """Yields an export each time it changes, until it has ended.
 
-        A stream that breaks off is continued where it was.
+        A stream that breaks off is continued after the last received event.
         """
         return self._export(export).events()
 
@@ -114,7 +114,7 @@ class JobMethods:
         *,
         progress: Callable[[int, int | None], object] | None = None,
     ) -> Path:
-        """Fetch a finished export to `path`, which appears whole or not at all.
+        """Download a finished export to `path`, which is complete or does not exist.
 
         Called again, an interrupted download continues where it stopped.
         """
@@ -137,7 +137,7 @@ class JobMethods:
 
 @dataclass(frozen=True)
 class _Job(Generic[StateT]):
-    """A job of the server: its name for people, its path, and what its state is."""
+    """A job of the server: its name for people, its path, and the type of its state."""
 
     transport: Transport
     name: str
@@ -156,7 +156,7 @@ class _Job(Generic[StateT]):
         return ended
 
     def events(self) -> Iterator[StateT]:
-        """Its state each time that it changes, until it is over."""
+        """Yields its state each time it changes, until it has ended."""
         attempts = Attempts(self.transport.retry)
         last_id = ""
         while True:
@@ -180,31 +180,31 @@ class _Job(Generic[StateT]):
                 raise error
 
     def _stream(self, last_id: str) -> Call[httpx.Response]:
-        """The events after one of them; all if its id is empty."""
+        """The events after the one with this id; all if the id is empty."""
         headers = {"Accept": "text/event-stream"}
         if last_id:
             headers["Last-Event-ID"] = last_id
         return Call("GET", f"{self.path}/events", _itself, headers=headers)
 
     def _followed(self, progress: Progress[StateT]) -> StateT | None:
-        """Its state at the end, by its events; None if they cannot be received."""
+        """Its final state from its event stream; None if there is no stream."""
         try:
             for state in self.events():
                 progress(state)
                 if state.finished:
                     return state
         except (BadRequest, NotFound, Unavailable, httpx.TransportError):
-            # No such stream, none to spare, or a proxy between: asking still works.
+            # No such stream, too many streams, or a proxy that buffers it: poll.
             return None
         return None
 
     def _polled(self, progress: Progress[StateT], timeout_s: float | None) -> StateT:
-        """Ask for the state, at growing intervals, until the job is over.
+        """Request the state, at growing intervals, until the job has ended.
 
         Raises
         ------
         TimeoutError
-            It is not over in time.
+            It has not ended in time.
         """
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         pause_s = _FIRST_POLL_S
@@ -221,7 +221,7 @@ class _Job(Generic[StateT]):
 
 
 class _Event(NamedTuple):
-    """A server-sent event; `id` is what to show to go on after it."""
+    """A server-sent event; `id` is the `Last-Event-ID` to continue after it."""
 
     name: str
     id: str
@@ -231,7 +231,7 @@ class _Event(NamedTuple):
 def _events_of(lines: Iterable[str]) -> Iterator[_Event]:
     """The events in the lines of a stream; one without its empty line is incomplete.
 
-    Only what the server makes use of is understood: no comments, no `retry`.
+    Only the fields that the server sends are parsed; comments and `retry` are ignored.
     """
     name, number, data = "message", "", list[str]()
     for line in lines:
@@ -252,7 +252,7 @@ def _events_of(lines: Iterable[str]) -> Iterator[_Event]:
 
 @dataclass(frozen=True)
 class _Download:
-    """A file to fetch: from where, to where, and what it must be (None: not known)."""
+    """A file to download: its URL, its path, its size and digest (None: unknown)."""
 
     transport: Transport
     url: str
@@ -262,15 +262,15 @@ class _Download:
 
     @property
     def partial(self) -> Path:
-        """The temporary file beside `path`; another content has another name."""
+        """The temporary file in the same folder; its name depends on the content."""
         mark = (self.sha256 or "unknown")[:12]
         return self.path.with_name(f"{self.path.name}.{mark}.part")
 
     def fetch(self, progress: Callable[[int, int | None], object]) -> Path:
-        """Download the file; it appears at `path` whole or not at all.
+        """Download the file; `path` is complete or does not exist.
 
-        An interrupted download continues where it stopped; it fails when no more bytes
-        come.
+        An interrupted download continues where it stopped; it fails when a retry
+        brings no more bytes.
         """
         self.path.parent.mkdir(parents=True, exist_ok=True)
         attempts = Attempts(self.transport.retry, PATIENCE)
@@ -289,7 +289,7 @@ class _Download:
         return self.path
 
     def _bytes_there(self) -> int:
-        # Without a digest nothing proves that the rest would belong to what is there.
+        # Without a digest, the rest may not belong to the bytes already downloaded.
         if self.sha256 is None or not self.partial.exists():
             return 0
         have = self.partial.stat().st_size
@@ -328,7 +328,7 @@ class _Download:
 
 
 def _itself(response: httpx.Response) -> httpx.Response:
-    """The answer as it is: the caller reads its stream."""
+    """The response itself: the caller reads its stream."""
     return response
 
 

@@ -1,7 +1,7 @@
-"""A frame on its way to the server, in the forms in which it travels, and its outcome.
+"""A frame to be sent, its encodings for the request, and its outcome.
 
-A single frame is sent as the parts of a form, many as members of a tar archive. This
-module makes these forms; `push` and `batches` send them.
+A single frame is sent as a multipart form, many frames as members of a tar archive.
+This module encodes them; `push` and `batches` send them.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from unghost.wire.words import UploadWord
 
 FileContent: TypeAlias = bytes | str | PathLike[str]
-"""Of a frame's file: its bytes, or where it lies."""
+"""A frame's file: its bytes, or its path."""
 
-# The server goes by the content, so no type is guessed here.
+# The server recognises types by content, so no type is guessed here.
 _ANY_TYPE: Final = "application/octet-stream"
 
 _READ_BYTES: Final = 1 << 18
@@ -35,7 +35,7 @@ _READ_BYTES: Final = 1 << 18
 _BLOCK: Final = 512
 
 END_OF_ARCHIVE: Final = bytes(2 * _BLOCK)
-"""Two empty blocks, as the format of tar wants them."""
+"""Two empty blocks, which end a tar archive."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class OutgoingFrame:
             checked_file_name(name)
 
     def digest(self) -> str:
-        """Digest of the content, as docs/api.md defines it.
+        """Digest of the content, as defined in docs/api.md.
 
         Raises
         ------
@@ -65,7 +65,7 @@ class OutgoingFrame:
         return digest.hexdigest()
 
     def form(self) -> Files:
-        """The parts of a form: the annotation and the files, read whole.
+        """The parts of a form: the annotation and the files, read into memory.
 
         Raises
         ------
@@ -84,12 +84,12 @@ class OutgoingFrame:
         Parameters
         ----------
         name
-            What the members' names begin with: it ties them together.
+            The common beginning of the members' names, which groups them.
 
         Raises
         ------
         OSError
-            A file is not there, is none, or may not be read.
+            A file does not exist, is not a regular file, or may not be read.
         ValueError
             The key is not text.
         """
@@ -105,7 +105,7 @@ class OutgoingFrame:
 
 @dataclass(frozen=True)
 class FilePiece:
-    """All of a file, which had this size when the archive's length was announced."""
+    """A whole file, with its size when the archive's length was announced."""
 
     path: Path
     size: int
@@ -119,7 +119,8 @@ Piece: TypeAlias = bytes | FilePiece
 class PackedFrame:
     """A frame as members of an archive: the annotation first, then the files.
 
-    `name` is what ties the members together there, `size` the bytes of all pieces.
+    `name` is the common beginning of the members' names, `size` the bytes of all
+    pieces.
     """
 
     frame: OutgoingFrame
@@ -130,7 +131,7 @@ class PackedFrame:
 
 @dataclass(frozen=True)
 class Sent:
-    """A frame that was sent, and that the server has; `counts` are its boxes'."""
+    """A frame that was sent and stored; `counts` are the verdicts of its boxes."""
 
     key: str
     frame_id: int
@@ -139,13 +140,13 @@ class Sent:
 
     @property
     def word(self) -> UploadWord:
-        """What happened, in a word."""
+        """The outcome in one word."""
         return "stored" if self.created else "already_there"
 
 
 @dataclass(frozen=True)
 class AlreadyThere:
-    """A frame that was not sent, because the server has the same one already."""
+    """A frame that was not sent, because the server already has the same content."""
 
     key: str
     frame_id: int
@@ -162,17 +163,17 @@ class NotSent:
 
 
 Outcome: TypeAlias = Sent | AlreadyThere | NotSent
-"""What became of a frame."""
+"""The outcome of a frame."""
 
 
 def canonical_json(annotation: Json) -> bytes:
-    """The one way to write an annotation of this meaning."""
+    """The annotation as canonical JSON: equal annotations give equal text."""
     return json.dumps(annotation, sort_keys=True, separators=(",", ":")).encode()
 
 
 def checked_file_name(name: str) -> str:
     """The name of a frame's file; TypeError if there is no such file."""
-    from unghost.wire.words import FileKind  # most programs send no frame
+    from unghost.wire.words import FileKind  # rarely needed
 
     kinds = get_args(FileKind)
     if name not in kinds:
@@ -181,7 +182,7 @@ def checked_file_name(name: str) -> str:
 
 
 def is_text(key: str) -> bool:
-    """Whether a key can be sent; the name of a file may be bytes that are no text."""
+    """Whether a key is valid text; a file name need not be valid UTF-8."""
     try:
         key.encode()
     except UnicodeEncodeError:
@@ -221,7 +222,7 @@ def _piece(content: FileContent) -> Piece:
 
 
 def _member(name: str, content: Piece) -> Iterator[Piece]:
-    import tarfile  # which who sends no archive need not wait for
+    import tarfile  # only archives need it
 
     member = tarfile.TarInfo(name)
     member.size = size_of(content)
@@ -231,7 +232,7 @@ def _member(name: str, content: Piece) -> Iterator[Piece]:
 
 
 def _joined(pieces: Iterable[Piece]) -> Iterator[Piece]:
-    """The same bytes in fewer pieces: what is in memory between two files is one."""
+    """The same bytes in fewer pieces: adjacent pieces in memory are joined."""
     held: list[bytes] = []
     for piece in pieces:
         if isinstance(piece, bytes):

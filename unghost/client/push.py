@@ -1,8 +1,8 @@
-"""Many frames to a dataset at once: bounded in memory, safe to interrupt and to repeat.
+"""Uploads many frames to a dataset; memory is bounded, and it can be repeated safely.
 
-Frames that the dataset has already are left out: the server is asked for their digests,
-by key. The others are sent in batches, on several connections at the same time; if
-batches cannot be sent, each frame is sent in a request of its own.
+Frames that the dataset already has are skipped: the server returns the digests of
+stored frames by key. The others are sent in batches, on several connections at the same
+time; if batches cannot be sent, each frame is sent in a request of its own.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from unghost.client.outgoing import (
 from unghost.client.transport import Transport
 
 _HASHING: Final = 2
-"""Threads: reading and hashing leave the interpreter to others."""
+"""Threads that hash files; reading and hashing release the interpreter lock."""
 
 _LOOKED_UP: Final = 250
-"""Frames that are asked about in one request."""
+"""Number of keys in one request for stored frames."""
 
 _BATCH_FRAMES: Final = 200
-"""Well below what the buffers of a connection hold of the answer."""
+"""Few enough for the unread response lines to fit into a connection's buffers."""
 
 _BATCH_BYTES: Final = 256 << 20
 
@@ -49,7 +49,7 @@ Batch: TypeAlias = Sequence[PackedFrame]
 
 @dataclass(frozen=True)
 class Upload:
-    """How to send frames: where to, and on how many connections at once.
+    """Sends frames to one dataset, on several connections at once.
 
     `path` is the dataset's. `replace` makes changed frames new revisions instead of
     conflicts.
@@ -63,13 +63,13 @@ class Upload:
     def send(
         self, frames: Iterable[OutgoingFrame | NotSent]
     ) -> Generator[Outcome, None, None]:
-        """Send frames; yields outcomes as they come, in any order.
+        """Send frames; yields outcomes as soon as they are known, in any order.
 
-        What the server has already is not sent. Frames that could not be read
-        (`NotSent`) are passed on. `frames` is consumed no faster than it is sent, so
-        memory does not grow. A caller that stops early has nothing more sent. Errors
-        that concern every frame (no access, no such dataset, no server) are raised;
-        an error of one frame is its outcome.
+        Frames that the server already has are not sent. Frames that could not be read
+        (`NotSent`) are passed on. `frames` is consumed no faster than frames are sent,
+        so memory does not grow. If the caller stops early, no more frames are sent.
+        Errors that concern all frames (no access, no such dataset, no server) are
+        raised; an error of one frame is its outcome.
         """
         with _Senders(self) as senders:
             for batch in _batches(self._packed(frames)):
@@ -83,7 +83,7 @@ class Upload:
     def _packed(
         self, frames: Iterable[OutgoingFrame | NotSent]
     ) -> Iterator[PackedFrame | AlreadyThere | NotSent]:
-        """Frames to be sent, packed, and outcomes of those that need not be."""
+        """Packed frames to be sent, and outcomes of frames that need not be sent."""
         number = 0
         for window in _windows(frames, _LOOKED_UP):
             for frame in self._without_known(window):
@@ -99,9 +99,9 @@ class Upload:
     def _without_known(
         self, frames: Sequence[OutgoingFrame | NotSent]
     ) -> Iterator[OutgoingFrame | AlreadyThere | NotSent]:
-        """The same frames in their order; outcomes stand for those not to be sent.
+        """The same frames in order; frames that need not be sent become outcomes.
 
-        Files are read only of frames whose key is there, to compare their content.
+        Only the files of frames whose key is stored are read, to compare the content.
         """
         keys = [frame.key for frame in frames if _may_be_there(frame)]
         known = self.transport.send(known_frames(self.path, keys)) if keys else {}
@@ -126,7 +126,7 @@ class Upload:
 
 
 def _may_be_there(frame: OutgoingFrame | NotSent) -> bool:
-    # A file's name need not be text: such a key is refused when it is packed.
+    # A file name need not be valid UTF-8: such a key is refused when it is packed.
     return isinstance(frame, OutgoingFrame) and is_text(frame.key)
 
 
@@ -145,7 +145,7 @@ def _digest(frame: OutgoingFrame) -> str | NotSent:
 
 
 class _Senders:
-    """Threads with a connection each, and the outcomes of what they send."""
+    """Threads with a connection each, and the outcomes of the frames that they send."""
 
     def __init__(self, upload: Upload) -> None:
         self._upload = upload
@@ -155,7 +155,7 @@ class _Senders:
         self._all: list[BatchSender] = []
         self._stopped = threading.Event()
         self._under_way = 0
-        # A proxy would hold back the answer to a batch.
+        # A proxy would buffer the response to a batch.
         self._singly = upload.transport.behind_proxy
 
     def __enter__(self) -> _Senders:
@@ -168,15 +168,15 @@ class _Senders:
         self._pool.shutdown(cancel_futures=True)
 
     def submit(self, batch: Batch) -> None:
-        """Have a batch sent as soon as a connection is free."""
+        """Queue a batch, which is sent as soon as a connection is free."""
         self._under_way += 1
         self._pool.submit(self._send, batch).add_done_callback(self._finished.put)
 
     def outcomes(self, most: int) -> Iterator[Outcome]:
-        """Outcomes so far; waits until at most so many batches are under way."""
+        """Outcomes so far; waits until at most so many batches are being sent."""
         while self._under_way > most or not self._finished.empty():
             try:
-                # With a time-out: on Windows, Ctrl-C ends no wait without one.
+                # On Windows, Ctrl-C only interrupts a wait that has a time-out.
                 finished = self._finished.get(timeout=_LISTEN_S)
             except Empty:
                 continue
@@ -192,7 +192,7 @@ class _Senders:
                 self._sender().send(batch, self._finished.put)
                 return
         except NotFound:
-            # An older server. Or the dataset is gone, which every frame will say.
+            # An older server, or a deleted dataset: then each frame gets an error.
             self._singly = True
         for packed in batch:
             if self._stopped.is_set():
@@ -212,7 +212,7 @@ class _Senders:
         return Sent(frame.key, stored.frame.id, stored.created, stored.frame.counts)
 
     def _sender(self) -> BatchSender:
-        """The one of this thread, made when it is first needed."""
+        """The sender of this thread, created on first use."""
         if hasattr(self._of_thread, "sender"):
             known: BatchSender = self._of_thread.sender
             return known
@@ -231,7 +231,7 @@ class _Senders:
 def _batches(
     items: Iterable[PackedFrame | AlreadyThere | NotSent],
 ) -> Iterator[Batch | AlreadyThere | NotSent]:
-    """Frames as batches of limited size; outcomes pass as they come."""
+    """Groups frames into batches of limited size; outcomes are passed on."""
     batch: list[PackedFrame] = []
     size = 0
     for item in items:

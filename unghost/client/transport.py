@@ -1,7 +1,7 @@
-"""Calls over HTTP: one pool of connections, the token, time-outs and retries.
+"""Sends calls over HTTP: connection pool, token, time-outs and retries.
 
-Knows no call of the API. `RetryPolicy` and `Attempts` decide what happens after a
-failure; the loops that send only wait and try again.
+It is independent of the single calls of the API. `RetryPolicy` and `Attempts` decide
+whether and when a failed call is retried; the loops that send only wait and retry.
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ from unghost.client.errors import Unavailable, error_of
 T = TypeVar("T")
 
 DEFAULT_TIMEOUT: Final = httpx.Timeout(60.0, connect=5.0)
-"""A frame is decided while its upload waits, and a busy server does one after another.
-"""
+"""Long, because an upload is answered when its frame is decided, and may be queued."""
 
 # A POST carries an Idempotency-Key, so that the server does it once only.
 _REPEATABLE: Final = frozenset({"GET", "HEAD", "PUT", "DELETE", "POST"})
@@ -37,9 +36,9 @@ _REPEATABLE: Final = frozenset({"GET", "HEAD", "PUT", "DELETE", "POST"})
 class RetryPolicy:
     """How often a call is tried, and how long to wait in between.
 
-    Delays grow from `base_s`, doubling, up to `longest_s`, and each is a random part of
-    that ("full jitter"), so that clients which failed at the same moment do not come
-    back at the same moment.
+    Delays double from `base_s` up to `longest_s`, and each is a random part of that
+    ("full jitter"), so that clients that failed at the same moment do not retry at the
+    same moment.
     """
 
     attempts: int = 4
@@ -49,8 +48,8 @@ class RetryPolicy:
     def delay_s(self, attempt: int, retry_after_s: float | None = None) -> float:
         """Seconds to wait after `attempt` (from 1) failed.
 
-        At least what the server asked for, up to a limit: a client that waits for an
-        hour without a word looks like one that hangs.
+        At least the server's `Retry-After`, up to a limit: a client that waits silently
+        for an hour looks as if it hangs.
         """
         ceiling = min(self.longest_s, self.base_s * 2 ** (attempt - 1))
         jitter = random.uniform(0, ceiling)
@@ -60,7 +59,7 @@ class RetryPolicy:
 
 
 class Attempts:
-    """Counts how often something failed, and says how long to wait before the next try.
+    """Counts failures, and computes how long to wait before the next attempt.
 
     Parameters
     ----------
@@ -78,14 +77,14 @@ class Attempts:
     def failed(
         self, error: Unavailable | httpx.TransportError, *, moved_on: bool = False
     ) -> float:
-        """The seconds to wait after a failure; the error is raised after the last try.
+        """The seconds to wait after a failure; raises the error after the last attempt.
 
         Parameters
         ----------
         error
-            Why it failed.
+            The failure.
         moved_on
-            Whether something was achieved since the last failure: counting begins anew.
+            Whether there was progress since the last failure; resets the count.
         """
         self._failed = 1 if moved_on else self._failed + 1
         if self._failed >= self._most:
@@ -106,14 +105,17 @@ class Transport:
     ) -> None:
         token = server.token
         headers = {"Authorization": f"Bearer {token}"} if token else {}
+        address = httpx.URL(server.url)
         self._server = server
-        # Redirects are not followed: the token would go along.
+        # Redirects are not followed, because the token would be sent along.
         self._http = httpx.Client(
             base_url=server.url,
             headers=headers,
             timeout=timeout,
-            # A proxy for the network has no way to this machine.
-            trust_env=not is_local(httpx.URL(server.url).host),
+            # A proxy of the network cannot reach this machine's own address.
+            trust_env=not is_local(address.host),
+            # Certificates take longer to read than most calls. Without, none is valid.
+            verify=address.scheme == "https" or ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT),
         )
         self.retry: Final = retry
         self._closed = threading.Event()
@@ -125,30 +127,30 @@ class Transport:
 
     @property
     def closed(self) -> bool:
-        """No more calls."""
+        """Whether `close` was called."""
         return self._closed.is_set()
 
     def pause(self, seconds: float) -> bool:
-        """Wait; True when calls can be sent, False at once when `close` is called."""
+        """Wait, then return True; returns False at once when `close` is called."""
         return not self._closed.wait(seconds)
 
     def send(self, call: Call[T]) -> T:
-        """What the call reads from the answer.
+        """Send a call and return its result.
 
         Raises
         ------
         ApiError
-            The answer is not a success, or none that can be read.
+            The response is not a success, or cannot be read.
         httpx.TransportError
-            There is no answer.
+            There is no response.
         """
         return call.read(self._answer(call))
 
     @contextmanager
     def stream(self, call: Call[T]) -> Iterator[T]:
-        """What the call reads from an answer whose body has not come yet.
+        """Send a call and return its result before the response's body is read.
 
-        It is sent once: the reader of the body decides what to send again.
+        It is not retried: the caller, which reads the body, decides that.
         """
         response = self._http.send(self._request(call), stream=True)
         try:
@@ -159,7 +161,7 @@ class Transport:
             response.close()
 
     def endpoint(self, path: str, params: Params | None = None) -> Endpoint:
-        """For a connection outside of the pool: where it sends POST requests to."""
+        """The endpoint of POST requests, for a connection outside of the pool."""
         request = self._http.build_request("POST", path, params=query_of(params or {}))
         kept = ("authorization", "user-agent")
         headers = {
@@ -184,7 +186,7 @@ class Transport:
     def _answer(self, call: Call[T]) -> httpx.Response:
         attempts = Attempts(self.retry, call.patience)
         repeatable = call.retried and call.method in _REPEATABLE
-        # The same for each attempt, so that the server knows it for the same.
+        # The same for each attempt, so that the server executes the call only once.
         key = uuid.uuid4().hex
         while True:
             try:
@@ -192,7 +194,7 @@ class Transport:
             except (Unavailable, httpx.TransportError) as error:
                 if not repeatable:
                     raise
-                wait_s = attempts.failed(error)  # raises the error if it was the last
+                wait_s = attempts.failed(error)  # may raise the error
                 if not self.pause(wait_s):
                     raise
 
@@ -212,7 +214,7 @@ class Transport:
         )
 
     def _before_connecting(self, event: str, _: object) -> None:
-        # The server may have ended since, and its port be somebody else's.
+        # The server may have ended, and another user's program may have taken its port.
         if event == "connection.connect_tcp.started":
             refuse_foreign(self._server)
 
@@ -225,9 +227,9 @@ def _success(response: httpx.Response) -> httpx.Response:
 
 @dataclass(frozen=True)
 class Endpoint:
-    """Where to connect, with which headers, and how long to wait.
+    """A URL with the headers and the time-outs of its requests.
 
-    `check` is called before each connection, and raises where none is to be made.
+    `check` is called before each connection, and raises if it must not be opened.
     """
 
     url: httpx.URL

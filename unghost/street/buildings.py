@@ -324,7 +324,7 @@ def _porch(plot: Plot) -> Mesh:
 
 @dataclass(frozen=True, eq=False)
 class WallPixels:
-    """What the colour of N pixels of walls is computed from.
+    """The input of the colours of N pixels of walls.
 
     Attributes
     ----------

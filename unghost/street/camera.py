@@ -1,9 +1,8 @@
-"""What a camera sees of a town at one moment, and the photograph it takes.
+"""Renders a town at one moment: depth, tags and normals, and the colour image.
 
-A `Stage` gives a `Snapshot`: all triangles that may be seen, on the screen. Sampled at
-the pixels' centres it becomes the planes of a frame (how far each pixel is, what it
-shows, which way that faces) and its colour image, with smooth edges and the noise of a
-sensor.
+A `Stage` makes a `Snapshot`: all triangles that may be visible, projected to the
+screen. Sampled at the pixels' centres, it gives the planes of a frame (depth, tag and
+normal of each pixel) and its colour image, with smooth edges and sensor noise.
 """
 
 from __future__ import annotations
@@ -41,10 +40,10 @@ from unghost.street.raster import NEAR, Canvas, draw, to_homogeneous, to_screen
 from unghost.street.town import Town
 
 _FAR_M: Final = 42.0
-"""From here on, things are drawn in their coarser shape if they have one."""
+"""Distance from which on things are drawn in their coarser shape, if they have one."""
 _TILE: Final = 16
 SKY_DEPTH: Final = 1000.0
-"""Metres: what CARLA's depth camera says of the sky."""
+"""Metres: the depth of the sky in CARLA's depth camera."""
 SKY: Final = -1
 GROUND: Final = -2
 _HORIZON: Final = 900.0
@@ -265,7 +264,7 @@ def _draw_ground(canvas: Canvas, rays: Float32, camera: Camera) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Planes:
-    """What each pixel of a frame shows: arrays that describe the same nearest surface.
+    """The nearest surface at each pixel of a frame, as arrays.
 
     Attributes
     ----------
@@ -452,7 +451,7 @@ class Photographer:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """What a snapshot shows at N samples: light, tags and normals.
+    """Light, tags and normals of a snapshot at N samples.
 
     Attributes
     ----------
@@ -481,7 +480,7 @@ def _edges(
 
 
 def _bloomed(light: Float32, exposure: float) -> Float32:
-    """What is brighter than white spills over its surroundings."""
+    """Bloom: light brighter than white is spread over neighbouring pixels."""
     small = cv2.resize(light, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
     over = np.clip(small - np.float32(0.9 / exposure), 0, 3)
     spilt = cv2.GaussianBlur(over, (0, 0), 6)

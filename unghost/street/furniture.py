@@ -1,4 +1,4 @@
-"""What stands along a street: lights, lamps, signs, walls, benches, and trees.
+"""Objects along a street: traffic lights, lamps, signs, walls, benches and trees.
 
 Trees, bushes and hedges are irregular, leafy, and full of small holes.
 """

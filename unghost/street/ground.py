@@ -1,4 +1,4 @@
-"""The plan of the roads: what the ground is at each place, and how it looks."""
+"""The plan of the roads: tag and colour of the ground at each place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Light: the sun and the sky of an hour, its shadows, and how surfaces answer.
+"""Light: the sun and the sky at an hour, shadows, and the shading of surfaces.
 
 `shade` computes the light that reaches the camera from N pixels that show a surface.
 `develop` turns light into an image for a display. A `ShadowMap` says which surface is
@@ -40,7 +40,7 @@ class Hour:
     sunlight, zenith, horizon, bounce : light of the sun, the sky, and from the ground
     haze : share of the view lost per metre
     clouds : 0..1
-    exposure : what the camera multiplies with
+    exposure : the factor of the camera
     """
 
     sun: RGB
@@ -55,7 +55,7 @@ class Hour:
 
 @dataclass(frozen=True, eq=False)
 class Lighting:
-    """What lights a frame."""
+    """The lighting of a frame."""
 
     hour: Hour
     shadows: tuple[ShadowMap, ...]
@@ -63,7 +63,7 @@ class Lighting:
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """N pixels that show a surface: where it is and what it is made of."""
+    """N pixels that show a surface: its position and its material."""
 
     position: Float32
     direction: Float32
@@ -75,7 +75,7 @@ class Pixels:
 
 @dataclass(eq=False)
 class Look:
-    """Per pixel, what depends on the kind of surface."""
+    """The values of each pixel that depend on the kind of surface."""
 
     albedo: Float32
     gloss: Float32

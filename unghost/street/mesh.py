@@ -1,4 +1,4 @@
-"""Triangles in space, and the shapes that everything in the street is built of.
+"""Triangle meshes, and the basic shapes from which the street is built.
 
 A `Mesh` is a set of triangles with normals, paint and tag. Blocks, tubes, balls, sheets
 and lofts make meshes. A loft stretches a skin over rings of points. Vehicles are

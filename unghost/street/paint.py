@@ -1,4 +1,4 @@
-"""What surfaces are made of: colours, gloss, CARLA's tags, and noise that repeats.
+"""Materials of surfaces: colours, gloss, CARLA's tags, and tiled noise.
 
 A `Paint` is the look of a triangle, a row of numbers that the shaders read. Noise comes
 from tiles without a seam, so that asphalt, plaster, clouds and the sensor's grain are

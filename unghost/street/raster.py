@@ -1,4 +1,4 @@
-"""Which triangle is nearest at each pixel: a z-buffer for many triangles at once.
+"""A z-buffer: finds the nearest triangle at each pixel, for many triangles at once.
 
 `to_screen` projects the triangles that a camera may see, `draw` draws them on a canvas.
 "Nearness" is a number that is linear on the screen and grows towards the eye: 1 / depth

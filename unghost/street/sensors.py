@@ -1,4 +1,4 @@
-"""What CARLA's sensors would measure in a frame, and the truth about its boxes.
+"""The measurements of CARLA's sensors in a frame, and the truth about its boxes.
 
 From a frame's planes: segmentation, instances and depth in CARLA's encodings, and a
 semantic LiDAR at the camera's place. From the town: the annotation with the boxes of
@@ -33,7 +33,7 @@ WIDTH, HEIGHT, FOV = 1280, 720, 90.0
 """Of the camera: pixels, and degrees from left to right."""
 CARLA_VERSION: Final = "0.9.15"
 MAX_DISTANCE: Final = 200.0
-"""Metres; what is farther gets no box."""
+"""Metres; objects that are farther away get no box."""
 FIRST_ACTOR: Final = 100
 """The actor id of a town's first thing."""
 RANGE_M: Final = 120.0
@@ -148,8 +148,8 @@ def _with_box3d(box: PlacedBox) -> dict[str, object]:
 def _with_rectangle(box: PlacedBox, camera: Camera) -> dict[str, object]:
     """The rectangle as CARLA's tutorials compute it, wrong behind the camera.
 
-    Corners behind it come out mirrored, so that a box beside or behind the camera
-    becomes a beam across the image or a rectangle somewhere in it.
+    Corners behind the camera are mirrored, so a box next to or behind it becomes a
+    stripe across the image or a rectangle somewhere in it.
     """
     naive = project_boxes(box.vertices, camera, mode="naive").amodal_xyxy[0]
     distance = round(box.distance, 3)

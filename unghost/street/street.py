@@ -1,4 +1,4 @@
-"""What other packages call: frames of a street, and the truth about them.
+"""The interface of this package: frames of a street, and the truth about them.
 
 `StreetScene` renders frames; `write_street` writes them as a dataset into a folder, a
 manifest with its files and the truth.
@@ -53,7 +53,7 @@ _FLAT_EVERY: Final = 4
 THREADS: Final = 2
 """Frames that are rendered at the same time."""
 TRUTH: Final = "truth.jsonl"
-"""The file of a street that says of each box what is seen of it."""
+"""The file of a street with the truth about each box."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""A town: the things that stand and move in it, and the drive through it.
+"""A town: its objects (things), at rest or moving, and the drive through it.
 
 A `Thing` has shapes, a box, and a place at each time. A `TownBuilder` puts things into
 a `Town`; `towns` and `traffic` decide which ones.
@@ -39,7 +39,7 @@ BACK_ROW: Final = 36.0
 SIDE_END: Final = 92.0
 """Where the side streets end, metres from the main street's middle."""
 SCENERY: Final = "scenery"
-"""The class of what CARLA hands out no box for."""
+"""The class of objects for which CARLA has no box."""
 HOUSE_TYPE: Final = "static.building"
 _SWAY_S: Final = 23.0
 """Seconds in which something falls back and catches up once."""
@@ -47,7 +47,7 @@ _SWAY_S: Final = 23.0
 
 @dataclass(frozen=True)
 class TownStyle:
-    """What tells one town from another.
+    """The parameters in which towns differ.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class TownStyle:
 
 @dataclass(eq=False)
 class Town:
-    """A style made real."""
+    """A town that was built in a style."""
 
     style: TownStyle
     things: list[Thing] = field(default_factory=list)
@@ -123,7 +123,7 @@ class TownBuilder:
         *,
         z: float = SIDEWALK_HEIGHT,
     ) -> None:
-        """Add something that CARLA hands out no box for."""
+        """Add an object for which CARLA has no box."""
         start = Transform((x, y, z), (0.0, yaw, 0.0))
         self.put(Thing(0, SCENERY, "static.prop.mesh", "", (mesh,), start))
 
@@ -140,7 +140,7 @@ class TownBuilder:
         return self.pick(grown)
 
     def thin_out(self, share: float) -> None:
-        """Leave about a share of what has a box, and all of the scenery."""
+        """Keep about a share of the things with a box, and all of the scenery."""
         things = self.town.things
         stays = self.rng.random(len(things)) < share
         self.town.things = [
@@ -214,7 +214,7 @@ class Thing:
 
     @property
     def moves(self) -> bool:
-        """Whether it has to be placed anew for each frame."""
+        """Whether it has another pose in each frame."""
         return self.route.length > 0 or len(self.shapes) > 1
 
     @property
@@ -224,7 +224,7 @@ class Thing:
 
     @property
     def has_box(self) -> bool:
-        """Whether CARLA hands out a box for it."""
+        """Whether CARLA has a box for it."""
         return self.class_name != SCENERY
 
     @cached_property

@@ -1,4 +1,4 @@
-"""The three towns of the demo: their styles, and all that stands still in them.
+"""The three towns of the demo: their styles, and all objects that do not move.
 
 Along the streets stand houses in two rows, sidewalks, open lots, trees and lamps.
 """
@@ -69,7 +69,7 @@ def build_town(style: TownStyle, seed: int, actors: float = 1.0) -> Town:
 
 
 def build_blocks(builder: TownBuilder) -> None:
-    """All that stands still."""
+    """Builds all objects that do not move."""
     for start, end in builder.stretches():
         for side in SIDES:
             _pave(builder, start, end, side)

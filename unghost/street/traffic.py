@@ -1,4 +1,4 @@
-"""Vehicles, people and traffic lights: which there are, where, and how they move.
+"""Vehicles, people and traffic lights: their kinds, places and movements.
 
 Vehicles drive in their lanes, people walk on sidewalks and crossings; others are parked
 or stand, many of them out of sight. Names are those of CARLA's blueprints.
@@ -102,7 +102,7 @@ HEAVY: Final[dict[str, tuple[str, str, Callable[[np.random.Generator], Mesh]]]] 
         lambda _: truck((150, 26, 28), (172, 30, 32)),
     ),
 }
-"""Of each vehicle its class, its blueprint, and what builds one."""
+"""The class, the blueprint and the building function of each vehicle."""
 _TWO_WHEELERS: Final[
     dict[str, tuple[Callable[[RGB, Dress], Mesh], tuple[str, ...]]]
 ] = {
@@ -123,7 +123,7 @@ _TWO_WHEELERS: Final[
         ),
     ),
 }
-"""Of each class what builds one, and its blueprints."""
+"""The building function and the blueprints of each class."""
 _STANDING: Final = Route()
 
 
@@ -191,7 +191,7 @@ def new_walker(
 
 
 def run_traffic(builder: TownBuilder) -> None:
-    """All that moves."""
+    """Adds all moving objects and the traffic lights."""
     _with_the_camera(builder)
     _oncoming(builder)
     _on_foot(builder)
@@ -219,7 +219,7 @@ def _with_the_camera(builder: TownBuilder) -> None:
     if plan.lanes > 1:
         builder.put(new_heavy("bus", rng, *ahead(23, 28, other, -5.0)))
         builder.put(new_car(rng, *ahead(40, 43, other)))
-        # Beside the camera: half behind it, and outside its view.
+        # Next to the camera: half behind it, and outside its view.
         builder.put(new_car(rng, *convoy(-0.4, other)))
         builder.put(new_car(rng, *ahead(60, 66, other, 3.0)))
 

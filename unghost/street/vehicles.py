@@ -108,7 +108,7 @@ def car(shape: CarShape, rgb: tuple[float, float, float]) -> Mesh:
 
 
 def far_car(shape: CarShape, rgb: tuple[float, float, float]) -> Mesh:
-    """The same car without what is too small to be seen from afar."""
+    """The same car without parts that are too small to be seen from afar."""
     return _undyed(shape, fine=False).dyed({1: rgb})
 
 

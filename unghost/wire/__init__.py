@@ -1,7 +1,7 @@
-"""The objects that cross HTTP: the service answers with them, the client reads them.
+"""The models of request and response bodies, for the service and the client.
 
-A name is fetched when it is first asked for: the models need pydantic, which takes a
-tenth of a second to import. Nothing else of Unghost is imported here.
+A model is imported when it is first used, because pydantic takes a tenth of a second to
+import. Nothing else of Unghost is imported here.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Who may come in, what they did, and which server answers."""
+"""Tokens, sessions, login codes, the audit log, and the state of the server."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class NewToken(Token):
 
 
 class LogIn(RequestModel):
-    """What signs somebody in: a token, or the code of a login link."""
+    """The credentials of a login: a token, or the code of a login link."""
 
     model_config = ConfigDict(hide_input_in_errors=True)
 
@@ -95,7 +95,7 @@ class LogIn(RequestModel):
 
 
 class Session(ResponseModel):
-    """Who is signed in; answers on boxes are stored under this name."""
+    """The user who is signed in; answers on boxes are stored under this name."""
 
     name: str
     role: Role
@@ -143,14 +143,14 @@ class Alive(ResponseModel):
 
 
 class Ready(ResponseModel):
-    """Whether the service can work, and what each check found."""
+    """Whether the service is ready, and the result of each check."""
 
     ready: bool
     checks: Annotated[Mapping[str, str], IfAbsent({})]
 
 
 class Version(ResponseModel):
-    """Which program answers."""
+    """The name and the version of the program."""
 
     version: str
     api: Annotated[str, IfAbsent("")]

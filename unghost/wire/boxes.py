@@ -1,4 +1,4 @@
-"""Boxes as they are asked for and answered: decisions, reviews, queue, history."""
+"""Requests and responses about boxes: decisions, reviews, the queue, the history."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class AcceptedTag(ResponseModel):
 
 
 class ReviewMark(ResponseModel):
-    """The answer of a person that is in force on a box."""
+    """The current answer of a person on a box."""
 
     verdict: Answer
     reviewer: str
@@ -65,10 +65,10 @@ class ReviewMark(ResponseModel):
 
 
 class Decision(ResponseModel):
-    """One box: the filter's verdict, why, the numbers, and what a person said.
+    """One box: the filter's verdict, its reason and numbers, and a person's answer.
 
-    `verdict` is the filter's. `effective_verdict` is what counts: a person's keep or
-    reject, else the filter's verdict.
+    `verdict` is the filter's. `effective_verdict` is a person's keep or reject if there
+    is one, else the filter's verdict.
     """
 
     id: str = Field(description="The id that the sender gave the box.")
@@ -109,7 +109,7 @@ class Decision(ResponseModel):
         "Send it as `seen_revision` with the next answer."
     )
     review: ReviewMark | None = Field(
-        description="The answer in force; null if there is none or it was undone."
+        description="The current answer; null if there is none or it was undone."
     )
     effective_verdict: Verdict
 
@@ -123,13 +123,13 @@ class Box(Decision):
 
 
 class Claim(ResponseModel):
-    """Until when a box of the queue is given to nobody else."""
+    """The time until which a box of the queue is reserved for the caller."""
 
     expires_at: AwareDatetime
 
 
 class QueuedBox(Decision):
-    """A box of the queue, claimed for whoever asked."""
+    """A box of the queue, reserved (claimed) for the caller."""
 
     claim: Claim
 
@@ -200,8 +200,8 @@ class BoxPage(Page[Decision], SparseModel):
     snapshot: str | None = Field(
         default=None,
         json_schema_extra=never_null,
-        description="Stands for the matching boxes as they are now. Send it with one "
-        "answer on all of them.",
+        description="Identifies the present state of the matching boxes. Send it with "
+        "one answer on all of them.",
     )
 
 
@@ -216,7 +216,7 @@ class Selection:
 
 
 class QueueIn(RequestModel):
-    """Which boxes are wanted next."""
+    """Selects the next boxes of the queue."""
 
     order: QueueOrder = "doubt"
     filters: BoxSelection = Field(
@@ -239,7 +239,7 @@ class QueueIn(RequestModel):
 
 
 class Queue(ResponseModel):
-    """Boxes to look at next, most urgent first, claimed for five minutes."""
+    """The next boxes to review, in the requested order, claimed for five minutes."""
 
     items: tuple[QueuedBox, ...]
     remaining: int = Field(
@@ -301,22 +301,23 @@ class BulkIn(RequestModel):
 
 
 class ReviewBatch(ResponseModel):
-    """One answer on many boxes, which is undone as one."""
+    """A bulk answer: one answer on many boxes, which is undone as a whole."""
 
     id: int
     dataset: str
     verdict: Answer
     count: int = Field(description="Number of boxes that were answered.")
     skipped: Annotated[tuple[int, ...], IfAbsent(())] = Field(
-        description="Ids of boxes that do not exist any more or are of another dataset."
+        description="Ids of boxes that no longer exist or belong to another dataset."
     )
     stale: Annotated[tuple[int, ...], IfAbsent(())] = Field(
-        description="Ids of boxes left alone because somebody has answered them since."
+        description="Ids of boxes that were not changed, because somebody has answered "
+        "them since."
     )
 
 
 class UndoneBatch(ResponseModel):
-    """How many boxes an undo put back; `skipped` are those answered again since."""
+    """How many boxes an undo restored; `skipped` are those answered again since."""
 
     id: int
     undone: int

@@ -1,4 +1,4 @@
-"""Datasets as they are sent and answered, and what is counted in one."""
+"""Requests and responses about datasets, and the counts of their boxes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Polygons = Annotated[list[Polygon], Field(min_length=1, max_length=100, fail_fas
 
 
 class IgnoreMask(RequestModel):
-    """Where pixels never count, such as on the bonnet: as polygons or as a PNG."""
+    """Pixels that are never counted, such as the bonnet: as polygons or as a PNG."""
 
     polygons: Polygons | None = Field(
         default=None, description="Corners of each polygon, in pixels."
@@ -88,7 +88,7 @@ def _values_are_needed(schema: JsonDict) -> None:
 
 
 class DatasetPatch(RequestModel):
-    """What to change; frames are measured again if it is how segmentations are read."""
+    """Changes of a dataset; those to reading segmentations measure all frames again."""
 
     model_config = ConfigDict(json_schema_extra=_values_are_needed)
 
@@ -170,7 +170,7 @@ class Dataset(ResponseModel):
 
 
 class FrameProblem(SparseModel):
-    """Why a frame was refused; `more_errors` only where some are not listed."""
+    """Why a frame was refused; `more_errors` only if some errors are not listed."""
 
     code: str
     detail: Annotated[Message, IfAbsent("")]
@@ -190,10 +190,10 @@ class RefusedFrame(ResponseModel):
 class Stats(FrameCounts, _OfFrames):
     """Counts of the boxes of a dataset.
 
-    `unsure` boxes have an unsure of a person. Of `conflicts`, a person said the
-    opposite of the filter. `toss_ups` are near a threshold. Boxes of `lossy` were
-    measured in a segmentation whose colours were not exact. `effective` counts verdicts
-    after people's answers, everything else the verdicts of the filter.
+    `unsure`: a person answered unsure. `conflicts`: a person answered the opposite of
+    the filter. `toss_ups`: too few pixels to be certain on which side of the threshold
+    they are. `lossy`: measured in a segmentation whose colours were not exact.
+    `effective` counts effective verdicts, all others the verdicts of the filter.
     """
 
     unsure: int

@@ -1,4 +1,4 @@
-"""What the service finds in a folder of files, line by line; nothing is stored."""
+"""The lines of a response about a dropped folder: its frames and other files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames as they are answered: in lists, alone, as stored, and line by line."""
+"""Requests and responses about frames, also those of batches and of images."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from unghost.wire.words import EdgeKind, FileKind, LayerName, Verdict
 
 
 class FrameSummary(ResponseModel):
-    """A frame in a list of frames: its sizes, and how its boxes are counted."""
+    """A frame in a list of frames: its sizes, and the counts of its boxes."""
 
     id: int
     key: str
@@ -87,7 +87,7 @@ class FrameDetails(FrameSummary):
 
 
 class Frame(FrameDetails):
-    """A frame with its boxes and their decisions, and the frames beside it."""
+    """A frame with its boxes and their decisions, and the previous and next frame."""
 
     previous_id: int | None
     next_id: int | None
@@ -95,7 +95,7 @@ class Frame(FrameDetails):
 
 
 class StoredFrame(ResponseModel):
-    """A frame that is stored, what was recognised, and what was decided."""
+    """A stored frame, with what was recognised and the decisions on its boxes."""
 
     frame: FrameDetails
     segmentation: SegmentationReport | None
@@ -127,7 +127,7 @@ class KnownFrame(ResponseModel):
     key: str
     frame_id: int
     digest: str = Field(
-        description="Digest of the content; the guide to the API says of what."
+        description="Digest of the content, as defined in the guide to the API."
     )
 
 
@@ -138,7 +138,7 @@ class KnownFrames(ResponseModel):
 
 
 class BatchLine(SparseModel):
-    """What became of one frame of a batch.
+    """The outcome of one frame of a batch.
 
     `status` is the HTTP status that sending the frame alone would have had. A refused
     frame has a `problem`, and neither id nor decisions.
@@ -152,7 +152,7 @@ class BatchLine(SparseModel):
 
 
 class BatchEnd(SparseModel):
-    """The last line of a batch: how many frames came, and what became of them."""
+    """The last line of a batch: the number of frames by outcome."""
 
     end: Literal[True]
     problem: Problem | None = Field(
@@ -169,7 +169,7 @@ class BatchEnd(SparseModel):
 
 
 class CropQuery(RequestModel):
-    """How to cut a box out of its frame."""
+    """Options of the image crop around a box."""
 
     layer: LayerName = "image"
     pad: float = Field(

@@ -1,7 +1,7 @@
-"""What every object that crosses HTTP is made from: requests, answers, pages, problems.
+"""The base classes of requests and responses, pages of lists, and problem documents.
 
-The service builds answers, which checks every value. The client reads them
-(`ResponseModel.read`), and takes what an older or a newer server says.
+When the service builds a response, every value is checked. When the client reads one
+(`ResponseModel.read`), it also accepts those of older and newer servers.
 """
 
 from __future__ import annotations
@@ -48,17 +48,17 @@ ResponseT = TypeVar("ResponseT", bound="ResponseModel")
 
 
 class MissingKey(ValueError):
-    """A JSON object lacks a key that its reader cannot do without."""
+    """A JSON object lacks a required key."""
 
 
 class RequestModel(BaseModel):
-    """What is sent to the service; a key that it does not know is refused."""
+    """Base of requests; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
 
 
 class IfAbsent(NamedTuple):
-    """What the client takes for a key that an older service does not send."""
+    """The value that the client uses for a key that an older service does not send."""
 
     value: object
 
@@ -69,10 +69,10 @@ def _open(schema: JsonDict) -> None:
 
 
 class ResponseModel(BaseModel):
-    """What the service answers: frozen, and equal to what has equal fields.
+    """Base of responses: frozen; objects with equal fields are equal.
 
-    No field has a default: the service sets every one, and nothing else. What is read
-    where a key is absent is `IfAbsent` of the field.
+    No field has a default: the service sets every field. If a key is absent, the client
+    reads the field's `IfAbsent`.
     """
 
     model_config = ConfigDict(
@@ -85,16 +85,16 @@ class ResponseModel(BaseModel):
 
     @property
     def raw(self) -> Json:
-        """The JSON object as it came, unknown keys included; empty if none came."""
+        """The JSON object as received, with unknown keys; empty if it was not read."""
         read: dict[str, Json] = self.__pydantic_private__ or {}
         return read.get("raw", {})
 
     @classmethod
     def read(cls: type[ResponseT], raw: Json) -> ResponseT:
-        """Take a JSON object as the service sent it, without checking its values.
+        """Read a JSON object that the service sent, without checking its values.
 
         Null is the same as absent: None where the field may be null, else `IfAbsent`.
-        Words and keys that are not known here are kept as they are.
+        Unknown values and keys are kept as they are.
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class ResponseModel(BaseModel):
                 values[name] = value if convert is None else convert(value)
             elif needed:
                 raise MissingKey(f"{cls.__name__} lacks {key!r}")
-        # What `model_construct` does, at a third of its price: lists have thousands.
+        # As `model_construct`, in a third of the time: lists have thousands of objects.
         made = cls.__new__(cls)
         missing = {name: make() for name, make in plan.made if name not in values}
         _set(made, "__dict__", {**plan.defaults, **missing, **values})
@@ -156,7 +156,7 @@ def _answered(schema: JsonDict) -> None:
 
 
 class SparseModel(ResponseModel):
-    """An answer that has only those keys whose fields were set."""
+    """A response that has only those keys whose fields were set."""
 
     model_config = ConfigDict(json_schema_extra=_answered)
 
@@ -190,13 +190,13 @@ def _writable(text: object) -> object:
 
 
 Message: TypeAlias = Annotated[str, BeforeValidator(_writable)]
-"""A text that may repeat some of a request."""
+"""Text that may contain parts of the request."""
 MAX_FAULTS: Final = 100
 """How many faults a problem lists."""
 
 
 class Fault(ResponseModel):
-    """One fault of a request: where it is, which it is, and what is expected."""
+    """One error of a request: its place, its code, and what was expected."""
 
     pointer: Annotated[Message, IfAbsent("")] = Field(
         description="JSON pointer into the body, or /query/name, /path/name."
@@ -209,7 +209,7 @@ class Fault(ResponseModel):
 
 
 def never_null(schema: JsonDict) -> None:
-    """Describe a field of a `SparseModel` that is left out where it would be null."""
+    """Declare a field of a `SparseModel` that is omitted instead of being null."""
     forms = schema.pop("anyOf")
     assert isinstance(forms, list)
     for form in forms:
@@ -284,7 +284,7 @@ class _Field(NamedTuple):
 
 
 class _Plan(NamedTuple):
-    """How a class is read: its fields, and what stands where nothing was sent.
+    """How a class is read: its fields, and the values of absent keys.
 
     `defaults` has every field, in their order; `made` are the defaults that each object
     needs of its own.
@@ -362,7 +362,7 @@ _TIME: Final = TypeAdapter(datetime)
 
 
 def time_of(text: str) -> datetime:
-    """The moment that a text of RFC 3339 names; ValueError if it names none."""
+    """The time in an RFC 3339 text; ValueError if it is none."""
     try:
         return _TIME.validate_python(text)
     except ValidationError as exc:

@@ -1,7 +1,7 @@
-"""Where a server on this machine notes its address and the file of its token.
+"""The path of the note with which commands find a server on this machine.
 
-The service writes the note, commands look for it: both ask here for its path. Neither
-pydantic nor httpx is needed for that.
+The note has the server's address and the path of its token file. The service writes it,
+and commands read it. This module needs neither pydantic nor httpx.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final
 from urllib.parse import urlsplit
 
 DEFAULT_PORT: Final = {"http": 80, "https": 443}
-"""The port of an address that names none."""
+"""The default port of each scheme."""
 
 
 def note_path(url: str, environ: Mapping[str, str]) -> Path:
@@ -44,7 +44,7 @@ def note_path(url: str, environ: Mapping[str, str]) -> Path:
 
 
 def state_folder(environ: Mapping[str, str]) -> Path:
-    """The folder in which commands of one person leave what others of theirs find."""
+    """The folder in which commands of one user share state."""
     home = environ.get("HOME")
     state = environ.get("XDG_STATE_HOME")
     return Path(state or Path(home or Path.home(), ".local", "state")) / "unghost"

@@ -1,4 +1,4 @@
-"""How good the filter is: against people, against instances, by channel."""
+"""The accuracy of the filter and of its channels, and agreement between people."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from unghost.wire.words import EvidenceName, ThresholdTarget, Truth, WrongVerdic
 
 
 class QualityQuery(RequestModel):
-    """What the filter is compared with, and what thresholds are suggested for."""
+    """The ground truth of the comparison, and the goal of suggested thresholds."""
 
     truth: Truth = Field(
         default="people",
@@ -28,12 +28,12 @@ class QualityQuery(RequestModel):
 
 
 class EvaluationQuery(RequestModel):
-    """What the channels are compared with."""
+    """The ground truth with which the channels are compared."""
 
     truth: Truth = Field(
         default="instances",
-        description="What is held to be visible. instances: boxes whose instance has a "
-        "pixel; people: boxes that people kept.",
+        description="Which boxes count as visible. instances: boxes whose instance has "
+        "a pixel; people: boxes that people kept.",
     )
 
 
@@ -50,7 +50,7 @@ class _OfOneBand(ResponseModel):
 
 
 class Confusion(ResponseModel):
-    """Boxes by the verdict of the filter, then by the answer held to be true.
+    """Boxes by the verdict of the filter, then by the ground truth.
 
     Kept is the positive class; a share is None where nothing can be said.
     """
@@ -109,7 +109,7 @@ class ThresholdPoint(ResponseModel):
 
 
 class Suggestion(ResponseModel):
-    """The threshold that the truth suggests for a class, beside the current one."""
+    """The suggested threshold of a class, and the current one."""
 
     class_name: str = Field(alias="class")
     current: float
@@ -122,7 +122,7 @@ class Suggestion(ResponseModel):
 
 
 class Quality(ResponseModel):
-    """How good the filter is by the truth, and how far people agree themselves."""
+    """The accuracy of the filter, and the agreement between people."""
 
     truth: Annotated[Truth, IfAbsent("people")]
     reviewed: int
@@ -140,7 +140,7 @@ class Quality(ResponseModel):
 
 
 class Score(ResponseModel):
-    """A channel's verdicts against what is visible.
+    """A channel's verdicts compared with the visibility of the objects.
 
     Kept is the positive class; a share is None where nothing can be said.
     """
@@ -171,7 +171,7 @@ class WrongBox(ResponseModel):
 
 
 class ChannelScore(Score):
-    """How good one channel is: on all boxes, by class and by distance."""
+    """The accuracy of one channel: on all boxes, by class and by distance."""
 
     judged: int = Field(
         description="Boxes that the channel had a number for; the segmentation judged "

@@ -1,4 +1,4 @@
-"""Configurations, what another one would decide, runs, their differences, exports."""
+"""Requests and responses about configurations, previews, runs and exports."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class ConfigVersion(ResponseModel):
 
 
 class ActivateIn(RequestModel):
-    """Which version becomes active."""
+    """The version to activate."""
 
     digest: Digest
 
@@ -82,7 +82,7 @@ class FlipSide(ResponseModel):
 
 
 class Flip(ResponseModel):
-    """A box that is decided otherwise."""
+    """A flip: a box whose verdict changes."""
 
     box_id: int
     frame_id: int
@@ -93,7 +93,7 @@ class Flip(ResponseModel):
 
 
 class FlipCounts(ResponseModel):
-    """How many boxes go from kept to rejected, and the other way."""
+    """How many boxes change from kept to rejected, and the reverse."""
 
     kept_to_rejected: Annotated[int, IfAbsent(0)]
     rejected_to_kept: Annotated[int, IfAbsent(0)]
@@ -112,10 +112,10 @@ class Flips(FlipCounts, _OfAll):
 
 
 class Preview(ResponseModel):
-    """What a configuration would decide; nothing was written.
+    """The verdicts that a configuration would give; nothing is stored.
 
-    `needs_pixels`: pixels have to be measured again, so that only a run can tell.
-    Everything after it is then null.
+    `needs_pixels`: images have to be measured again, so there is no preview, and all
+    later fields are null.
     """
 
     config: str
@@ -129,7 +129,7 @@ class Preview(ResponseModel):
 
 
 def _in_either_form(value: object, check: ValidatorFunctionWrapHandler) -> object:
-    """One fault instead of one for each form that it does not have."""
+    """One error instead of one for each of the two forms."""
     try:
         return check(value)
     except ValidationError as exc:
@@ -165,7 +165,7 @@ class Failure(ResponseModel):
 
 
 class Run(ResponseModel):
-    """One configuration applied to a dataset: how far it is, and its result."""
+    """A run: one configuration applied to a dataset, its progress and its result."""
 
     id: int
     dataset: str
@@ -198,21 +198,21 @@ class _Compared(ResponseModel):
 
 
 class Diff(FlipCounts, _OfAll, _Compared):
-    """What `run` decides otherwise than `against`: counts, and a page of the boxes."""
+    """The boxes whose verdicts differ between two runs: counts, and a page of boxes."""
 
     by_class: Annotated[Mapping[str, int], IfAbsent({})] = Field(
         description="Boxes whose verdicts differ."
     )
     sides_by_class: Annotated[Mapping[str, FlipCounts], IfAbsent({})] = Field(
-        description="How many of these boxes go from kept to rejected, and the other "
-        "way."
+        description="How many of these boxes change from kept to rejected, and the "
+        "reverse."
     )
     items: Annotated[tuple[Flip, ...], IfAbsent(())]
     next_cursor: str | None
 
 
 class ExportOptions(RequestModel):
-    """What goes into an export."""
+    """The options of an export."""
 
     include: Annotated[
         Include,
@@ -256,7 +256,7 @@ class ExportOptions(RequestModel):
 
 
 class ExportIn(RequestModel):
-    """Labels to write."""
+    """A request for an export."""
 
     format: Annotated[
         ExportFormat,

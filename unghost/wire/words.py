@@ -1,8 +1,8 @@
-"""Every closed set of words that crosses HTTP or is an option's, as a `Literal`.
+"""Every fixed set of values of the API and of command-line options, as a `Literal`.
 
-Nothing heavy is imported here, so that the command line can check its options, and list
-what they take, without loading the library. Where the library or the service has a
-table of the same words, a test compares them.
+Nothing heavy is imported here, so that the command line can check options and list
+their values without loading the library. Where the library or the service has a table
+of the same values, a test compares them.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from typing import Final, Literal, TypeAlias, get_args
 
 # Boxes
 Verdict: TypeAlias = Literal["kept", "rejected", "unmeasured"]
-"""What the filter says of a box."""
+"""The verdict of the filter on a box."""
 Answer: TypeAlias = Literal["keep", "reject", "unsure", "clear"]
-"""What a person says of a box; `clear` undoes an answer."""
+"""A person's answer on a box; `clear` removes an earlier answer."""
 ReviewState: TypeAlias = Literal[
     "undecided", "decided", "keep", "reject", "unsure", "none", "any"
 ]
-"""What a list of boxes can ask of the answers on them."""
+"""Filters of a list of boxes by the answers on them."""
 EvidenceName: TypeAlias = Literal[
     "semantic", "ordered", "depth", "depth_center", "instance", "lidar"
 ]
-"""What a verdict can rest on."""
+"""The kinds of evidence on which a verdict can be based."""
 Reason: TypeAlias = Literal[
     "outside_image",
     "covers_image",
@@ -46,9 +46,9 @@ BoxSort: TypeAlias = Literal[
 ]
 """Orders of a list of boxes."""
 QueueOrder: TypeAlias = Literal["doubt", "random", "class", "audit"]
-"""Orders in which people are given boxes."""
+"""Orders of the review queue."""
 HistoryKind: TypeAlias = Literal["decision", "review"]
-"""What an entry of a box's history tells of."""
+"""The kinds of entries in a box's history."""
 
 # Frames
 FrameSort: TypeAlias = Literal["key", "-key", "id", "-id"]
@@ -58,7 +58,7 @@ FileKind: TypeAlias = Literal[
 ]
 """The files of a frame."""
 UploadWord: TypeAlias = Literal["stored", "already_there", "refused"]
-"""What became of a frame that was sent."""
+"""The outcome of a frame that was sent."""
 LayerName: TypeAlias = Literal["image", "segmentation", "blend"]
 """What a picture of a frame or of a box shows."""
 EdgeKind: TypeAlias = Literal["2d", "3d"]
@@ -88,9 +88,9 @@ LossyPolicy: TypeAlias = Literal["refuse", "nearest"]
 FinishedState: TypeAlias = Literal["done", "failed", "cancelled"]
 """How a run or an export ended."""
 JobState: TypeAlias = Literal["queued", "running", FinishedState]
-"""How far a run or an export is."""
+"""The states of a run or an export."""
 FINISHED: Final[frozenset[JobState]] = frozenset(get_args(FinishedState))
-"""The states that nothing follows."""
+"""The final states."""
 RunKind: TypeAlias = Literal["decide", "measure"]
 """Whether a run decides by stored numbers, or measures pixels first."""
 ExportFormat: TypeAlias = Literal[
@@ -117,9 +117,9 @@ Images: TypeAlias = Literal["copy", "none"]
 
 # Quality
 Truth: TypeAlias = Literal["people", "instances"]
-"""What verdicts are compared with."""
+"""The ground truth with which verdicts are compared."""
 ThresholdTarget: TypeAlias = Literal["f1", "recall"]
-"""What a suggested threshold is best for."""
+"""The goal of a suggested threshold."""
 WrongVerdict: TypeAlias = Literal["kept_hidden", "rejected_visible"]
 """The two ways in which a channel can be wrong about a box."""
 

@@ -1,4 +1,4 @@
-"""The tables. Insert-only but for `decisions` and `tallies`, which are derived."""
+"""The tables. `decisions` and `tallies` are derived from the others."""
 
 from app.db.tables.datasets import ConfigVersion, Dataset, DatasetClass, Measurement
 from app.db.tables.decisions import Decision, Flips, Tally

@@ -1,4 +1,4 @@
-"""Tables of access: tokens and what they open, repeated requests, the audit log."""
+"""Tables of tokens and their sessions, codes and links, and of the audit log."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Token(Base):
 
 
 class LoginSession(Base):
-    """A page that was let in by a token; only the hash of its secret is stored."""
+    """A session of the page, opened by a token; only its secret's hash is stored."""
 
     __tablename__ = "login_sessions"
 
@@ -44,7 +44,7 @@ class LoginSession(Base):
 
 
 class LoginCode(Base):
-    """What a login link carries: it opens one session. Only its hash is stored."""
+    """The code of a login link, which opens one session; only its hash is stored."""
 
     __tablename__ = "login_codes"
     __table_args__ = ({"sqlite_autoincrement": True},)
@@ -60,7 +60,7 @@ class LoginCode(Base):
 
 
 class DownloadLink(Base):
-    """An address from which anybody can download one export; its hash is stored."""
+    """A link by which anybody can download one export; only its hash is stored."""
 
     __tablename__ = "download_links"
 
@@ -76,7 +76,7 @@ class DownloadLink(Base):
 
 
 class IdempotencyKey(Base):
-    """The response that a repeated request gets again."""
+    """The stored response to a request, returned again when it is repeated."""
 
     __tablename__ = "idempotency_keys"
 
@@ -91,10 +91,10 @@ class IdempotencyKey(Base):
 
 
 class AuditEntry(Base):
-    """An act that others must be able to look up; the database refuses to change it.
+    """An entry of the audit log; the database refuses to change it.
 
-    The name stands here once more, and nothing refers to the token: what was done
-    stays readable whatever becomes of who did it. Without a token it was the service.
+    It holds a copy of the actor's name, and `token_id` is not a foreign key, so that
+    entries outlive tokens. Without a token, the actor is the service.
     """
 
     __tablename__ = "audit_log"

@@ -1,4 +1,4 @@
-"""Datasets, how their frames are measured and decided, and their runs."""
+"""Tables of datasets, their classes, configurations and measurements."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
 
 
 class Dataset(Base):
-    """Frames that belong together, and how their segmentations are to be read."""
+    """A set of frames, and the settings for reading their segmentations."""
 
     __tablename__ = "datasets"
     __table_args__ = ({"sqlite_autoincrement": True},)
@@ -30,7 +30,7 @@ class Dataset(Base):
     active_measurement_id: Mapped[int | None] = mapped_column(Key)
     classes_frozen_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     removed_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
-    """Deleted: nobody sees it any more, its rows go bit by bit."""
+    """When it was deleted: it is hidden, and its rows are deleted in small steps."""
     created_by: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
 
@@ -54,7 +54,7 @@ class DatasetClass(Base):
 
 
 class ConfigVersion(Base):
-    """One immutable filter configuration of a dataset, named by its digest."""
+    """One immutable filter configuration of a dataset, identified by its digest."""
 
     __tablename__ = "config_versions"
     __table_args__ = (
@@ -74,7 +74,7 @@ class ConfigVersion(Base):
 
 
 class Measurement(Base):
-    """What pixels were measured with; evidence of one measurement is comparable."""
+    """The options with which pixels are measured; evidence compares within one."""
 
     __tablename__ = "measurements"
     __table_args__ = (

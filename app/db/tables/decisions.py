@@ -1,4 +1,4 @@
-"""Current decisions, derived from evidence, and what runs changed in them."""
+"""Tables of current decisions, derived from evidence, and of changes by runs."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _MATCH: Final = ("dataset_id", "class_id", "match_percent")
 
 
 def _by_number(name: str, *columns: str, where: str = "") -> Iterator[Index]:
-    """Boxes of a dataset by a number and, where it is the same, by their ids.
+    """An index of boxes by a number and then by id, for each dialect.
 
-    SQLite ends each entry of an index with the row's key, PostgreSQL has to be told:
-    many boxes match nothing and are not crowded, and a page of those is read as well.
+    Many boxes have the same number, and pages of those are read by id. SQLite appends
+    the row's key to each entry of an index; on PostgreSQL `box_id` has to be added.
     """
     on_sqlite = text(where.replace("true", "1")) if where else None
     yield Index(name, *columns, sqlite_where=on_sqlite, info=ONLY_SQLITE).ddl_if(
@@ -91,7 +91,7 @@ class Decision(Base):
 
 
 class Tally(Base):
-    """How many current decisions are alike: what statistics are summed from."""
+    """How many current decisions have the same values; statistics are sums of these."""
 
     __tablename__ = "tallies"
 
@@ -106,9 +106,9 @@ class Tally(Base):
 
 
 class Flips(Base):
-    """Boxes whose reason a run changed, thousands to a row.
+    """Boxes whose reason a run changed, thousands per row.
 
-    `boxes` has a record for each, in order of id: `FLIP` in `app/runs/queries.py`.
+    `boxes` has one record (`FLIP` in `app/runs/queries.py`) per box, in order of id.
     """
 
     __tablename__ = "flips"

@@ -1,4 +1,4 @@
-"""Frames, their files and boxes, and the numbers measured for them. Insert-only."""
+"""Tables of frames, their files and boxes, and their evidence."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from sqlalchemy.orm import Mapped, mapped_column
 from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
 
 CODE_POINTS = String(512).with_variant(String(512, collation="C"), "postgresql")
-"""In the order of its characters: pages and prefixes of keys are ranges of it."""
+"""Sorted by code point, so that pages and prefixes of keys are ranges of an index."""
 
 
 class Blob(Base):
-    """A file in the store, named by its content."""
+    """A file in the storage, identified by the hash of its content."""
 
     __tablename__ = "blobs"
 
@@ -94,7 +94,7 @@ class Box(Base):
 
 
 class FrameEvidence(Base):
-    """The numbers of one frame's boxes as packed columns; see `evidence_record`."""
+    """The numbers of one frame's boxes as packed columns (`app.measuring.evidence`)."""
 
     __tablename__ = "evidence"
     __table_args__ = (
@@ -123,7 +123,7 @@ class FrameEvidence(Base):
 
 
 class IdBlock(Base):
-    """The next free id of frames and boxes, handed out in blocks, never twice."""
+    """The next free id of frames or boxes; ids are reserved in blocks, never reused."""
 
     __tablename__ = "id_blocks"
 

@@ -1,4 +1,4 @@
-"""Runs and exports, who carries them out, and which parts of them are done."""
+"""Tables of runs and exports, of their chunks, and of the leases on them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
 
 
 class Chunk(Base):
-    """A part of a job: frames from one id to another that lacked their numbers.
+    """A part of a job: a range of frame ids, planned for frames that lack evidence.
 
-    An export is one chunk, and so is the final step of a run (deciding); both have 0
-    in place of the frames' ids, and the number of the final step is 0 too. `attempts`
-    counts the processes in a row that ended while they worked on it; where the driver
-    itself does, also the one that does.
+    An export is one chunk, and so is the final step of a run (deciding): both have 0
+    instead of frame ids, and the final step has the number 0. `attempts` counts the
+    processes in a row that died while they worked on the chunk. If the job's driver
+    works on it itself, the current attempt is counted as well.
     """
 
     __tablename__ = "chunks"
@@ -40,9 +40,9 @@ class Chunk(Base):
 
 
 class Lease(Base):
-    """The process that drives a job, until when unless it says so again.
+    """The process that drives a job, and when its lease expires unless it is renewed.
 
-    An empty `holder` has left the job unfinished.
+    `holder` is empty if the process has left the job unfinished.
     """
 
     __tablename__ = "leases"
@@ -54,7 +54,7 @@ class Lease(Base):
 
 
 class Installation(Base):
-    """One row: what tells this database from every other one."""
+    """A single row, with the unique id of this database."""
 
     __tablename__ = "installation"
 
@@ -62,13 +62,13 @@ class Installation(Base):
 
 
 class JobRow:
-    """What the rows of all kinds of jobs have in common: whose, how far, how it ended.
+    """The columns that all kinds of jobs share: author, progress and outcome.
 
     `created_by` is the token's name; `total` and `done` count frames.
     """
 
     job_kind: ClassVar[str]
-    """What the kind is called in `chunks` and `leases`."""
+    """The name of the kind in `chunks` and `leases`."""
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
     dataset_id: Mapped[int] = mapped_column(
@@ -112,7 +112,7 @@ class Run(JobRow, Base):
     counts: Mapped[dict[str, int]] = mapped_column(JsonText, default=dict)
     started_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     last_review_id: Mapped[int | None] = mapped_column(Key)
-    """The newest answer when it was done; None of runs of earlier versions."""
+    """The newest answer when it was done; None for runs of earlier versions."""
 
 
 class Export(JobRow, Base):

@@ -1,4 +1,4 @@
-"""Answers of people, insert-only, and who is looking at which box until when."""
+"""Tables of people's answers, which are insert-only, and of claims on boxes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from app.db.base import Base, Key, UtcDateTime, utc_now
 
 
 class ReviewBatch(Base):
-    """Many answers given in one act."""
+    """A bulk review: many answers given at once."""
 
     __tablename__ = "review_batches"
     __table_args__ = ({"sqlite_autoincrement": True},)
@@ -34,7 +34,7 @@ class ReviewBatch(Base):
 
 
 class Review(Base):
-    """A person's answer on one box; never changed, only followed by another."""
+    """A person's answer on one box; rows are never changed, later answers follow."""
 
     __tablename__ = "reviews"
     __table_args__ = (
@@ -59,7 +59,7 @@ class Review(Base):
 
 
 class Claim(Base):
-    """A box that one reviewer was given, and nobody else is until it expires."""
+    """A box reserved for one reviewer by the queue, until the claim expires."""
 
     __tablename__ = "claims"
     __table_args__ = (Index(None, "dataset_id", "expires_at"),)

@@ -83,6 +83,31 @@ export class NoResponse extends Error {
   }
 }
 
+const FIRST_RETRY_S = 1;
+const LONGEST_RETRY_S = 30;
+
+/** @typedef {(run: () => void, delayMs: number) => void} Later */
+
+/**
+ * When to try again what the server could not take: after a second, then after twice as long each time, up to half a minute.
+ * @param {Later} [later]
+ */
+export function createRetries(later = (run, delayMs) => void setTimeout(run, delayMs)) {
+  let nextS = FIRST_RETRY_S;
+  let waits = 0;
+  return {
+    /** @param {() => void} run  not called if another wait has begun since @param {number | null} [seconds]  to wait instead, as the server has asked */
+    wait(run, seconds) {
+      const mine = ++waits;
+      later(() => mine === waits && run(), (seconds ?? nextS) * 1000);
+      nextS = Math.min(nextS * 2, LONGEST_RETRY_S);
+    },
+
+    /** The next wait is the shortest again: the server has taken something, or somebody asks to try now. */
+    reset: () => void (nextS = FIRST_RETRY_S),
+  };
+}
+
 /**
  * Fetch from this server. If the server answers 401 to the page's own session, the callback of `whenSignedOut` is called.
  * @param {string} address @param {RequestInit} [init] @param {string} [shown]  the session, empty for none

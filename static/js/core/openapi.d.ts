@@ -13,7 +13,7 @@ export interface paths {
         };
         /**
          * List Audit
-         * @description Who did what to tokens, data, configurations, jobs and many answers at once.
+         * @description The audit log: who changed tokens, data, configurations, jobs or many answers.
          */
         get: operations["list_audit_api_v1_audit_get"];
         put?: never;
@@ -35,7 +35,7 @@ export interface paths {
         put?: never;
         /**
          * Post Batch
-         * @description Store the frames of a tar while it comes; each is answered once it is durable.
+         * @description Store the frames of a streamed tar; each is reported once it is durable.
          */
         post: operations["post_batch_api_v1_datasets__dataset__batches_post"];
         delete?: never;
@@ -53,7 +53,7 @@ export interface paths {
         };
         /**
          * List Boxes
-         * @description Boxes of a dataset by id, doubt, match or crowding.
+         * @description Boxes of a dataset, sorted by id, doubt, match or crowding.
          */
         get: operations["list_boxes_api_v1_boxes_get"];
         put?: never;
@@ -139,7 +139,7 @@ export interface paths {
         put?: never;
         /**
          * Create Config
-         * @description Store a version; it decides nothing before a run applies it.
+         * @description Store a version; it has no effect until a run applies it.
          */
         post: operations["create_config_api_v1_datasets__dataset__configs_post"];
         delete?: never;
@@ -177,7 +177,7 @@ export interface paths {
         };
         /**
          * Get Active Config
-         * @description The version that decides now.
+         * @description The active version, by which boxes are decided now.
          */
         get: operations["get_active_config_api_v1_datasets__dataset__config_get"];
         /**
@@ -203,7 +203,7 @@ export interface paths {
         put?: never;
         /**
          * Preview Config
-         * @description What a configuration would decide; nothing is written, no pixel is read.
+         * @description What a configuration would decide; writes nothing and reads no pixel.
          */
         post: operations["preview_config_api_v1_datasets__dataset__preview_post"];
         delete?: never;
@@ -227,7 +227,7 @@ export interface paths {
         put?: never;
         /**
          * Create Dataset
-         * @description Make a dataset; its first configuration is the service's own.
+         * @description Create a dataset; its first configuration is the service's default.
          */
         post: operations["create_dataset_api_v1_datasets_post"];
         delete?: never;
@@ -245,7 +245,7 @@ export interface paths {
         };
         /**
          * Get Dataset
-         * @description A dataset and where it stands.
+         * @description A dataset with its settings and counts.
          */
         get: operations["get_dataset_api_v1_datasets__dataset__get"];
         put?: never;
@@ -259,7 +259,7 @@ export interface paths {
         head?: never;
         /**
          * Change Dataset
-         * @description Change a dataset; how segmentations are read changes by a run (202).
+         * @description Change a dataset; a change in how segmentations are read starts a run (202).
          */
         patch: operations["change_dataset_api_v1_datasets__dataset__patch"];
         trace?: never;
@@ -273,7 +273,7 @@ export interface paths {
         };
         /**
          * Get Stats
-         * @description Everything that can be counted without looking at a box.
+         * @description The counts of a dataset, from its tallies.
          */
         get: operations["get_stats_api_v1_datasets__dataset__stats_get"];
         put?: never;
@@ -313,7 +313,7 @@ export interface paths {
         };
         /**
          * List Problems
-         * @description Frames that were refused and have not come in since, newest first.
+         * @description Frames that were refused and have not been stored since, newest first.
          */
         get: operations["list_problems_api_v1_datasets__dataset__problems_get"];
         put?: never;
@@ -333,13 +333,13 @@ export interface paths {
         };
         /**
          * Get Evaluation
-         * @description Precision, recall and F1 of every measured channel, from the numbers at hand.
+         * @description Precision, recall and F1 of every measured channel, from stored numbers.
          */
         get: operations["get_evaluation_api_v1_datasets__dataset__evaluations_get"];
         put?: never;
         /**
          * Create Evaluation
-         * @description Measure every channel that the frames' files allow; verdicts stay as they are.
+         * @description Measure every channel that the frames' files allow; verdicts do not change.
          */
         post: operations["create_evaluation_api_v1_datasets__dataset__evaluations_post"];
         delete?: never;
@@ -363,7 +363,7 @@ export interface paths {
         put?: never;
         /**
          * Create Export
-         * @description Write the labels of the dataset; its classes keep their order from now on.
+         * @description Start an export of the dataset's labels, which fixes the order of its classes.
          */
         post: operations["create_export_api_v1_datasets__dataset__exports_post"];
         delete?: never;
@@ -383,7 +383,7 @@ export interface paths {
         put?: never;
         /**
          * Stop Export
-         * @description End an export that is not over. 409 if it is over.
+         * @description Cancel an export; 409 if it has ended already.
          */
         post: operations["stop_export_api_v1_exports__export_id__cancel_post"];
         delete?: never;
@@ -401,7 +401,7 @@ export interface paths {
         };
         /**
          * Get Export
-         * @description An export and how far it is.
+         * @description An export and its progress.
          */
         get: operations["get_export_api_v1_exports__export_id__get"];
         put?: never;
@@ -463,9 +463,9 @@ export interface paths {
         put?: never;
         /**
          * Create Download Link
-         * @description An address of this one file, for whatever can show no token, such as a browser.
+         * @description Create a link to this one file, for clients that cannot send a token (browsers).
          *
-         *     It works for five minutes, ranges included, and no longer than the token does.
+         *     It is valid for five minutes, ranges included, and no longer than the token.
          */
         post: operations["create_download_link_api_v1_exports__export_id__download_links_post"];
         delete?: never;
@@ -483,7 +483,7 @@ export interface paths {
         };
         /**
          * Download By Address
-         * @description The same archive, by an address that `download-links` gave.
+         * @description The archive of a finished export, by a link of `download-links`.
          */
         get: operations["download_by_address_api_v1_exports__export_id__file_get"];
         put?: never;
@@ -505,7 +505,7 @@ export interface paths {
         put?: never;
         /**
          * Read Folder
-         * @description Say which frames a folder holds; nothing is stored.
+         * @description List the frames in a folder, without storing them.
          *
          *     The body is a tar of its files: text files as they are, the others without content.
          */
@@ -590,13 +590,13 @@ export interface paths {
         get: operations["get_frame_by_key_api_v1_datasets__dataset__frames__key__get"];
         /**
          * Put Frame
-         * @description Store a frame: measured, decided and durable before this is answered.
+         * @description Store a frame: it is measured, decided and durable before the response.
          */
         put: operations["put_frame_api_v1_datasets__dataset__frames__key__put"];
         post?: never;
         /**
          * Delete Frame
-         * @description Delete a frame with all its revisions and answers; others' need an admin.
+         * @description Delete a frame with all revisions and answers; an admin, if others answered.
          */
         delete: operations["delete_frame_api_v1_datasets__dataset__frames__key__delete"];
         options?: never;
@@ -613,7 +613,7 @@ export interface paths {
         };
         /**
          * List Frames
-         * @description Frames by key or arrival; with filters on boxes, those that have such a box.
+         * @description Frames by key or id; with filters on boxes, only frames that have such a box.
          */
         get: operations["list_frames_api_v1_datasets__dataset__frames_get"];
         put?: never;
@@ -653,7 +653,7 @@ export interface paths {
         };
         /**
          * Healthz
-         * @description The process is alive. Looks at nothing else.
+         * @description The process is alive; nothing else is checked.
          */
         get: operations["healthz_healthz_get"];
         put?: never;
@@ -673,7 +673,7 @@ export interface paths {
         };
         /**
          * Readyz
-         * @description It can store what is sent, and is not about to stop; else 503, and why.
+         * @description The service can store data and is not stopping; else 503 with the reasons.
          */
         get: operations["readyz_readyz_get"];
         put?: never;
@@ -713,7 +713,7 @@ export interface paths {
         };
         /**
          * Metrics
-         * @description Requests, work, queues, verdicts and room, for Prometheus.
+         * @description Metrics for Prometheus: requests, work, queues, verdicts and disk space.
          */
         get: operations["metrics_metrics_get"];
         put?: never;
@@ -753,7 +753,7 @@ export interface paths {
         };
         /**
          * Get Quality
-         * @description The filter against people or instances, agreement, suggested thresholds.
+         * @description The filter compared with people or instances, agreement, suggested thresholds.
          */
         get: operations["get_quality_api_v1_datasets__dataset__quality_get"];
         put?: never;
@@ -775,7 +775,7 @@ export interface paths {
         put?: never;
         /**
          * Take From Queue
-         * @description The next boxes to look at, claimed for five minutes; an answer ends the claim.
+         * @description The next boxes to review, claimed for five minutes; an answer ends the claim.
          */
         post: operations["take_from_queue_api_v1_datasets__dataset__queue_post"];
         delete?: never;
@@ -795,7 +795,7 @@ export interface paths {
         put?: never;
         /**
          * Create Review
-         * @description Answer on a box; 412 with the current decision if someone was faster.
+         * @description Answer a box; 412 with the current decision if someone answered it before.
          */
         post: operations["create_review_api_v1_boxes__box_id__reviews_post"];
         delete?: never;
@@ -815,7 +815,7 @@ export interface paths {
         put?: never;
         /**
          * Create Bulk Review
-         * @description One answer on many boxes: one act, one undo.
+         * @description One answer on many boxes, which one undo takes back.
          */
         post: operations["create_bulk_review_api_v1_reviews_bulk_post"];
         delete?: never;
@@ -835,9 +835,9 @@ export interface paths {
         put?: never;
         /**
          * Undo Bulk Review
-         * @description Undo a bulk answer: boxes get the answers they had, unless answered since.
+         * @description Undo a bulk review: boxes get the answers they had, unless answered since.
          *
-         *     Batches of others are undone by admins alone.
+         *     Only admins may undo batches of others.
          */
         post: operations["undo_bulk_review_api_v1_review_batches__batch_id__undo_post"];
         delete?: never;
@@ -879,7 +879,7 @@ export interface paths {
         };
         /**
          * Get Run
-         * @description A run and how far it is.
+         * @description A run and its progress.
          */
         get: operations["get_run_api_v1_runs__run_id__get"];
         put?: never;
@@ -921,7 +921,7 @@ export interface paths {
         put?: never;
         /**
          * Stop Run
-         * @description End a run that is not over; nothing changes in its dataset. 409 if it is over.
+         * @description Cancel a run; its dataset does not change. 409 if the run has ended already.
          */
         post: operations["stop_run_api_v1_runs__run_id__cancel_post"];
         delete?: never;
@@ -939,7 +939,7 @@ export interface paths {
         };
         /**
          * Compare Runs
-         * @description Boxes that a run decides otherwise than another, nearest to a threshold first.
+         * @description Boxes whose verdicts differ between two runs, nearest to a threshold first.
          */
         get: operations["compare_runs_api_v1_runs__run_id__diff_get"];
         put?: never;
@@ -967,7 +967,7 @@ export interface paths {
          * Log In
          * @description Open a session of the page with a token or the code of a login link.
          *
-         *     The session's secret is in this answer alone; it is sent as a token is.
+         *     Only this response contains the session's secret; send it as you would a token.
          */
         post: operations["log_in_api_v1_session_post"];
         /**
@@ -991,7 +991,7 @@ export interface paths {
         put?: never;
         /**
          * Create Login Code
-         * @description A code that logs a page in as the caller: once, within ten minutes.
+         * @description Create a code that logs a page in as the caller: once, within ten minutes.
          *
          *     The login link is the service's address followed by `/#code=` and the code.
          */
@@ -1011,7 +1011,7 @@ export interface paths {
         };
         /**
          * Get Login Code
-         * @description Whether a login code of one's own was used.
+         * @description One of the caller's login codes: when it expires, and whether it was used.
          */
         get: operations["get_login_code_api_v1_login_codes__code_id__get"];
         put?: never;
@@ -1039,7 +1039,7 @@ export interface paths {
         put?: never;
         /**
          * Create Token
-         * @description A new token. It is shown in this answer and never again; it ends in 90 days.
+         * @description Create a token; it expires in 90 days by default. Only this response has it.
          */
         post: operations["create_token_api_v1_tokens_post"];
         delete?: never;
@@ -1090,7 +1090,7 @@ export interface components {
         };
         /**
          * ActivateIn
-         * @description Which version becomes active.
+         * @description The version to activate.
          */
         ActivateIn: {
             /** Digest */
@@ -1322,7 +1322,7 @@ export interface components {
              * @description How many answers the box has been given, including undone ones. Send it as `seen_revision` with the next answer.
              */
             revision: number;
-            /** @description The answer in force; null if there is none or it was undone. */
+            /** @description The current answer; null if there is none or it was undone. */
             review: components["schemas"]["ReviewMark"] | null;
             /**
              * Effective Verdict
@@ -1351,7 +1351,7 @@ export interface components {
             total?: number;
             /**
              * Snapshot
-             * @description Stands for the matching boxes as they are now. Send it with one answer on all of them.
+             * @description Identifies the present state of the matching boxes. Send it with one answer on all of them.
              */
             snapshot?: string;
         };
@@ -1432,7 +1432,7 @@ export interface components {
         };
         /**
          * ChannelScore
-         * @description How good one channel is: on all boxes, by class and by distance.
+         * @description The accuracy of one channel: on all boxes, by class and by distance.
          */
         ChannelScore: {
             /** Kept Visible */
@@ -1465,7 +1465,7 @@ export interface components {
         };
         /**
          * Claim
-         * @description Until when a box of the queue is given to nobody else.
+         * @description The time until which a box of the queue is reserved for the caller.
          */
         Claim: {
             /**
@@ -1496,7 +1496,7 @@ export interface components {
         };
         /**
          * Confusion
-         * @description Boxes by the verdict of the filter, then by the answer held to be true.
+         * @description Boxes by the verdict of the filter, then by the ground truth.
          *
          *     Kept is the positive class; a share is None where nothing can be said.
          */
@@ -1634,7 +1634,7 @@ export interface components {
         };
         /**
          * DatasetPatch
-         * @description What to change; frames are measured again if it is how segmentations are read.
+         * @description Changes of a dataset; those to reading segmentations measure all frames again.
          */
         DatasetPatch: {
             /** Description */
@@ -1664,10 +1664,10 @@ export interface components {
         };
         /**
          * Decision
-         * @description One box: the filter's verdict, why, the numbers, and what a person said.
+         * @description One box: the filter's verdict, its reason and numbers, and a person's answer.
          *
-         *     `verdict` is the filter's. `effective_verdict` is what counts: a person's keep or
-         *     reject, else the filter's verdict.
+         *     `verdict` is the filter's. `effective_verdict` is a person's keep or reject if there
+         *     is one, else the filter's verdict.
          */
         Decision: {
             /**
@@ -1781,7 +1781,7 @@ export interface components {
              * @description How many answers the box has been given, including undone ones. Send it as `seen_revision` with the next answer.
              */
             revision: number;
-            /** @description The answer in force; null if there is none or it was undone. */
+            /** @description The current answer; null if there is none or it was undone. */
             review: components["schemas"]["ReviewMark"] | null;
             /**
              * Effective Verdict
@@ -1791,7 +1791,7 @@ export interface components {
         };
         /**
          * Diff
-         * @description What `run` decides otherwise than `against`: counts, and a page of the boxes.
+         * @description The boxes whose verdicts differ between two runs: counts, and a page of boxes.
          */
         Diff: {
             /** Run */
@@ -1821,7 +1821,7 @@ export interface components {
             };
             /**
              * Sides By Class
-             * @description How many of these boxes go from kept to rejected, and the other way.
+             * @description How many of these boxes change from kept to rejected, and the reverse.
              */
             sides_by_class: {
                 [key: string]: components["schemas"]["FlipCounts"];
@@ -1914,7 +1914,7 @@ export interface components {
         };
         /**
          * ExportIn
-         * @description Labels to write.
+         * @description A request for an export.
          */
         ExportIn: {
             /**
@@ -1938,7 +1938,7 @@ export interface components {
         };
         /**
          * ExportOptions
-         * @description What goes into an export.
+         * @description The options of an export.
          */
         ExportOptions: {
             /**
@@ -2000,7 +2000,7 @@ export interface components {
         };
         /**
          * Fault
-         * @description One fault of a request: where it is, which it is, and what is expected.
+         * @description One error of a request: its place, its code, and what was expected.
          */
         Fault: {
             /**
@@ -2130,7 +2130,7 @@ export interface components {
         };
         /**
          * Flip
-         * @description A box that is decided otherwise.
+         * @description A flip: a box whose verdict changes.
          */
         Flip: {
             /** Box Id */
@@ -2146,7 +2146,7 @@ export interface components {
         };
         /**
          * FlipCounts
-         * @description How many boxes go from kept to rejected, and the other way.
+         * @description How many boxes change from kept to rejected, and the reverse.
          */
         FlipCounts: {
             /** Kept To Rejected */
@@ -2193,7 +2193,7 @@ export interface components {
         };
         /**
          * Frame
-         * @description A frame with its boxes and their decisions, and the frames beside it.
+         * @description A frame with its boxes and their decisions, and the previous and next frame.
          */
         Frame: {
             /** Id */
@@ -2335,7 +2335,7 @@ export interface components {
         };
         /**
          * FrameProblem
-         * @description Why a frame was refused; `more_errors` only where some are not listed.
+         * @description Why a frame was refused; `more_errors` only if some errors are not listed.
          */
         FrameProblem: {
             /** Code */
@@ -2349,7 +2349,7 @@ export interface components {
         };
         /**
          * FrameSummary
-         * @description A frame in a list of frames: its sizes, and how its boxes are counted.
+         * @description A frame in a list of frames: its sizes, and the counts of its boxes.
          */
         FrameSummary: {
             /** Id */
@@ -2465,7 +2465,7 @@ export interface components {
         };
         /**
          * IgnoreMask
-         * @description Where pixels never count, such as on the bonnet: as polygons or as a PNG.
+         * @description Pixels that are never counted, such as the bonnet: as polygons or as a PNG.
          */
         IgnoreMask: {
             /**
@@ -2490,7 +2490,7 @@ export interface components {
             frame_id: number;
             /**
              * Digest
-             * @description Digest of the content; the guide to the API says of what.
+             * @description Digest of the content, as defined in the guide to the API.
              */
             digest: string;
         };
@@ -2512,7 +2512,7 @@ export interface components {
         };
         /**
          * LogIn
-         * @description What signs somebody in: a token, or the code of a login link.
+         * @description The credentials of a login: a token, or the code of a login link.
          */
         LogIn: {
             /** Token */
@@ -2683,10 +2683,10 @@ export interface components {
         };
         /**
          * Preview
-         * @description What a configuration would decide; nothing was written.
+         * @description The verdicts that a configuration would give; nothing is stored.
          *
-         *     `needs_pixels`: pixels have to be measured again, so that only a run can tell.
-         *     Everything after it is then null.
+         *     `needs_pixels`: images have to be measured again, so there is no preview, and all
+         *     later fields are null.
          */
         Preview: {
             /** Config */
@@ -2731,7 +2731,7 @@ export interface components {
         };
         /**
          * Quality
-         * @description How good the filter is by the truth, and how far people agree themselves.
+         * @description The accuracy of the filter, and the agreement between people.
          */
         Quality: {
             /**
@@ -2763,7 +2763,7 @@ export interface components {
         };
         /**
          * Queue
-         * @description Boxes to look at next, most urgent first, claimed for five minutes.
+         * @description The next boxes to review, in the requested order, claimed for five minutes.
          */
         Queue: {
             /** Items */
@@ -2783,7 +2783,7 @@ export interface components {
         };
         /**
          * QueueIn
-         * @description Which boxes are wanted next.
+         * @description Selects the next boxes of the queue.
          */
         QueueIn: {
             /**
@@ -2812,7 +2812,7 @@ export interface components {
         };
         /**
          * QueuedBox
-         * @description A box of the queue, claimed for whoever asked.
+         * @description A box of the queue, reserved (claimed) for the caller.
          */
         QueuedBox: {
             /**
@@ -2926,7 +2926,7 @@ export interface components {
              * @description How many answers the box has been given, including undone ones. Send it as `seen_revision` with the next answer.
              */
             revision: number;
-            /** @description The answer in force; null if there is none or it was undone. */
+            /** @description The current answer; null if there is none or it was undone. */
             review: components["schemas"]["ReviewMark"] | null;
             /**
              * Effective Verdict
@@ -2937,7 +2937,7 @@ export interface components {
         };
         /**
          * Ready
-         * @description Whether the service can work, and what each check found.
+         * @description Whether the service is ready, and the result of each check.
          */
         Ready: {
             /** Ready */
@@ -2994,7 +2994,7 @@ export interface components {
         };
         /**
          * ReviewBatch
-         * @description One answer on many boxes, which is undone as one.
+         * @description A bulk answer: one answer on many boxes, which is undone as a whole.
          */
         ReviewBatch: {
             /** Id */
@@ -3013,12 +3013,12 @@ export interface components {
             count: number;
             /**
              * Skipped
-             * @description Ids of boxes that do not exist any more or are of another dataset.
+             * @description Ids of boxes that no longer exist or belong to another dataset.
              */
             skipped: number[];
             /**
              * Stale
-             * @description Ids of boxes left alone because somebody has answered them since.
+             * @description Ids of boxes that were not changed, because somebody has answered them since.
              */
             stale: number[];
         };
@@ -3045,7 +3045,7 @@ export interface components {
         };
         /**
          * ReviewMark
-         * @description The answer of a person that is in force on a box.
+         * @description The current answer of a person on a box.
          */
         ReviewMark: {
             /**
@@ -3078,7 +3078,7 @@ export interface components {
         };
         /**
          * Run
-         * @description One configuration applied to a dataset: how far it is, and its result.
+         * @description A run: one configuration applied to a dataset, its progress and its result.
          */
         Run: {
             /** Id */
@@ -3152,7 +3152,7 @@ export interface components {
         };
         /**
          * Score
-         * @description A channel's verdicts against what is visible.
+         * @description A channel's verdicts compared with the visibility of the objects.
          *
          *     Kept is the positive class; a share is None where nothing can be said.
          */
@@ -3189,7 +3189,7 @@ export interface components {
         };
         /**
          * Session
-         * @description Who is signed in; answers on boxes are stored under this name.
+         * @description The user who is signed in; answers on boxes are stored under this name.
          */
         Session: {
             /** Name */
@@ -3206,10 +3206,10 @@ export interface components {
          * Stats
          * @description Counts of the boxes of a dataset.
          *
-         *     `unsure` boxes have an unsure of a person. Of `conflicts`, a person said the
-         *     opposite of the filter. `toss_ups` are near a threshold. Boxes of `lossy` were
-         *     measured in a segmentation whose colours were not exact. `effective` counts verdicts
-         *     after people's answers, everything else the verdicts of the filter.
+         *     `unsure`: a person answered unsure. `conflicts`: a person answered the opposite of
+         *     the filter. `toss_ups`: too few pixels to be certain on which side of the threshold
+         *     they are. `lossy`: measured in a segmentation whose colours were not exact.
+         *     `effective` counts effective verdicts, all others the verdicts of the filter.
          */
         Stats: {
             /** Frames */
@@ -3264,7 +3264,7 @@ export interface components {
         };
         /**
          * StoredFrame
-         * @description A frame that is stored, what was recognised, and what was decided.
+         * @description A stored frame, with what was recognised and the decisions on its boxes.
          */
         StoredFrame: {
             frame: components["schemas"]["FrameDetails"];
@@ -3274,7 +3274,7 @@ export interface components {
         };
         /**
          * Suggestion
-         * @description The threshold that the truth suggests for a class, beside the current one.
+         * @description The suggested threshold of a class, and the current one.
          */
         Suggestion: {
             /** Class */
@@ -3370,7 +3370,7 @@ export interface components {
         };
         /**
          * UndoneBatch
-         * @description How many boxes an undo put back; `skipped` are those answered again since.
+         * @description How many boxes an undo restored; `skipped` are those answered again since.
          */
         UndoneBatch: {
             /** Id */
@@ -3394,7 +3394,7 @@ export interface components {
         };
         /**
          * Version
-         * @description Which program answers.
+         * @description The name and the version of the program.
          */
         Version: {
             /** Version */
@@ -3426,7 +3426,7 @@ export interface components {
         };
         /**
          * BatchEnd
-         * @description The last line of a batch: how many frames came, and what became of them.
+         * @description The last line of a batch: the number of frames by outcome.
          */
         BatchEnd: {
             /**
@@ -3450,7 +3450,7 @@ export interface components {
         };
         /**
          * BatchLine
-         * @description What became of one frame of a batch.
+         * @description The outcome of one frame of a batch.
          *
          *     `status` is the HTTP status that sending the frame alone would have had. A refused
          *     frame has a `problem`, and neither id nor decisions.
@@ -3895,7 +3895,7 @@ export interface operations {
                 replace?: boolean;
             };
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path: {
@@ -4065,7 +4065,7 @@ export interface operations {
                 height?: number;
             };
             header?: {
-                /** @description Entity tags of what you have. */
+                /** @description Entity tags of the client's copies. */
                 "If-None-Match"?: string;
             };
             path: {
@@ -4084,7 +4084,7 @@ export interface operations {
                     "image/jpeg": unknown;
                 };
             };
-            /** @description Not changed; what you have is up to date. */
+            /** @description Not modified: the client's copy is up to date. */
             304: {
                 headers: {
                     [name: string]: unknown;
@@ -4146,7 +4146,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path: {
@@ -4311,7 +4311,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path: {
@@ -4391,7 +4391,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path?: never;
@@ -4465,7 +4465,7 @@ export interface operations {
     delete_dataset_api_v1_datasets__dataset__delete: {
         parameters: {
             query?: {
-                /** @description The dataset's name once more; nothing else will do. */
+                /** @description The dataset's name again, as a confirmation. */
                 confirm?: string | null;
             };
             header?: never;
@@ -4524,7 +4524,7 @@ export interface operations {
                     "application/json": components["schemas"]["Dataset"];
                 };
             };
-            /** @description Measured again first. */
+            /** @description A run measures all frames again. */
             202: {
                 headers: {
                     [name: string]: unknown;
@@ -4659,7 +4659,7 @@ export interface operations {
     get_evaluation_api_v1_datasets__dataset__evaluations_get: {
         parameters: {
             query?: {
-                /** @description What is held to be visible. instances: boxes whose instance has a pixel; people: boxes that people kept. */
+                /** @description Which boxes count as visible. instances: boxes whose instance has a pixel; people: boxes that people kept. */
                 truth?: "people" | "instances";
             };
             header?: never;
@@ -4696,7 +4696,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path: {
@@ -4774,7 +4774,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path: {
@@ -4818,7 +4818,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path: {
@@ -4891,7 +4891,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description The `id` of the last event you have: go on after it. */
+                /** @description The `id` of the last event received: continue after it. */
                 "last-event-id"?: string | null;
             };
             path: {
@@ -4910,7 +4910,7 @@ export interface operations {
                     "text/event-stream": unknown;
                 };
             };
-            /** @description You have the last event already; do not ask again. */
+            /** @description There are no more events; do not reconnect. */
             204: {
                 headers: {
                     [name: string]: unknown;
@@ -4934,11 +4934,11 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Entity tags of what you have. */
+                /** @description Entity tags of the client's copies. */
                 "If-None-Match"?: string;
-                /** @description One range of bytes; several are taken as none. */
+                /** @description One range of bytes; a header with several is ignored. */
                 Range?: string;
-                /** @description Entity tag of the file that the range is of. */
+                /** @description Entity tag of the version of which the client has a part. */
                 "If-Range"?: string;
             };
             path: {
@@ -4957,7 +4957,7 @@ export interface operations {
                     "application/zip": unknown;
                 };
             };
-            /** @description The part that was asked for. */
+            /** @description The requested range. */
             206: {
                 headers: {
                     [name: string]: unknown;
@@ -4966,7 +4966,7 @@ export interface operations {
                     "application/zip": unknown;
                 };
             };
-            /** @description Not changed; what you have is up to date. */
+            /** @description Not modified: the client's copy is up to date. */
             304: {
                 headers: {
                     [name: string]: unknown;
@@ -4992,7 +4992,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path: {
@@ -5034,11 +5034,11 @@ export interface operations {
                 key: string;
             };
             header?: {
-                /** @description Entity tags of what you have. */
+                /** @description Entity tags of the client's copies. */
                 "If-None-Match"?: string;
-                /** @description One range of bytes; several are taken as none. */
+                /** @description One range of bytes; a header with several is ignored. */
                 Range?: string;
-                /** @description Entity tag of the file that the range is of. */
+                /** @description Entity tag of the version of which the client has a part. */
                 "If-Range"?: string;
             };
             path: {
@@ -5057,7 +5057,7 @@ export interface operations {
                     "application/zip": unknown;
                 };
             };
-            /** @description The part that was asked for. */
+            /** @description The requested range. */
             206: {
                 headers: {
                     [name: string]: unknown;
@@ -5066,7 +5066,7 @@ export interface operations {
                     "application/zip": unknown;
                 };
             };
-            /** @description Not changed; what you have is up to date. */
+            /** @description Not modified: the client's copy is up to date. */
             304: {
                 headers: {
                     [name: string]: unknown;
@@ -5092,7 +5092,7 @@ export interface operations {
                 layout?: "auto" | "yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "pairs";
             };
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path?: never;
@@ -5134,7 +5134,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Entity tags of what you have. */
+                /** @description Entity tags of the client's copies. */
                 "If-None-Match"?: string;
             };
             path: {
@@ -5153,7 +5153,7 @@ export interface operations {
                     "image/jpeg": unknown;
                 };
             };
-            /** @description Not changed; what you have is up to date. */
+            /** @description Not modified: the client's copy is up to date. */
             304: {
                 headers: {
                     [name: string]: unknown;
@@ -5182,7 +5182,7 @@ export interface operations {
                 edges?: "2d" | "3d";
             };
             header?: {
-                /** @description Entity tags of what you have. */
+                /** @description Entity tags of the client's copies. */
                 "If-None-Match"?: string;
             };
             path: {
@@ -5202,7 +5202,7 @@ export interface operations {
                     "image/png": unknown;
                 };
             };
-            /** @description Not changed; what you have is up to date. */
+            /** @description Not modified: the client's copy is up to date. */
             304: {
                 headers: {
                     [name: string]: unknown;
@@ -5226,11 +5226,11 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Entity tags of what you have. */
+                /** @description Entity tags of the client's copies. */
                 "If-None-Match"?: string;
-                /** @description One range of bytes; several are taken as none. */
+                /** @description One range of bytes; a header with several is ignored. */
                 Range?: string;
-                /** @description Entity tag of the file that the range is of. */
+                /** @description Entity tag of the version of which the client has a part. */
                 "If-Range"?: string;
             };
             path: {
@@ -5253,7 +5253,7 @@ export interface operations {
                     "application/x-npy": unknown;
                 };
             };
-            /** @description The part that was asked for. */
+            /** @description The requested range. */
             206: {
                 headers: {
                     [name: string]: unknown;
@@ -5265,7 +5265,7 @@ export interface operations {
                     "application/x-npy": unknown;
                 };
             };
-            /** @description Not changed; what you have is up to date. */
+            /** @description Not modified: the client's copy is up to date. */
             304: {
                 headers: {
                     [name: string]: unknown;
@@ -5636,7 +5636,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path: {
@@ -5719,7 +5719,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path: {
@@ -5763,7 +5763,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path: {
@@ -5807,7 +5807,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path?: never;
@@ -5849,7 +5849,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path: {
@@ -5927,7 +5927,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path: {
@@ -6004,7 +6004,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description The `id` of the last event you have: go on after it. */
+                /** @description The `id` of the last event received: continue after it. */
                 "last-event-id"?: string | null;
             };
             path: {
@@ -6023,7 +6023,7 @@ export interface operations {
                     "text/event-stream": unknown;
                 };
             };
-            /** @description You have the last event already; do not ask again. */
+            /** @description There are no more events; do not reconnect. */
             204: {
                 headers: {
                     [name: string]: unknown;
@@ -6047,7 +6047,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path: {
@@ -6086,7 +6086,7 @@ export interface operations {
     compare_runs_api_v1_runs__run_id__diff_get: {
         parameters: {
             query?: {
-                /** @description Another run; else the active one before. */
+                /** @description Another run; default: the former active. */
                 against?: number | null;
                 /** @description Maximum number of items on a page. */
                 limit?: number;
@@ -6159,7 +6159,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path?: never;
@@ -6234,7 +6234,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path?: never;
@@ -6341,7 +6341,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Sent again with the same request, it gets the same answer and nothing is done twice. */
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
             };
             path?: never;

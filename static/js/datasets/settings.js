@@ -65,7 +65,7 @@ function Changes({ app, dataset, onDone }) {
   return html`<form class="upload" onSubmit=${submit}>
     ${fields.value.filter(({ kind }) => kind === "text").map(ask)}
     <div class="settings__grid">${fields.value.filter(({ kind }) => kind !== "text").map(ask)}</div>
-    <p class="faint">A change of how segmentations are read measures ${countOf(dataset.counts.frames, "frame")} again. Answers are kept.</p>
+    <p class="faint">If you change how segmentations are read, ${countOf(dataset.counts.frames, "frame")} will be measured again. Answers are kept.</p>
     ${error && html`<${FailureLine} error=${error} />`}
     <div><button class="button button--primary" disabled=${isBusy}>Save</button></div>
   </form>`;

@@ -11,6 +11,7 @@ import { countOf, countText } from "../core/numbers.js";
 import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { GridBar } from "../review/answer_bar.js";
+import { isUndo } from "../review/outbox.js";
 import { GridCells } from "./cells.js";
 import { leave, placeOf } from "./pager.js";
 import { allBut, everything, nothing, sizeOf, toggled } from "./selection.js";
@@ -251,7 +252,7 @@ function More({ query, onChange }) {
     <button class="button ${count ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />More${count > 0 && html` <b class="num">${count}</b>`}</button>
     ${isOpen &&
     html`<div class="menu__panel more-filters" role="group" aria-label="More filters">
-      <label class="switch"><input type="checkbox" checked=${query.toss_up === "true"} onChange=${flag("toss_up")} /><span>Toss-ups only</span></label>
+      <label class="switch" title="Boxes with too few pixels to be certain on which side of the threshold they are"><input type="checkbox" checked=${query.toss_up === "true"} onChange=${flag("toss_up")} /><span>Toss-ups only</span></label>
       <label class="switch"><input type="checkbox" checked=${query.conflict === "true"} onChange=${flag("conflict")} /><span>The filter contradicts a person</span></label>
       <${Range} text="Match" unit="%" keys=${["match_min", "match_max"]} most=${100} query=${query} onChange=${onChange} />
       <${Range} text="Distance" unit="m" keys=${["distance_min", "distance_max"]} query=${query} onChange=${onChange} />
@@ -317,17 +318,18 @@ const WILL = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: 
 /** @type {Record<string, string>} */
 const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused" };
 
-/** Answers on many boxes that the server has not stored, each with what the person can do about it. @param {{app: App, dataset: string}} props */
+/** Answers on many boxes, and undos of such answers, that the server has not stored, each with what the person can do about it. @param {{app: App, dataset: string}} props */
 export function OpenActs({ app, dataset }) {
-  const open = useValue(app.sender.open).filter(({ act, state }) => act.dataset === dataset && state !== "sending");
-  return open.map(({ act, state, text }) => {
-    const what = `${WILL[act.verdict]} ${countOf(act.count, "box", "boxes")}`;
-    return html`<div key=${act.key} class="strip strip--error" role="alert">
+  const open = useValue(app.sender.open).filter(({ item, state }) => item.dataset === dataset && state !== "sending");
+  return open.map(({ item, state, text }) => {
+    const act = isUndo(item) ? null : item;
+    const what = `${act ? WILL[act.verdict] : "undo the answers on"} ${countOf(item.count, "box", "boxes")}`;
+    return html`<div key=${item.key} class="strip strip--error" role="alert">
       <${Icon} name="cloud" />
       <p><b>${STATES[state]}: ${what}.</b> ${sentence(text)}</p>
-      ${state === "changed" && html`<button class="button button--small" onClick=${() => void acceptNow(app, act)}>Count again</button>`}
-      ${state === "waiting" && html`<button class="button button--small" onClick=${() => app.sender.retry(act.key)}>Send now</button>`}
-      <button class="button button--small button--quiet" onClick=${() => app.sender.giveUp(act.key)}>Discard</button>
+      ${act && state === "changed" && html`<button class="button button--small" onClick=${() => void acceptNow(app, act)}>Count again</button>`}
+      ${state === "waiting" && html`<button class="button button--small" onClick=${() => app.sender.retry(item.key)}>Send now</button>`}
+      ${act && html`<button class="button button--small button--quiet" onClick=${() => app.sender.giveUp(act.key)}>Discard</button>`}
     </div>`;
   });
 }

@@ -23,7 +23,7 @@ import { EMPTY, ahead, answered, compared, inHand, joined, takenBack } from "./l
 /** @typedef {{state: "loading" | "ready" | "error", error: Error | null, isEnd: boolean}} Supply */
 
 export const ORDERS = /** @type {const} */ ([
-  { value: "doubt", text: "Doubtful", title: "Toss-ups and the smallest margins first" },
+  { value: "doubt", text: "Doubtful", title: "Boxes with too few pixels to be certain, then the smallest margins" },
   { value: "random", text: "Random", title: "A fair sample" },
   { value: "class", text: "By class", title: "One class after the other" },
   { value: "audit", text: "Audit", title: "Look again at what people have answered" },

@@ -5,13 +5,13 @@ import { answerTo, seenRevision, withAnswer, withStored } from "../boxes/box.js"
 import { get, post } from "../core/api.js";
 import { countOf } from "../core/numbers.js";
 import { createValue } from "../core/observable.js";
-import { createOutbox, createSender, own, sendBulk, undoBulk, unowned } from "./outbox.js";
+import { countUnowned, createOutbox, createSender, discardUnowned, own, sendBulk, undoBulk } from "./outbox.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../boxes/store.js").Boxes} Boxes */
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("./outbox.js").QueuedAnswer} QueuedAnswer */
-/** @typedef {{text: string, boxes: readonly number[]}} Report  boxes that an act or an undo left alone */
+/** @typedef {{text: string, boxes: readonly number[]}} Report  boxes that a bulk answer or an undo left alone */
 
 /** Of more boxes than these, the lists are read again instead. */
 const MOST_LOOKS = 20;
@@ -36,7 +36,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     answered.push(boxes.hold(ids));
     if (answered.length > DEPTH) answered.shift()?.();
   }
-  /** The frame whose answers the server has stored last, so that a frame fetched before is not used; `id` is null after an act on many boxes. */
+  /** The frame whose answers the server has stored last, so that a frame fetched before is not used; `id` is null after a bulk answer. */
   const changedFrame = createValue(/** @type {{id: number | null}} */ ({ id: null }));
   /** Answers that were not saved because somebody else had answered first. */
   const conflicts = createValue(/** @type {ReadonlyMap<number, QueuedAnswer>} */ (new Map()));
@@ -89,18 +89,14 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     sender.adopt(openTabs);
     void sender.resume();
   }
-  app.isSignedIn.observe((isIn) => isIn && (offerUnowned(), resume()));
+  app.isSignedIn.observe((isIn) => isIn && resume());
   addEventListener("online", resume);
 
-  /** Offer to send answers of an earlier version of the page, which did not store who gave them. */
-  function offerUnowned() {
-    const count = unowned(storage).length;
-    const name = app.owner();
-    if (count === 0 || !name) return;
-    toasts.show(`${countOf(count, "unsent answer")} in this browser ${count === 1 ? "does" : "do"} not say who gave ${count === 1 ? "it" : "them"}.`, {
-      action: { text: `Send as ${name}`, run: () => (own(storage, name), app.startAnew()) },
-    });
-  }
+  /** How many answers in this browser do not say who gave them: an earlier version of the page has kept them. */
+  const unowned = createValue(countUnowned(storage));
+  const countAgain = () => unowned.set(countUnowned(storage));
+  // Another tab may have sent or discarded them.
+  addEventListener("storage", countAgain);
 
   /** @param {number} boxId */
   function closeConflict(boxId) {
@@ -132,8 +128,22 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     acts,
     conflicts,
     answer,
-    offerUnowned,
     resume,
+
+    /** Answers that do not say who gave them: the person who is signed in may take them as theirs, or discard them. */
+    unowned: {
+      count: unowned,
+      send() {
+        own(storage, app.owner());
+        countAgain();
+        resume();
+      },
+      discard() {
+        discardUnowned(storage);
+        countAgain();
+      },
+    },
+
     /** How many answers of each person wait in this browser. */
     kept: outbox.kept,
     /** A conflict that the person has seen. */
@@ -142,7 +152,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     /** Replace somebody else's answer with one that was not saved because of it. @param {QueuedAnswer} item */
     insist: ({ boxId, verdict, comment }) => answer(boxId, verdict, comment),
 
-    /** Undo what this person did last. @param {(box: Decision, dataset: string) => void} show  the box whose answer it was, and its dataset; not called for an act on many boxes */
+    /** Undo what this person did last. @param {(box: Decision, dataset: string) => void} show  the box whose answer it was, and its dataset; not called for a bulk answer */
     undo(show) {
       const last = steps.last();
       if (!last) return void toasts.show("Nothing to undo.");
@@ -161,18 +171,18 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 /** @typedef {import("../core/app.js").App & ReturnType<typeof createAnswers>} ReviewApp  what views are given in which people answer */
 
 /**
- * Answers on many boxes ("acts"): shown at once, reported when they are stored, undone as a whole.
+ * Bulk answers, on many boxes: shown at once, reported when they are stored, undone as a whole.
  * @param {{boxes: Boxes, changedFrame: import("../core/observable.js").Value<{id: number | null}>, toasts: import("../core/app.js").App["toasts"], steps: Steps,
  *   remember: (boxIds: readonly number[]) => void, lookAgain: (boxIds: readonly number[]) => Promise<void>, give: (box: Decision, verdict: Answer, comment: string) => void,
  *   start: (act: import("./outbox.js").WantedAct, key: string) => void, undo: (undo: import("./outbox.js").WantedUndo) => void}} page
  */
 function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, give, start, undo }) {
-  /** The messages that offer to undo an act, by its key. @type {Map<string, number>} */
+  /** The messages that offer to undo a bulk answer, by its key. @type {Map<string, number>} */
   const offers = new Map();
-  /** The acts whose undo is not stored yet, by their keys. @type {Map<string, Step>} */
+  /** The bulk answers whose undo is not stored yet, by their keys. @type {Map<string, Step>} */
   const undoing = new Map();
   const report = createValue(/** @type {Report | null} */ (null));
-  /** Increases when an act on all boxes of a filter was stored or undone, so that lists are read again. */
+  /** Increases when a bulk answer on all boxes of a filter was stored or undone, so that lists are read again. */
   const reloads = createValue(0);
 
   /** Which boxes were left out, and why. @param {number[]} skipped @param {number[]} stale @returns {Report | null} */
@@ -196,7 +206,7 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, g
     changedFrame.set({ id: null });
   }
 
-  /** The step of this act, which can be undone from now on. @param {import("./outbox.js").WantedAct} act @param {string} key @param {readonly Earlier[]} [before]  unknown of an act that was given before the page was loaded */
+  /** The step of this bulk answer, which can be undone from now on. @param {import("./outbox.js").WantedAct} act @param {string} key @param {readonly Earlier[]} [before]  unknown of a bulk answer that was given before the page was loaded */
   function pushed({ dataset, count }, key, before = []) {
     /** @type {Step} */
     const step = { before, dataset, act: key, batch: null, count };
@@ -211,7 +221,7 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, g
     start(act, key);
   }
 
-  /** Boxes that an undone act had answered, and whose later answers were undone too, by new answers. @param {Step} step @param {ReadonlySet<number>} since  boxes that this person has answered since */
+  /** Boxes that an undone bulk answer had answered, and whose later answers were undone too, by new answers. @param {Step} step @param {ReadonlySet<number>} since  boxes that this person has answered since */
   function restore(step, since) {
     for (const { boxId, verdict, comment } of step.before) {
       const box = since.has(boxId) ? undefined : boxes.get(boxId);
@@ -220,7 +230,7 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, g
     }
   }
 
-  /** Undo a whole act, but for boxes that this person has answered since. @param {Step} step */
+  /** Undo a whole bulk answer, but for boxes that this person has answered since. @param {Step} step */
   function undoAct(step) {
     const { act = "", batch = null, dataset, count = 0 } = step;
     const since = steps.since(step);
@@ -239,7 +249,7 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, g
     report,
     reloads,
 
-    /** An act was stored. @param {import("./outbox.js").DoneAct} done */
+    /** A bulk answer was stored. @param {import("./outbox.js").DoneAct} done */
     done({ batchId, act, skipped, stale }) {
       const { key } = act;
       const left = new Set([...stale, ...skipped]);
@@ -254,7 +264,7 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, g
       report.set(leftOut(skipped, stale));
     },
 
-    /** An act was discarded. @param {import("./outbox.js").Act} act */
+    /** A bulk answer was discarded. @param {import("./outbox.js").Act} act */
     givenUp({ key }) {
       const step = steps.ofAct(key);
       if (step) steps.drop(step);
@@ -270,7 +280,7 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, g
 
     undo: undoAct,
 
-    /** The undo of an act was stored. @param {import("./outbox.js").Undo} item @param {import("./outbox.js").UndoOut} out */
+    /** The undo of a bulk answer was stored. @param {import("./outbox.js").Undo} item @param {import("./outbox.js").UndoOut} out */
     undone({ act, boxIds, seen, before }, { undone: count, skipped }) {
       undoing.delete(act);
       stored((boxIds ?? []).map((boxId, i) => ({ boxId, verdict: "clear", comment: "", ...before[i], revision: seen?.[i] ?? 0 })), skipped);
@@ -279,7 +289,7 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, g
       report.set(skipped.length ? { text: `${countOf(skipped.length, "answer was", "answers were")} left as ${skipped.length === 1 ? "it is" : "they are"}: somebody has answered since.`, boxes: skipped } : null);
     },
 
-    /** The undo of an act will never be stored. @param {import("./outbox.js").Undo} item @param {Error} error */
+    /** The undo of a bulk answer will never be stored. @param {import("./outbox.js").Undo} item @param {Error} error */
     undoRefused({ act, boxIds = [] }, error) {
       undoing.delete(act);
       toasts.show(`Not undone: ${error.message}`, { kind: "error" });
@@ -292,11 +302,11 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, g
 /** @typedef {Earlier & {revision: number}} Given  `revision`: of the box, on which the answer was given */
 /**
  * @typedef {object} Step
- * @property {readonly Earlier[]} before  the earlier answers on its boxes; none for an act on boxes that the page does not know
+ * @property {readonly Earlier[]} before  the earlier answers on its boxes; none for a bulk answer on boxes that the page does not know
  * @property {string} dataset
- * @property {string} [act]  the key of an act on many boxes, which is undone as a whole
- * @property {number | null} [batch]  the act's id on the server, once it is stored
- * @property {number} [count]  how many boxes the act was to answer
+ * @property {string} [act]  the key of a bulk answer, which is undone as a whole
+ * @property {number | null} [batch]  the bulk answer's id on the server, once it is stored
+ * @property {number} [count]  how many boxes the bulk answer was to answer
  */
 
 const DEPTH = 500;

@@ -205,13 +205,12 @@ export function Comment({ box, onSave, fieldRef }) {
 /** @param {{app: import("../core/app.js").App, box: import("../boxes/box.js").Decision}} props */
 export function History({ app, box }) {
   const loaded = useLoaded((signal) => get("/api/v1/boxes/{box_id}/history", { path: { box_id: box.box_id }, signal }), [box.box_id, seenRevision(box), box.run]);
-  // What was loaded last may be another box's.
-  const items = loaded.error ? [] : (loaded.value?.items ?? []);
   return html`<section class="history" aria-busy=${loaded.state === "loading"}>
     <h3>History</h3>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
-    ${loaded.state === "loading" && !loaded.value && html`<div class="bone" /><div class="bone bone--short" />`}
-    <ol>${items.map((item) => html`<li class="history__item">${item.kind === "review" ? html`<${ReviewLine} item=${item} />` : html`<${DecisionLine} item=${item} />`}</li>`)}</ol>
+    ${!loaded.error && html`<ol class="history__list">
+      ${loaded.value?.items.map((item) => html`<li class="history__item">${item.kind === "review" ? html`<${ReviewLine} item=${item} />` : html`<${DecisionLine} item=${item} />`}</li>`) ?? html`<li class="history__wait" aria-hidden="true"><div class="bone" /><div class="bone bone--short" /></li>`}
+    </ol>`}
   </section>`;
 }
 

@@ -1,9 +1,9 @@
 // @ts-check
-// Answers that the server has not stored yet: on one box, on many ("acts"), and undos of acts. They are
+// Answers that the server has not stored yet: on one box, on many (bulk answers), and undos of bulk answers. They are
 // kept in localStorage and sent one after the other, in the order in which they were given.
 
 import { seenRevision } from "../boxes/box.js";
-import { ApiError, NoResponse, post } from "../core/api.js";
+import { ApiError, NoResponse, createRetries, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
@@ -28,7 +28,7 @@ import { createValue } from "../core/observable.js";
 /** @typedef {import("../core/openapi.js").BoxSelection} Filter */
 
 /**
- * @typedef {object} Act  one answer on many boxes
+ * @typedef {object} Act  a bulk answer: one answer on many boxes
  * @property {string} key  also the Idempotency-Key
  * @property {string} person  who did it: it is sent under no other name
  * @property {string} tab  that sends it
@@ -44,14 +44,14 @@ import { createValue } from "../core/observable.js";
  */
 
 /**
- * @typedef {object} Undo  of an act as a whole
+ * @typedef {object} Undo  of a bulk answer as a whole
  * @property {string} key
  * @property {string} person
  * @property {string} tab
  * @property {number} order
  * @property {string} dataset
- * @property {string} act  the key of the act
- * @property {number | null} batch  the act's id on the server; null until the act is stored, which is sent before
+ * @property {string} act  the key of the bulk answer
+ * @property {number | null} batch  the bulk answer's id on the server; null until the bulk answer is stored, which is sent before
  * @property {number[]} [boxIds]  that get their earlier answers again; missing if the page does not know them
  * @property {number[]} [seen]  the revision of each of these boxes that the person saw
  * @property {GivenAnswer[]} before  the earlier answer on each of these boxes
@@ -73,10 +73,13 @@ const isOurs = (name) => [ANSWER_PREFIX, ACT_PREFIX, UNDO_PREFIX].some((prefix) 
 const isSingle = (item) => "boxId" in item;
 
 /** @param {Item} item @returns {item is Undo} */
-const isUndo = (item) => "act" in item;
+export const isUndo = (item) => "act" in item;
+
+/** @param {Item} item @returns {item is Act | Undo} */
+const isMany = (item) => !isSingle(item);
 
 /** @param {Item} item @returns {item is Act} */
-const isAct = (item) => !isSingle(item) && !isUndo(item);
+const isAct = (item) => isMany(item) && !isUndo(item);
 
 /** @param {Item} item */
 const nameOf = (item) => (isSingle(item) ? ANSWER_PREFIX : isUndo(item) ? UNDO_PREFIX : ACT_PREFIX) + item.key;
@@ -84,7 +87,7 @@ const nameOf = (item) => (isSingle(item) ? ANSWER_PREFIX : isUndo(item) ? UNDO_P
 /** How many answers it is. @param {Item} item */
 const sizeOf = (item) => (isSingle(item) ? 1 : item.count);
 
-/** Whether this act or undo may have answered the box: the page does not know which boxes a filter selects. @param {Act | Undo} act @param {number} boxId */
+/** Whether this bulk answer or undo may have answered the box: the page does not know which boxes a filter selects. @param {Act | Undo} act @param {number} boxId */
 const mayHaveAnswered = (act, boxId) => act.boxIds === undefined || act.boxIds.includes(boxId);
 
 /** @param {Storage} storage @param {string} tab @param {() => string} who  answers now @param {() => string} [newKey] */
@@ -103,7 +106,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     /** The answers that this person gave in this tab and that are not stored yet, in their order. */
     items: mine,
 
-    /** The last answer on each box. Acts on a filter are left out: the page does not know which boxes they select. @returns {Map<number, {verdict: Answer, comment: string}>} */
+    /** The last answer on each box. Bulk answers on a filter are left out: the page does not know which boxes they select. @returns {Map<number, {verdict: Answer, comment: string}>} */
     given() {
       /** @type {Map<number, GivenAnswer>} */
       const last = new Map();
@@ -115,14 +118,17 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
       return last;
     },
 
-    /** The acts on many boxes among them. @returns {Act[]} */
-    acts: () => mine().filter(isAct),
+    /** Those on many boxes among them: bulk answers, and undos of bulk answers. */
+    many: () => mine().filter(isMany),
 
-    /** The undo of this act, if there is one. @param {string} key */
+    /** @param {string} key @returns {Act | undefined} */
+    act: (key) => mine().filter(isAct).find((act) => act.key === key),
+
+    /** The undo of this bulk answer, if there is one. @param {string} key */
     undoOf: (key) => mine().find((item) => isUndo(item) && item.act === key),
 
     /**
-     * An answer that has not been sent is replaced, unless the box was part of an act since; one that may have arrived is followed.
+     * An answer that has not been sent is replaced, unless the box was part of a bulk answer since; one that may have arrived is followed.
      * @param {{boxId: number, frameId: number, verdict: Answer, comment: string, seenRevision: number}} answer  of the person who is signed in
      */
     add(answer) {
@@ -142,7 +148,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     /** @param {WantedUndo} undo */
     addUndo: (undo) => write({ ...undo, key: newKey(), person: who(), tab, order: nextOrder(mine()) }),
 
-    /** An act was stored: its undo can be sent, for all boxes but those that the act has left out. @param {Act} act @param {number} batch @param {readonly number[]} leftOut */
+    /** A bulk answer was stored: its undo can be sent, for all boxes but those that the bulk answer has left out. @param {Act} act @param {number} batch @param {readonly number[]} leftOut */
     actStored(act, batch, leftOut) {
       const out = new Set(leftOut);
       for (const item of mine()) {
@@ -208,7 +214,7 @@ function parsed(name, text) {
   try {
     const item = JSON.parse(text ?? "");
     if (name.startsWith(ANSWER_PREFIX)) return typeof item?.boxId === "number" ? item : null;
-    // Acts that an earlier version of the page has kept have no order: they go first.
+    // Bulk answers that an earlier version of the page has kept have no order: they go first.
     return typeof item?.key === "string" && typeof item.count === "number" ? { order: 0, ...item } : null;
   } catch {
     return null;
@@ -246,7 +252,7 @@ function holdLock(name) {
 /** @typedef {{id: number, count: number, skipped: number[], stale: number[]}} BulkOut  `stale`: answered by somebody since they were seen */
 /** @typedef {{id: number, undone: number, skipped: number[]}} UndoOut */
 /** @typedef {"sending" | "waiting" | "changed" | "refused"} ActState  `changed` and `refused` wait for the person to decide */
-/** @typedef {{act: Act, state: ActState, text: string}} OpenAct */
+/** @typedef {{item: Act | Undo, state: ActState, text: string}} OpenItem */
 /** @typedef {{batchId: number, act: Act, skipped: number[], stale: number[]}} DoneAct */
 /** @typedef {"saved" | "saving" | "offline" | "signed-out" | "busy"} Phase */
 /** @typedef {{phase: Phase, waiting: ReadonlySet<number>, count: number}} SenderState  `waiting`: boxes with an answer of their own; `count`: answers in all */
@@ -270,29 +276,25 @@ function holdLock(name) {
  * @property {() => void} onSignedOut  the server stores nothing until somebody signs in
  */
 
-const FIRST_RETRY_S = 1;
-const LONGEST_RETRY_S = 30;
-
 /**
- * Sends what is in the outbox, oldest first, one at a time. An act that needs a decision of the person
+ * Sends what is in the outbox, oldest first, one at a time. A bulk answer that needs a decision of the person
  * is set aside; everything else waits until what is before it is stored.
  * @param {Outbox} outbox @param {SenderCalls} calls @param {SenderEvents} events
- * @param {(run: () => void, delayMs: number) => void} [later]
+ * @param {import("../core/api.js").Later} [later]
  */
-export function createSender(outbox, calls, events, later = (run, delayMs) => void setTimeout(run, delayMs)) {
-  /** The state of acts that are not stored, by their keys. @type {Map<string, {state: ActState, text: string}>} */
+export function createSender(outbox, calls, events, later) {
+  /** The state of bulk answers and undos that are not stored, by their keys. @type {Map<string, {state: ActState, text: string}>} */
   const told = new Map();
-  const open = createValue(/** @type {readonly OpenAct[]} */ ([]));
+  const open = createValue(/** @type {readonly OpenItem[]} */ ([]));
   /** @type {import("../core/observable.js").Value<SenderState>} */
   const state = createValue(stateNow("saved"));
-  /** Boxes of acts, and of their undos, that are not stored. @type {ReadonlySet<number>} */
+  /** Boxes of bulk answers, and of their undos, that are not stored. @type {ReadonlySet<number>} */
   let inMany = new Set();
   let isSending = false;
   /** `resume` was called while an earlier attempt was still running: retry at once if that fails. */
   let isWorthTrying = false;
-  let retryS = FIRST_RETRY_S;
-  let retries = 0;
-  /** The place in the line of the last act, or undo, that was stored and whose boxes the page does not know. */
+  const retries = createRetries(later);
+  /** The place in the line of the last bulk answer, or undo, that was stored and whose boxes the page does not know. */
   let filterActs = 0;
 
   /** Whether it was set aside, until the person decides. @param {Item} item */
@@ -311,13 +313,14 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
   /** @param {Phase} phase */
   function show(phase) {
     state.set(stateNow(phase));
-    inMany = new Set(outbox.items().flatMap((item) => (isSingle(item) ? [] : (item.boxIds ?? []))));
-    open.set(outbox.acts().map((act) => ({ act, ...(told.get(act.key) ?? { state: "sending", text: "" }) })));
+    const many = outbox.many();
+    inMany = new Set(many.flatMap(({ boxIds = [] }) => boxIds));
+    open.set(many.map((item) => ({ item, ...(told.get(item.key) ?? { state: "sending", text: "" }) })));
   }
 
-  /** Set why acts are waiting. @param {string} text */
+  /** Set why bulk answers and undos are waiting. @param {string} text */
   function sayWaiting(text) {
-    for (const act of outbox.acts()) if (!isAside(act)) told.set(act.key, { state: "waiting", text });
+    for (const item of outbox.many()) if (!isAside(item)) told.set(item.key, { state: "waiting", text });
   }
 
   async function drain() {
@@ -328,7 +331,7 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
         told.delete(item.key);
         show("saving");
         if (!(await deliver(item))) return;
-        retryS = FIRST_RETRY_S;
+        retries.reset();
       }
       show("saved");
     } finally {
@@ -390,7 +393,7 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
 
   /** @param {Item} item @param {unknown} error @returns {boolean} go on with the next? */
   function afterError(item, error) {
-    if (error instanceof NoResponse) return waitAndRetry("offline", retryS, "the server does not answer");
+    if (error instanceof NoResponse) return waitAndRetry("offline", null, "the server does not answer");
     if (!(error instanceof ApiError)) throw error;
     if (error.status === 401) {
       sayWaiting("you are signed out");
@@ -398,7 +401,7 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
       events.onSignedOut();
       return false;
     }
-    if (error.isTemporary) return waitAndRetry("busy", error.retryAfterS ?? retryS, error.message);
+    if (error.isTemporary) return waitAndRetry("busy", error.retryAfterS, error.message);
     if (isAct(item)) {
       told.set(item.key, { state: error.problem.code === "stale_snapshot" ? "changed" : "refused", text: error.message });
       leftOut(item);
@@ -423,7 +426,7 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     return true;
   }
 
-  /** Whether the conflicting answer came from this person's own earlier act on a filter, or its undo, which may leave no answer: the page did not know which boxes these answered. @param {QueuedAnswer} item @param {Decision} current */
+  /** Whether the conflicting answer came from this person's own earlier bulk answer on a filter, or its undo, which may leave no answer: the page did not know which boxes these answered. @param {QueuedAnswer} item @param {Decision} current */
   function isOwn(item, current) {
     return filterActs > 0 && item.order > filterActs && (current.review?.reviewer ?? item.person) === item.person;
   }
@@ -434,15 +437,12 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     outbox.setSeenRevisions(item, new Map(boxIds?.map((boxId, i) => [boxId, seen?.[i] ?? 0])));
   }
 
-  /** @param {Phase} phase @param {number} seconds @param {string} text */
+  /** @param {Phase} phase @param {number | null} seconds  as the server has asked @param {string} text */
   function waitAndRetry(phase, seconds, text) {
     sayWaiting(text);
     show(phase);
-    const mine = ++retries;
-    const wait = isWorthTrying ? 0 : seconds;
+    retries.wait(() => void drain(), isWorthTrying ? 0 : seconds);
     isWorthTrying = false;
-    retryS = Math.min(retryS * 2, LONGEST_RETRY_S);
-    later(() => mine === retries && void drain(), wait * 1000);
     return false;
   }
 
@@ -457,16 +457,19 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
   /** Try now: the network is back, or somebody has signed in. */
   function resume() {
     isWorthTrying = isSending;
-    retryS = FIRST_RETRY_S;
+    retries.reset();
     return drain();
   }
 
-  /** Discard an act, and its undo. @param {string} key */
+  /** Discard a bulk answer, and its undo. @param {string} key */
   function giveUp(key) {
-    const act = outbox.acts().find((one) => one.key === key);
+    const act = outbox.act(key);
     if (!act) return;
     const undo = outbox.undoOf(key);
-    if (undo) outbox.remove(undo);
+    if (undo) {
+      outbox.remove(undo);
+      told.delete(undo.key);
+    }
     outbox.remove(act);
     // Later answers know it already of one that was set aside, and may have seen newer ones since.
     if (!isAside(act)) leftOut(act);
@@ -479,7 +482,7 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
 
   return {
     state,
-    /** The acts that are not stored. */
+    /** The bulk answers, and undos of bulk answers, that are not stored. */
     open,
     resume,
 
@@ -495,7 +498,7 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
       more();
     },
 
-    /** Send an act again that was set aside or is waiting. @param {string} key */
+    /** Send a bulk answer or undo again that was set aside or is waiting. @param {string} key */
     retry(key) {
       told.delete(key);
       return resume();
@@ -503,22 +506,22 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
 
     giveUp,
 
-    /** Undo an act: one that the server cannot have stored is discarded; else the undo is sent like an answer. @param {WantedUndo} undo */
+    /** Undo a bulk answer: one that the server cannot have stored is discarded; else the undo is sent like an answer. @param {WantedUndo} undo */
     undo(undo) {
-      const act = outbox.acts().find(({ key }) => key === undo.act);
+      const act = outbox.act(undo.act);
       if (act && (isAside(act) || !act.attempted)) return giveUp(act.key);
       outbox.addUndo(undo);
       more();
     },
 
-    /** Boxes of acts, and of their undos, that are not stored. */
+    /** Boxes of bulk answers, and of their undos, that are not stored. */
     waitingIds: () => inMany,
 
     /** Take over this person's unsent answers, of this tab and of closed ones; `resume` sends them. @param {ReadonlySet<string>} openTabs */
     adopt(openTabs) {
       outbox.adopt(openTabs);
-      for (const act of outbox.acts()) {
-        if (!told.has(act.key)) told.set(act.key, { state: "waiting", text: "it was not sent before the page was closed" });
+      for (const { key } of outbox.many()) {
+        if (!told.has(key)) told.set(key, { state: "waiting", text: "it was not sent before the page was closed" });
       }
       show(state.get().phase);
     },
@@ -536,24 +539,18 @@ export function sendBulk({ key, dataset, verdict, boxIds, seen, filter, snapshot
 /** The same key for the same batch: a repeated request undoes once. @param {Undo} undo @returns {Promise<UndoOut>} */
 export const undoBulk = ({ batch }) => post("/api/v1/review-batches/{batch_id}/undo", { path: { batch_id: batch ?? 0 }, key: `undo-batch-${batch}` });
 
-/** @typedef {{name: string, item: {person?: string}}} Kept */
+/** What an earlier version of the page has kept without saying who gave it. @param {Storage} storage */
+const unowned = (storage) => storedItems(storage).filter((item) => !item.person);
 
-/** Answers of an earlier version of the page, which do not say who gave them. @param {Storage} storage @returns {Kept[]} */
-export function unowned(storage) {
-  const names = Array.from({ length: storage.length }, (_, i) => storage.key(i) ?? "");
-  return names
-    .filter((name) => isOurs(name))
-    .flatMap((name) => {
-      try {
-        const item = JSON.parse(storage.getItem(name) ?? "null");
-        return item && !item.person ? [{ name, item }] : [];
-      } catch {
-        return [];
-      }
-    });
+/** How many answers do not say who gave them. @param {Storage} storage */
+export const countUnowned = (storage) => unowned(storage).reduce((sum, item) => sum + sizeOf(item), 0);
+
+/** Store them under this person's name. @param {Storage} storage @param {string} person */
+export function own(storage, person) {
+  for (const item of unowned(storage)) storage.setItem(nameOf(item), JSON.stringify({ ...item, person }));
 }
 
-/** Store answers of an earlier version of the page under this person's name. @param {Storage} storage @param {string} person */
-export function own(storage, person) {
-  for (const { name, item } of unowned(storage)) storage.setItem(name, JSON.stringify({ ...item, person }));
+/** Discard them. @param {Storage} storage */
+export function discardUnowned(storage) {
+  for (const item of unowned(storage)) storage.removeItem(nameOf(item));
 }

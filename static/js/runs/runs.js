@@ -177,7 +177,7 @@ export function RunRow({ app, dataset, run: loaded, isActive, isShown, onOver })
 /** @param {Run} run */
 function tookOf(run) {
   const took = tookText(run.started_at, run.finished_at);
-  return took && run.total > 0 ? ` · took ${took}` : "";
+  return took && run.total > 0 ? ` · took ${took.replaceAll(" ", "\u00a0")}` : "";
 }
 
 /** @param {{run: Run}} props */

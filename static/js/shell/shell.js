@@ -70,6 +70,7 @@ export function Shell({ app, linkError }) {
     <a class="skip" href="#main" onClick=${skipToMain}>Skip to content</a>
     ${isSignedIn
       ? html`<${TopBar} app=${app} />
+        <${Unowned} app=${app} />
         <${View} key=${route.name} app=${app} route=${route} />`
       : html`<${SignIn} app=${app} linkError=${linkError} />`}
     ${isSignedIn && html`<${Uploads} app=${app} />`}
@@ -154,6 +155,30 @@ export function Newcomer({ app }) {
       </footer>
     </div>
   </dialog>`;
+}
+
+/** Unsent answers that do not say who gave them, until somebody decides what becomes of them. @param {{app: import("../review/answers.js").ReviewApp}} props */
+function Unowned({ app }) {
+  const count = useValue(app.unowned.count);
+  const [isAsked, setAsked] = useState(false);
+  if (count === 0) return null;
+  const what = countOf(count, "unsent answer");
+  const them = count === 1 ? "it" : "them";
+  // "Keep" stands where "Discard" has stood: a double click discards nothing.
+  return html`<div class="strip strip--page" role="status">
+    <${Icon} name="warn" />
+    ${isAsked
+      ? html`<p><b>Discard ${what}?</b> Nobody can send ${them} then.</p>
+          <span class="strip__actions">
+            <button class="button button--small" onClick=${() => (setAsked(false), app.unowned.discard())}>Discard ${them}</button>
+            <button class="button button--small button--quiet" onClick=${() => setAsked(false)}>Keep ${them}</button>
+          </span>`
+      : html`<p><b>${what}</b> in this browser ${count === 1 ? "does" : "do"} not say who gave ${them}: an earlier version of this page kept ${them}.</p>
+          <span class="strip__actions">
+            <button class="button button--small" onClick=${app.unowned.send}>Send as ${app.owner()}</button>
+            <button class="button button--small button--quiet" onClick=${() => setAsked(true)}>Discard</button>
+          </span>`}
+  </div>`;
 }
 
 /** @param {{app: import("../review/answers.js").ReviewApp, linkError: string}} props */

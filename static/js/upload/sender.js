@@ -1,7 +1,7 @@
 // @ts-check
 // Uploads frames, a few at a time: pause, resume, cancel, retry refused frames.
 
-import { ApiError, NoResponse, ask, post } from "../core/api.js";
+import { ApiError, NoResponse, ask, createRetries, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 
 /** @typedef {import("./folder.js").Entry} Entry */
@@ -23,8 +23,6 @@ export const FILE_KINDS = ["image", "segmentation", "depth", "instances", "lidar
  */
 
 const WORKERS = 4;
-const FIRST_RETRY_S = 1;
-const LONGEST_RETRY_S = 30;
 
 /** Statuses that mean that every other frame would be refused as well. */
 const HOPELESS = [403, 404];
@@ -32,17 +30,16 @@ const HOPELESS = [403, 404];
 /**
  * @param {readonly ReadFrame[]} frames
  * @param {(frame: ReadFrame, signal: AbortSignal) => Promise<boolean>} put  true when it was stored just now
- * @param {(run: () => void, delayMs: number) => void} [later]
+ * @param {import("../core/api.js").Later} [later]
  */
-export function createSender(frames, put, later = (run, delayMs) => void setTimeout(run, delayMs)) {
+export function createSender(frames, put, later) {
   const queue = [...frames];
   const stop = new AbortController();
   /** @type {Map<string, ReadFrame>} */
   const refusedFrames = new Map();
   const state = createValue(/** @type {Progress} */ ({ phase: "paused", total: frames.length, stored: 0, same: 0, refused: [], trouble: "" }));
   let active = 0;
-  let retryS = FIRST_RETRY_S;
-  let waits = 0;
+  const retries = createRetries(later);
 
   /** @param {Partial<Progress>} some */
   const change = (some) => state.set({ ...state.get(), ...some });
@@ -64,32 +61,34 @@ export function createSender(frames, put, later = (run, delayMs) => void setTime
 
   /** @param {boolean} isNew */
   function count(isNew) {
-    retryS = FIRST_RETRY_S;
+    retries.reset();
     const { stored, same } = state.get();
     change(isNew ? { stored: stored + 1 } : { same: same + 1 });
   }
 
   /** @param {ReadFrame} frame @param {Error} error */
   function afterError(frame, error) {
-    if (error instanceof NoResponse) return retryLater(frame, "offline", retryS);
+    if (error instanceof NoResponse) return retryLater(frame, "offline");
     if (error instanceof ApiError) {
-      if (error.isTemporary) return retryLater(frame, "busy", error.retryAfterS ?? retryS);
-      if (error.status === 401) return retryLater(frame, "signed-out", null);
+      if (error.isTemporary) return retryLater(frame, "busy", error.retryAfterS);
+      if (error.status === 401) return putBack(frame, "signed-out");
       if (HOPELESS.includes(error.status)) return end(error.message);
     }
     refusedFrames.set(frame.key, frame);
     change({ refused: [...state.get().refused, refusalOf(frame, error)] });
   }
 
-  /** Queue a frame again; sending resumes after `seconds`, or, if null, when `resume` is called. @param {ReadFrame} frame @param {Phase} phase @param {number | null} seconds */
-  function retryLater(frame, phase, seconds) {
+  /** Queue a frame again; everything waits in this phase. @param {ReadFrame} frame @param {Phase} phase @returns {boolean} whether the wait begins now */
+  function putBack(frame, phase) {
     queue.unshift(frame);
-    if (state.get().phase !== "sending") return;
+    if (state.get().phase !== "sending") return false;
     change({ phase });
-    if (seconds === null) return;
-    const mine = ++waits;
-    retryS = Math.min(retryS * 2, LONGEST_RETRY_S);
-    later(() => mine === waits && state.get().phase === phase && resume(), seconds * 1000);
+    return true;
+  }
+
+  /** @param {ReadFrame} frame @param {Phase} phase @param {number | null} [seconds]  as the server has asked */
+  function retryLater(frame, phase, seconds) {
+    if (putBack(frame, phase)) retries.wait(() => state.get().phase === phase && resume(), seconds);
   }
 
   function resume() {

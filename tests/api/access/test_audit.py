@@ -65,7 +65,7 @@ def test_an_entry_says_who_did_what_when_and_to_what(admin):
     assert given["token"] not in admin.get(AUDIT).text
 
 
-def test_what_a_token_did_stays_when_it_is_revoked(service, admin):
+def test_entries_of_a_token_stay_when_it_is_revoked(service, admin):
     given = give(admin, "grace")
     with as_bearer(service, given) as grace:
         assert grace.post(DATASETS, json={"name": "graces"}).status_code == 201
@@ -126,7 +126,7 @@ def test_cancelled_jobs_are_noted_with_their_dataset(admin, busy):
     assert {one["details"]["dataset"] for one in found} == {"stopped"}
 
 
-def test_what_is_refused_is_not_noted(admin):
+def test_a_refused_request_has_no_entry(admin):
     admin.post(DATASETS, json={"name": "kept"})
 
     refused = [

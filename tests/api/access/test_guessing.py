@@ -45,7 +45,7 @@ def by_address(client, token):
 WAYS = [by_login, by_header, by_session, by_code, by_address]
 
 
-def test_whoever_shows_the_right_one_comes_in_however_many_wrong_ones_came(service):
+def test_right_secrets_are_accepted_after_many_wrong_ones(service):
     with service.client() as client, service.admin() as admin:
         code = admin.post("/api/v1/login-codes").json()["code"]
         wrong = [
@@ -62,7 +62,7 @@ def test_whoever_shows_the_right_one_comes_in_however_many_wrong_ones_came(servi
     assert (shown.status_code, session.status_code) == (200, 200)
 
 
-def test_wrong_ones_are_one_line_of_the_log_and_nothing_in_the_database(
+def test_wrong_secrets_are_one_line_of_the_log_and_nothing_in_the_database(
     service, caplog
 ):
     with service.client() as client:
@@ -85,7 +85,7 @@ def test_wrong_ones_are_one_line_of_the_log_and_nothing_in_the_database(
     assert everything_in(service.settings.data) == before
 
 
-def test_who_shows_nothing_is_not_counted_as_wrong(service, caplog):
+def test_a_request_without_a_token_is_not_counted_as_wrong(service, caplog):
     with service.client() as client:
         statuses = {client.get("/version").status_code for _ in range(MANY)}
         write_upkeep(service.app.state.services)

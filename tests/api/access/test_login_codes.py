@@ -5,13 +5,13 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timedelta, timezone
 
-import httpx
 import pytest
 from sqlalchemy import func, select
 
 from app.access.service import MOST_CODES, MOST_SESSIONS
 from app.db.tables.access import LoginCode, LoginSession
 from app.security import hash_secret
+from tests.support import plain_http
 from tests.support.databases import everything_in
 
 
@@ -54,7 +54,7 @@ def test_of_two_who_use_a_login_code_at_once_one_is_let_in(service, admin):
     code = admin.post("/api/v1/login-codes").json()["code"]
 
     def use(_):
-        return httpx.post(f"{service.url}/api/v1/session", json={"code": code})
+        return plain_http.post(f"{service.url}/api/v1/session", json={"code": code})
 
     with ThreadPoolExecutor(8) as people:
         answers = list(people.map(use, range(8)))

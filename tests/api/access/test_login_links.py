@@ -8,9 +8,9 @@ import signal
 import stat
 from pathlib import Path
 
-import httpx
 import pytest
 
+from tests.support import plain_http
 from tests.support.command_line import CommandLine
 from tests.support.page.windows import ARGUMENTS
 from tests.support.servers import running_server, token_of
@@ -84,7 +84,9 @@ def test_login_prints_a_link_that_works_once(machine):
     assert (answer.code, url) == (DONE, server.url)
     assert server.token not in answer.out
     session = f"{url}/api/v1/session"
-    opened = [httpx.post(session, json={"code": code}).status_code for _ in range(2)]
+    opened = [
+        plain_http.post(session, json={"code": code}).status_code for _ in range(2)
+    ]
     assert opened == [201, 401]
 
 
@@ -95,7 +97,9 @@ def test_login_link_is_of_the_token_that_asks(machine):
 
     (record,) = unghost("login", "--token", token, "--json").records
 
-    opened = httpx.post(f"{server.url}/api/v1/session", json={"code": record["code"]})
+    opened = plain_http.post(
+        f"{server.url}/api/v1/session", json={"code": record["code"]}
+    )
     assert record["login_link"] == f"{server.url}/#code={record['code']}"
     assert (opened.json()["name"], opened.json()["role"]) == ("bo", "viewer")
 

@@ -98,7 +98,9 @@ def test_a_role_is_let_in_where_it_may_and_nowhere_else(as_role, role):
 
 
 @pytest.mark.parametrize("role", ["viewer", "reviewer"])
-def test_what_others_made_is_refused_by_role_as_well(service, as_role, filled, role):
+def test_a_role_is_refused_on_datasets_of_others_and_changes_nothing(
+    service, as_role, filled, role
+):
     """With paths that lead somewhere: what is refused has changed nothing."""
     barred = {one for one, needed in GUARDED.items() if not includes(role, needed)}
     with service.admin() as admin:
@@ -111,7 +113,7 @@ def test_what_others_made_is_refused_by_role_as_well(service, as_role, filled, r
         assert admin.get("/version").status_code == 200
 
 
-def test_what_others_made_may_be_looked_at(as_role, filled):
+def test_a_viewer_may_read_datasets_of_others(as_role, filled):
     """Nobody's datasets are hidden: they belong to all who are let in."""
     reading = {one for one, role in GUARDED.items() if role == "viewer"}
     gets = {one for one in reading if one[0] == "GET"}
@@ -172,7 +174,9 @@ NONE_THAT_COUNTS = {
 
 
 @pytest.mark.parametrize("which", NONE_THAT_COUNTS)
-def test_no_route_lets_in_who_shows_no_valid_token(service, admin, filled, which):
+def test_every_route_refuses_requests_without_a_valid_token(
+    service, admin, filled, which
+):
     headers = NONE_THAT_COUNTS[which](service, admin)
 
     with service.client(**headers) as client:
@@ -185,7 +189,7 @@ def test_no_route_lets_in_who_shows_no_valid_token(service, admin, filled, which
     ("which", "code"),
     [("expired", "token_expired"), ("revoked", "token_revoked")],
 )
-def test_whoever_holds_an_ended_token_is_told_so(service, serve, which, code):
+def test_an_ended_token_is_answered_as_ended(service, serve, which, code):
     own = serve()
     with own.admin() as client:
         headers = NONE_THAT_COUNTS[which](own, client)

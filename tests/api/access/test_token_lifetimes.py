@@ -107,7 +107,7 @@ def test_the_last_use_of_a_token_is_noted_by_the_service_and_by_no_request(
     assert everything_in(service.settings.data) == noted
 
 
-def test_what_was_not_written_yet_is_when_the_service_stops(tmp_path):
+def test_the_last_use_of_a_token_is_written_when_the_service_stops(tmp_path):
     with live(tmp_path / "data") as first:
         with first.admin() as admin:
             made = create(admin, "last")

@@ -113,7 +113,7 @@ def test_a_picture_in_a_batch_that_needs_too_much_is_one_line(serve):
         assert refused["problem"]["code"] == "pixels_refused"
 
 
-def test_whoever_reads_and_answers_waits_for_no_frame(serve):
+def test_reading_and_answering_do_not_wait_for_frames_being_measured(serve):
     """Sixteen frames are measured for a while; meanwhile people work."""
     with serving(serve, workers=1) as (_, api):
         name = api.dataset()
@@ -209,7 +209,7 @@ def test_a_client_that_leaves_ends_the_measuring_of_its_frame(serve):
         assert api.get(f"/datasets/{dataset}").json()["counts"]["frames"] == 0
 
 
-def test_what_cannot_be_drawn_costs_only_once(serve):
+def test_a_picture_that_cannot_be_drawn_is_tried_once(serve):
     with serving(serve, workers=1, max_pixel_memory_bytes=64 * MIB) as (_, api):
         large = scene.png(np.zeros((6000, 6000, 3), np.uint8))
         camera = {**annotation(6000, 6000), "boxes": []}
@@ -272,7 +272,7 @@ def put_slow(api, name):
     return f"{BASE}/frames/{stored['frame']['id']}/overlay"
 
 
-def test_who_draws_much_keeps_nobody_from_drawing_and_storing(serve):
+def test_a_token_that_draws_much_leaves_room_to_draw_and_store(serve):
     with serving(serve, workers=1, max_pixel_seconds=PATIENCE_S) as (service, api):
         name = api.dataset()
         small = api.stored(name, "small")["frame"]["id"]
@@ -298,4 +298,4 @@ def test_a_stop_gives_up_what_is_being_drawn(serve):
 
     assert {one.status_code for one in (*answers, late)} == {503}
     assert {one.json()["code"] for one in (*answers, late)} == {"not_ready"}
-    assert "the service stops" in late.json()["detail"]
+    assert "the service is stopping" in late.json()["detail"]

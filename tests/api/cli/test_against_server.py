@@ -216,7 +216,7 @@ def test_without_a_server_the_exit_code_says_so(alone, words):
     assert answer.out == ""
 
 
-def test_what_the_server_refuses_is_exit_code_1(unghost):
+def test_a_refusal_of_the_server_is_exit_code_1(unghost):
     answer = unghost("stats", "no-such-dataset")
 
     assert answer.code == REFUSED

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.support.command_line import CommandLine
+from tests.support.frames import write_manifest
 
 REFUSED = 1
 
@@ -27,6 +28,7 @@ def test_a_wrong_config_is_refused_with_the_nearest_key(unghost, api, tmp_path):
             f"unghost: {file}: unknown key 'treshold_small_box'; the nearest valid key "
             "is 'threshold_small_box'\n"
         )
+    assert not (tmp_path / "out.jsonl").exists()
 
 
 def test_a_config_that_is_no_text_is_refused_in_words(unghost, api, tmp_path):
@@ -42,6 +44,9 @@ def test_a_config_that_is_no_text_is_refused_in_words(unghost, api, tmp_path):
 
 
 def using(dataset, file):
+    """Command lines that read the file, one of them without the server."""
+    frames = write_manifest(file.parent / "frames", 1)
+    yield "filter", frames, "--config", file, "-o", file.parent / "out.jsonl"
     yield "config", "set", dataset, file
     yield "config", "diff", dataset, "--config", file
     yield "run", dataset, "--config", file

@@ -149,5 +149,5 @@ def test_the_worst_boxes_of_each_channel_are_listed(unghost, half_seen):
     assert told["channels"]["instance"]["worst"] == []
 
 
-def test_what_belongs_to_suggest_is_refused_without_it(unghost, folder):
+def test_options_of_suggest_are_refused_without_it(unghost, folder):
     assert unghost("evaluate", folder, "--recall", "0.9").code == USAGE

@@ -113,7 +113,7 @@ def test_frames_that_end_a_process_are_named(marked, tmp_path):
     until(lambda: not list(processes_of(tmp_path)))
 
 
-def test_who_stops_listening_is_not_worked_for(tmp_path):
+def test_filtering_ends_when_its_reader_goes_away(tmp_path):
     manifest, read = read_source(many(tmp_path, 5000)), []
 
     def frames():

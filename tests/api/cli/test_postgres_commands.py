@@ -91,7 +91,9 @@ def test_a_database_in_order(filled, unghost):
         (["UPDATE alembic_version SET version_num = '0001'"], "schema", "at 0001"),
     ],
 )
-def test_what_does_not_hold_is_found(filled, unghost, url, statements, check, text):
+def test_the_doctor_finds_faults_of_a_database(
+    filled, unghost, url, statements, check, text
+):
     change(url, *statements)
 
     answer = unghost("doctor", "--json")
@@ -120,7 +122,9 @@ def test_a_careless_server_is_told(filled, unghost, url):
     ("place", "reason"),
     [("127.0.0.1:1/boxes", "refused"), ("{server}/unghost_nowhere", "does not exist")],
 )
-def test_who_cannot_reach_it_is_told_why_and_no_password(tmp_path, url, place, reason):
+def test_an_unreachable_database_is_explained_without_its_password(
+    tmp_path, url, place, reason
+):
     server = make_url(url)
     at = place.format(server=f"{server.host}:{server.port}")
     unghost = elsewhere(tmp_path, f"postgresql://postgres:{SECRET}@{at}")
@@ -150,7 +154,7 @@ def test_a_url_that_cannot_be_is_a_usage_error(tmp_path):
     assert [answer.code for answer in answers] == [USAGE, USAGE]
     for answer in answers:
         assert "UNGHOST_DATABASE_URL" in answer.err
-        assert "'mysql' is not known here" in answer.err
+        assert "'mysql' is not supported" in answer.err
         assert SECRET not in answer.err
 
 

@@ -90,7 +90,7 @@ def test_a_revoked_token_opens_nothing(unghost, by):
         (["revoke", "admin"], REFUSED, "the last one of an admin"),
     ],
 )
-def test_what_cannot_be_done_says_why(unghost, words, code, said):
+def test_a_token_command_that_fails_says_why(unghost, words, code, said):
     answer = unghost("token", *words)
 
     assert answer.code == code

@@ -17,7 +17,7 @@ def unghost(server, tmp_path) -> CommandLine:
     return CommandLine(tmp_path, settings)
 
 
-def test_what_cannot_be_read_is_named_once_and_in_plain_words(unghost, tmp_path):
+def test_an_unreadable_file_is_named_once_and_in_plain_words(unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 2)
     (folder / "seg" / "000001.png").unlink()
     with (folder / "manifest.jsonl").open("a") as manifest:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from tests.support import archives, frames
+from tests.support import archives, frames, plain_http
 from tests.support.answers import assert_answered_by, said
 from tests.support.servers import RunningServer
 from unghost import wire
@@ -19,8 +19,8 @@ UNSEEN = {"seen_revision": 0}
 
 @pytest.fixture
 def http(server: RunningServer) -> Iterator[httpx.Client]:
-    with httpx.Client(
-        base_url=server.url + BASE, headers=server.headers, trust_env=False, timeout=60
+    with plain_http.Client(
+        base_url=server.url + BASE, headers=server.headers, timeout=60
     ) as client:
         yield client
 

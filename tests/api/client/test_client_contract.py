@@ -22,17 +22,6 @@ def test_version_and_readiness(client):
     assert client.ready() is True
 
 
-def test_a_wrong_token_is_unauthorized(server):
-    with (
-        Client(server.url, "wrong") as stranger,
-        pytest.raises(unghost.Unauthorized) as caught,
-    ):
-        list(stranger.datasets())
-
-    assert caught.value.status == 401
-    assert caught.value.request_id
-
-
 def test_a_dataset_is_made_changed_and_deleted(client, dataset):
     assert dataset in [each.name for each in client.datasets()]
     assert client.dataset(dataset).classes == ("car",)
@@ -52,11 +41,6 @@ def test_another_way_to_read_segmentations_is_a_run(client, filled):
     assert isinstance(run, unghost.Run)
     assert client.wait(run).state == "done"
     assert client.dataset(filled).lossy_segmentation == "nearest"
-
-
-def test_a_name_that_is_taken_is_a_conflict(client, dataset):
-    with pytest.raises(unghost.Conflict):
-        client.create_dataset(dataset, description="another")
 
 
 def test_an_upload_is_answered_with_decisions(client, dataset):
@@ -150,7 +134,7 @@ def test_a_file_that_a_frame_came_without_is_named(client, filled):
         client.frame_file(frame.id, "depth")
 
 
-def test_pictures_are_drawn(client, filled):
+def test_pictures_come_as_jpeg(client, filled):
     frame = next(client.frames(filled))
     box = ghost(client, filled)
 
@@ -174,11 +158,6 @@ def test_boxes_are_filtered(client, filled):
     assert list(client.boxes(filled, class_name="truck")) == []
 
 
-def test_an_unknown_filter_is_a_bad_request(client, filled):
-    with pytest.raises(unghost.BadRequest):
-        list(client.boxes(filled, colour="blue"))
-
-
 def test_one_box_has_its_numbers_and_neighbours(client, filled):
     box = client.box(ghost(client, filled).box_id)
 
@@ -199,19 +178,6 @@ def test_a_review_counts_and_is_history(client, filled):
     assert box.review is not None
     assert (box.verdict, box.effective_verdict) == ("rejected", "kept")
     assert [entry.kind for entry in client.history(box_id)] == ["review", "decision"]
-
-
-def test_a_stale_review_says_what_is_there_now(client, filled):
-    box_id = ghost(client, filled).box_id
-    client.review(box_id, "keep", seen_revision=0)
-
-    with pytest.raises(unghost.StaleReview) as caught:
-        client.review(box_id, "reject", seen_revision=0)
-
-    assert caught.value.current is not None
-    now = unghost.Decision.read(caught.value.current)
-    assert now.review is not None
-    assert now.review.verdict == "keep"
 
 
 def test_many_boxes_are_reviewed_and_undone_at_once(client, filled):
@@ -254,19 +220,8 @@ def test_decisions_are_answered_as_they_were_read(client, filled):
     assert again.stale == ()
 
 
-def test_an_answer_may_follow_one_that_was_undone(client, filled):
-    (box, *_) = client.boxes(filled, verdict="rejected")
-    client.review(box.box_id, "keep", seen_revision=box.revision)
-    client.review(box.box_id, "clear", seen_revision=1)
-    (box, *_) = client.boxes(filled, verdict="rejected")
-
-    stored = client.review(box.box_id, "reject", seen_revision=box.revision)
-
-    assert (box.review, box.revision, stored.revision) == (None, 2, 3)
-
-
 @pytest.mark.parametrize("boxes", [{"verdict": "rejected"}, "both"])
-def test_what_says_nothing_of_what_was_seen_is_no_selection(client, filled, boxes):
+def test_a_selection_without_what_was_seen_is_refused(client, filled, boxes):
     if boxes == "both":
         (box, *_) = client.boxes(filled)
         boxes = [box, box.box_id]

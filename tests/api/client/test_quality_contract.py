@@ -7,7 +7,7 @@ import pytest
 import unghost
 from tests.support import frames
 from tests.support.sensors import ANNOTATION, files, sensors
-from unghost import Client, OutgoingFrame
+from unghost import OutgoingFrame
 
 
 @pytest.fixture
@@ -38,28 +38,6 @@ def test_quality_sets_the_filter_against_the_answers(client, reviewed):
     assert quality.by_distance[-1].band == "unknown"
     (reviewer,) = quality.reviewers
     assert (reviewer.answers, reviewer.keep, reviewer.unsure) == (4, 2, 1)
-
-
-def test_quality_says_how_far_two_people_agree(client, server, reviewed):
-    made = client.create_token(f"second-{reviewed}", "reviewer")
-    with Client(server.url, made.token) as second:
-        found = [box.box_id for box in second.boxes(reviewed, review="decided")]
-        for box_id in found:
-            second.review(box_id or 0, "keep", seen_revision=1)
-
-    agreement = client.quality(reviewed).agreement
-
-    assert (agreement.boxes, agreement.agreed) == (3, 2)
-    (pair,) = agreement.pairs
-    assert made.name in (pair.a, pair.b)
-
-
-def test_quality_of_nothing_has_no_shares(client, dataset):
-    quality = client.quality(dataset)
-
-    assert quality.confusion.precision is None
-    assert quality.agreement.percent is None
-    assert quality.suggested == ()
 
 
 @pytest.fixture
@@ -126,21 +104,3 @@ def test_channels_are_measured_and_compared_with_instances(client, with_sensors)
     assert (depth.worst, ghost.error) == ((), "kept_hidden")
     assert client.box(ghost.box_id).id == "218"
     assert sum(band.kept_visible for band in depth.by_distance) == 1
-
-
-def test_instances_can_be_the_truth_of_quality(client, with_sensors):
-    client.wait(client.evaluate(with_sensors))
-
-    found = client.quality(with_sensors, truth="instances")
-
-    assert (found.truth, found.reviewed) == ("instances", 0)
-    assert (found.confusion.kept_keep, found.confusion.kept_reject) == (1, 1)
-
-
-def test_people_can_be_the_truth_of_a_comparison(client, with_sensors):
-    for box in client.boxes(with_sensors):
-        client.review(box.box_id, "keep", seen_revision=0)
-
-    found = client.evaluations(with_sensors, truth="people")
-
-    assert (found.truth, found.channels["semantic"].kept_visible) == ("people", 2)

@@ -5,10 +5,6 @@ from __future__ import annotations
 import pytest
 
 import unghost
-from tests.support.api import Api
-from tests.support.long_streets import FROM_PIXELS, fill
-from tests.support.servers import running_server
-from unghost import Client
 
 STRICT = {"min_visible_pixels": 500}
 
@@ -54,28 +50,3 @@ def test_flips_are_listed_over_pages(client, strict):
     assert [flip.class_name for flip in flips] == ["car"] * 3
     assert {flip.before.verdict for flip in flips} == {"kept"}
     assert {flip.after.reason for flip in flips} == {"no_visible_pixels"}
-
-
-def test_a_run_is_cancelled_part_way_and_changes_nothing(tmp_path):
-    with (
-        running_server(tmp_path / "data", {"UNGHOST_WORKERS": "1"}) as server,
-        Client(server.url, server.token) as client,
-        Api.at(server.url, server.headers).http as http,
-    ):
-        dataset = fill(Api(http), 60)
-        before = client.dataset(dataset)
-        run = client.start_run(dataset, FROM_PIXELS, activate=True)
-        next(state for state in client.events(run) if state.done)
-
-        client.cancel(run)
-
-        with pytest.raises(unghost.RunFailed, match="cancelled"):
-            client.wait(run)
-        assert client.dataset(dataset) == before
-
-
-def test_a_preview_that_needs_pixels_says_nothing_of_flips(client, filled):
-    preview = client.preview(filled, {"evidence": "lidar"})
-
-    assert preview.needs_pixels
-    assert (preview.flips, preview.counts) == (None, None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
 
 import pytest
@@ -22,39 +21,6 @@ def test_configs_are_versions_known_by_digest(client, filled):
     assert active.digest != added.digest
     digests = {version.digest for version in client.configs(filled)}
     assert {added.digest, active.digest} <= digests
-
-
-def test_activating_a_config_is_a_run(client, filled):
-    digest = client.add_config(filled, {"min_visible_pixels": 500}).digest
-    seen: list[unghost.Run] = []
-
-    run = client.wait(client.set_config(filled, digest), progress=seen.append)
-
-    assert (run.state, run.config) == ("done", digest)
-    assert run.finished
-    assert seen[-1] == run
-    assert client.active_config(filled).digest == digest
-    assert client.stats(filled).rejected == 6
-
-
-def test_a_run_that_is_not_activated_changes_nothing_that_counts(client, filled):
-    started = client.start_run(filled, {"min_visible_pixels": 500})
-    run = client.wait(started.id, timeout_s=60)
-
-    assert run.counts is not None
-    assert run.counts.rejected == 6
-    assert client.stats(filled).rejected == 3
-    assert run.id in [each.id for each in client.runs(filled)]
-
-
-def test_a_preview_counts_and_writes_nothing(client, filled):
-    preview = client.preview(filled, {"min_visible_pixels": 500})
-
-    assert preview.counts.rejected == 6
-    assert preview.flips.kept_to_rejected == preview.flips.total == 3
-    assert preview.flips.items[0].before.verdict == "kept"
-    assert preview.flips.items[0].after.reason == "no_visible_pixels"
-    assert client.stats(filled).rejected == 3
 
 
 def test_stats_and_histogram(client, filled):
@@ -85,35 +51,3 @@ def test_an_export_that_is_over_cannot_be_cancelled(client, filled):
 
     with pytest.raises(unghost.Conflict, match=f"export {export.id} is done already"):
         client.cancel_export(export)
-
-
-def test_decisions_are_exported_as_lines(client, filled, tmp_path):
-    export = client.wait_for_export(client.start_export(filled, "decisions-jsonl"))
-
-    archive = zipfile.ZipFile(client.download(export, tmp_path / "out.zip"))
-
-    (name,) = [name for name in archive.namelist() if name.endswith(".jsonl")]
-    lines = [json.loads(line) for line in archive.read(name).splitlines()]
-    assert lines
-    assert all(isinstance(line, dict) for line in lines)
-
-
-def test_a_download_goes_on_where_it_stopped(client, filled, tmp_path):
-    export = client.wait_for_export(client.start_export(filled, "yolo"))
-    whole = client.download(export, tmp_path / "whole.zip").read_bytes()
-    part = tmp_path / f"again.zip.{export.sha256[:12]}.part"
-    part.write_bytes(whole[:100])
-    seen: list[int] = []
-
-    path = client.download(
-        export, tmp_path / "again.zip", progress=lambda done, _: seen.append(done)
-    )
-
-    assert path.read_bytes() == whole
-    assert not part.exists()
-    assert seen[-1] == export.size_bytes
-
-
-def test_a_format_that_is_not_known_is_refused(client, filled):
-    with pytest.raises(unghost.ApiError):
-        client.start_export(filled, "punch-cards")

@@ -6,8 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import httpx
-
+from tests.support import plain_http
 from tests.support.servers import running_server
 
 
@@ -17,7 +16,7 @@ def test_a_new_dataset_begins_with_the_configuration_of_the_service(tmp_path: Pa
 
     with running_server(tmp_path / "data", {"UNGHOST_CONFIG": str(file)}) as server:
         base = f"{server.url}/api/v1"
-        with httpx.Client(base_url=base, headers=server.headers) as api:
+        with plain_http.Client(base_url=base, headers=server.headers) as api:
             api.post("/datasets", json={"name": "town"}).raise_for_status()
             config = api.get("/datasets/town/config").json()["config"]
 

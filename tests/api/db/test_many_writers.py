@@ -9,6 +9,7 @@ import httpx
 from app.main import create_app
 from app.serve import server_config
 from app.settings import Settings
+from tests.support import plain_http
 
 CLIENTS = 100
 THREADS_OF_THE_SERVICE = 40
@@ -25,7 +26,7 @@ def test_more_writers_than_threads_all_get_their_answer(service):
 
     limits = httpx.Limits(max_connections=CLIENTS)
     with (
-        httpx.Client(
+        plain_http.Client(
             base_url=service.url, headers=service.bearer, limits=limits, timeout=25
         ) as client,
         ThreadPoolExecutor(CLIENTS) as pool,
@@ -45,7 +46,7 @@ def test_probes_do_not_keep_writers_from_writing(service):
 
     limits = httpx.Limits(max_connections=CLIENTS)
     with (
-        httpx.Client(
+        plain_http.Client(
             base_url=service.url, headers=service.bearer, limits=limits, timeout=25
         ) as client,
         ThreadPoolExecutor(CLIENTS) as pool,

@@ -41,7 +41,7 @@ def test_events_of_an_export_end_with_what_can_be_downloaded(api, export_id):
     assert api.http.get(found[-1].data["download"]).status_code == 200
 
 
-def test_who_has_the_last_event_is_told_to_stop_asking(api, export_id):
+def test_a_client_with_the_last_event_is_told_to_stop_asking(api, export_id):
     last = events(api, export_id, of="exports")[-1]
 
     url = f"{BASE}/exports/{export_id}/events"

@@ -115,7 +115,7 @@ def test_bands_and_regions_reach_the_server(client, filled, tmp_path):
         ("yolo", {"colour": 1}, "/options/colour"),
     ],
 )
-def test_what_a_format_cannot_do_is_refused_at_once(
+def test_an_option_that_a_format_lacks_is_refused_at_once(
     client, filled, form, options, pointer
 ):
     with pytest.raises(Invalid) as caught:

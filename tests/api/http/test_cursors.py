@@ -19,7 +19,7 @@ def lists(api):
     ]
 
 
-def test_what_is_none_of_our_cursors_is_told_in_one_way(api):
+def test_a_foreign_cursor_is_refused_in_the_same_way_everywhere(api):
     dataset = api.dataset()
     api.stored(dataset, "a")
     run = api.run(dataset, {"min_visible_pixels": 5}, activate=False)

@@ -75,6 +75,7 @@ def test_an_error_is_a_problem_document(admin, method, path, status, code):
 @pytest.mark.parametrize(
     ("body", "media_type", "status", "code"),
     [
+        ("", "application/json", 422, "invalid_request"),
         ('{"name": ', "application/json", 422, "invalid_request"),
         ('{"name": 1}', "application/json", 422, "invalid_request"),
         ("[" * 5000, "application/json", 422, "invalid_request"),
@@ -115,7 +116,7 @@ def test_all_faults_of_an_annotation_are_listed(admin):
     ]
 
 
-def test_a_stale_review_carries_the_current_decision(admin):
+def test_a_problem_carries_the_fields_of_its_error(admin):
     problem = admin.get("/probe/raise/stale").json()
 
     assert problem["current"] == {"box_id": 7}
@@ -131,7 +132,7 @@ def test_a_failure_says_nothing_of_its_insides(admin, name):
 
 
 @pytest.mark.parametrize("name", ["busy", "full", "away", "quota"])
-def test_what_may_work_later_says_when(admin, name):
+def test_a_temporary_error_says_when_to_try_again(admin, name):
     answer = admin.get(f"/probe/raise/{name}")
 
     assert int(answer.headers["retry-after"]) > 0
@@ -170,7 +171,7 @@ def test_a_client_that_hangs_up_is_no_failure_of_the_service(caplog):
     assert caplog.records == []
 
 
-def test_what_nobody_foresaw_is_logged_with_its_traceback(caplog):
+def test_an_unexpected_error_is_logged_with_its_traceback(caplog):
     refusal = refusal_of(RuntimeError("the disk is on fire"))
 
     assert (refusal.status, refusal.code) == (500, "internal")

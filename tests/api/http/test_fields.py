@@ -81,7 +81,7 @@ def test_no_body_has_a_field_of_who_or_of_secrets(document):
         ("/session", {"token": "ug_x", "role": "admin"}),
     ],
 )
-def test_what_is_slipped_in_is_refused(admin, path, body):
+def test_an_unknown_field_of_a_body_is_refused(admin, path, body):
     admin.post("/api/v1/datasets", json={"name": "fields"})
 
     answer = admin.post(f"/api/v1{path}", json=body)

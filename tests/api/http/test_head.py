@@ -118,7 +118,7 @@ def test_a_range_of_a_file_is_answered_as_for_get(admin, filled):
     assert admin.head(path, headers=some).status_code == 206
 
 
-def test_what_only_writes_has_no_head(admin):
+def test_a_path_that_only_writes_has_no_head(admin):
     answer = admin.head("/api/v1/reviews/bulk")
 
     assert (answer.status_code, answer.headers["allow"]) == (405, "POST")

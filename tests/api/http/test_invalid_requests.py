@@ -45,7 +45,7 @@ DIGEST = "a digest of 64 hexadecimal digits"
             b'{"name": "a\\n"}',
             "/name: expected printable characters",
         ),
-        ("POST", "/tokens", b"{}", "/name: expected, but not there"),
+        ("POST", "/tokens", b"{}", "/name: required, but missing"),
         (
             "POST",
             "/tokens",

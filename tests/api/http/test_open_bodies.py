@@ -152,7 +152,7 @@ def test_a_token_has_its_share_and_others_go_on(service, bearers, sender):
     assert until_free(service) == 0
 
 
-def test_who_is_refused_sends_again_on_the_same_connection(service, bearers, sender):
+def test_a_refused_client_sends_again_on_the_same_connection(service, bearers, sender):
     one = bearers[0]
     first, second = sender(one), sender(one)
     first.announce(BODY)
@@ -169,7 +169,9 @@ def test_who_is_refused_sends_again_on_the_same_connection(service, bearers, sen
     assert second.answer()[0] == 200
 
 
-def test_what_nobody_announced_is_counted_as_it_comes(service, bearers, sender):
+def test_bytes_without_a_content_length_are_counted_as_they_come(
+    service, bearers, sender
+):
     chunk = b"%x\r\n" % 100_000 + b"x" * 100_000 + b"\r\n"
     first, second = sender(bearers[0]), sender(bearers[0])
     first.announce(BODY)
@@ -231,7 +233,7 @@ def sends_a_form_that_ends_early(sender):
 @pytest.mark.parametrize(
     "act", [leaves, sends_too_much, sends_no_json, sends_a_form_that_ends_early]
 )
-def test_however_a_request_ends_its_bytes_are_given_back(service, bearers, sender, act):
+def test_bytes_of_a_request_are_given_back_at_its_end(service, bearers, sender, act):
     act(sender(bearers[0]))
 
     assert until_free(service) == 0

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-import httpx
 import pytest
 
 from app.http.problems import PROBLEM_TYPE
+from tests.support import plain_http
 
 METHODS = {"get", "post", "put", "patch", "delete"}
 
@@ -60,7 +60,7 @@ def test_other_requests_are_answered_while_it_is_made(start_api):
     server, api = start_api()
     waits = []
 
-    with ThreadPoolExecutor(2) as pool, httpx.Client(base_url=server.url) as other:
+    with ThreadPoolExecutor(2) as pool, plain_http.Client(base_url=server.url) as other:
         asked = [pool.submit(api.http.get, "/openapi.json") for _ in range(2)]
         while not all(each.done() for each in asked):
             waits.append(other.get("/healthz").elapsed)
@@ -70,7 +70,7 @@ def test_other_requests_are_answered_while_it_is_made(start_api):
     assert max(waits) < min(first.elapsed, second.elapsed) / 2
 
 
-def test_it_is_openapi_3_1(schema):
+def test_the_document_is_openapi_3_1(schema):
     assert schema["openapi"].startswith("3.1.")
     assert schema["info"]["title"] == "Unghost"
     assert {method for item in schema["paths"].values() for method in item} <= METHODS

@@ -13,7 +13,7 @@ import pytest
 from app.settings import Settings
 from tests.support import frames as scene
 from tests.support.archives import frame, packed
-from tests.support.live import live
+from tests.support.live import live, resting
 from tests.support.sources import CHECKOUT
 
 pytestmark = pytest.mark.long
@@ -48,7 +48,7 @@ KEEPERS = {
     "max_pixel_seconds": TOO_MUCH,
     "max_pixel_memory_bytes": TOO_MUCH,
     "max_connections": "tests/api/process/test_connections.py::"
-    "test_a_house_full_of_people_at_work_says_when_to_come_again",
+    "test_a_service_at_its_limit_of_connections_says_when_to_come_again",
     "max_connections_per_address": "tests/api/process/test_connections.py::"
     "test_one_address_leaves_room_for_others",
     "max_open_body_bytes": OPEN_BYTES,
@@ -173,11 +173,8 @@ def test_at_its_limits_a_frame_is_taken(serve):
 
 @pytest.fixture
 def busy(service):
-    """The one thread that works off jobs has something else to do: they wait."""
-    done = threading.Event()
-    service.app.state.services.engine.submit(lambda: done.wait(120))
-    yield
-    done.set()
+    with resting(service.app.state.services.engine):
+        yield
 
 
 def reviewer(service, admin, name):

@@ -144,7 +144,7 @@ def test_a_key_that_comes_again_with_other_content(api, replace):
     assert revision == (3 if replace else 1)
 
 
-def test_what_was_sent_alone_is_the_same_in_a_batch(api):
+def test_a_frame_that_was_sent_alone_is_the_same_in_a_batch(api):
     dataset = api.dataset()
     alone = api.stored(dataset, "run/a")["frame"]["id"]
 
@@ -162,7 +162,7 @@ def test_without_a_key_the_name_counts(api):
     assert statuses == [("town/7", 201)]
 
 
-def test_frozen_classes_take_no_other_one(api):
+def test_a_frame_with_a_class_that_is_not_frozen_costs_no_other_of_its_batch(api):
     dataset = api.dataset()
     told(send(api, dataset, packed(frame("a"))))
     assert api.post(f"/datasets/{dataset}/exports", {"format": "yolo"}).is_success
@@ -210,7 +210,7 @@ def test_frozen_classes_take_no_other_one(api):
         pytest.param(TAR, b"", 422, "bad_archive", id="nothing"),
     ],
 )
-def test_what_is_no_archive_is_refused_before_an_answer_begins(
+def test_a_body_that_is_no_archive_is_refused_before_an_answer_begins(
     api, headers, content, status, code
 ):
     answer = send(api, api.dataset(), content, headers)
@@ -228,7 +228,7 @@ def test_an_archive_that_is_damaged_later_keeps_what_came_before(api):
     assert (end["problem"]["code"], end["stored"]) == ("bad_archive", 1)
 
 
-def test_who_may_not_write_is_refused_before_the_body_is_read(as_role, service):
+def test_a_viewer_is_refused_before_the_body_is_read(as_role, service):
 
     path = f"{BASE}/datasets/none/batches"
     answer = as_role("viewer").post(path, content=b"x" * 2000, headers=TAR)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from filter_core.formats.registry import read_source
+from filter_core.formats.registry import LAYOUTS, read_source
 from tests.support.api import BASE
 from tests.support.archives import END, header_of, lines_of
 from tests.support.waiting import until
@@ -31,7 +31,7 @@ COCO = {
 KITTI = b"Car 0.5 1 -1.57 10 20 30 40 1.5 1.6 4 1 2 20 0.1\n"
 P2 = b"P2: 40 0 40 0 0 40 30 0 0 0 1 0\n"
 MANIFEST = b'{"key": "a/0", "image": "rgb/0.png", "depth": "d.npy", "boxes": []}\n'
-LAYOUTS = {
+FOLDERS = {
     "yolo": {
         "data.yaml": b"names: [car]",
         "images/train/1.png": b"",
@@ -90,13 +90,13 @@ def told(answer):
     return head, frames, unmatched, end
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", LAYOUTS[1:])
 def test_every_layout_is_read_as_the_library_reads_it(admin, tmp_path, layout):
-    for name, content in LAYOUTS[layout].items():
+    for name, content in FOLDERS[layout].items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes(content)
 
-    head, frames, unmatched, _ = told(ask(admin, LAYOUTS[layout]))
+    head, frames, unmatched, _ = told(ask(admin, FOLDERS[layout]))
 
     here = read_source(tmp_path)
     assert head == {
@@ -123,7 +123,7 @@ def test_every_layout_is_read_as_the_library_reads_it(admin, tmp_path, layout):
 
 
 def test_the_size_of_a_picture_is_read_from_its_first_bytes(admin):
-    _, frames, _, _ = told(ask(admin, LAYOUTS["kitti"]))
+    _, frames, _, _ = told(ask(admin, FOLDERS["kitti"]))
 
     camera = frames["000000"]["annotation"]["camera"]
     assert (camera["width"], camera["height"]) == (80, 60)
@@ -236,9 +236,9 @@ def wait_until_nothing_is_left(data):
 
 def test_nothing_is_stored_and_nothing_is_left(serve, tmp_path):
     with serve().admin() as admin:
-        told(ask(admin, LAYOUTS["yolo"]))
+        told(ask(admin, FOLDERS["yolo"]))
         assert ask(admin, {"notes.md": b""}).status_code == 422
-        assert ask(admin, archive(LAYOUTS["yolo"])[:700]).status_code == 422
+        assert ask(admin, archive(FOLDERS["yolo"])[:700]).status_code == 422
 
         assert admin.get(f"{BASE}/datasets").json()["items"] == []
         wait_until_nothing_is_left(tmp_path)
@@ -279,7 +279,7 @@ def test_images_beside_labels_that_nobody_can_read_have_to_be_asked_for(admin):
         (END, {**TAR, "Idempotency-Key": "no spaces"}, "auto", 400),
     ],
 )
-def test_what_is_no_archive_of_a_folder_is_refused(
+def test_a_body_that_is_no_archive_of_a_folder_is_refused(
     admin, content, headers, layout, status
 ):
     answer = ask(admin, content, headers, layout=layout)
@@ -298,7 +298,7 @@ def test_xml_that_would_unfold_is_its_frame_s_fault(admin):
 
 def test_a_folder_that_takes_too_long_is_given_up(serve, tmp_path):
     with serve(max_folder_seconds=0.001).admin() as admin:
-        answer = ask(admin, LAYOUTS["yolo"])
+        answer = ask(admin, FOLDERS["yolo"])
 
         assert (answer.status_code, answer.json()["code"]) == (422, "pixels_refused")
         assert "UNGHOST_MAX_FOLDER_SECONDS" in answer.json()["detail"]
@@ -315,7 +315,7 @@ def test_files_and_answers_beyond_their_limits_are_told(serve):
 
     assert ([*frames], unmatched) == (["2"], {"1.txt": "larger than 16000 bytes"})
     assert answer.status_code == 422
-    assert "more than 81920 bytes to say" in answer.json()["detail"]
+    assert "is larger than 81920 bytes" in answer.json()["detail"]
 
 
 def test_folders_share_the_places_of_batches(serve):
@@ -323,9 +323,9 @@ def test_folders_share_the_places_of_batches(serve):
     let_go = threading.Event()
 
     def slow():
-        yield archive(LAYOUTS["yolo"])[:512]
+        yield archive(FOLDERS["yolo"])[:512]
         let_go.wait(60)
-        yield archive(LAYOUTS["yolo"])[512:]
+        yield archive(FOLDERS["yolo"])[512:]
 
     answers = []
     with service.admin() as sender, service.admin() as admin:
@@ -333,7 +333,7 @@ def test_folders_share_the_places_of_batches(serve):
         sending.start()
         while "unghost_batches_open 1" not in admin.get("/metrics").text:
             assert sending.is_alive()
-        refused = ask(admin, LAYOUTS["yolo"])
+        refused = ask(admin, FOLDERS["yolo"])
         let_go.set()
         sending.join()
 
@@ -341,6 +341,6 @@ def test_folders_share_the_places_of_batches(serve):
     assert told(answers[0])[1]["train/1"]["fault"] is None
 
 
-def test_who_may_not_upload_may_not_ask(as_role):
-    assert ask(as_role("viewer"), LAYOUTS["yolo"]).status_code == 403
-    assert ask(as_role("reviewer"), LAYOUTS["yolo"]).status_code == 200
+def test_reading_a_folder_needs_the_role_that_uploads(as_role):
+    assert ask(as_role("viewer"), FOLDERS["yolo"]).status_code == 403
+    assert ask(as_role("reviewer"), FOLDERS["yolo"]).status_code == 200

@@ -96,7 +96,9 @@ def test_every_file_of_a_frame_is_served_at_its_address(admin):
 
 @pytest.mark.parametrize("content", [SVG, b"<?xml version='1.0'?>" + SVG, PAGE])
 @pytest.mark.parametrize("part", ["image", "segmentation", "ignore_mask", "lidar"])
-def test_what_only_says_that_it_is_a_picture_is_refused(admin, part, content):
+def test_a_file_that_is_no_picture_is_refused_whatever_its_type_says(
+    admin, part, content
+):
     files = {"annotation": scene.as_json(scene.annotation())}
     files |= {part: ("a.png", content, "image/png")}
 

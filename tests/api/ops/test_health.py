@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.metadata import version
 
 
-def test_it_is_alive_and_ready(anybody):
+def test_a_service_is_alive_and_ready(anybody):
     ready = anybody.get("/readyz")
 
     assert anybody.get("/healthz").json() == {"status": "ok"}
@@ -16,7 +16,7 @@ def test_it_is_alive_and_ready(anybody):
     }
 
 
-def test_it_says_its_version(admin):
+def test_a_service_says_its_version(admin):
     answer = admin.get("/version").json()
 
     assert (answer["version"], answer["api"]) == (version("unghost"), "v1")

@@ -52,7 +52,7 @@ def test_answers_are_counted_by_route_and_status(serve):
     assert found[key("unghost_request_seconds_count", *route, "422")] == 1
 
 
-def test_what_has_no_route_is_counted_together(serve):
+def test_requests_without_a_route_are_counted_together(serve):
     with serve().admin() as client:
         client.get('/nowhere"}')
         client.request("PROPFIND", "/nowhere")
@@ -110,7 +110,7 @@ def work(api):
     api.run(name, {"min_visible_pixels": 10**6}, activate=False)
 
 
-def test_what_was_done_is_counted(worked):
+def test_counters_count_frames_boxes_and_reviews(worked):
     found = scraped(worked[1].http)
 
     assert found["unghost_frames_stored_total",] == 2
@@ -130,7 +130,7 @@ def test_what_was_done_is_counted(worked):
     assert ("unghost_reviews_total", "reject") not in found
 
 
-def test_what_stands_is_told(worked):
+def test_gauges_tell_what_is_stored_and_running(worked):
     server, api = worked
     found = scraped(api.http)
 

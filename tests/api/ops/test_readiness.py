@@ -6,12 +6,12 @@ import sqlite3
 import time
 from contextlib import closing, contextmanager
 
-import httpx
 import pytest
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.db.engine import Database
 from app.db.transient import takes_writes
+from tests.support import plain_http
 from tests.support.api import Api
 from tests.support.databases import change, empty_postgres, rows_of
 from tests.support.mounts import read_only, small_disk
@@ -29,7 +29,7 @@ def looks(url):
     """Answers of /readyz for as long as anybody should have to wait for one."""
     until = time.monotonic() + PATIENCE_S
     while time.monotonic() < until:
-        yield httpx.get(f"{url}/readyz", trust_env=False, timeout=PATIENCE_S)
+        yield plain_http.get(f"{url}/readyz", timeout=PATIENCE_S)
         time.sleep(0.1)  # it looks itself once a second
 
 
@@ -172,7 +172,7 @@ def test_asking_again_and_again_does_not_write_again_and_again(server):
         emptied = database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
     begun = time.monotonic()
 
-    with httpx.Client(base_url=server.url, trust_env=False) as client:
+    with plain_http.Client(base_url=server.url) as client:
         answers = [client.get("/readyz").status_code for _ in range(50)]
 
     wal = server.data / "unghost.db-wal"
@@ -183,7 +183,7 @@ def test_asking_again_and_again_does_not_write_again_and_again(server):
     assert any(wal.stat().st_size > 0 for _ in looks(server.url))
 
 
-def test_what_is_not_ready_is_in_the_log(server):
+def test_a_failed_check_of_readiness_is_in_the_log(server):
     with read_only(server.data / "blobs"):
         until_not_ready(server.url)
 

@@ -17,6 +17,7 @@ from app.process.connections import (
     room_for_connections,
 )
 from tests.support import frames as scene
+from tests.support import plain_http
 from tests.support.live import live
 from tests.support.servers import start_anew, stop, token_of, wait_for_link
 
@@ -65,7 +66,7 @@ def limited_server(data, *, soft, hard, taken=0, **settings):
 
 
 def client_of(url, headers):
-    return httpx.Client(base_url=url, headers=headers, timeout=LONG_S, trust_env=False)
+    return plain_http.Client(base_url=url, headers=headers, timeout=LONG_S)
 
 
 def connected(url, source="127.0.0.1"):
@@ -148,7 +149,7 @@ def test_without_any_descriptor_left_the_service_goes_on_later(tmp_path):
 
 
 @pytest.mark.parametrize("begun", BEGUN.values(), ids=BEGUN)
-def test_strangers_make_room_whatever_they_have_begun(tmp_path, begun):
+def test_connections_without_a_token_make_room_for_others(tmp_path, begun):
     with live(tmp_path / "data", max_connections=4) as service, ExitStack() as held:
         for _ in range(12):
             stranger = held.enter_context(connected(service.url))
@@ -186,7 +187,7 @@ def asked(service, source="127.0.0.1"):
         return all_of(connection)
 
 
-def test_a_house_full_of_people_at_work_says_when_to_come_again(tmp_path):
+def test_a_service_at_its_limit_of_connections_says_when_to_come_again(tmp_path):
     settings = {"max_connections": 2, "max_connections_per_address": 2}
     with live(tmp_path / "data", **settings) as service, ExitStack() as held:
         first, second = at_work(service, held), at_work(service, held)
@@ -250,5 +251,5 @@ def test_each_connection_finds_a_descriptor_for_its_file_as_well(limit, room):
         (None, "-"),
     ],
 )
-def test_one_house_is_one_place(address, place):
+def test_one_network_counts_as_one_address(address, place):
     assert origin_of(address) == place

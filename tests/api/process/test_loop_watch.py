@@ -15,7 +15,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from app.process.loop_watch import LONGEST_S
-from tests.support import probe_routes
+from tests.support import plain_http, probe_routes
 
 PATIENCE_S = 60
 THREADS = 40
@@ -95,7 +95,7 @@ def test_a_loop_that_stands_is_logged_with_its_stack_and_not_ready(held, noted):
     assert any(call.endswith(" hold") for stack in stacks for call in stack)
 
 
-def test_it_is_ready_while_all_threads_of_requests_are_busy(held):
+def test_a_service_is_ready_while_all_threads_of_requests_are_busy(held):
     with held.admin() as client, ThreadPoolExecutor(THREADS + 5) as threads:
         for _ in range(THREADS + 5):
             threads.submit(client.get, "/open/wait")
@@ -158,4 +158,4 @@ def test_a_process_whose_loop_stands_ends_when_it_is_told_to():
 
 def _ask(port):
     with pytest.raises(httpx.TransportError):
-        httpx.get(f"http://127.0.0.1:{port}", trust_env=False, timeout=PATIENCE_S)
+        plain_http.get(f"http://127.0.0.1:{port}", timeout=PATIENCE_S)

@@ -108,7 +108,7 @@ def test_a_stream_ends_with_its_client_also_if_another_request_waits(service):
     assert no_more_endless.wait(LONG_S)
 
 
-def test_who_reads_slowly_gets_everything(tmp_path):
+def test_a_slow_reader_gets_everything(tmp_path):
     last = head(ADDRESS, Connection="close")
     wait_s, pause = 1, threading.Event()
     received = bytearray()

@@ -91,12 +91,12 @@ def test_a_head_that_stops_is_told_so(service, begun):
     assert b'"code":"request_timeout"' in answer
 
 
-def test_who_says_nothing_is_not_waited_for(service):
+def test_a_silent_connection_is_closed(service):
     with connected(service) as connection:
         assert all_of(connection) == b""
 
 
-def test_who_stops_in_a_second_request_is_not_waited_for(service):
+def test_a_second_request_that_stops_is_not_waited_for(service):
     first = head(service, "GET", "/healthz")
     with connected(service) as connection:
         connection.sendall(first + b"GET /heal")
@@ -153,7 +153,7 @@ def test_a_batch_that_stops_keeps_what_came_and_gives_its_place_back(service, ad
     assert "unghost_batches_open 0" in admin.get("/metrics").text
 
 
-def test_who_goes_on_slowly_is_waited_for(service):
+def test_a_slow_sender_is_waited_for(service):
     body = b'{"name": "slow"}'
     framing = {"Content-Type": "application/json", "Content-Length": str(len(body))}
     with connected(service) as connection:
@@ -165,7 +165,7 @@ def test_who_goes_on_slowly_is_waited_for(service):
     assert answer.startswith(b"HTTP/1.1 201 ")
 
 
-def test_whoever_logs_in_sends_little(service, anybody):
+def test_a_large_body_of_a_login_is_refused(service, anybody):
     answer = anybody.post("/api/v1/session", json={"token": "x" * 5_000})
 
     assert (answer.status_code, answer.json()["code"]) == (413, "too_large")

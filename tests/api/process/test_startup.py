@@ -1,4 +1,4 @@
-"""Starting and stopping, as a process of its own; three of them start Python anew."""
+"""Starting and stopping, as a process of its own; four of them start Python anew."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import signal
 import socket
 import stat
 
-import httpx
 import pytest
 
 from app.serve import listen
+from tests.support import plain_http
 from tests.support.servers import (
     SERVER,
     running_server,
@@ -48,7 +48,8 @@ def test_the_login_link_logs_in_once_and_holds_no_token(tmp_path):
         link = wait_for_link(process, log)
         url, _, code = link.partition("/#code=")
         answers = [
-            httpx.post(f"{url}/api/v1/session", json={"code": code}) for _ in range(2)
+            plain_http.post(f"{url}/api/v1/session", json={"code": code})
+            for _ in range(2)
         ]
     finally:
         stop(process)
@@ -173,8 +174,8 @@ def test_two_processes_that_start_together_migrate_once(tmp_path):
 
 def test_the_token_is_in_no_log(data_dir):
     with running_server(data_dir) as server:
-        httpx.get(f"{server.url}/version?token={server.token}")
-        httpx.get(f"{server.url}/version", headers=server.headers)
+        plain_http.get(f"{server.url}/version?token={server.token}")
+        plain_http.get(f"{server.url}/version", headers=server.headers)
 
     log = server.log.read_text()
     assert "GET /version 200" in log
@@ -184,8 +185,8 @@ def test_the_token_is_in_no_log(data_dir):
 @pytest.mark.sqlite_files("the database is a file of the folder")
 def test_the_database_is_for_its_owner_alone_in_a_folder_for_all(data_dir):
     data_dir.chmod(0o755)
-    with running_server(data_dir) as server:
-        httpx.get(f"{server.url}/readyz", trust_env=False)
+    with running_server(data_dir, anew=True) as server:
+        plain_http.get(f"{server.url}/readyz")
         modes = {
             path.name: stat.S_IMODE(path.stat().st_mode) for path in data_dir.iterdir()
         }
@@ -201,7 +202,7 @@ def test_the_database_is_for_its_owner_alone_in_a_folder_for_all(data_dir):
 
 def test_a_line_break_in_a_path_starts_no_line_in_the_log(data_dir):
     with running_server(data_dir) as server:
-        httpx.get(f"{server.url}/a%0A2026-01-01%20forged%1b[2J")
+        plain_http.get(f"{server.url}/a%0A2026-01-01%20forged%1b[2J")
 
     lines = [json.loads(line) for line in server.log.read_text().splitlines()]
     paths = [line.get("path") for line in lines]

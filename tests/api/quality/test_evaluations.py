@@ -88,7 +88,7 @@ def test_people_can_be_the_truth(api, dataset):
     assert found["channels"]["ordered"]["f1"]["value"] == 1
 
 
-def test_what_was_not_measured_is_named(api, dataset):
+def test_channels_that_were_not_measured_are_named(api, dataset):
     found = api.json(f"/datasets/{dataset}/evaluations")
 
     assert found["not_measured"] == CHANNELS

@@ -195,7 +195,7 @@ def test_a_snapshot_with_numbers_that_no_list_gives_is_refused(
     answer = bulk(api, dataset, "keep", filter={}, snapshot=forged)
 
     assert (answer.status_code, answer.json()["code"]) == (422, "bad_snapshot")
-    assert "one that a list of boxes was answered with" in answer.json()["detail"]
+    assert "one from the response of a list of boxes" in answer.json()["detail"]
 
 
 def test_a_dataset_of_a_longer_name_than_any_has_is_refused(api):
@@ -231,7 +231,9 @@ def test_bare_ids_take_no_box_that_has_an_answer(api, dataset, ghosts):
     assert said == ["keep", "reject", "reject"]
 
 
-def test_what_somebody_said_since_it_was_seen_is_left_and_listed(api, dataset, ghosts):
+def test_boxes_that_were_answered_since_they_were_seen_are_left_and_listed(
+    api, dataset, ghosts
+):
     api.review(ghosts[0], "unsure")
     seen = [1, 0, 0]
     api.review(ghosts[1], "keep", comment="first")
@@ -310,7 +312,9 @@ def test_a_filter_whose_boxes_are_not_as_they_were_seen_is_not_answered(
     assert (again.status_code, again.json()["count"]) == (201, found)
 
 
-def test_what_happens_to_other_boxes_is_in_nobodys_way(api, dataset, ghosts):
+def test_answers_outside_the_filter_do_not_make_its_snapshot_stale(
+    api, dataset, ghosts
+):
     seen = snapshot(api, dataset, verdict="rejected", review="none")
     (kept, *_) = api.boxes(dataset, verdict="kept")
     api.review(kept["box_id"], "keep")

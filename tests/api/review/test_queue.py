@@ -96,7 +96,7 @@ def test_an_unsure_box_comes_last(api, dataset):
     assert (len(ids(queue)), queue["remaining"], queue["unsure"]) == (12, 11, 1)
 
 
-def test_what_is_at_hand_is_not_handed_out_again(api, dataset):
+def test_boxes_at_hand_are_not_handed_out_again(api, dataset):
     first = ids(ask(api, dataset, limit=5))
 
     second = ids(ask(api, dataset, limit=5, exclude=first))
@@ -105,7 +105,7 @@ def test_what_is_at_hand_is_not_handed_out_again(api, dataset):
     assert not set(first) & set(second)
 
 
-def test_what_one_was_given_nobody_else_gets_until_it_is_answered(dataset, reviewer):
+def test_a_box_is_given_to_one_person_until_it_is_answered(dataset, reviewer):
     ada, eve = reviewer("ada"), reviewer("eve")
     hers = ids(ask(ada, dataset, limit=7))
 

@@ -127,7 +127,7 @@ def test_an_empty_dataset_has_no_flips(api):
     assert (diff["total"], diff["compared"], diff["items"]) == (0, 0, [])
 
 
-def test_what_cannot_be_compared_is_said(api, dataset):
+def test_runs_that_cannot_be_compared_are_refused(api, dataset):
     first = first_run(api, dataset)
     other = first_run(api, api.dataset())
     empty = api.post(

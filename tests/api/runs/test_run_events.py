@@ -92,7 +92,7 @@ def test_a_number_that_is_none_of_ours_starts_anew(seen, slow, unknown):
     assert f"id: {found[-1].id}\n" in answer.text
 
 
-def test_what_is_not_there_is_a_problem_and_not_a_stream(slow):
+def test_events_of_a_missing_run_are_a_problem_and_not_a_stream(slow):
     server, api, _ = slow
 
     missing = api.get("/runs/999999/events")

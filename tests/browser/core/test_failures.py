@@ -74,7 +74,9 @@ def segmentation(ada: Visitor, street: Scene) -> None:
         (r"/(segmentation|painted)", segmentation, ""),
     ],
 )
-def test_what_cannot_be_loaded_is_said_and_tried_again(ada, street, asked, go, part):
+def test_a_part_that_cannot_be_loaded_says_so_and_is_tried_again(
+    ada, street, asked, go, part
+):
     page: Page = ada.page
     page.route(re.compile(asked), refuse)
     go(ada, street)
@@ -98,3 +100,21 @@ def test_history_that_cannot_be_loaded_is_not_that_of_the_last_box(ada, street):
 
     expect(ada.page.get_by_role("alert")).to_contain_text(DETAIL)
     expect(items).to_have_count(0)
+
+
+def test_a_comparison_that_cannot_be_loaded_is_not_the_one_before(ada, street):
+    view("quality")(ada, street)
+    channels = ada.page.get_by_role("region", name="Channels compared")
+    of_instances = channels.get_by_text("Only the segmentation has been measured.")
+    expect(of_instances).to_be_visible()
+
+    ada.page.route(re.compile(r"/evaluations\?.*truth=people"), refuse)
+    channels.get_by_role("button", name="People").click()
+
+    expect(channels.get_by_role("alert")).to_contain_text(DETAIL)
+    expect(of_instances).to_have_count(0)
+
+    channels.get_by_role("button", name="Instances").click()
+
+    expect(of_instances).to_be_visible()
+    expect(channels.get_by_role("alert")).to_have_count(0)

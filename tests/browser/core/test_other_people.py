@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 
-import httpx
 import pytest
 from playwright.sync_api import Error, expect
 
+from tests.support import plain_http
 from tests.support.page.windows import kept_session
 from tests.support.waiting import until
 
@@ -41,7 +41,7 @@ def test_foreign_link_replaces_nobody_who_is_signed_in(visit, server, bo):
     assert kept_session(page)["session"] == before["session"]
 
 
-def test_whoever_says_so_becomes_the_other_person_in_every_tab(visit, server, bo):
+def test_signing_in_as_another_person_changes_every_tab(visit, server, bo):
     name, token = bo
     page = visit(sign_in=False).page
     page.goto(server.login_link)
@@ -69,7 +69,7 @@ def test_whoever_says_so_becomes_the_other_person_in_every_tab(visit, server, bo
     for route in ends:
         route.continue_()
     version = f"{server.url}/version"
-    until(lambda: httpx.get(version, headers=shown).status_code == 401)
+    until(lambda: plain_http.get(version, headers=shown).status_code == 401)
 
 
 def test_answer_of_one_person_never_goes_out_under_another_name(

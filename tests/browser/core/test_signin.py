@@ -7,11 +7,10 @@ import json
 from pathlib import Path
 from uuid import uuid4
 
-import httpx
 import pytest
 from playwright.sync_api import Route, expect
 
-from tests.support import databases
+from tests.support import databases, plain_http
 from tests.support.page.windows import Visit, kept_session
 from tests.support.waiting import until
 
@@ -131,7 +130,7 @@ def test_sign_out_ends_the_session_in_every_tab(visit, server):
     expect(other.get_by_label("Token")).to_be_visible()
     assert kept_session(page) is None
     shown = {"Authorization": f"Bearer {secret}"}
-    assert httpx.get(f"{server.url}/version", headers=shown).status_code == 401
+    assert plain_http.get(f"{server.url}/version", headers=shown).status_code == 401
     page.reload()
     expect(page.get_by_label("Token")).to_be_visible()
 

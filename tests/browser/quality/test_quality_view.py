@@ -8,6 +8,7 @@ import httpx
 import pytest
 from playwright.sync_api import Page, expect
 
+from tests.support import plain_http
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import applied_config, car_at
@@ -138,7 +139,7 @@ def test_curves_are_tables_for_whoever_cannot_see_them(ada, answered):
     assert table.get_by_role("row").count() > 3
 
 
-def test_what_is_suggested_for_is_part_of_the_link(ada, answered):
+def test_the_goal_of_a_suggestion_is_part_of_the_link(ada, answered):
     page = quality_page(ada, answered)
 
     page.get_by_role("button", name="Keep 99 % of the visible objects").click()
@@ -152,7 +153,7 @@ def test_two_people_are_compared_with_each_other(ada, answered):
     made = answered.api.post("/tokens", json={"name": name, "role": "reviewer"})
     bearer = {"Authorization": f"Bearer {made.json()['token']}"}
     listed = answered.api.get("/boxes", params={"dataset": answered.dataset}).json()
-    with httpx.Client(base_url=answered.api.base_url, headers=bearer) as bo:
+    with plain_http.Client(base_url=answered.api.base_url, headers=bearer) as bo:
         for at, box in enumerate(listed["items"]):
             answer(bo, box, "keep" if at == 0 else truth(box))
 

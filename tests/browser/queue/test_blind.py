@@ -57,7 +57,7 @@ def test_the_answer_lifts_the_veil(scene, ada, blind):
     expect(row).to_contain_text("hidden until you answer")
 
 
-def test_what_is_said_aloud_does_not_tell_either(ada, blind):
+def test_words_for_screen_readers_do_not_tell_the_verdict(ada, blind):
     ada.press("j")
 
     spoken = blind.locator(".sr-only[aria-live]")

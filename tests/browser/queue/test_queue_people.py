@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect
 from tests.support.page import crowds
 from tests.support.page.crowds import answers, queue, queued
 from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.windows import Visit, Visitor, lose_session
+from tests.support.page.windows import Visit, Visitor
 from tests.support.servers import RunningServer
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
@@ -50,30 +50,6 @@ def test_second_of_two_sees_what_the_first_said_and_keeps_the_place(many, visit:
     assert many.review(contested)["verdict"] == "reject"
 
 
-def test_after_a_conflict_one_may_insist_or_leave_it(many, visit: Visit):
-    ada, bo = visit(), visit()
-    opened(ada, many)
-    page = opened(bo, many)
-    names = []
-    for _ in range(2):
-        names.append(queued(page))
-        bo.press("j")
-    bo.press("ArrowLeft", "ArrowLeft")
-    for name in names:
-        crowds.review(many, many.box_id(name), "reject")
-    bo.press("a", "a")
-    expect(page.locator(".conflict")).to_have_count(2)
-
-    mine = page.locator(".conflict", has_text=f"car {names[0]}:")
-    mine.get_by_role("button", name="Use mine: keep").click()
-    page.get_by_role("button", name="Keep theirs").click()
-
-    expect(page.locator(".conflict")).to_have_count(0)
-    bo.saved()
-    found = {name: many.review(name)["verdict"] for name in names}
-    assert found == {names[0]: "keep", names[1]: "reject"}
-
-
 def test_two_people_are_given_different_boxes(
     many, visit: Visit, api: httpx.Client, server: RunningServer
 ):
@@ -87,25 +63,6 @@ def test_two_people_are_given_different_boxes(
     theirs = queued(opened(bo, many))
 
     assert mine != theirs
-
-
-def test_answers_given_offline_are_sent_when_the_network_is_back(many, ada):
-    page = opened(ada, many)
-    page.wait_for_load_state("networkidle")
-    page.context.set_offline(True)
-    names = []
-    for key in ("a", "x", "a"):
-        names.append(queued(page))
-        ada.press(key)
-
-    expect(page.locator(".savestate")).to_contain_text("3 answers offline, kept here")
-    assert answers(many) == {}
-    ada.press("z")
-    assert queued(page) == names[2]
-    page.context.set_offline(False)
-
-    ada.saved()
-    assert answers(many) == {names[0]: "keep", names[1]: "reject"}
 
 
 def test_answers_kept_over_a_reload_are_not_asked_for_again(many, ada):
@@ -123,22 +80,6 @@ def test_answers_kept_over_a_reload_are_not_asked_for_again(many, ada):
     page.unroute("**/reviews")
     expect(page.locator(".savestate--saved")).to_be_visible(timeout=40_000)
     assert answers(many) == {first: "reject"}
-
-
-def test_signed_out_one_goes_on_after_signing_in(many, ada, server: RunningServer):
-    page = opened(ada, many)
-    first = queued(page)
-    lose_session(page)
-
-    ada.press("x")
-
-    expect(page.locator(".signin__note")).to_contain_text("1 answer of admin kept")
-    page.get_by_label("Token").fill(server.token)
-    page.get_by_role("button", name="Sign in").click()
-    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
-    ada.saved()
-    assert answers(many) == {first: "reject"}
-    assert queued(page) != first
 
 
 def test_an_empty_line_without_a_network_says_so_and_goes_on(many, ada):

@@ -207,6 +207,35 @@ def test_history_shows_the_filter_and_every_answer(scene, ada):
     expect(items.nth(2)).to_contain_text("rejected, below threshold · 4 % of 10 %")
 
 
+SHOWN_AT = """(bone, ms) => {
+  for (const animation of bone.getAnimations()) {
+    animation.pause();
+    animation.currentTime = ms;
+  }
+  return getComputedStyle(bone).opacity !== "0";
+}"""
+HEIGHT = "(element) => element.offsetHeight"
+
+
+def test_history_that_is_loading_has_its_place_and_flashes_nothing(scene, ada):
+    held: list[Route] = []
+    ada.open(scene.link("ghost"))
+    history = ada.page.locator(".history")
+    expect(history.locator(".history__item")).to_have_count(1)
+    ada.page.route("**/history", lambda route: held.append(route))
+
+    ada.press("j")
+
+    bone = history.locator(".bone").first
+    expect(bone).to_be_attached()
+    expect(history.locator(".history__item")).to_have_count(0)
+    assert [bone.evaluate(SHOWN_AT, ms) for ms in (50, 1000)] == [False, True]
+    loading = history.evaluate(HEIGHT)
+    held.pop().continue_()
+    expect(history.locator(".history__item")).to_have_count(1)
+    assert history.evaluate(HEIGHT) == loading
+
+
 def test_history_says_of_a_run_that_its_numbers_are_gone(scene, ada):
     gone = {"verdict": None, "reason": None, "match_percent": None, "threshold": None}
     box_id = scene.box_id("hidden")

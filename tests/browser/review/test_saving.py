@@ -194,6 +194,50 @@ def test_answers_of_a_closed_tab_are_sent_by_the_next_one(scene, visit):
     assert scene.review("ghost")["verdict"] == "keep"
 
 
+KEEP_WITHOUT_A_NAME = """(boxId) => localStorage.setItem("unghost.outbox.v1.k",
+  JSON.stringify({ key: "k", tab: "before", order: 1, boxId, frameId: 1,
+    attempted: false, verdict: "keep", comment: "", seenRevision: 0 }))"""
+
+
+@pytest.fixture
+def unowned(scene: Scene, ada: Visitor) -> Page:
+    """The grid, with an answer that an earlier version of the page has kept."""
+    page = ada.open(f"#/datasets/{scene.dataset}/grid")
+    page.evaluate(KEEP_WITHOUT_A_NAME, scene.box_id("ghost"))
+    page.reload()
+    expect(page.locator(".strip")).to_contain_text("1 unsent answer in this browser")
+    return page
+
+
+def test_an_answer_without_a_name_is_sent_as_that_of_who_takes_it(scene, ada, unowned):
+    ada.saved()
+    assert scene.review("ghost") is None
+
+    unowned.get_by_role("button", name="Send as admin").click()
+
+    expect(unowned.locator(".strip")).to_have_count(0)
+    expect(unowned.locator(".sign--keep")).to_have_count(1)
+    ada.saved()
+    assert scene.review("ghost")["verdict"] == "keep"
+
+
+def test_an_answer_without_a_name_is_discarded_by_who_confirms_it(scene, unowned):
+    strip = unowned.locator(".strip")
+    # A double click asks, and takes it back.
+    strip.get_by_role("button", name="Discard").dblclick()
+    expect(strip).to_contain_text("1 unsent answer in this browser")
+
+    strip.get_by_role("button", name="Discard").click()
+    expect(strip).to_contain_text("Discard 1 unsent answer?")
+    strip.get_by_role("button", name="Discard it").click()
+
+    expect(strip).to_have_count(0)
+    unowned.reload()
+    expect(unowned.get_by_role("grid")).to_have_attribute("aria-busy", "false")
+    expect(strip).to_have_count(0)
+    assert scene.review("ghost") is None
+
+
 def test_image_that_does_not_arrive_leaves_boxes_and_numbers(scene, ada):
     page = ada.page
     page.route("**/image", lambda route: route.abort())

@@ -169,7 +169,7 @@ def test_every_format_of_the_api_is_offered(ada, street):
     assert offered == schema["ExportIn"]["properties"]["format"]["enum"]
 
 
-def test_what_the_server_refuses_is_said_in_the_form(ada, street):
+def test_a_refusal_of_the_server_is_shown_in_the_form(ada, street):
     page = runs_page(ada, street)
     page.get_by_role("button", name="New export").click()
     page.get_by_label("Labels per distance, metres").fill("-5")

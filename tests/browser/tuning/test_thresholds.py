@@ -104,7 +104,7 @@ def test_typing_a_number_moves_the_threshold_and_nonsense_does_not(ada, street):
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "31.25")
 
 
-def test_what_is_tried_is_a_link_and_going_back_takes_it_back(ada, street):
+def test_values_that_are_tried_are_a_link_and_going_back_restores_them(ada, street):
     page = opened(ada, street)
     handle(page, "all classes").focus()
     ada.press("PageUp")
@@ -174,7 +174,7 @@ def test_an_older_version_can_be_tried_and_made_active_again(ada, street):
     assert applied_config(street)["threshold_small_box"] == 10
 
 
-def test_what_needs_pixels_is_said_and_not_guessed(ada, street):
+def test_a_preview_that_needs_pixels_says_so_and_shows_no_numbers(ada, street):
     page = opened(ada, street)
 
     page.evaluate("location.hash += '?profile=carlasimu'")

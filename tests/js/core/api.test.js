@@ -3,7 +3,7 @@ import { once } from "node:events";
 import { createServer } from "node:http";
 import { after, before, test } from "node:test";
 
-import { ApiError, NoResponse, send, setSession, url, whenSignedOut } from "../../../static/js/core/api.js";
+import { ApiError, NoResponse, createRetries, send, setSession, url, whenSignedOut } from "../../../static/js/core/api.js";
 
 /** What the server was shown, in order. @type {(string | undefined)[]} */
 const shown = [];
@@ -66,4 +66,31 @@ test("no answer is another error than a refusal, and giving up is neither", asyn
   const stop = new AbortController();
   stop.abort();
   await assert.rejects(send(address, { signal: stop.signal }), { name: "AbortError" });
+});
+
+test("each wait for another attempt is twice as long, up to half a minute, unless the server says how long", () => {
+  /** @type {number[]} */
+  const waits = [];
+  const retries = createRetries((_, ms) => void waits.push(ms / 1000));
+  const wait = (/** @type {(number | null)[]} */ ...asked) => asked.forEach((seconds) => retries.wait(() => {}, seconds));
+
+  wait(null, null, 7, null, null, null, null);
+  retries.reset();
+  wait(null);
+
+  assert.deepEqual(waits, [1, 2, 7, 8, 16, 30, 30, 1]);
+});
+
+test("of several waits only the latest ends with an attempt", () => {
+  /** @type {(() => void)[]} */
+  const ends = [];
+  /** @type {string[]} */
+  const tried = [];
+  const retries = createRetries((run) => void ends.push(run));
+
+  retries.wait(() => tried.push("first"));
+  retries.wait(() => tried.push("second"));
+  ends.forEach((end) => end());
+
+  assert.deepEqual(tried, ["second"]);
 });

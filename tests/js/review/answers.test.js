@@ -3,7 +3,7 @@ import { beforeEach, test } from "node:test";
 
 import { createBoxes } from "../../../static/js/boxes/store.js";
 import { createSteps } from "../../../static/js/review/answers.js";
-import { decision } from "../../support/page/builders.js";
+import { decision, memoryStorage } from "../../support/page/builders.js";
 import { reviewPage } from "../../support/page/review_page.js";
 
 /** @type {any} */
@@ -127,4 +127,42 @@ test("an answer that somebody else has replaced cannot be undone; an act on many
   assert.equal(steps.last()?.act, "k1");
   steps.drop(/** @type {any} */ (steps.last()));
   assert.equal(steps.last()?.before[0]?.boxId, 2);
+});
+
+/** A browser in which an earlier version of the page has kept an answer without a name. */
+function storageOfBefore() {
+  const storage = memoryStorage();
+  const item = { key: "k", tab: "t0", order: 1, boxId: 3, frameId: 10, verdict: "keep", comment: "", seenRevision: 0, attempted: true };
+  storage.setItem("unghost.outbox.v1.k", JSON.stringify(item));
+  return storage;
+}
+
+test("answers without a name are not sent, and no passing message asks for them", () => {
+  ({ app, said } = reviewPage(storageOfBefore()));
+
+  app.resume();
+
+  assert.deepEqual([app.unowned.count.get(), app.sender.state.get().count, said], [1, 0, []]);
+});
+
+test("answers without a name are sent as those of the person who takes them", async () => {
+  ({ app } = reviewPage(storageOfBefore()));
+  /** @type {string[]} */
+  const asked = [];
+  globalThis.fetch = async (address) => (asked.push(String(address)), Response.json({ box_id: 3, revision: 1, verdict: "keep", reviewer: "ada", comment: "", effective_verdict: "kept" }, { status: 201 }));
+
+  app.unowned.send();
+  assert.deepEqual([app.unowned.count.get(), [...app.kept()]], [0, [["ada", 1]]]);
+  await swept();
+
+  assert.deepEqual([asked.map((address) => address.replace(/.*api/, "")), app.sender.state.get().phase, answers()], [["/v1/boxes/3/reviews"], "saved", [null, null, "keep"]]);
+});
+
+test("answers without a name can be discarded", () => {
+  const storage = storageOfBefore();
+  ({ app } = reviewPage(storage));
+
+  app.unowned.discard();
+
+  assert.deepEqual([app.unowned.count.get(), storage.length, answers()], [0, 0, [null, null, null]]);
 });

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { ApiError, NoResponse } from "../../../static/js/core/api.js";
-import { createOutbox, createSender, own, unowned } from "../../../static/js/review/outbox.js";
+import { countUnowned, createOutbox, createSender, discardUnowned, own } from "../../../static/js/review/outbox.js";
 import { decision, memoryStorage } from "../../support/page/builders.js";
 
 /** @typedef {{boxId: number, verdict: string, comment: string, seen_revision: number, key: string}} Sent */
@@ -339,7 +339,7 @@ test("an act that is given up takes nothing with it that was answered later", as
 
   assert.deepEqual(told, [["stored", 1, 1]]);
   assert.deepEqual(saver.open.get().map(({ state }) => state), ["refused"]);
-  saver.giveUp(saver.open.get()[0]?.act.key ?? "");
+  saver.giveUp(saver.open.get()[0]?.item.key ?? "");
   assert.deepEqual(saver.open.get(), []);
 });
 
@@ -371,6 +371,9 @@ test("what was said of each box last is known, whatever it was said with", () =>
   });
 });
 
+/** The undos that are not stored: of which acts, and why they wait. @param {any} saver */
+const openOf = (saver) => saver.open.get().map((/** @type {any} */ { item, state, text }) => [item.act, state, text]);
+
 /** The undo of an act that rejected boxes 1 and 2, which had no answer. @param {any} saver @param {string} act  its key @param {{batch?: number | null, seen?: number[]}} [some] */
 const undoAct = (saver, act, { batch = null, seen = [0, 0] } = {}) =>
   saver.undo({ act, batch, dataset: "d", boxIds: [1, 2], seen, before: [1, 2].map(() => ({ verdict: "clear", comment: "" })), count: 2 });
@@ -395,10 +398,16 @@ test("the undo of an act is sent after the answers before it, and answers after 
 test("without a network the undo of an act waits, survives a reload, and is sent", async () => {
   revisions = new Map([[1, 1], [2, 1]]);
   refusals = [new NoResponse("away")];
-  undoAct(saverOf().saver, "k0", { batch: 7, seen: [1, 1] });
+  const { saver } = saverOf();
+  undoAct(saver, "k0", { batch: 7, seen: [1, 1] });
   await settled();
+  assert.deepEqual(openOf(saver), [["k0", "waiting", "the server does not answer"]]);
 
-  await saverOf().saver.resume();
+  const next = saverOf().saver;
+  next.adopt(new Set());
+  assert.deepEqual(openOf(next), [["k0", "waiting", "it was not sent before the page was closed"]]);
+  await next.retry(next.open.get()[0]?.item.key ?? "");
+  assert.deepEqual(openOf(next), []);
 
   assert.deepEqual(undos.map(({ batch }) => batch), [7, 7]);
   assert.deepEqual([told, storage.length], [[["undone", 7, []]], 0]);
@@ -494,7 +503,7 @@ test("discarding a refused act leaves alone what was answered on its boxes since
   saver.answer({ boxId: 1, frameId: 10, verdict: "unsure", comment: "", seenRevision: 1 });
   await settled();
 
-  saver.giveUp(saver.open.get()[0]?.act.key ?? "");
+  saver.giveUp(saver.open.get()[0]?.item.key ?? "");
   await saver.resume();
 
   assert.deepEqual(told, [["stored", 1, 1], ["given up"], ["stored", 1, 2]]);
@@ -568,7 +577,7 @@ test("an act survives its page, and goes on in the next one or in another tab", 
 
   const same = actsWith([], storage);
   same.sender.adopt(new Set(["t1"]));
-  assert.deepEqual(same.sender.open.get().map(({ act }) => act.key), ["k1"]);
+  assert.deepEqual(same.sender.open.get().map(({ item }) => item.key), ["k1"]);
   const other = actsWith([], storage, "t2");
   assert.deepEqual(other.sender.open.get(), []);
   other.sender.adopt(new Set(["t1"]));
@@ -632,16 +641,30 @@ test("a refused act is shown until it is discarded", async () => {
   assert.equal(storage.length, 0);
 });
 
-test("answers that do not say who gave them wait until a person takes them", () => {
-  const storage = memoryStorage();
-  storage.setItem("unghost.outbox.v1.a", JSON.stringify({ boxId: 1 }));
-  storage.setItem("unghost.bulk.v1.b", JSON.stringify({ key: "b", person: "bo" }));
+/** What an earlier version of the page has kept, which did not say who answered, beside an act of bo. */
+function keptUnowned() {
+  storage.setItem("unghost.outbox.v1.a", JSON.stringify({ key: "a", boxId: 1 }));
+  storage.setItem("unghost.bulk.v1.b", JSON.stringify({ key: "b", count: 3 }));
+  storage.setItem("unghost.bulk.v1.c", JSON.stringify({ key: "c", count: 5, person: "bo" }));
   storage.setItem("unghost.prefs", JSON.stringify({}));
+}
 
-  assert.deepEqual(unowned(storage).map(({ name }) => name), ["unghost.outbox.v1.a"]);
+/** Who gave what is kept, by key. */
+const owners = () => Object.fromEntries(["outbox.v1.a", "bulk.v1.b", "bulk.v1.c"].map((name) => [name.at(-1), JSON.parse(storage.getItem(`unghost.${name}`) ?? "{}").person]));
+
+test("answers that do not say who gave them wait until a person takes them", () => {
+  keptUnowned();
+  assert.equal(countUnowned(storage), 4);
+
   own(storage, "ada");
 
-  assert.deepEqual(unowned(storage), []);
-  assert.equal(JSON.parse(storage.getItem("unghost.outbox.v1.a") ?? "").person, "ada");
-  assert.equal(JSON.parse(storage.getItem("unghost.bulk.v1.b") ?? "").person, "bo");
+  assert.deepEqual([countUnowned(storage), owners()], [0, { a: "ada", b: "ada", c: "bo" }]);
+});
+
+test("of the answers kept here only those are discarded that do not say who gave them", () => {
+  keptUnowned();
+
+  discardUnowned(storage);
+
+  assert.deepEqual([countUnowned(storage), storage.length, owners().c], [0, 2, "bo"]);
 });

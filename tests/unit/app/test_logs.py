@@ -22,7 +22,7 @@ def formatted(message, *args, exc_info=None):
 @pytest.mark.parametrize(
     "text", ["a\nb", "a\rb", "a\x1b[2Jb", "a\u2028b", "a\x85b", "a\x00b", "a\udc80b"]
 )
-def test_what_moves_a_cursor_is_escaped(text):
+def test_control_characters_are_escaped(text):
     assert one_line(text) == f"a\\u{ord(text[1]):04x}{text[2:]}"
 
 

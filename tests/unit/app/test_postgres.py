@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import pytest
 
@@ -16,15 +15,12 @@ from app.exports.queries import ExportRepository
 from app.exports.service import ExportRequest, request_export
 from app.ingest.check import MAX_TEXT
 from app.ingest.queries import known_frames
-from app.jobs.driver import drive_job
-from app.measuring.columns import ColumnCache
 from app.review.service import listed_boxes
 from app.runs.flips import DiffPage, compared_runs, run_diff
 from filter_core.types import Reason
 from tests.support import frames as scene
 from tests.support.databases import empty_postgres
-from tests.support.interruptions import CancelledNumbers
-from tests.support.services import Services, Street, run_job, running_services
+from tests.support.services import Services, Street, running_services
 
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
 
@@ -140,11 +136,8 @@ def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services):
     put(street, "a")
     before = street.reasons()
     run_id = street.request({"min_visible_pixels": 10**6})
-    numbers = CancelledNumbers(services, run_id)
 
-    drive_job(replace(services.context, owned={ColumnCache: numbers}), run_job(run_id))
-
-    assert [answer.result(10) for answer in numbers.answers] == ["cancelled"]
+    assert street.cancelled_while_it_ends(run_id) == "cancelled"
     assert (street.wait(run_id).state, street.reasons()) == ("cancelled", before)
 
 

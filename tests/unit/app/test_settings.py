@@ -118,7 +118,7 @@ def test_the_address_it_listens_on_is_a_name_it_is_served_under(host, served):
         (
             "UNGHOST_TRUSTED_PROXIES",
             "*, 10.0.0.0/8",
-            "expected addresses and networks, or * alone, found * beside others",
+            "expected addresses and networks, or * alone, found * together with others",
         ),
         (
             "UNGHOST_ALLOWED_HOSTS",

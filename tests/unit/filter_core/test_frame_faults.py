@@ -174,7 +174,7 @@ def test_a_3d_box_needs_a_camera(camera, found):
         (b"[" + b"1" * 5000 + b"]", "a number of more than 100 characters"),
     ],
 )
-def test_what_is_not_json_is_one_fault_that_says_where(text, found):
+def test_an_annotation_that_is_not_json_is_one_fault_with_its_place(text, found):
     ((pointer, code, detail),) = faults_of(text)
 
     assert (pointer, code) == ("", "not_json")

@@ -42,7 +42,7 @@ LONG_AFTER_TEXTS = "a number of more than 100 characters, at character 214"
         (b'{"a\\"":"' + b"1" * 200 + b'","b":-' + b"1" * 100 + b"}", LONG_AFTER_TEXTS),
     ],
 )
-def test_what_is_refused_says_what_was_found(raw, found):
+def test_a_refusal_of_json_says_what_was_found(raw, found):
     with pytest.raises(JsonError) as refused:
         read_json(raw, SMALL)
 
@@ -68,7 +68,7 @@ def test_what_is_refused_says_what_was_found(raw, found):
         ('["ü"]', ["ü"]),
     ],
 )
-def test_what_is_within_the_limits_is_read(raw, value):
+def test_json_within_the_limits_is_read(raw, value):
     assert read_json(raw, SMALL) == value
 
 
@@ -125,7 +125,7 @@ def test_limits_are_those_of_the_value(value, ascii_only):
         pytest.param(b'"' * 16_000_000, id="quotes"),
     ],
 )
-def test_what_is_too_much_is_refused_before_it_is_held(raw):
+def test_oversized_json_is_refused_before_it_is_held(raw):
     tracemalloc.start()
     try:
         with pytest.raises(JsonError):

@@ -10,9 +10,9 @@ import subprocess
 import sys
 import time
 
-import httpx
 import pytest
 
+from tests.support import plain_http
 from tests.support.processes import CAN_FORK, start, start_anew
 from tests.support.servers import running_server
 
@@ -116,7 +116,7 @@ def test_two_forks_have_other_seeds(both):
 def test_a_server_that_is_forked_knows_when_it_was_started(data_dir):
     began = time.time()
     with running_server(data_dir) as server:
-        text = httpx.get(f"{server.url}/metrics", headers=server.headers).text
+        text = plain_http.get(f"{server.url}/metrics", headers=server.headers).text
     (started,) = re.findall(r"^process_start_time_seconds (.*)$", text, re.M)
 
     assert began < float(started) < time.time()

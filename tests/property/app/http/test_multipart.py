@@ -79,7 +79,7 @@ def test_a_form_cut_short_is_refused(parts, data):
 
 
 @given(st.binary())
-def test_what_is_no_form_is_refused_or_empty(body):
+def test_a_body_that_is_no_form_is_refused_or_empty(body):
     with suppress(BadRequest):
         assert read(body) == []
 
@@ -120,7 +120,7 @@ def test_a_part_that_grows_too_large_is_not_read_to_its_end():
     assert taken < 1500
 
 
-def test_what_stands_before_and_after_a_form_is_nothing():
+def test_bytes_before_and_after_a_form_are_ignored():
     body = form([Part("image", b"x")])
 
     assert read(b"\r\n" + body + b"epilogue") == [Part("image", b"x")]

@@ -64,7 +64,7 @@ class Fateful(runs.SmallChunks):
 
 @settings(max_examples=15)
 @given(fates=st.lists(st.sampled_from(FATES), max_size=8), seed=st.integers(0, 10**6))
-def test_whatever_becomes_of_chunks_each_frame_counts_once(services, fates, seed):
+def test_each_frame_counts_once_for_any_fate_of_chunks(services, fates, seed):
     street = services.dataset()
     for number in range(runs.FRAMES):
         runs.put(street, number)

@@ -96,7 +96,7 @@ def test_bytes_have_the_faults_of_the_mapping(raw):
 
 
 @given(raw=frames)
-def test_what_is_read_can_be_given_back_as_json(raw):
+def test_an_annotation_that_was_read_can_be_given_back_as_json(raw):
     if errors_of(raw):
         return
 

@@ -181,7 +181,7 @@ def test_all_strategies_count_the_same(form, picture, data):
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("order", ["rgb", "bgr"])
 @given(data=st.data())
-def test_what_was_painted_is_read_back(family, order, data):
+def test_painted_tags_are_read_back(family, order, data):
     known = st.integers(0, len(FAMILIES[family].tags) - 1)
     tags = data.draw(pictures(known, fill=1))
     options = SegmentationOptions(palette=family, channel_order=order)

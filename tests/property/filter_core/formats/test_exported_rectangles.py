@@ -33,7 +33,7 @@ def slow_cut(xyxy):
 
 
 @given(given=st.lists(rectangles(), max_size=6))
-def test_what_the_border_cuts_is_told_from_the_box_as_it_came(given):
+def test_truncation_follows_from_the_box_as_it_came(given):
     corrected, _ = correct_xyxy(np.array(given, float).reshape(-1, 4), WH)
     visible = [
         (index, xyxy)

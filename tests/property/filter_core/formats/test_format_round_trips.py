@@ -95,7 +95,7 @@ SLOW = settings(
 @pytest.mark.parametrize("name", READ_AND_WRITTEN)
 @SLOW
 @given(drawn=FRAMES)
-def test_what_is_written_is_read_again(name, drawn):
+def test_written_labels_are_read_again(name, drawn):
     with tempfile.TemporaryDirectory() as folder:
         found = read_again(unpacked(Path(folder), export(name, frames_of(drawn))))
 
@@ -114,7 +114,7 @@ def test_what_is_written_is_read_again(name, drawn):
 @pytest.mark.parametrize("name", READ_AND_WRITTEN)
 @SLOW
 @given(drawn=FRAMES)
-def test_what_is_exported_read_and_exported_again_is_identical(name, drawn):
+def test_an_export_that_is_read_and_exported_again_is_identical(name, drawn):
     first = export(name, frames_of(drawn), **bands_of(name))
     with tempfile.TemporaryDirectory() as folder:
         source = unpacked(Path(folder), first)

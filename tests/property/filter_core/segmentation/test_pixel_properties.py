@@ -72,7 +72,7 @@ def test_runs_put_together_again_are_the_values(values, data):
 
 @pytest.mark.parametrize("count", [1, 5_000], ids=["by pixels", "by tables"])
 @pytest.mark.parametrize("kept", [False, True], ids=["all pixels", "some ignored"])
-def test_whatever_is_cheaper_counts_the_same(count, kept):
+def test_every_way_of_counting_gives_the_same_counts(count, kept):
     rng = np.random.default_rng(5)
     tags = rng.choice(np.array([1, 14, 15], np.uint8), (60, 80))
     keep = rng.random(tags.shape) < 0.7 if kept else None

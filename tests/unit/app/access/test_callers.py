@@ -22,12 +22,12 @@ def recent():
     return recent
 
 
-def test_only_what_was_shown_is_known(recent):
+def test_only_a_token_that_was_shown_is_known(recent):
     assert recent.find("token x") == ADA
     assert recent.find("session x") is None
 
 
-def test_it_is_forgotten_after_a_second(recent, monkeypatch):
+def test_a_caller_is_forgotten_after_a_second(recent, monkeypatch):
     now = time.monotonic()
     monkeypatch.setattr(time, "monotonic", lambda: now + callers.REMEMBERED_S)
 
@@ -45,7 +45,7 @@ def test_only_a_commit_takes_something_back(recent, ends):
     assert (recent.find("token x") is None) == (ends == "commit")
 
 
-def test_what_was_looked_up_before_it_was_revoked_is_not_remembered(recent):
+def test_a_token_looked_up_before_it_was_revoked_is_not_remembered(recent):
     before = recent.revocations
     with Session(create_engine("sqlite://")) as session:
         recent.forget_on_commit(session)

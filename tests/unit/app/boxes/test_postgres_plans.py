@@ -67,7 +67,7 @@ def dataset(session) -> Dataset:
 
 def plans_of(session: Session, read: Callable[[], object]) -> list[tuple[str, Any]]:
     """The statements that this runs, each with what PostgreSQL did for it."""
-    with statements_of(session.get_bind()) as found:
+    with statements_of(session.connection()) as found:
         read()
     asked = "EXPLAIN (ANALYZE, FORMAT JSON) "
     connection = session.connection()

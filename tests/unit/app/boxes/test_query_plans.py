@@ -55,7 +55,7 @@ def plan_of(session: Session, street, wanted: Selection, order: str) -> list[str
 
 def noted(session: Session, read: Callable[[], object]) -> list[str]:
     """What SQLite does for the statements of this, one after the other."""
-    with statements_of(session.get_bind()) as found:
+    with statements_of(session.connection()) as found:
         read()
     return explained(session, found)
 
@@ -140,7 +140,7 @@ def test_unanswered_toss_ups_are_found_by_being_toss_ups(street, session):
 
 
 @pytest.mark.parametrize("wanted", [{"conflict": True}, {"review": "decided"}])
-def test_what_people_answered_is_found_by_their_answers(street, session, wanted):
+def test_answered_boxes_are_found_by_their_answers(street, session, wanted):
     plan = plan_of(session, street, Selection(**wanted), "doubt")
 
     reads = [step for step in plan if "decisions" in step]

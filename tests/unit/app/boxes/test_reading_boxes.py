@@ -10,8 +10,7 @@ from sqlalchemy.orm import Session
 from app.boxes.filter import Selection, to_filter
 from app.boxes.frames import crop_of, describe_frame, overlay_of
 from app.boxes.queries import PageRequest
-from app.boxes.reader import DecisionReader, describe_box, list_boxes
-from app.boxes.routes import get_box
+from app.boxes.reader import DecisionReader, describe_box, list_boxes, read_box
 from tests.support.sensors import ANNOTATION, cube, sensors
 from tests.support.services import Street
 from tests.support.statements import statements_of
@@ -40,15 +39,15 @@ def street(services) -> Street:
 def asked(street: Street, read: Callable[[Session], object]) -> list[str]:
     """The statements of reading something."""
     with street.context.database.read() as session:
-        session.connection()
-        with statements_of(session.get_bind()) as found:
+        with statements_of(session.connection()) as found:
             read(session)
     return [statement for statement, _ in found]
 
 
 def frame_of(street: Street, box_id: int) -> int:
     with street.context.database.read() as session:
-        return get_box(box_id, session).frame_id
+        frame_id: int = describe_box(session, box_id)["frame_id"]
+        return frame_id
 
 
 def page(street: Street, limit: int) -> Callable[[Session], object]:
@@ -90,7 +89,7 @@ def test_a_box_is_told_alike_alone_in_a_list_and_with_its_frame(street):
 def test_the_numbers_of_a_box_and_its_neighbours_are_read_once(street):
     box_id = street.box_ids()[5]
 
-    statements = asked(street, lambda session: get_box(box_id, session))
+    statements = asked(street, lambda session: read_box(session, box_id))
 
     assert of_table("evidence", statements) == 1
     assert of_table("decisions", statements) == 1
@@ -122,13 +121,18 @@ def test_neighbours_are_the_boxes_of_the_frame_that_overlap(street):
     with street.context.database.read() as session:
         shown = describe_frame(session, frame_of(street, street.box_ids()[4]))
         boxes = {box.box_id: box.xyxy for box in Frame.model_validate(shown).boxes}
-        found = {box_id: get_box(box_id, session).neighbours for box_id in boxes}
+        found = {box_id: neighbours_of(session, box_id) for box_id in boxes}
 
     assert sum(xyxy is None for xyxy in boxes.values()) == 1
     assert any(found.values())
     for box_id, neighbours in found.items():
         expected = [other for other in boxes if overlap(box_id, other, boxes)]
         assert list(neighbours) == expected
+
+
+def neighbours_of(session, box_id):
+    _, found = read_box(session, box_id)
+    return found.neighbours(0)
 
 
 def overlap(one, other, boxes):

@@ -45,7 +45,7 @@ def test_a_file_of_sqlite_stays_what_it_is():
         ("sqlite:///:memory:", "in memory would be lost"),
     ],
 )
-def test_what_is_not_known_is_refused_in_words(given, said):
+def test_a_database_that_cannot_be_used_is_refused_in_words(given, said):
     with pytest.raises(ValidationError) as refused:
         Settings(database_url=given)
 

@@ -26,7 +26,7 @@ def failure(url, *before, last):
     return raised.value
 
 
-def test_whoever_waits_for_another_writer_tries_again_and_a_full_disk_stays_full(
+def test_a_locked_database_is_transient_and_a_full_disk_is_not(
     tmp_path,
 ):
     file = tmp_path / "some.db"

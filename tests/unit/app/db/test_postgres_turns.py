@@ -79,7 +79,7 @@ def test_a_turn_ends_before_those_who_wait_for_it_give_up(url):
     assert (waited_for, waits) == ("20s", "30s")
 
 
-def test_who_takes_files_away_keeps_its_turn(url):
+def test_a_collection_of_garbage_keeps_its_turn(url):
     """A store may be slow, and nobody may come to want a file meanwhile."""
     with closing(Database(url)) as database, database.write() as session:
         keep_turn(session)

@@ -100,7 +100,7 @@ def test_a_lost_connection_lets_the_next_one_in(database):
         assert session.execute(text("SELECT 1")).scalar_one() == 1
 
 
-def test_who_has_waited_too_long_is_out_of_the_queue():
+def test_a_writer_that_waited_too_long_leaves_the_queue():
     turns = Turns()
     turns.take(person=True, wait_s=0)
 

@@ -63,7 +63,7 @@ def test_a_slip_of_ours_is_told_with_its_place(pool):
         pool.run(pixel_acts.fail)
 
 
-def test_what_takes_too_long_is_ended_and_its_place_is_free_again(tmp_path):
+def test_work_that_takes_too_long_is_ended_and_its_place_is_free_again(tmp_path):
     pool = PixelPool(1, seconds=1)
     note = tmp_path / "pid"
 
@@ -76,7 +76,7 @@ def test_what_takes_too_long_is_ended_and_its_place_is_free_again(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux enforces the limit")
-def test_what_needs_too_much_memory_is_refused_and_leaves_none_behind(pool):
+def test_work_that_needs_too_much_memory_is_refused_and_leaves_none_behind(pool):
     before = pool.run(pixel_acts.own_pid)
 
     with pytest.raises(PixelsRefused, match=r"256 MiB.*MAX_PIXEL_MEMORY_BYTES"):
@@ -86,7 +86,7 @@ def test_what_needs_too_much_memory_is_refused_and_leaves_none_behind(pool):
     assert pool.run(pixel_acts.use_memory, LIMIT_BYTES // 4) == 1
 
 
-def test_what_ends_its_process_is_tried_once_more_and_then_refused(pool, tmp_path):
+def test_work_that_ends_its_process_is_tried_once_more_and_then_refused(pool, tmp_path):
     note = tmp_path / "deaths"
 
     with pytest.raises(PixelsRefused, match=r"two processes.*SIGSEGV"):
@@ -114,7 +114,7 @@ def test_a_process_that_somebody_killed_costs_nothing_but_time(pool, tmp_path):
     assert pool.run(pixel_acts.own_pid) != idle
 
 
-def test_who_gives_up_ends_the_work_and_whoever_waits_for_it(pool, tmp_path):
+def test_giving_up_ends_the_work_and_the_wait_for_it(pool, tmp_path):
     note = tmp_path / "pid"
     first, second = threading.Event(), threading.Event()
     with ThreadPoolExecutor(2) as threads:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from contextlib import ExitStack
 from typing import get_args
 
 import numpy as np
@@ -74,22 +75,30 @@ def temporary(street):
     return list(street.context.storage.temporary_folder().iterdir())
 
 
-@pytest.mark.parametrize("form", EXPORT_FORMATS)
-def test_the_same_state_gives_the_same_bytes_in_another_service(form, tmp_path):
-    digests = []
-    for name in ("one", "two"):
-        with running_services(tmp_path / name) as services:
-            street = services.dataset()
+@pytest.fixture(scope="module")
+def equal_streets(tmp_path_factory):
+    """Datasets of two services, filled with the same content."""
+    with ExitStack() as running:
+        streets = []
+        for name in ("one", "two"):
+            folder = tmp_path_factory.mktemp(name)
+            street = running.enter_context(running_services(folder)).dataset("same")
             filled(street)
+            streets.append(street)
+        yield streets
+
+
+@pytest.mark.parametrize("form", EXPORT_FORMATS)
+def test_the_same_state_gives_the_same_bytes_in_another_service(form, equal_streets):
+    digests = []
+    for street in equal_streets:
+        for _ in range(2):
             export_id = asked_for(street, form)
             make_export(street.context, export_id)
-            again = asked_for(street, form)
-            make_export(street.context, again)
-            digests += [export_of(street, each).sha256 for each in (export_id, again)]
+            digests.append(export_of(street, export_id).sha256)
 
     assert digests[0] is not None
-    assert digests[0] == digests[1]
-    assert digests[2] == digests[3]
+    assert digests == digests[:1] * 4
 
 
 @pytest.mark.parametrize("form", EXPORT_FORMATS)

@@ -56,7 +56,7 @@ def test_a_small_body_is_not_worth_a_thread():
         (b"{" + b'"":1,' * 10_000 + b'"":1}', "json_too_large"),
     ],
 )
-def test_what_is_not_read_is_one_fault(body, code):
+def test_a_body_that_is_not_json_is_one_fault(body, code):
     with pytest.raises(Unprocessable) as refused:
         asyncio.run(request_with(body).json())
 

@@ -59,7 +59,7 @@ safe_names = names.filter(lambda name: ".." not in name.split("/") and "//" not 
     form=st.sampled_from([tarfile.GNU_FORMAT, tarfile.PAX_FORMAT]),
     data=st.data(),
 )
-def test_it_reads_what_python_writes_however_it_is_cut(members, form, data):
+def test_archives_of_python_are_read_in_pieces_of_any_size(members, form, data):
     archive = packed(members, form)
     cuts = data.draw(st.lists(st.integers(0, len(archive)), max_size=6))
 
@@ -105,14 +105,14 @@ def test_a_large_member_is_passed_over_without_being_held():
             id="PAX sparse",
         ),
         pytest.param(b"\1" * 512, "damaged", id="noise"),
-        pytest.param(END + header("a"), "goes on after its end", id="two archives"),
-        pytest.param(header("a", 600) + bytes(512), "cut short", id="cut"),
-        pytest.param(header("a") + bytes(512), "cut short", id="one block missing"),
+        pytest.param(END + header("a"), "has data after its end", id="two archives"),
+        pytest.param(header("a", 600) + bytes(512), "truncated", id="cut"),
+        pytest.param(header("a") + bytes(512), "truncated", id="one block missing"),
     ],
 )
-def test_what_no_archive_of_frames_has_is_refused(data, words):
+def test_a_member_that_no_archive_of_frames_has_is_refused(data, words):
     with pytest.raises(BadArchive, match=words):
-        read(data + (b"" if words == "cut short" else END))
+        read(data + (b"" if words == "truncated" else END))
 
 
 def checked(block):
@@ -237,7 +237,7 @@ def test_a_member_that_comes_byte_by_byte_is_held_in_little_more_than_its_size()
         pytest.param(b"BZh".ljust(512), UnsupportedMedia, id="bzip2"),
     ],
 )
-def test_what_is_too_large_or_compressed_is_refused(data, error):
+def test_an_archive_that_is_too_large_or_compressed_is_refused(data, error):
     with pytest.raises(error):
         read(data + END)
 

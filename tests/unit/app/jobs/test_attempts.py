@@ -93,7 +93,7 @@ def test_an_attempt_is_written_down_when_a_chunk_begins_and_not_before(street):
     assert {1: 1, 2: 0} in seen
 
 
-def test_what_ended_processes_is_measured_frame_by_frame_and_forgiven(street):
+def test_a_chunk_that_ended_processes_is_measured_frame_by_frame_and_forgiven(street):
     seen = []
     run_id = cut_off(street, (0, FRAMES - 1, MOST_ATTEMPTS - 1))
     ids = frame_ids(street)
@@ -118,8 +118,8 @@ def test_a_frame_at_which_processes_ended_is_left_alone_and_no_other_one(street)
     assert run.state == "failed"
     assert run.error == {
         "code": "quarantined",
-        "detail": "frame '00' ended the process that was at it 3 times; the log of the "
-        "process may say why",
+        "detail": "frame '00' ended the process that worked on it 3 times; the "
+        "log of the process may say why",
     }
     assert (run.done, len(measured(street, run))) == (FRAMES - 1, FRAMES - 1)
     (chunk,) = left(street, Chunk, run)
@@ -220,7 +220,7 @@ def test_a_decision_that_ends_its_processes_is_given_up_in_words(street):
     assert run.state == "failed"
     assert run.error == {
         "code": "quarantined",
-        "detail": "deciding its boxes ended the process that was at it 3 times; the "
+        "detail": "deciding its boxes ended the process that worked on it 3 times; the "
         "log of the process may say why",
     }
     assert street.reasons() == before

@@ -74,7 +74,7 @@ def test_a_chunk_that_kills_is_put_into_quarantine_and_no_other_one(street):
     assert run.done == FRAMES - 3
 
 
-def test_what_was_beside_a_dead_process_is_tried_alone(street):
+def test_chunks_beside_a_dead_process_are_tried_alone(street):
     engine = Deadly(2, times=2)
 
     run = run_with(street, engine)

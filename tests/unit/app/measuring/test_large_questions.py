@@ -104,7 +104,7 @@ def test_a_preview_that_counts_again_does_so_in_parts(by_tags):
     assert asked(by_tags, 16, question) == whole
 
 
-def test_what_is_asked_here_has_something_to_answer(street):
+def test_every_question_of_these_tests_has_an_answer(street):
     found = {
         name: asked(street, 10**6, question) for name, question in QUESTIONS.items()
     }

@@ -83,7 +83,7 @@ def test_an_ordinary_segmentation_is_measured_in_the_thread_that_asks(pool):
     ],
     ids=["note", "large", "boxes", "mask", "dataset-mask", "channel"],
 )
-def test_whatever_may_cost_more_is_left_to_a_process(pool, asked):
+def test_a_picture_that_may_cost_more_is_left_to_a_process(pool, asked):
     _, processes = measured(pool, **asked)
 
     assert processes == 1
@@ -94,7 +94,9 @@ def test_whatever_may_cost_more_is_left_to_a_process(pool, asked):
     [(28, 1, "it is damaged"), (24, 16, "expected 8 bits per channel, found 16")],
     ids=["interlaced", "deep"],
 )
-def test_what_the_header_says_decides_who_reads_it(pool, place, value, found):
+def test_the_header_decides_whether_a_process_reads_a_picture(
+    pool, place, value, found
+):
     """That the pixels contradict the header is found out by a process."""
     png = bytearray(picture())
     png[place] = value

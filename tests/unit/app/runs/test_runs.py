@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-from dataclasses import replace
 
 import pytest
 from sqlalchemy import select
@@ -12,16 +11,17 @@ from sqlalchemy import select
 from app.db.tables import Blob, Frame, FrameFile, Problem
 from app.jobs.driver import drive_job
 from app.jobs.service import cancel, start
-from app.measuring.columns import ColumnCache, DatasetColumns
 from app.runs.queries import RunRepository
 from app.runs.service import RUNS, described_run
 from filter_core.types import Reason
 from tests.support import frames as scene
-from tests.support.interruptions import CancelledNumbers, InterruptedNumbers
-from tests.support.services import run_job, running_services
+from tests.support.services import FLIPS, run_job, running_services
+from tests.support.statements import interrupted_at
 
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
 UNMEASURED = int(Reason.NO_SEGMENTATION)
+NUMBERS = "evidence.numbers"
+"""A statement with these words loads the numbers that a run decides on."""
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 
 
@@ -30,7 +30,7 @@ def put(street, key, shift=0):
     return street.put(key, scene.annotation(), **files)
 
 
-@pytest.mark.parametrize("before", [True, False])
+@pytest.mark.parametrize("after", [False, True])
 @pytest.mark.parametrize(
     "wanted",
     [
@@ -40,15 +40,18 @@ def put(street, key, shift=0):
     ],
 )
 def test_a_frame_that_comes_in_before_the_switch_is_part_of_the_run(
-    services, wanted, before
+    services, wanted, after
 ):
     """The run used to wait for ever for numbers that nobody measured."""
     street = services.dataset()
     put(street, "first")
     run_id = street.request(wanted["config"])
-    numbers = InterruptedNumbers(lambda: put(street, "second"), before=before)
+    database = services.context.database
 
-    drive_job(replace(services.context, owned={ColumnCache: numbers}), run_job(run_id))
+    with interrupted_at(
+        database.engine, NUMBERS, lambda: put(street, "second"), after=after
+    ):
+        drive_job(services.context, run_job(run_id))
 
     assert len(street.reasons()) == 4
     assert street.tallies() == street.recounted()
@@ -64,6 +67,7 @@ def test_a_decision_by_numbers_needs_no_file(tmp_path):
 
         decided = street.run({"min_visible_pixels": 10**6})
         recounted = street.run(CARS_ARE_SKY)
+        flips = street.preview({})["flips"]["total"]
         run_id = street.request({"profile": "carlasimu"})
         drive_job(services.context, run_job(run_id))
         measured = street.wait(run_id)
@@ -75,7 +79,7 @@ def test_a_decision_by_numbers_needs_no_file(tmp_path):
         ("decide", "done"),
         ("decide", "done"),
     ]
-    assert (decided.changed, recounted.changed) == (1, 1)
+    assert (decided.changed, recounted.changed, flips) == (1, 1, 2)
     assert (measured.kind, measured.state) == ("measure", "failed")
     assert measured.error is not None
     assert measured.error["code"] == "damaged_file"
@@ -191,11 +195,8 @@ def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services, co
     put(street, "a")
     before = (street.reasons(), street.tallies(), street.active_config())
     run_id = street.request(config)
-    numbers = CancelledNumbers(services, run_id)
 
-    drive_job(replace(services.context, owned={ColumnCache: numbers}), run_job(run_id))
-
-    assert [answer.result(10) for answer in numbers.answers] == ["cancelled"]
+    assert street.cancelled_while_it_ends(run_id) == "cancelled"
     assert street.wait(run_id).state == "cancelled"
     assert (street.reasons(), street.tallies(), street.active_config()) == before
     assert len(street.history(street.box_ids()[0])) == 1
@@ -239,19 +240,16 @@ def test_progress_is_seen_while_the_last_transaction_is_open(services):
     run_id = street.request({"min_visible_pixels": 10**6})
     seen = []
 
-    class Watched(ColumnCache):
-        def load(self, session, dataset_id, measurement_id) -> DatasetColumns:
-            services.context.engine.report(run_job(run_id), 1)
-            with services.context.database.read() as elsewhere:
-                run = RunRepository(elsewhere).with_id(run_id)
-                seen.append(described_run(services.context, elsewhere, run))
-            return super().load(session, dataset_id, measurement_id)
+    def look() -> None:
+        services.context.engine.report(run_job(run_id), 1)
+        with services.context.database.read() as elsewhere:
+            run = RunRepository(elsewhere).with_id(run_id)
+            seen.append(described_run(services.context, elsewhere, run))
 
-    drive_job(
-        replace(services.context, owned={ColumnCache: Watched()}), run_job(run_id)
-    )
+    with interrupted_at(services.context.database.engine, FLIPS, look):
+        drive_job(services.context, run_job(run_id))
 
-    assert {(run.state, run.done) for run in seen} == {("running", 1)}
+    assert [(run.state, run.done) for run in seen] == [("running", 1)]
     assert services.context.engine.reported(run_job(run_id)) == 0
 
 

@@ -63,7 +63,7 @@ def names(store):
     return {file.digest: file.size_bytes for file in store.files()}
 
 
-def test_what_was_put_is_read_again(store):
+def test_a_blob_that_was_put_is_read_again(store):
     store.put({DIGEST: CONTENT, sha256_of(OTHER): OTHER})
 
     assert (store.read(DIGEST), store.read(sha256_of(OTHER))) == (CONTENT, OTHER)
@@ -185,7 +185,7 @@ def test_a_blob_is_never_taken_when_it_was_put_since(store):
     assert store.remove([DIGEST], unused_since=time.time() - 5) == {}
 
 
-def test_what_was_taken_is_gone_and_asked_for_again(store):
+def test_a_blob_that_was_removed_is_gone_and_asked_for_again(store):
     store.put({DIGEST: CONTENT, sha256_of(OTHER): OTHER})
 
     missing = sha256_of(b"never there")

@@ -47,7 +47,7 @@ def test_nothing_is_asked_in_the_turn_of_a_writer(s3, open_bucket):
             store.make_sure([another])
 
 
-def test_what_was_there_before_is_made_sure_of(s3, open_bucket):
+def test_a_blob_that_was_there_before_is_asked_for(s3, open_bucket):
     """Somebody may have looked at it, and be about to take it away."""
     bucket = s3.bucket()
     open_bucket(bucket.place()).put({DIGEST: CONTENT})
@@ -61,7 +61,7 @@ def test_what_was_there_before_is_made_sure_of(s3, open_bucket):
     store.require([DIGEST])
 
 
-def test_what_was_taken_away_before_is_put_again(s3, open_bucket):
+def test_a_blob_that_was_removed_before_is_put_again(s3, open_bucket):
     bucket = s3.bucket()
     open_bucket(bucket.place()).put({DIGEST: CONTENT})
     store = open_bucket(bucket.place())
@@ -73,7 +73,7 @@ def test_what_was_taken_away_before_is_put_again(s3, open_bucket):
         store.make_sure([DIGEST])
 
 
-def test_what_is_young_is_not_taken_away_whatever_the_grace(s3, open_bucket):
+def test_a_young_blob_is_not_removed_whatever_the_grace(s3, open_bucket):
     bucket = s3.bucket()
     store = open_bucket(bucket.place())
     old, young = b"old", b"young"
@@ -101,7 +101,7 @@ def test_an_old_blob_that_is_put_again_is_young(s3, open_bucket):
 @pytest.mark.parametrize(
     "status", [pytest.param(500, marks=pytest.mark.long), 503, 403, 404, 400]
 )
-def test_whatever_a_server_refuses_is_said_to_be_away(open_bucket, s3, status):
+def test_any_refusal_of_a_bucket_means_that_it_is_away(open_bucket, s3, status):
     """Nobody who asks can mend it, and nobody learns what the server said."""
     with answering(lambda _: (status, "<Code>Quoted</Code> secret")) as url:
         store = open_bucket(s3.bucket().behind(url).place(timeout_s=0.5))
@@ -146,7 +146,7 @@ def test_a_silent_server_is_waited_for_no_longer_than_was_said(open_bucket, s3):
     assert time.monotonic() - begun < 5
 
 
-def test_what_is_held_for_a_silent_server_is_bounded(open_bucket, s3):
+def test_memory_held_for_a_silent_server_is_bounded(open_bucket, s3):
     """Sixteen are on their way; who has more waits before they are held as well."""
     bucket = s3.bucket()
     blobs = {sha256_of(data): data for data in (b"%d" % each for each in range(16))}

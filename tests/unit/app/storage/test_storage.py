@@ -141,7 +141,7 @@ def test_each_attempt_at_an_export_belongs_to_it(tmp_path):
     ]
 
 
-def test_what_lies_there_is_listed_apart_from_what_was_left(tmp_path):
+def test_stored_files_are_listed_apart_from_leftovers(tmp_path):
     storage = FolderStorage(tmp_path / "blobs")
     storage.put({DIGEST: CONTENT})
     storage.draft({sha256_of(b"half"): b"half"})

@@ -7,7 +7,7 @@ import pytest
 
 from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation, frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
-from filter_core.errors import AnnotationError, FilterError, ImageSizeMismatch
+from filter_core.errors import AnnotationError, ImageSizeMismatch
 from filter_core.geometry.boxes import correct_xyxy
 from filter_core.types import BoxState
 
@@ -73,7 +73,7 @@ def test_corners_and_box3d_of_the_same_box_agree():
 
 @pytest.mark.parametrize("box", [solid(-10), solid(10, y=100)])
 @pytest.mark.parametrize("profile", ["paper", "carlasimu"])
-def test_what_the_camera_cannot_see_is_outside_of_the_image(box, profile):
+def test_a_box_that_the_camera_cannot_see_is_outside_of_the_image(box, profile):
     found = geometry_of(box)
 
     _, states = correct_xyxy(found.xyxy, WH, profile)
@@ -134,8 +134,3 @@ def test_a_3d_box_built_without_a_camera_is_refused():
         AnnotationError, match=r'box 0 \(id "7"\), box3d: expected a cam'
     ):
         frame_boxes_2d(FrameAnnotation(boxes=(box,)), WH)
-
-
-def test_an_unknown_projection_is_refused():
-    with pytest.raises(FilterError, match="expected clipped or naive"):
-        geometry_of(solid(10), projection="exact")

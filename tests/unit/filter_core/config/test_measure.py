@@ -45,7 +45,7 @@ def test_thresholds_measure_the_same_numbers(keys):
         {"profile": "carlasimu"},
     ],
 )
-def test_what_needs_pixels_measures_other_numbers(keys):
+def test_keys_that_need_pixels_measure_other_numbers(keys):
     assert measuring(**keys).pixel_digest != measuring().pixel_digest
 
 
@@ -86,7 +86,7 @@ def test_a_measurement_of_profile_carlasimu_covers_the_same_without_channels(key
     assert config.is_covered_by(stored(config.with_channels(["ordered"])))
 
 
-def test_what_was_measured_by_is_found_again_in_what_was_stored():
+def test_a_stored_measurement_gives_its_configuration_back():
     reading = SegmentationOptions.agreed(
         {"the dataset": SegmentationOptions(palette="carla-0.9.10")}
     )
@@ -99,7 +99,7 @@ def test_what_was_measured_by_is_found_again_in_what_was_stored():
     assert again.reading == reading
 
 
-def test_it_travels_to_other_processes():
+def test_a_measurement_travels_to_other_processes():
     config = measuring(evidence="auto", **ACCEPTING)
 
     assert pickle.loads(pickle.dumps(config)) == config
@@ -107,7 +107,7 @@ def test_it_travels_to_other_processes():
 
 @pytest.mark.parametrize("extra", [(), ("lidar",), ("ordered", "instance")])
 @pytest.mark.parametrize("evidence", ["auto", "depth", "depth_center", "instance"])
-def test_what_is_refused_follows_from_what_the_digest_is_of(evidence, extra):
+def test_measurements_of_one_digest_refuse_the_same_depths(evidence, extra):
     """Configurations that decide by different evidence can measure under one digest."""
     config = measuring(evidence=evidence).with_channels(extra)
     other = FilterConfig().measuring().as_measured(stored(config))

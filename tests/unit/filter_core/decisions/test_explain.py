@@ -167,7 +167,7 @@ def counts(**by_tag):
     return row
 
 
-def test_what_hides_a_box_is_what_its_class_does_not_accept():
+def test_a_box_is_hidden_by_tags_that_its_class_does_not_accept():
     row = counts(t14=10, t9=50, t3=20, t6=15, t5=4, t1=1)
 
     assert hidden_by(row, 1 << 14, "carla-0.9.14") == [
@@ -177,7 +177,7 @@ def test_what_hides_a_box_is_what_its_class_does_not_accept():
     ]
 
 
-def test_what_lies_around_a_box_does_not_hide_it():
+def test_ground_and_sky_around_a_box_do_not_hide_it():
     row = counts(t1=10, t2=10, t10=10, t11=10, t24=10, t25=10, t14=40)
 
     assert hidden_by(row, 1 << 14, "carla-0.9.14") == []

@@ -50,7 +50,7 @@ def test_the_first_rule_that_matches_gives_the_reason():
         (BoxState.DEGENERATE, "degenerate"),
     ],
 )
-def test_what_correcting_found_comes_first(state, reason):
+def test_the_state_after_correction_comes_first(state, reason):
     assert reason_of({"state": state, "measured": False}) == reason
 
 

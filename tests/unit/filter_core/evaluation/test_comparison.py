@@ -63,7 +63,7 @@ def test_classes_and_distances_are_told_apart():
     assert [one["band"] for one in semantic["by_distance"]] == ["0-50"]
 
 
-def test_what_nothing_can_judge_is_left_out():
+def test_a_box_that_no_channel_can_judge_is_left_out():
     evaluation = Evaluation(FilterConfig(), ("semantic",))
     options = FrameOptions(image_wh=(160, 120))
     unseen = filter_frame(ANNOTATION, None, options=options).measured.evidence

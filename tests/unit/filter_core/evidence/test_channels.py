@@ -82,7 +82,7 @@ def test_a_channel_sees_that_it_is_hidden(evidence, contents, explanation):
     assert far["threshold"] is None
 
 
-def test_what_is_seen_of_a_box_has_a_tight_rectangle_and_levels():
+def test_visible_pixels_of_a_box_have_a_tight_rectangle_and_levels():
     near, far = decided("instance", instances=instance_file())
 
     assert near["tight_xyxy"] == [61.0, 41.0, 99.0, 79.0]
@@ -130,7 +130,7 @@ def test_depth_that_is_too_coarse_refuses_the_frame_that_asks_for_it():
     assert decided("auto", depth=grey)[1]["evidence"] == "ordered"
 
 
-def test_what_no_channel_asks_for_is_not_read():
+def test_a_file_that_no_channel_asks_for_is_not_read():
     assert decided("semantic", depth=b"no image at all")[0]["verdict"] == "kept"
 
 
@@ -210,7 +210,7 @@ def test_boxes_can_be_measured_without_an_annotation():
     assert found.depth_pixels.tolist() == [NOT_MEASURED] * 3
 
 
-def test_what_was_left_out_of_boxes_is_not_measured():
+def test_boxes_that_were_left_out_are_not_measured():
     tags, _, _ = scene()
     boxes = FrameBoxes.of(
         [[60, 40, 100, 80]] * 2, ["car"] * 2, {"car": 1 << CAR}, (WIDTH, HEIGHT), [9, 9]

@@ -79,7 +79,7 @@ def test_a_real_image_that_was_saved_swapped_is_put_right():
     ],
     ids=["jpeg", "grey", "no tags in any channel"],
 )
-def test_what_is_no_instance_image_is_refused(extension, pixels, code):
+def test_a_file_that_is_no_instance_image_is_refused(extension, pixels, code):
     with pytest.raises(ImageError) as refused:
         read_instances(cv2.imencode(extension, pixels)[1].tobytes())
 

@@ -57,7 +57,7 @@ def test_every_form_gives_the_same_points(content):
         (npy(np.full((1, 6), np.nan)), "finite"),
     ],
 )
-def test_what_is_no_measurement_is_refused_in_words(content, words):
+def test_a_file_that_is_no_measurement_is_refused_in_words(content, words):
     with pytest.raises(PointsError, match=words):
         read_points(content)
 

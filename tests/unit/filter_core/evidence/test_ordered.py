@@ -72,7 +72,7 @@ CAR_WITH_A_VIEW_OVER_ITS_BONNET = [
 ]
 
 
-def test_what_is_seen_over_a_bonnet_is_left_to_the_box_behind():
+def test_pixels_above_a_bonnet_are_left_to_the_box_behind():
     near = drawing(0, 0, 0, CAR_WITH_A_VIEW_OVER_ITS_BONNET)
     behind = drawing(1, 6, 1, [line[6:10] for line in near_rows(1, 4)])
 

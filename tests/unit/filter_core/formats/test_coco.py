@@ -90,7 +90,7 @@ def test_ids_that_repeat_give_way_to_places(tmp_path):
         ([image(1, "a.png"), image(1, "b.png")], [annotation(1, 1)], "the 1 boxes are"),
     ],
 )
-def test_what_cannot_be_told_is_that_frame_s_problem(tmp_path, images, rows, words):
+def test_an_ambiguous_entry_is_that_frame_s_problem(tmp_path, images, rows, words):
     good = [*images, image("z", "z.png")]
     folder = write_files(tmp_path, {"a.json": coco(good, rows)})
 

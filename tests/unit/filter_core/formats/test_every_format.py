@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import gc
 import json
+import subprocess
 import sys
-import tracemalloc
 from dataclasses import replace
 from importlib import import_module
 from pkgutil import iter_modules
@@ -24,23 +23,8 @@ from filter_core.formats.registry import (
     read_source,
     write_export,
 )
-from tests.support.exporting import HEAD, box, export, frame
+from tests.support.exporting import HEAD, box, export, frame, street
 from tests.support.folders import write_files
-
-
-def street(count, boxes=10, **more):
-    """Frames with kept, rejected and cut boxes."""
-    for number in range(count):
-        made = [
-            box(
-                each,
-                (each, 5, each + 20, 130 if each % 3 else 50),
-                "rejected" if each % 4 == 0 else "kept",
-                distance=each * 11.0,
-            )
-            for each in range(boxes)
-        ]
-        yield frame(f"town/{number:06}", *made, map=f"Town{number % 3}", **more)
 
 
 def test_every_module_of_a_format_is_in_the_list():
@@ -95,31 +79,27 @@ def test_a_frame_without_boxes_is_in_every_format(name):
     assert b"one" in told or "decision_columns" in FORMATS[name].needs
 
 
+@pytest.fixture(scope="module")
+def growth(tmp_path_factory):
+    """How many bytes each format takes for a further frame."""
+    measured = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "tests.support.memory_of_exports",
+            str(tmp_path_factory.mktemp("exports")),
+        ],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    return json.loads(measured.stdout)
+
+
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
-def test_memory_does_not_grow_with_the_dataset(name, tmp_path):
+def test_memory_does_not_grow_with_the_dataset(name, growth):
     """A frame leaves a mark of its name behind, and nothing of its boxes."""
-    # Small buffers, so that few boxes fill them; what is left is what would grow.
-    head = replace(HEAD, temporary=tmp_path, buffer_bytes=4096, group_rows=100)
-    chosen = {"images": "none"} if "images" in FORMATS[name].options else {}
-    options = ExportOptions.from_mapping(chosen)
-
-    def peak(count):
-        gc.collect()  # what other tests left behind is not ended while this one counts
-        tracemalloc.start()
-        write_export(name, street(count), swallow, head, options)
-        used = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return used
-
-    peak(1)
-    # Twice, because what other threads allocate meanwhile is counted, too.
-    assert min(peak(110), peak(110)) - peak(30) < 300 * (110 - 30)
-
-
-def swallow(_file, pieces):
-    """A sink that keeps nothing."""
-    for _ in pieces:
-        pass
+    assert growth[name] < 300
 
 
 @pytest.mark.parametrize(
@@ -132,7 +112,7 @@ def swallow(_file, pieces):
         ("decisions-csv", {"include": "all"}, "no option 'include'; it has none"),
     ],
 )
-def test_what_a_format_cannot_do_is_refused(name, options, words):
+def test_an_option_that_a_format_lacks_is_refused(name, options, words):
     with pytest.raises(ExportError) as caught:
         format_of(name, ExportOptions.from_mapping(options))
 

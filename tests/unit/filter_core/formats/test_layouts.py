@@ -82,7 +82,7 @@ def test_names_with_dots_spaces_accents_and_apple_s_leftovers(tmp_path):
     assert frames.unmatched == ()
 
 
-def test_what_does_not_match_is_listed_with_the_reason(tmp_path):
+def test_files_that_do_not_match_are_listed_with_the_reason(tmp_path):
     write_files(
         tmp_path,
         {

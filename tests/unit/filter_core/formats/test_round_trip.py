@@ -21,7 +21,7 @@ def filtered_folder(source):
     return export_sources(frames, FilterConfig(), measure=True)
 
 
-def test_what_is_kept_comes_back_where_it_was(tmp_path):
+def test_kept_boxes_come_back_where_they_were(tmp_path):
     files: dict[str, object] = {"data.yaml": "names: [car, walker]\n"}
     for key in ("a/1.5", "straße 7"):
         files[f"images/{key}.png"] = None

@@ -94,7 +94,7 @@ def test_the_header_is_read_from_the_content(content, expected):
         ),
     ],
 )
-def test_what_is_no_usable_image_is_refused(content, message):
+def test_a_file_that_is_no_usable_image_is_refused(content, message):
     with pytest.raises(ImageError, match=message):
         read_image_header(content)
 
@@ -268,7 +268,7 @@ def test_the_end_is_found_where_two_portions_of_a_search_meet(offset):
 @pytest.mark.parametrize("restarts", [0, 1, 5])
 @pytest.mark.parametrize("sampling", [0x411111, 0x221111, 0x111111, 0x121111])
 @pytest.mark.parametrize("wh", [(1, 1), (17, 33), (640, 48)])
-def test_what_encoders_write_is_read(progressive, restarts, sampling, wh):
+def test_headers_of_common_encoders_are_read(progressive, restarts, sampling, wh):
     noise = np.random.default_rng(7).integers(0, 256, (wh[1], wh[0], 3), np.uint8)
     flags = {
         cv2.IMWRITE_JPEG_PROGRESSIVE: progressive,
@@ -363,7 +363,7 @@ def test_a_header_of_a_png_that_no_decoder_takes_is_refused(header, message):
         read_image_header(png_of_chunks(header, SOUND))
 
 
-def test_what_programs_write_beside_the_pixels_is_read():
+def test_metadata_beside_the_pixels_is_accepted():
     notes = [chunk(b"tEXt", b"k\0v")] * 60 + [text_chunk(300_000)] * 10
     profile = text_chunk(500_000, b"iCCP")
     content = png_of_chunks(HEADER, profile, *notes, SOUND, SOUND, *notes[:2])

@@ -19,7 +19,7 @@ BOTTOM = np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 9, 9, 0]], np.uint8)
         pytest.param(png((BOTTOM > 0).astype(np.uint16) * 300), id="16 bits"),
     ],
 )
-def test_what_is_not_black_is_ignored(content):
+def test_pixels_that_are_not_black_are_ignored(content):
     mask = read_ignore_mask(content, (4, 3))
 
     np.testing.assert_array_equal(mask, BOTTOM > 0)

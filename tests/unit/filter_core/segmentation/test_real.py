@@ -72,7 +72,7 @@ def test_a_palette_image_saved_as_bgr_is_recognised(version, family):
     assert int((found.tags == (14 if "14" in family else 10)).sum()) == 928
 
 
-def test_what_its_colours_leave_open_is_said():
+def test_rival_families_of_a_real_image_are_noted():
     found = read_segmentation(content(f"{GENERATOR}/images/segment_camera.png"))
 
     assert found.rivals == ("carla-0.9.10",)

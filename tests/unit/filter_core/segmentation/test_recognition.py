@@ -129,7 +129,7 @@ def test_a_named_family_stands_where_the_colours_prove_neither():
         ),
     ],
 )
-def test_what_is_named_must_not_contradict_the_colours(named, codes, message):
+def test_a_named_family_must_not_contradict_the_colours(named, codes, message):
     with pytest.raises(SegmentationError, match=message) as caught:
         recognize(codes, named)
 

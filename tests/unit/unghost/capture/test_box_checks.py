@@ -127,5 +127,5 @@ def test_slim_heads_of_lights_are_thickened(half, expected, flags):
 
 
 @pytest.mark.parametrize("half", [(0.1, 0.1, 0.19), (20, 0.2, 0.5), (math.inf, 1, 1)])
-def test_what_is_no_head_of_a_light_is_left_out(half):
+def test_parts_that_are_no_head_of_a_light_are_left_out(half):
     assert checked_light(LocalBox((22, 8, 1), half)) is None

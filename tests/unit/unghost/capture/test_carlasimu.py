@@ -100,7 +100,7 @@ def test_sensors_keep_their_attributes_and_their_places(folder):
     assert sensors.radar is None  # not saved there either
 
 
-def test_what_does_not_come_along_is_said_in_comments(folder):
+def test_settings_that_are_not_converted_are_named_in_comments(folder):
     text = convert_carlasimu(folder).as_yaml()
 
     comments = [line for line in text.splitlines() if line.startswith("#")]

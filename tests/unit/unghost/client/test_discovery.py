@@ -44,7 +44,7 @@ def test_without_anything_it_is_this_machine_and_no_token(home):
     assert (found.url, found.token) == (LOCAL, None)
 
 
-def test_what_is_said_wins_over_the_environment(home):
+def test_an_argument_wins_over_the_environment(home):
     environ = env_of(home, UNGHOST_SERVER="http://a:1", UNGHOST_TOKEN="env")
 
     said = find_server("http://b:2/", "mine", environ=environ)

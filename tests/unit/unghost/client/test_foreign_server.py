@@ -152,7 +152,7 @@ def test_localhost_is_every_address_that_it_may_become(token_file, listen, host)
 
 
 @pytest.mark.parametrize("folder", ["chosen by UNGHOST_DATA", "unghost-data"])
-def test_it_does_not_matter_where_the_token_was_found(
+def test_a_found_token_is_withheld_wherever_it_was_found(
     token_file, listen, monkeypatch, folder
 ):
     token_file.parent.rename(token_file.parent.parent / folder)

@@ -118,7 +118,7 @@ def test_delays_grow_are_jittered_and_capped():
     assert len(set(delays[9])) > 100
 
 
-def test_what_the_server_asks_for_is_the_least_and_is_capped():
+def test_retry_after_is_the_shortest_wait_and_is_capped():
     policy = RetryPolicy(base_s=1.0, longest_s=20.0)
 
     assert 5.0 <= policy.delay_s(1, 5.0) <= 6.0

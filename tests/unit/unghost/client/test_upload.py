@@ -136,7 +136,7 @@ def test_a_proxy_would_hold_answers_back(batches, client, monkeypatch):
     assert batches.heads == []
 
 
-def test_what_concerns_every_frame_stops(batches, client):
+def test_a_refusal_of_every_frame_stops_the_push(batches, client):
     batches.turns = [Turn(refusal=(401, "unauthorised", {}))]
 
     with pytest.raises(Unauthorized):
@@ -161,7 +161,7 @@ def test_a_line_that_cannot_be_read_is_no_answer_of_the_service(
         list(client.push("town", many(1)))
 
 
-def test_what_concerns_one_frame_does_not_stop_the_others(batches, client, tmp_path):
+def test_a_refusal_of_one_frame_does_not_stop_the_others(batches, client, tmp_path):
     missing = OutgoingFrame("b", {"boxes": []}, {"image": tmp_path / "b.png"})
     folder = OutgoingFrame("d", {"boxes": []}, {"image": tmp_path})
     unreadable = NotSent("e", ValueError("line 3"))

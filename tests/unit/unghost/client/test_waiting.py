@@ -64,7 +64,7 @@ def test_an_interrupted_export_is_ended_and_says_so(scripted, client, answer, wo
     assert scripted.asked[-1].path == "/api/v1/exports/4/cancel"
 
 
-def test_who_waits_outlasts_a_server_that_is_started_anew(scripted, client):
+def test_waiting_for_a_run_outlasts_a_restart_of_the_server(scripted, client):
     silence = [Reply(hang_up=0)] * (PATIENCE * QUICK.attempts - 1)
     done = {**RUN, "state": "done", "done": 9}
     scripted.answer(json_reply(RUN), *silence, json_reply(done))
@@ -74,7 +74,7 @@ def test_who_waits_outlasts_a_server_that_is_started_anew(scripted, client):
     assert (run.state, scripted.replies) == ("done", [])
 
 
-def test_who_waits_for_an_export_outlasts_it_too(scripted, client):
+def test_waiting_for_an_export_outlasts_a_restart_of_the_server(scripted, client):
     silence = [Reply(hang_up=0)] * (PATIENCE * QUICK.attempts - 1)
     scripted.answer(*silence, json_reply(EXPORT))
 

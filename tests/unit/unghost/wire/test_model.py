@@ -50,7 +50,7 @@ CAR = {"id": 7, "class": "bus"}
 EMPTY: dict[str, object] = {"built_at": None, "wheels": (), "by_name": {}}
 
 
-def test_what_lies_in_an_answer_becomes_models():
+def test_objects_inside_an_answer_become_models():
     car = Car.read({**CAR, "wheels": [{"side": "left"}], "by_name": {"a": {"side": 1}}})
 
     assert car.wheels == (Wheel(side="left"),)
@@ -112,7 +112,7 @@ def test_times_are_read_in_every_form_of_the_rfc(text):
     assert Car.read({**CAR, "built_at": text}).built_at == noon + timedelta(seconds=0.5)
 
 
-def test_what_is_no_time_is_named():
+def test_a_text_that_is_no_time_is_named():
     with pytest.raises(ValueError, match="expected a time of RFC 3339, found 'soon'"):
         Car.read({**CAR, "built_at": "soon"})
 

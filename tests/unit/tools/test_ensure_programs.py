@@ -1,0 +1,82 @@
+"""What the tests need of the system is installed with apt, where it is missing."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.sources import CHECKOUT
+
+# An apt that notes what it is asked for, and installs it as an empty program.
+APT = """#!/bin/sh
+echo "$@" >>"$0.log"
+[ "$1" = install ] || exit 0
+for package; do :; done
+[ "$package" = nodejs ] && package=node
+echo "#!/bin/sh" >"${0%/*}/$package"
+/bin/chmod +x "${0%/*}/$package"
+"""
+SUDO = """#!/bin/sh
+exec /usr/bin/"$@"
+"""
+
+
+@pytest.fixture
+def programs(tmp_path: Path) -> Path:
+    """A folder with all programs of a machine: apt, and sudo for who is not root."""
+    for name, text in [("apt-get", APT), ("sudo", SUDO)]:
+        (tmp_path / name).write_text(text)
+        (tmp_path / name).chmod(0o755)
+    return tmp_path
+
+
+def ensure(programs: Path, **more: str) -> str:
+    """What is said of the programs in the end."""
+    environ = {key: value for key, value in os.environ.items() if key != "CI"}
+    return subprocess.run(
+        [sys.executable, "-m", "tools.ensure_programs"],
+        cwd=CHECKOUT,
+        env={**environ, "PATH": str(programs), **more},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+
+
+def asked_of_apt(programs: Path) -> list[str]:
+    log = programs / "apt-get.log"
+    return log.read_text().splitlines() if log.exists() else []
+
+
+@pytest.mark.parametrize(
+    ("ci", "packages"),
+    [
+        pytest.param({}, ["strace"], id="a machine at hand"),
+        pytest.param({"CI": "true"}, ["strace", "nodejs", "npm"], id="CI"),
+    ],
+)
+def test_missing_programs_are_installed(programs: Path, ci, packages):
+    said = ensure(programs, **ci)
+
+    update, *installs = asked_of_apt(programs)
+    assert update.startswith("update")
+    assert [line.split()[-1] for line in installs] == packages
+    for program in ["node" if name == "nodejs" else name for name in packages]:
+        assert f"{program}: {programs / program}" in said
+
+
+def test_programs_that_are_there_are_left_as_they_are(programs: Path):
+    ensure(programs, CI="true")
+    asked = asked_of_apt(programs)
+
+    ensure(programs, CI="true")
+
+    assert asked_of_apt(programs) == asked
+
+
+def test_a_program_that_cannot_be_installed_is_named(tmp_path: Path):
+    assert "no strace" in ensure(tmp_path)
