@@ -115,7 +115,7 @@ def _record_dtype(
 ) -> np.dtype[np.void]:
     """The columns of a layout, in the order in which they were added."""
     had = {name: one for name, one in columns.items() if one.since <= layout}
-    fields: list[tuple[str, np.dtype[Any], tuple[int, ...]]] = [
+    fields: list[tuple[str, np.dtype[np.generic], tuple[int, ...]]] = [
         (name, np.dtype(one.stored or one.dtype).newbyteorder("<"), one.shape)
         for name, one in sorted(had.items(), key=lambda item: item[1].since)
     ]
