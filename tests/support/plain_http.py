@@ -1,4 +1,4 @@
-"""httpx without encryption: to read certificates takes longer than most requests."""
+"""httpx without encryption: reading certificates takes longer than most requests."""
 
 from __future__ import annotations
 
@@ -7,10 +7,8 @@ from typing import Final
 
 import httpx
 
-_PLAIN: Final = {"verify": False, "trust_env": False}
-
-Client: Final = partial(httpx.Client, **_PLAIN, timeout=60)
-get: Final = partial(httpx.get, **_PLAIN, timeout=60)
-head: Final = partial(httpx.head, **_PLAIN, timeout=60)
-post: Final = partial(httpx.post, **_PLAIN, timeout=60)
-put: Final = partial(httpx.put, **_PLAIN, timeout=60)
+Client: Final = partial(httpx.Client, verify=False, trust_env=False, timeout=60)
+get: Final = partial(httpx.get, verify=False, trust_env=False, timeout=60)
+head: Final = partial(httpx.head, verify=False, trust_env=False, timeout=60)
+post: Final = partial(httpx.post, verify=False, trust_env=False, timeout=60)
+put: Final = partial(httpx.put, verify=False, trust_env=False, timeout=60)

@@ -38,9 +38,11 @@ def street(services) -> Street:
 
 def asked(street: Street, read: Callable[[Session], object]) -> list[str]:
     """The statements of reading something."""
-    with street.context.database.read() as session:
-        with statements_of(session.connection()) as found:
-            read(session)
+    with (
+        street.context.database.read() as session,
+        statements_of(session.connection()) as found,
+    ):
+        read(session)
     return [statement for statement, _ in found]
 
 
