@@ -3,9 +3,10 @@
 Errors are written into the chunk's row; the functions return only the outcome, one of
 the constants of `app.engine.chunk`.
 
-If the process that drives the job processes the chunk itself and dies, no other process
-records that. So it counts the attempt in the row before it begins, and resets the count
-as soon as it has stored a part of the result. Only attempts that stored nothing count.
+A process that works on a chunk itself cannot record that it died. So it increases the
+count of attempts in the chunk's row before it begins, and resets the count as soon as
+it has stored a part of the result. The count is then that of attempts in a row that
+stored nothing.
 """
 
 from __future__ import annotations

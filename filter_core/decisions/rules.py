@@ -108,9 +108,9 @@ def _columns_of_reasons() -> NDArray[np.uint8]:
 
 
 _COLUMN_OF_REASON: Final = _columns_of_reasons()
-"""(2 * _IF_LARGE,) uint8: which threshold applied to a box, by its reason.
+"""(2 * _IF_LARGE,) uint8: which threshold applied to a box.
 
-The place is the reason's number; for large boxes, that plus `_IF_LARGE`.
+The index is the number of the box's reason, plus `_IF_LARGE` if the box is large.
 """
 
 

@@ -68,9 +68,9 @@ class LabelBoxes:
     Attributes
     ----------
     row : (M,) int64
-        The place of each in its frame, whose other columns it leads to.
+        The index of each box in its frame, for the frame's other columns.
     number : (M,) int64
-        The place of its class in the frozen list.
+        The index of its class in the list of classes that is exported.
     xyxy : (M, 4) float64, px
         Inside the image.
     cut : (M,) float64

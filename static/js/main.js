@@ -44,7 +44,7 @@ const app = {
   ...core,
   boxes: answers.boxes,
   sender: answers.sender,
-  acts: answers.acts,
+  bulkAnswers: answers.bulkAnswers,
   conflicts: answers.conflicts,
   changedFrame: answers.changedFrame,
   answer: answers.answer,

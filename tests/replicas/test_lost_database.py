@@ -164,7 +164,7 @@ WAYS = [
 
 
 @pytest.mark.parametrize("lose", WAYS)
-def test_what_was_answered_is_there_and_the_rest_was_told_to_come_back(place, lose):
+def test_acknowledged_writes_survive_and_the_others_get_an_error_to_retry(place, lose):
     writers = Writers(place, place.api.dataset())
     with writers.at_work():
         for _ in range(2):
@@ -182,7 +182,7 @@ def test_what_was_answered_is_there_and_the_rest_was_told_to_come_back(place, lo
     writers.check()
 
 
-def test_while_it_is_away_every_request_is_told_so_at_once(place):
+def test_requests_without_a_database_get_503_at_once(place):
     name = place.api.dataset()
     box = place.api.stored(name, "a")["decisions"][0]["box_id"]
     place.cluster.stop()

@@ -274,7 +274,7 @@ def test_an_export_is_followed_on_any_server(replicas):
     assert seen[-1].data["state"] == "done"
 
 
-def test_what_no_text_of_postgresql_can_hold_is_not_there(replicas):
+def test_a_null_character_is_a_client_error(replicas):
     answers = [
         replicas.one.api.get("/datasets/%00"),
         replicas.one.api.get("/boxes?dataset=%00"),

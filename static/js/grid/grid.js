@@ -35,7 +35,7 @@ export function GridView({ app, route }) {
       ${failed
         ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
         : html`<${GridFilters} app=${app} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
-            <${OpenActs} app=${app} dataset=${name} />
+            <${UnsentBulkAnswers} app=${app} dataset=${name} />
             <${Boxes} key=${name} app=${app} dataset=${name} query=${route.query} onQuery=${setQuery}
               inAll=${dataset.value?.counts.boxes ?? null} />`}
     </main>`;
@@ -54,7 +54,7 @@ function Boxes({ app, dataset, query, inAll, onQuery }) {
   latest.current = { place, query };
   const actions = useMemo(() => createGridActions(app, dataset, () => latest.current), [dataset]);
   useActions(app, actions.byName);
-  useEffect(() => app.acts.reloads.observe(update), [update]);
+  useEffect(() => app.bulkAnswers.reloads.observe(update), [update]);
 
   const total = pager.total();
   if (pager.known() === 0 && pager.error()) return html`<${Failure} error=${pager.error()} onRetry=${pager.retry} />`;
@@ -88,12 +88,12 @@ function usePager(app, { pager }) {
   useEffect(() => {
     const change = () => setVersion((n) => n + 1);
     const stop = pager.observe(change);
-    const stopActs = app.sender.open.observe(change);
+    const stopUnsent = app.sender.open.observe(change);
     pager.want(0, 1);
     change();
     return () => {
       stop();
-      stopActs();
+      stopUnsent();
     };
   }, [pager]);
   return version;
@@ -139,8 +139,8 @@ export function createGridActions(app, dataset, page) {
   function answer(verdict) {
     const { selection, pager, query } = now();
     const total = pager.total();
-    if (selection.all && total !== null) app.acts.answerAll(dataset, verdict, selectionOf(query), { total, snapshot: pager.snapshot() });
-    else if (selection.ids.size) app.acts.answer(dataset, verdict, [...selection.ids], pager.revisions());
+    if (selection.all && total !== null) app.bulkAnswers.answerAll(dataset, verdict, selectionOf(query), { total, snapshot: pager.snapshot() });
+    else if (selection.ids.size) app.bulkAnswers.answer(dataset, verdict, [...selection.ids], pager.revisions());
     else return app.toasts.show("Select boxes first: click, drag, or press Space.");
     select(nothing(selection));
   }
@@ -279,7 +279,7 @@ function RangeEnd({ label, hint, most, value, onChange }) {
 /** @param {{app: App, pager: Pager, query: Query, inAll: number | null, version: number, selected: number, onUpdate: () => void, onAll: () => void}} props */
 export function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
   const total = pager.total();
-  const report = useValue(app.acts.report);
+  const report = useValue(app.bulkAnswers.report);
   const left = pager.changed().filter((box) => !isShown(box, query)).length;
   const hidden = total !== null && inAll !== null && isFiltered(query) ? Math.max(0, inAll - total) : 0;
   return html`<div class="grid-status">
@@ -301,7 +301,7 @@ function ReportLine({ app, report }) {
   const shown = report.boxes.slice(0, 12);
   return html`<div class="strip" role="status">
     <${Icon} name="warn" /><p>${report.text} ${shown.map((id) => html`<${BoxLink} app=${app} id=${id} />`)}${report.boxes.length > shown.length && html` and ${countText(report.boxes.length - shown.length)} more`}</p>
-    <button class="button button--quiet button--icon" aria-label="Dismiss" onClick=${() => app.acts.report.set(null)}><${Icon} name="cross" /></button>
+    <button class="button button--quiet button--icon" aria-label="Dismiss" onClick=${() => app.bulkAnswers.report.set(null)}><${Icon} name="cross" /></button>
   </div>`;
 }
 
@@ -319,17 +319,17 @@ const WILL = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: 
 const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused" };
 
 /** Answers on many boxes, and undos of such answers, that the server has not stored, each with what the person can do about it. @param {{app: App, dataset: string}} props */
-export function OpenActs({ app, dataset }) {
+export function UnsentBulkAnswers({ app, dataset }) {
   const open = useValue(app.sender.open).filter(({ item, state }) => item.dataset === dataset && state !== "sending");
   return open.map(({ item, state, text }) => {
-    const act = isUndo(item) ? null : item;
-    const what = `${act ? WILL[act.verdict] : "undo the answers on"} ${countOf(item.count, "box", "boxes")}`;
+    const bulk = isUndo(item) ? null : item;
+    const what = `${bulk ? WILL[bulk.verdict] : "undo the answers on"} ${countOf(item.count, "box", "boxes")}`;
     return html`<div key=${item.key} class="strip strip--error" role="alert">
       <${Icon} name="cloud" />
       <p><b>${STATES[state]}: ${what}.</b> ${sentence(text)}</p>
-      ${act && state === "changed" && html`<button class="button button--small" onClick=${() => void acceptNow(app, act)}>Count again</button>`}
+      ${bulk && state === "changed" && html`<button class="button button--small" onClick=${() => void acceptNow(app, bulk)}>Count again</button>`}
       ${state === "waiting" && html`<button class="button button--small" onClick=${() => app.sender.retry(item.key)}>Send now</button>`}
-      ${act && html`<button class="button button--small button--quiet" onClick=${() => app.sender.giveUp(act.key)}>Discard</button>`}
+      ${bulk && html`<button class="button button--small button--quiet" onClick=${() => app.sender.giveUp(bulk.key)}>Discard</button>`}
     </div>`;
   });
 }
@@ -337,13 +337,13 @@ export function OpenActs({ app, dataset }) {
 /** @param {string} text */
 const sentence = (text) => (text ? `${text[0]?.toUpperCase()}${text.slice(1).replace(/\.$/, "")}.` : "");
 
-/** Count the boxes again, and ask the person to confirm the new number. @param {App} app @param {import("../review/outbox.js").Act} act */
-async function acceptNow(app, act) {
-  const list = await countBoxes(act.dataset, act.filter ?? {}).catch(app.toasts.fail);
+/** Count the boxes again, and ask the person to confirm the new number. @param {App} app @param {import("../review/outbox.js").BulkAnswer} bulk */
+async function acceptNow(app, bulk) {
+  const list = await countBoxes(bulk.dataset, bulk.filter ?? {}).catch(app.toasts.fail);
   if (!list) return;
-  app.sender.giveUp(act.key);
-  app.acts.reloads.set(app.acts.reloads.get() + 1);
-  app.toasts.show(`The number of boxes changed: ${countText(list.total)} now, ${countText(act.count)} when you selected them.`, {
-    action: { text: `${WILL[act.verdict]} all ${countText(list.total)}`, run: () => app.acts.answerAll(act.dataset, act.verdict, act.filter ?? {}, list) },
+  app.sender.giveUp(bulk.key);
+  app.bulkAnswers.reloads.set(app.bulkAnswers.reloads.get() + 1);
+  app.toasts.show(`The number of boxes changed: ${countText(list.total)} now, ${countText(bulk.count)} when you selected them.`, {
+    action: { text: `${WILL[bulk.verdict]} all ${countText(list.total)}`, run: () => app.bulkAnswers.answerAll(bulk.dataset, bulk.verdict, bulk.filter ?? {}, list) },
   });
 }

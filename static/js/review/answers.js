@@ -43,15 +43,15 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
   /** Load boxes again that others have answered. @param {readonly number[]} boxIds */
   async function lookAgain(boxIds) {
-    if (boxIds.length > MOST_LOOKS) return acts.reloads.set(acts.reloads.get() + 1);
+    if (boxIds.length > MOST_LOOKS) return bulkAnswers.reloads.set(bulkAnswers.reloads.get() + 1);
     for (const id of boxIds) {
       const box = await get("/api/v1/boxes/{box_id}", { path: { box_id: id } }).catch(() => null);
       if (box) boxes.receive([box]);
     }
   }
 
-  const acts = createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, give, start: (act, key) => sender.start(act, key), undo: (undo) => sender.undo(undo) });
-  const sender = createSender(outbox, { answer: (boxId, body, key) => post("/api/v1/boxes/{box_id}/reviews", { path: { box_id: boxId }, body, key }), act: sendBulk, undo: undoBulk }, {
+  const bulkAnswers = createBulkAnswers({ boxes, changedFrame, toasts, steps, remember, lookAgain, give, start: (bulk, key) => sender.start(bulk, key), undo: (undo) => sender.undo(undo) });
+  const sender = createSender(outbox, { answer: (boxId, body, key) => post("/api/v1/boxes/{box_id}/reviews", { path: { box_id: boxId }, body, key }), answerMany: sendBulk, undo: undoBulk }, {
     onStored(stored) {
       const box = boxes.get(stored.box_id);
       changedFrame.set({ id: box?.frame_id ?? null });
@@ -74,10 +74,10 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
       toasts.show(`Not saved: ${error.message}`, { kind: "error" });
       void lookAgain([item.boxId]);
     },
-    onDone: acts.done,
-    onGivenUp: acts.givenUp,
-    onUndone: acts.undone,
-    onUndoRefused: acts.undoRefused,
+    onDone: bulkAnswers.done,
+    onGivenUp: bulkAnswers.givenUp,
+    onUndone: bulkAnswers.undone,
+    onUndoRefused: bulkAnswers.undoRefused,
     onSignedOut: app.endSession,
   });
   // The state changes with every change of the outbox.
@@ -125,7 +125,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     boxes,
     changedFrame,
     sender,
-    acts,
+    bulkAnswers,
     conflicts,
     answer,
     resume,
@@ -156,7 +156,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     undo(show) {
       const last = steps.last();
       if (!last) return void toasts.show("Nothing to undo.");
-      if (last.act) return acts.undo(last);
+      if (last.bulkKey) return bulkAnswers.undo(last);
       const [{ boxId, verdict, comment } = { boxId: 0, verdict: /** @type {Answer} */ ("clear"), comment: "" }] = last.before;
       const box = boxes.get(boxId);
       steps.drop(last);
@@ -174,9 +174,9 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
  * Bulk answers, on many boxes: shown at once, reported when they are stored, undone as a whole.
  * @param {{boxes: Boxes, changedFrame: import("../core/observable.js").Value<{id: number | null}>, toasts: import("../core/app.js").App["toasts"], steps: Steps,
  *   remember: (boxIds: readonly number[]) => void, lookAgain: (boxIds: readonly number[]) => Promise<void>, give: (box: Decision, verdict: Answer, comment: string) => void,
- *   start: (act: import("./outbox.js").WantedAct, key: string) => void, undo: (undo: import("./outbox.js").WantedUndo) => void}} page
+ *   start: (bulk: import("./outbox.js").WantedBulkAnswer, key: string) => void, undo: (undo: import("./outbox.js").WantedUndo) => void}} page
  */
-function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, give, start, undo }) {
+function createBulkAnswers({ boxes, changedFrame, toasts, steps, remember, lookAgain, give, start, undo }) {
   /** The messages that offer to undo a bulk answer, by its key. @type {Map<string, number>} */
   const offers = new Map();
   /** The bulk answers whose undo is not stored yet, by their keys. @type {Map<string, Step>} */
@@ -206,19 +206,19 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, g
     changedFrame.set({ id: null });
   }
 
-  /** The step of this bulk answer, which can be undone from now on. @param {import("./outbox.js").WantedAct} act @param {string} key @param {readonly Earlier[]} [before]  unknown of a bulk answer that was given before the page was loaded */
+  /** The step of this bulk answer, which can be undone from now on. @param {import("./outbox.js").WantedBulkAnswer} bulk @param {string} key @param {readonly Earlier[]} [before]  unknown of a bulk answer that was given before the page was loaded */
   function pushed({ dataset, count }, key, before = []) {
     /** @type {Step} */
-    const step = { before, dataset, act: key, batch: null, count };
+    const step = { before, dataset, bulkKey: key, batch: null, count };
     steps.push(step);
     return step;
   }
 
-  /** @param {import("./outbox.js").WantedAct} act */
-  function answerMany(act) {
+  /** @param {import("./outbox.js").WantedBulkAnswer} bulk */
+  function answerMany(bulk) {
     const key = crypto.randomUUID();
-    pushed(act, key, boxes.all(act.boxIds ?? []).map(answerTo));
-    start(act, key);
+    pushed(bulk, key, boxes.all(bulk.boxIds ?? []).map(answerTo));
+    start(bulk, key);
   }
 
   /** Boxes that an undone bulk answer had answered, and whose later answers were undone too, by new answers. @param {Step} step @param {ReadonlySet<number>} since  boxes that this person has answered since */
@@ -231,42 +231,42 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, g
   }
 
   /** Undo a whole bulk answer, but for boxes that this person has answered since. @param {Step} step */
-  function undoAct(step) {
-    const { act = "", batch = null, dataset, count = 0 } = step;
+  function undoStep(step) {
+    const { bulkKey = "", batch = null, dataset, count = 0 } = step;
     const since = steps.since(step);
     const meant = step.before.filter(({ boxId }) => !since.has(boxId));
     const seen = meant.map(({ boxId }) => seenRevision(boxes.get(boxId) ?? {}));
-    toasts.dismiss(offers.get(act) ?? 0);
+    toasts.dismiss(offers.get(bulkKey) ?? 0);
     remember(meant.map(({ boxId }) => boxId));
-    undoing.set(act, step);
+    undoing.set(bulkKey, step);
     steps.drop(step);
     const which = step.before.length ? { boxIds: meant.map(({ boxId }) => boxId), seen } : {};
-    undo({ act, batch, dataset, count, before: meant.map(({ verdict, comment }) => ({ verdict, comment })), ...which });
-    if (!undoing.has(act)) restore(step, since);
+    undo({ act: bulkKey, batch, dataset, count, before: meant.map(({ verdict, comment }) => ({ verdict, comment })), ...which });
+    if (!undoing.has(bulkKey)) restore(step, since);
   }
 
   return {
     report,
     reloads,
 
-    /** A bulk answer was stored. @param {import("./outbox.js").DoneAct} done */
-    done({ batchId, act, skipped, stale }) {
-      const { key } = act;
+    /** A bulk answer was stored. @param {import("./outbox.js").StoredBulkAnswer} done */
+    done({ batchId, bulk, skipped, stale }) {
+      const { key } = bulk;
       const left = new Set([...stale, ...skipped]);
-      const step = undoing.get(key) ?? steps.ofAct(key) ?? pushed(act, key);
+      const step = undoing.get(key) ?? steps.ofBulkAnswer(key) ?? pushed(bulk, key);
       step.batch = batchId;
       step.before = step.before.filter(({ boxId }) => !left.has(boxId));
-      stored((act.boxIds ?? []).map((boxId, i) => ({ boxId, verdict: act.verdict, comment: "", revision: act.seen?.[i] ?? 0 })), [...left]);
-      if (act.filter) reloads.set(reloads.get() + 1);
+      stored((bulk.boxIds ?? []).map((boxId, i) => ({ boxId, verdict: bulk.verdict, comment: "", revision: bulk.seen?.[i] ?? 0 })), [...left]);
+      if (bulk.filter) reloads.set(reloads.get() + 1);
       void lookAgain(stale);
-      const action = undoing.has(key) ? undefined : { text: "Undo", run: () => steps.ofAct(key) && undoAct(step) };
-      offers.set(key, toasts.show(`${countOf(act.count - skipped.length - stale.length, "box", "boxes")} ${DONE[act.verdict]}`, { action }));
+      const action = undoing.has(key) ? undefined : { text: "Undo", run: () => steps.ofBulkAnswer(key) && undoStep(step) };
+      offers.set(key, toasts.show(`${countOf(bulk.count - skipped.length - stale.length, "box", "boxes")} ${DONE[bulk.verdict]}`, { action }));
       report.set(leftOut(skipped, stale));
     },
 
-    /** A bulk answer was discarded. @param {import("./outbox.js").Act} act */
+    /** A bulk answer was discarded. @param {import("./outbox.js").BulkAnswer} bulk */
     givenUp({ key }) {
-      const step = steps.ofAct(key);
+      const step = steps.ofBulkAnswer(key);
       if (step) steps.drop(step);
       undoing.delete(key);
     },
@@ -278,11 +278,11 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, g
     /** One answer on all that a filter selected when the list was read. @param {string} dataset @param {Answer} verdict @param {import("./outbox.js").Filter} filter @param {{total: number, snapshot: string}} list */
     answerAll: (dataset, verdict, filter, { total, snapshot }) => answerMany({ dataset, verdict, filter, snapshot, count: total }),
 
-    undo: undoAct,
+    undo: undoStep,
 
     /** The undo of a bulk answer was stored. @param {import("./outbox.js").Undo} item @param {import("./outbox.js").UndoOut} out */
-    undone({ act, boxIds, seen, before }, { undone: count, skipped }) {
-      undoing.delete(act);
+    undone({ act: key, boxIds, seen, before }, { undone: count, skipped }) {
+      undoing.delete(key);
       stored((boxIds ?? []).map((boxId, i) => ({ boxId, verdict: "clear", comment: "", ...before[i], revision: seen?.[i] ?? 0 })), skipped);
       if (!boxIds) reloads.set(reloads.get() + 1);
       toasts.show(`${countOf(count, "answer")} undone`);
@@ -290,8 +290,8 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, g
     },
 
     /** The undo of a bulk answer will never be stored. @param {import("./outbox.js").Undo} item @param {Error} error */
-    undoRefused({ act, boxIds = [] }, error) {
-      undoing.delete(act);
+    undoRefused({ act: key, boxIds = [] }, error) {
+      undoing.delete(key);
       toasts.show(`Not undone: ${error.message}`, { kind: "error" });
       void lookAgain(boxIds);
     },
@@ -304,7 +304,7 @@ function createActs({ boxes, changedFrame, toasts, steps, remember, lookAgain, g
  * @typedef {object} Step
  * @property {readonly Earlier[]} before  the earlier answers on its boxes; none for a bulk answer on boxes that the page does not know
  * @property {string} dataset
- * @property {string} [act]  the key of a bulk answer, which is undone as a whole
+ * @property {string} [bulkKey]  the key of a bulk answer, which is undone as a whole
  * @property {number | null} [batch]  the bulk answer's id on the server, once it is stored
  * @property {number} [count]  how many boxes the bulk answer was to answer
  */
@@ -337,7 +337,7 @@ export function createSteps(boxes) {
     last: () => steps.at(-1)?.step ?? null,
 
     /** @param {string} key */
-    ofAct: (key) => steps.find(({ step }) => step.act === key)?.step ?? null,
+    ofBulkAnswer: (key) => steps.find(({ step }) => step.bulkKey === key)?.step ?? null,
 
     /** The boxes that later steps have answered. @param {Step} step */
     since: (step) => new Set(steps.slice(steps.findIndex((one) => one.step === step) + 1).flatMap((one) => one.step.before.map(({ boxId }) => boxId))),
@@ -346,7 +346,7 @@ export function createSteps(boxes) {
     drop: (step) => remove((one) => one === step),
 
     /** Somebody else has answered the box: this person can no longer undo their own earlier answer. @param {number} boxId */
-    forget: (boxId) => remove(({ act, before }) => act === undefined && before.some((one) => one.boxId === boxId)),
+    forget: (boxId) => remove(({ bulkKey, before }) => bulkKey === undefined && before.some((one) => one.boxId === boxId)),
   };
 }
 

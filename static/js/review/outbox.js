@@ -28,7 +28,7 @@ import { createValue } from "../core/observable.js";
 /** @typedef {import("../core/openapi.js").BoxSelection} Filter */
 
 /**
- * @typedef {object} Act  a bulk answer: one answer on many boxes
+ * @typedef {object} BulkAnswer  a bulk answer: one answer on many boxes
  * @property {string} key  also the Idempotency-Key
  * @property {string} person  who did it: it is sent under no other name
  * @property {string} tab  that sends it
@@ -58,16 +58,16 @@ import { createValue } from "../core/observable.js";
  * @property {number} count
  */
 
-/** @typedef {QueuedAnswer | Act | Undo} Item */
-/** @typedef {Omit<Act, "key" | "tab" | "person" | "order" | "attempted">} WantedAct */
+/** @typedef {QueuedAnswer | BulkAnswer | Undo} Item */
+/** @typedef {Omit<BulkAnswer, "key" | "tab" | "person" | "order" | "attempted">} WantedBulkAnswer */
 /** @typedef {Omit<Undo, "key" | "tab" | "person" | "order">} WantedUndo */
 
 const ANSWER_PREFIX = "unghost.outbox.v1.";
-const ACT_PREFIX = "unghost.bulk.v1.";
+const BULK_PREFIX = "unghost.bulk.v1.";
 const UNDO_PREFIX = "unghost.undo.v1.";
 
 /** @param {string} name */
-const isOurs = (name) => [ANSWER_PREFIX, ACT_PREFIX, UNDO_PREFIX].some((prefix) => name.startsWith(prefix));
+const isOurs = (name) => [ANSWER_PREFIX, BULK_PREFIX, UNDO_PREFIX].some((prefix) => name.startsWith(prefix));
 
 /** @param {Item} item @returns {item is QueuedAnswer} */
 const isSingle = (item) => "boxId" in item;
@@ -75,20 +75,20 @@ const isSingle = (item) => "boxId" in item;
 /** @param {Item} item @returns {item is Undo} */
 export const isUndo = (item) => "act" in item;
 
-/** @param {Item} item @returns {item is Act | Undo} */
+/** @param {Item} item @returns {item is BulkAnswer | Undo} */
 const isMany = (item) => !isSingle(item);
 
-/** @param {Item} item @returns {item is Act} */
-const isAct = (item) => isMany(item) && !isUndo(item);
+/** @param {Item} item @returns {item is BulkAnswer} */
+const isBulkAnswer = (item) => isMany(item) && !isUndo(item);
 
 /** @param {Item} item */
-const nameOf = (item) => (isSingle(item) ? ANSWER_PREFIX : isUndo(item) ? UNDO_PREFIX : ACT_PREFIX) + item.key;
+const nameOf = (item) => (isSingle(item) ? ANSWER_PREFIX : isUndo(item) ? UNDO_PREFIX : BULK_PREFIX) + item.key;
 
 /** How many answers it is. @param {Item} item */
 const sizeOf = (item) => (isSingle(item) ? 1 : item.count);
 
-/** Whether this bulk answer or undo may have answered the box: the page does not know which boxes a filter selects. @param {Act | Undo} act @param {number} boxId */
-const mayHaveAnswered = (act, boxId) => act.boxIds === undefined || act.boxIds.includes(boxId);
+/** Whether this bulk answer or undo may have answered the box. On a filter it may: the page does not know which boxes that selects. @param {BulkAnswer | Undo} many @param {number} boxId */
+const mayHaveAnswered = (many, boxId) => many.boxIds === undefined || many.boxIds.includes(boxId);
 
 /** @param {Storage} storage @param {string} tab @param {() => string} who  answers now @param {() => string} [newKey] */
 export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID()) {
@@ -121,14 +121,15 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     /** Those on many boxes among them: bulk answers, and undos of bulk answers. */
     many: () => mine().filter(isMany),
 
-    /** @param {string} key @returns {Act | undefined} */
-    act: (key) => mine().filter(isAct).find((act) => act.key === key),
+    /** @param {string} key @returns {BulkAnswer | undefined} */
+    bulkAnswer: (key) => mine().filter(isBulkAnswer).find((bulk) => bulk.key === key),
 
     /** The undo of this bulk answer, if there is one. @param {string} key */
     undoOf: (key) => mine().find((item) => isUndo(item) && item.act === key),
 
     /**
-     * An answer that has not been sent is replaced, unless the box was part of a bulk answer since; one that may have arrived is followed.
+     * Queue an answer on one box. It replaces this person's earlier answer on the box, if that was never sent and no
+     * bulk answer on the box was queued since. An earlier answer that may have reached the server stays, and is sent first.
      * @param {{boxId: number, frameId: number, verdict: Answer, comment: string, seenRevision: number}} answer  of the person who is signed in
      */
     add(answer) {
@@ -142,17 +143,17 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
       write({ ...answer, key: newKey(), person: who(), tab, order: nextOrder(waiting), attempted: false });
     },
 
-    /** @param {WantedAct} act @param {string} [key] */
-    addAct: (act, key = newKey()) => write({ ...act, key, person: who(), tab, order: nextOrder(mine()) }),
+    /** @param {WantedBulkAnswer} bulk @param {string} [key] */
+    addBulkAnswer: (bulk, key = newKey()) => write({ ...bulk, key, person: who(), tab, order: nextOrder(mine()) }),
 
     /** @param {WantedUndo} undo */
     addUndo: (undo) => write({ ...undo, key: newKey(), person: who(), tab, order: nextOrder(mine()) }),
 
-    /** A bulk answer was stored: its undo can be sent, for all boxes but those that the bulk answer has left out. @param {Act} act @param {number} batch @param {readonly number[]} leftOut */
-    actStored(act, batch, leftOut) {
+    /** A bulk answer was stored: its undo can be sent, for all boxes but those that the bulk answer has left out. @param {BulkAnswer} bulk @param {number} batch @param {readonly number[]} leftOut */
+    setStored(bulk, batch, leftOut) {
       const out = new Set(leftOut);
       for (const item of mine()) {
-        if (!isUndo(item) || item.act !== act.key) continue;
+        if (!isUndo(item) || item.act !== bulk.key) continue;
         const { boxIds, seen, before } = item;
         /** @type {<T>(values: T[]) => T[]} */
         const kept = (values) => values.filter((_, i) => !out.has(boxIds?.[i] ?? 0));
@@ -168,7 +169,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
       return counts;
     },
 
-    /** @param {QueuedAnswer | Act} item */
+    /** @param {QueuedAnswer | BulkAnswer} item */
     markAttempted: (item) => write({ ...item, attempted: true }),
 
     /** Queue an answer again that was not stored, now for this revision. @param {QueuedAnswer} item @param {number} revision */
@@ -251,16 +252,16 @@ function holdLock(name) {
 
 /** @typedef {{id: number, count: number, skipped: number[], stale: number[]}} BulkOut  `stale`: answered by somebody since they were seen */
 /** @typedef {{id: number, undone: number, skipped: number[]}} UndoOut */
-/** @typedef {"sending" | "waiting" | "changed" | "refused"} ActState  `changed` and `refused` wait for the person to decide */
-/** @typedef {{item: Act | Undo, state: ActState, text: string}} OpenItem */
-/** @typedef {{batchId: number, act: Act, skipped: number[], stale: number[]}} DoneAct */
+/** @typedef {"sending" | "waiting" | "changed" | "refused"} ManyState  `changed` and `refused` wait for the person to decide */
+/** @typedef {{item: BulkAnswer | Undo, state: ManyState, text: string}} OpenItem */
+/** @typedef {{batchId: number, bulk: BulkAnswer, skipped: number[], stale: number[]}} StoredBulkAnswer */
 /** @typedef {"saved" | "saving" | "offline" | "signed-out" | "busy"} Phase */
 /** @typedef {{phase: Phase, waiting: ReadonlySet<number>, count: number}} SenderState  `waiting`: boxes with an answer of their own; `count`: answers in all */
 
 /**
  * @typedef {object} SenderCalls
  * @property {(boxId: number, answer: {verdict: Answer, comment: string, seen_revision: number}, key: string) => Promise<StoredReview>} answer
- * @property {(act: Act) => Promise<BulkOut>} act
+ * @property {(bulk: BulkAnswer) => Promise<BulkOut>} answerMany
  * @property {(undo: Undo) => Promise<UndoOut>} undo
  */
 
@@ -269,8 +270,8 @@ function holdLock(name) {
  * @property {(stored: StoredReview) => void} onStored
  * @property {(item: QueuedAnswer, current: Decision | null) => void} onConflict  somebody else was first
  * @property {(item: QueuedAnswer, error: Error) => void} onRefused  will never be stored
- * @property {(done: DoneAct) => void} onDone
- * @property {(act: Act) => void} onGivenUp
+ * @property {(done: StoredBulkAnswer) => void} onDone
+ * @property {(bulk: BulkAnswer) => void} onGivenUp
  * @property {(undo: Undo, out: UndoOut) => void} onUndone
  * @property {(undo: Undo, error: Error) => void} onUndoRefused  will never be done
  * @property {() => void} onSignedOut  the server stores nothing until somebody signs in
@@ -283,7 +284,7 @@ function holdLock(name) {
  * @param {import("../core/api.js").Later} [later]
  */
 export function createSender(outbox, calls, events, later) {
-  /** The state of bulk answers and undos that are not stored, by their keys. @type {Map<string, {state: ActState, text: string}>} */
+  /** The state of bulk answers and undos that are not stored, by their keys. @type {Map<string, {state: ManyState, text: string}>} */
   const told = new Map();
   const open = createValue(/** @type {readonly OpenItem[]} */ ([]));
   /** @type {import("../core/observable.js").Value<SenderState>} */
@@ -294,8 +295,8 @@ export function createSender(outbox, calls, events, later) {
   /** `resume` was called while an earlier attempt was still running: retry at once if that fails. */
   let isWorthTrying = false;
   const retries = createRetries(later);
-  /** The place in the line of the last bulk answer, or undo, that was stored and whose boxes the page does not know. */
-  let filterActs = 0;
+  /** The `order` of the last bulk answer on a filter, or of its undo, that was stored: the page does not know which boxes it answered. */
+  let lastOnFilter = 0;
 
   /** Whether it was set aside, until the person decides. @param {Item} item */
   function isAside(item) {
@@ -346,7 +347,7 @@ export function createSender(outbox, calls, events, later) {
     try {
       if (isSingle(item)) await sendAnswer(item);
       else if (isUndo(item)) await sendUndo(item);
-      else await sendAct(item);
+      else await sendBulkAnswer(item);
       return true;
     } catch (error) {
       return afterError(item, error);
@@ -363,14 +364,14 @@ export function createSender(outbox, calls, events, later) {
     events.onStored(stored);
   }
 
-  /** @param {Act} act */
-  async function sendAct(act) {
-    outbox.markAttempted(act);
-    const out = await calls.act(act);
-    outbox.remove(act);
-    outbox.actStored(act, out.id, [...out.stale, ...out.skipped]);
-    answered(act, out.stale);
-    events.onDone({ batchId: out.id, act, skipped: out.skipped, stale: out.stale });
+  /** @param {BulkAnswer} bulk */
+  async function sendBulkAnswer(bulk) {
+    outbox.markAttempted(bulk);
+    const out = await calls.answerMany(bulk);
+    outbox.remove(bulk);
+    outbox.setStored(bulk, out.id, [...out.stale, ...out.skipped]);
+    answered(bulk, out.stale);
+    events.onDone({ batchId: out.id, bulk, skipped: out.skipped, stale: out.stale });
   }
 
   /** @param {Undo} undo */
@@ -381,10 +382,10 @@ export function createSender(outbox, calls, events, later) {
     events.onUndone(undo, out);
   }
 
-  /** The server has answered these boxes: later answers on them have seen that. @param {Act | Undo} item @param {readonly number[]} but  boxes that it has left alone */
+  /** The server has answered these boxes: later answers on them have seen that. @param {BulkAnswer | Undo} item @param {readonly number[]} but  boxes that it has left alone */
   function answered(item, but) {
     const { boxIds, seen = [] } = item;
-    if (!boxIds) filterActs = item.order;
+    if (!boxIds) lastOnFilter = item.order;
     const left = new Set(but);
     const revisions = new Map(boxIds?.map((boxId, i) => [boxId, (seen[i] ?? 0) + 1]));
     left.forEach((boxId) => revisions.delete(boxId));
@@ -402,7 +403,7 @@ export function createSender(outbox, calls, events, later) {
       return false;
     }
     if (error.isTemporary) return waitAndRetry("busy", error.retryAfterS, error.message);
-    if (isAct(item)) {
+    if (isBulkAnswer(item)) {
       told.set(item.key, { state: error.problem.code === "stale_snapshot" ? "changed" : "refused", text: error.message });
       leftOut(item);
       if (outbox.undoOf(item.key)) giveUp(item.key);
@@ -426,9 +427,13 @@ export function createSender(outbox, calls, events, later) {
     return true;
   }
 
-  /** Whether the conflicting answer came from this person's own earlier bulk answer on a filter, or its undo, which may leave no answer: the page did not know which boxes these answered. @param {QueuedAnswer} item @param {Decision} current */
+  /**
+   * Whether the conflict is with this person's own earlier bulk answer on a filter, or with its undo. The page did not
+   * know which boxes these answered, so the answer had seen an older revision. After an undo a box may have no answer.
+   * @param {QueuedAnswer} item @param {Decision} current
+   */
   function isOwn(item, current) {
-    return filterActs > 0 && item.order > filterActs && (current.review?.reviewer ?? item.person) === item.person;
+    return lastOnFilter > 0 && item.order > lastOnFilter && (current.review?.reviewer ?? item.person) === item.person;
   }
 
   /** It was not stored, so later answers on its boxes get the revision that it had seen. @param {Item} item */
@@ -463,19 +468,19 @@ export function createSender(outbox, calls, events, later) {
 
   /** Discard a bulk answer, and its undo. @param {string} key */
   function giveUp(key) {
-    const act = outbox.act(key);
-    if (!act) return;
+    const bulk = outbox.bulkAnswer(key);
+    if (!bulk) return;
     const undo = outbox.undoOf(key);
     if (undo) {
       outbox.remove(undo);
       told.delete(undo.key);
     }
-    outbox.remove(act);
-    // Later answers know it already of one that was set aside, and may have seen newer ones since.
-    if (!isAside(act)) leftOut(act);
+    outbox.remove(bulk);
+    // If it was set aside, the revisions of later answers were corrected then, and others may have answered since.
+    if (!isAside(bulk)) leftOut(bulk);
     told.delete(key);
     show(state.get().phase);
-    events.onGivenUp(act);
+    events.onGivenUp(bulk);
   }
 
   show("saved");
@@ -492,9 +497,9 @@ export function createSender(outbox, calls, events, later) {
       more();
     },
 
-    /** @param {WantedAct} act @param {string} [key] */
-    start(act, key) {
-      outbox.addAct(act, key);
+    /** @param {WantedBulkAnswer} bulk @param {string} [key] */
+    start(bulk, key) {
+      outbox.addBulkAnswer(bulk, key);
       more();
     },
 
@@ -508,8 +513,8 @@ export function createSender(outbox, calls, events, later) {
 
     /** Undo a bulk answer: one that the server cannot have stored is discarded; else the undo is sent like an answer. @param {WantedUndo} undo */
     undo(undo) {
-      const act = outbox.act(undo.act);
-      if (act && (isAside(act) || !act.attempted)) return giveUp(act.key);
+      const bulk = outbox.bulkAnswer(undo.act);
+      if (bulk && (isAside(bulk) || !bulk.attempted)) return giveUp(bulk.key);
       outbox.addUndo(undo);
       more();
     },
@@ -530,7 +535,7 @@ export function createSender(outbox, calls, events, later) {
 
 /** @typedef {ReturnType<typeof createSender>} Sender */
 
-/** One answer on many boxes, as they were seen. @param {Act} act @returns {Promise<BulkOut>} */
+/** One answer on many boxes, as they were seen. @param {BulkAnswer} bulk @returns {Promise<BulkOut>} */
 export function sendBulk({ key, dataset, verdict, boxIds, seen, filter, snapshot }) {
   const which = boxIds ? { box_ids: boxIds, seen_revisions: seen } : { filter, snapshot };
   return post("/api/v1/reviews/bulk", { body: { dataset, verdict, ...which }, key });

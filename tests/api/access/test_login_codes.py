@@ -95,7 +95,7 @@ def test_a_login_code_of_somebody_else_is_not_to_be_seen(admin, as_role):
 
 
 @pytest.mark.parametrize("body", [{}, {"token": "ug_x", "code": "uc_x"}])
-def test_one_logs_in_by_one_thing(anybody, body):
+def test_a_login_needs_either_a_token_or_a_code(anybody, body):
     answer = anybody.post("/api/v1/session", json=body)
 
     assert answer.status_code == 422

@@ -40,7 +40,7 @@ def effective(api, dataset):
     return api.json(f"/datasets/{dataset}/stats")["effective"]["kept"]
 
 
-def test_many_boxes_are_one_act_and_one_undo(api, dataset, ghosts):
+def test_a_bulk_answer_has_one_undo(api, dataset, ghosts):
     api.review(ghosts[0], "unsure", comment="before")
     elsewhere = api.stored(api.dataset(), "a")["decisions"][0]["box_id"]
     ids = [*ghosts, elsewhere, ghosts[0], 2**62]
@@ -114,7 +114,7 @@ def test_stacked_acts_are_undone_one_after_the_other(api, dataset, ghosts):
     assert effective(api, dataset) == 3
 
 
-def test_an_act_under_one_that_stands_is_left(api, dataset, ghosts):
+def test_undo_leaves_an_answer_that_a_later_one_covers(api, dataset, ghosts):
     first = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
     second = bulk_as_seen(api, dataset, "reject", ghosts[:2]).json()["id"]
     redone = undo(api, undo(api, second).json()["id"])
@@ -125,7 +125,9 @@ def test_an_act_under_one_that_stands_is_left(api, dataset, ghosts):
     assert (undone["undone"], undone["skipped"]) == (1, ghosts[:2])
 
 
-def test_an_answer_between_acts_still_stands_when_both_are_undone(api, dataset, ghosts):
+def test_an_answer_between_bulk_answers_still_stands_when_both_are_undone(
+    api, dataset, ghosts
+):
     first = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
     api.review(ghosts[0], "unsure", 1)
     second = bulk_as_seen(api, dataset, "reject", ghosts).json()["id"]

@@ -40,9 +40,9 @@ test("a box read before it was answered is older, also when it arrives later", a
   assert.deepEqual([app.boxes.get(99)?.review, app.boxes.get(99)?.revision], [null, 2]);
 });
 
-for (const [what, id, act] of /** @type {[string, number | null, () => void][]} */ ([
+for (const [what, id, give] of /** @type {[string, number | null, () => void][]} */ ([
   ["an answer", 12, () => app.answer(99, "keep")],
-  ["an act on many boxes", null, () => app.acts.answer("d", "keep", [99], new Map())],
+  ["a bulk answer", null, () => app.bulkAnswers.answer("d", "keep", [99], new Map())],
 ])) {
   test(`when ${what} is stored, whoever has fetched the frame is told`, async () => {
     globalThis.fetch = async (address) =>
@@ -52,7 +52,7 @@ for (const [what, id, act] of /** @type {[string, number | null, () => void][]} 
     const told = [];
     app.changedFrame.observe((/** @type {{id: number | null}} */ changed) => told.push(changed.id));
 
-    act();
+    give();
     assert.deepEqual(told, []);
     await new Promise((resolve) => setTimeout(resolve, 20));
 
@@ -60,10 +60,10 @@ for (const [what, id, act] of /** @type {[string, number | null, () => void][]} 
   });
 }
 
-test("undo goes back over acts on many boxes and single answers in the order in which they were given", () => {
+test("undo goes back over bulk answers and single answers in the order in which they were given", () => {
   // The first answer is on its way; what follows has not been sent.
   app.answer(3, "unsure");
-  app.acts.answer("d", "keep", [1, 2], new Map());
+  app.bulkAnswers.answer("d", "keep", [1, 2], new Map());
   assert.deepEqual(answers(), ["keep", "keep", "unsure"]);
   undo();
   assert.deepEqual(answers(), [null, null, "unsure"]);
@@ -72,9 +72,9 @@ test("undo goes back over acts on many boxes and single answers in the order in 
   assert.deepEqual([answers(), said], [[null, null, null], ["Nothing to undo."]]);
 });
 
-test("undo of an act that was not sent restores the boxes that were answered after it too", () => {
+test("undo of a bulk answer that was not sent restores the boxes that were answered after it too", () => {
   app.answer(3, "unsure");
-  app.acts.answer("d", "reject", [1, 2], new Map());
+  app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
   app.answer(1, "keep");
   undo();
   assert.deepEqual(answers(), ["reject", "reject", "unsure"]);
@@ -82,15 +82,15 @@ test("undo of an act that was not sent restores the boxes that were answered aft
   assert.deepEqual(answers(), [null, null, "unsure"]);
 });
 
-test("the undo of an act that is on its way is shown at once", () => {
-  app.acts.answer("d", "reject", [1, 2], new Map());
+test("the undo of a bulk answer that is on its way is shown at once", () => {
+  app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
   undo();
   assert.deepEqual(answers(), [null, null, null]);
 });
 
-test("the undo of an act, asked for after a later answer, leaves that answer as it is", async () => {
+test("the undo of a bulk answer, asked for after a later answer, leaves that answer as it is", async () => {
   globalThis.fetch = async () => Response.json({ id: 7, count: 2, skipped: [], stale: [] }, { status: 201 });
-  app.acts.answer("d", "reject", [1, 2], new Map());
+  app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
   await new Promise((resolve) => setTimeout(resolve, 20));
   globalThis.fetch = () => new Promise(() => {});
   app.answer(1, "keep");
@@ -116,15 +116,15 @@ test("steps are undone from the newest to the oldest, and hold their boxes until
   assert.deepEqual([steps.last(), boxes.get(1)?.box_id, boxes.get(2)], [first, 1, undefined]);
 });
 
-test("an answer that somebody else has replaced cannot be undone; an act on many boxes can", () => {
+test("an answer that somebody else has replaced cannot be undone; a bulk answer can", () => {
   const steps = createSteps(createBoxes());
   const before = (/** @type {number} */ boxId) => [{ boxId, verdict: /** @type {const} */ ("clear"), comment: "" }];
   for (const boxId of [1, 2, 1]) steps.push({ before: before(boxId) });
-  steps.push({ before: before(1), act: "k1" });
+  steps.push({ before: before(1), bulkKey: "k1" });
 
   steps.forget(1);
 
-  assert.equal(steps.last()?.act, "k1");
+  assert.equal(steps.last()?.bulkKey, "k1");
   steps.drop(/** @type {any} */ (steps.last()));
   assert.equal(steps.last()?.before[0]?.boxId, 2);
 });

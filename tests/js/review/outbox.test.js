@@ -16,7 +16,7 @@ let sent;
 /** What the server says next; nothing: it stores. @type {Error[]} */
 let refusals;
 /** @type {any[]} */
-let acts;
+let bulkAnswers;
 /** @type {any[]} */
 let undos;
 /** @type {Map<number, number>} */
@@ -30,7 +30,7 @@ beforeEach(() => {
   storage = memoryStorage();
   person = "ada";
   sent = [];
-  acts = [];
+  bulkAnswers = [];
   undos = [];
   refusals = [];
   revisions = new Map();
@@ -57,17 +57,17 @@ function saverOf(tab = "t1") {
     onConflict: (/** @type {any} */ item, /** @type {any} */ current) => told.push(["conflict", item.verdict, current?.review?.verdict]),
     onRefused: (/** @type {any} */ item, /** @type {Error} */ error) => told.push(["refused", item.verdict, error.message]),
   };
-  const act = async (/** @type {any} */ act) => {
-    acts.push(act);
+  const answerMany = async (/** @type {any} */ bulk) => {
+    bulkAnswers.push(bulk);
     const refusal = refusals.shift();
     if (refusal) throw refusal;
-    if (act.filter) {
+    if (bulk.filter) {
       for (const id of [1, 2]) revisions.set(id, (revisions.get(id) ?? 0) + 1);
       return { id: 7, count: 2, skipped: [], stale: [] };
     }
-    const stale = act.boxIds.filter((/** @type {number} */ id, /** @type {number} */ i) => (revisions.get(id) ?? 0) !== act.seen[i]);
-    for (const id of act.boxIds) if (!stale.includes(id)) revisions.set(id, (revisions.get(id) ?? 0) + 1);
-    return { id: 7, count: act.boxIds.length, skipped: [], stale };
+    const stale = bulk.boxIds.filter((/** @type {number} */ id, /** @type {number} */ i) => (revisions.get(id) ?? 0) !== bulk.seen[i]);
+    for (const id of bulk.boxIds) if (!stale.includes(id)) revisions.set(id, (revisions.get(id) ?? 0) + 1);
+    return { id: 7, count: bulk.boxIds.length, skipped: [], stale };
   };
   const undo = async (/** @type {any} */ item) => {
     undos.push(item);
@@ -77,14 +77,14 @@ function saverOf(tab = "t1") {
     for (const id of boxIds) revisions.set(id, (revisions.get(id) ?? 0) + 1);
     return { id: 8, undone: boxIds.length, skipped: [] };
   };
-  const ofActs = {
+  const ofBulkAnswers = {
     onDone: (/** @type {any} */ done) => told.push(["done", done.stale]),
     onUndone: (/** @type {any} */ item, /** @type {any} */ out) => told.push(["undone", item.batch, out.skipped]),
     onUndoRefused: (/** @type {any} */ item, /** @type {Error} */ error) => told.push(["undo refused", item.batch, error.message]),
     onSignedOut: () => {},
     onGivenUp: () => told.push(["given up"]),
   };
-  return { outbox, saver: createSender(outbox, { answer: send, act, undo }, { ...events, ...ofActs }, (run, ms) => void timers.push({ run, ms })) };
+  return { outbox, saver: createSender(outbox, { answer: send, answerMany, undo }, { ...events, ...ofBulkAnswers }, (run, ms) => void timers.push({ run, ms })) };
 }
 
 /** An answer that has seen what the server last said of the box: nothing yet. @param {any} saver @param {number} boxId @param {any} verdict */
@@ -253,7 +253,7 @@ test("a network that comes back while an attempt is still failing is not waited 
 /** @param {any} saver @param {any} verdict @param {number[]} boxIds @param {number[]} seen */
 const answerMany = (saver, verdict, boxIds, seen) => saver.start({ dataset: "d", verdict, boxIds, seen, count: boxIds.length });
 
-test("away from the server, an answer after an act on many boxes is sent after it", async () => {
+test("away from the server, an answer after a bulk answer is sent after it", async () => {
   refusals = [new NoResponse("away"), new NoResponse("away")];
   const { saver } = saverOf();
   answerMany(saver, "reject", [1, 2], [0, 0]);
@@ -267,7 +267,7 @@ test("away from the server, an answer after an act on many boxes is sent after i
   assert.deepEqual([saver.state.get().phase, saver.open.get()], ["saved", []]);
 });
 
-test("away from the server, an act on many boxes is sent after the answers before it", async () => {
+test("away from the server, a bulk answer is sent after the answers before it", async () => {
   refusals = [new NoResponse("away"), new NoResponse("away")];
   const { saver } = saverOf();
   answer(saver, 1, "keep");
@@ -281,7 +281,7 @@ test("away from the server, an act on many boxes is sent after the answers befor
   assert.deepEqual(told, [["stored", 1, 1], ["done", []]]);
 });
 
-test("what an earlier version of the page has kept is sent and forgotten, its acts, which had no order, first", async () => {
+test("what an earlier version of the page has kept is sent and forgotten, its bulk answers, which had no order, first", async () => {
   const kept = { person: "ada", tab: "closed", verdict: "keep" };
   const old = {
     "unghost.outbox.v1.k1": { ...kept, key: "k1", order: 1, boxId: 3, frameId: 10, comment: "", seenRevision: 0, attempted: true },
@@ -294,13 +294,13 @@ test("what an earlier version of the page has kept is sent and forgotten, its ac
   await saver.resume();
   await settled();
 
-  assert.deepEqual(acts.map(({ key, boxIds, seen }) => [key, boxIds, seen]), [["k2", [1, 2], [0, 0]]]);
+  assert.deepEqual(bulkAnswers.map(({ key, boxIds, seen }) => [key, boxIds, seen]), [["k2", [1, 2], [0, 0]]]);
   assert.deepEqual(sent.map(({ key, boxId, verdict, seen_revision }) => [key, boxId, verdict, seen_revision]), [["k1", 3, "keep", 0]]);
   assert.deepEqual(told, [["done", []], ["stored", 3, 1]]);
   assert.equal(storage.length, 0);
 });
 
-test("an answer is not replaced by one that was given after an act on the box", async () => {
+test("an answer is not replaced by one that was given after a bulk answer on the box", async () => {
   refusals = [new ApiError(401, {}, null)];
   const { saver, outbox } = saverOf();
   answer(saver, 7, "keep");
@@ -330,7 +330,7 @@ test("what rests on an answer that somebody was faster than overwrites nothing",
   assert.equal(revisions.get(1), 1);
 });
 
-test("an act that is given up takes nothing with it that was answered later", async () => {
+test("a bulk answer that is given up takes nothing with it that was answered later", async () => {
   refusals = [new ApiError(413, { detail: "too many" }, null)];
   const { saver } = saverOf();
   answerMany(saver, "reject", [1, 2], [0, 0]);
@@ -343,7 +343,7 @@ test("an act that is given up takes nothing with it that was answered later", as
   assert.deepEqual(saver.open.get(), []);
 });
 
-test("an answer after one's own act on all of a filter meets nobody else", async () => {
+test("an answer after one's own bulk answer on a filter meets nobody else", async () => {
   refusals = [new NoResponse("away"), new NoResponse("away")];
   const { saver } = saverOf();
   saver.start({ dataset: "d", verdict: "reject", filter: { class: "car" }, snapshot: "s", count: 2 });
@@ -361,7 +361,7 @@ test("an answer after one's own act on all of a filter meets nobody else", async
 test("what was said of each box last is known, whatever it was said with", () => {
   const outbox = createOutbox(storage, "t1", () => person);
   outbox.add({ boxId: 1, frameId: 10, verdict: "keep", comment: "seen twice", seenRevision: 0 });
-  outbox.addAct({ dataset: "d", verdict: "reject", boxIds: [2, 3], seen: [0, 0], count: 2 });
+  outbox.addBulkAnswer({ dataset: "d", verdict: "reject", boxIds: [2, 3], seen: [0, 0], count: 2 });
   outbox.add({ boxId: 3, frameId: 10, verdict: "unsure", comment: "", seenRevision: 0 });
 
   assert.deepEqual(Object.fromEntries(outbox.given()), {
@@ -371,20 +371,20 @@ test("what was said of each box last is known, whatever it was said with", () =>
   });
 });
 
-/** The undos that are not stored: of which acts, and why they wait. @param {any} saver */
+/** The undos that are not stored: of which bulk answers, and why they wait. @param {any} saver */
 const openOf = (saver) => saver.open.get().map((/** @type {any} */ { item, state, text }) => [item.act, state, text]);
 
-/** The undo of an act that rejected boxes 1 and 2, which had no answer. @param {any} saver @param {string} act  its key @param {{batch?: number | null, seen?: number[]}} [some] */
-const undoAct = (saver, act, { batch = null, seen = [0, 0] } = {}) =>
+/** The undo of a bulk answer that rejected boxes 1 and 2, which had no answer. @param {any} saver @param {string} act  its key @param {{batch?: number | null, seen?: number[]}} [some] */
+const undoBulkAnswer = (saver, act, { batch = null, seen = [0, 0] } = {}) =>
   saver.undo({ act, batch, dataset: "d", boxIds: [1, 2], seen, before: [1, 2].map(() => ({ verdict: "clear", comment: "" })), count: 2 });
 
-test("the undo of an act is sent after the answers before it, and answers after it have seen it", async () => {
+test("the undo of a bulk answer is sent after the answers before it, and answers after it have seen it", async () => {
   revisions = new Map([[1, 1], [2, 1]]);
   refusals = [new ApiError(503, {}, 7)];
   const { saver, outbox } = saverOf();
   answer(saver, 3, "keep");
   await settled();
-  undoAct(saver, "k0", { batch: 7, seen: [1, 1] });
+  undoBulkAnswer(saver, "k0", { batch: 7, seen: [1, 1] });
   saver.answer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 1 });
   assert.deepEqual(Object.fromEntries(outbox.given()), { 1: { verdict: "keep", comment: "" }, 2: { verdict: "clear", comment: "" }, 3: { verdict: "keep", comment: "" } });
 
@@ -395,11 +395,11 @@ test("the undo of an act is sent after the answers before it, and answers after 
   assert.equal(storage.length, 0);
 });
 
-test("without a network the undo of an act waits, survives a reload, and is sent", async () => {
+test("without a network the undo of a bulk answer waits, survives a reload, and is sent", async () => {
   revisions = new Map([[1, 1], [2, 1]]);
   refusals = [new NoResponse("away")];
   const { saver } = saverOf();
-  undoAct(saver, "k0", { batch: 7, seen: [1, 1] });
+  undoBulkAnswer(saver, "k0", { batch: 7, seen: [1, 1] });
   await settled();
   assert.deepEqual(openOf(saver), [["k0", "waiting", "the server does not answer"]]);
 
@@ -413,23 +413,23 @@ test("without a network the undo of an act waits, survives a reload, and is sent
   assert.deepEqual([told, storage.length], [[["undone", 7, []]], 0]);
 });
 
-test("undoing an act that was not sent discards it", async () => {
+test("undoing a bulk answer that was not sent discards it", async () => {
   refusals = [new ApiError(401, {}, null)];
   const { saver, outbox } = saverOf();
   answer(saver, 3, "keep");
   await settled();
   saver.start({ dataset: "d", verdict: "reject", boxIds: [1, 2], seen: [0, 0], count: 2 }, "k1");
-  undoAct(saver, "k1");
+  undoBulkAnswer(saver, "k1");
 
   assert.deepEqual([outbox.items().map(({ boxId }) => boxId), told], [[3], [["given up"]]]);
 });
 
-test("the undo of an act that may have arrived waits until the act is stored", async () => {
+test("the undo of a bulk answer that may have arrived waits until the bulk answer is stored", async () => {
   refusals = [new NoResponse("away")];
   const { saver, outbox } = saverOf();
   saver.start({ dataset: "d", verdict: "reject", boxIds: [1, 2], seen: [0, 0], count: 2 }, "k1");
   await settled();
-  undoAct(saver, "k1");
+  undoBulkAnswer(saver, "k1");
   assert.deepEqual([...outbox.given()].map(([id, { verdict }]) => [id, verdict]), [[1, "clear"], [2, "clear"]]);
 
   await saver.resume();
@@ -439,13 +439,13 @@ test("the undo of an act that may have arrived waits until the act is stored", a
   assert.deepEqual([undos[0].seen, [...revisions]], [[1, 1], [[1, 2], [2, 2]]]);
 });
 
-test("the undo of an act leaves out what the act has left out", async () => {
+test("the undo of a bulk answer leaves out what the bulk answer has left out", async () => {
   refusals = [new NoResponse("away")];
   const { saver } = saverOf();
   saver.start({ dataset: "d", verdict: "reject", boxIds: [1, 2], seen: [0, 0], count: 2 }, "k1");
   await settled();
   revisions.set(1, 9); // another person's
-  undoAct(saver, "k1");
+  undoBulkAnswer(saver, "k1");
 
   await saver.resume();
   await settled();
@@ -453,12 +453,12 @@ test("the undo of an act leaves out what the act has left out", async () => {
   assert.deepEqual(undos.map(({ boxIds, seen, before }) => [boxIds, seen, before.length]), [[[2], [1], 1]]);
 });
 
-test("an act that is refused is forgotten together with its undo", async () => {
+test("a bulk answer that is refused is forgotten together with its undo", async () => {
   refusals = [new NoResponse("away"), new ApiError(413, { detail: "too many" }, null)];
   const { saver } = saverOf();
   saver.start({ dataset: "d", verdict: "reject", boxIds: [1, 2], seen: [0, 0], count: 2 }, "k1");
   await settled();
-  undoAct(saver, "k1");
+  undoBulkAnswer(saver, "k1");
   answer(saver, 1, "keep");
 
   await saver.resume();
@@ -472,14 +472,14 @@ test("an undo that is refused is told, and stops nothing", async () => {
   revisions = new Map([[1, 1], [2, 1]]);
   refusals = [new ApiError(409, { code: "already_undone", detail: "was undone already" }, null)];
   const { saver } = saverOf();
-  undoAct(saver, "k0", { batch: 7, seen: [1, 1] });
+  undoBulkAnswer(saver, "k0", { batch: 7, seen: [1, 1] });
   saver.answer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 1 });
   await settled();
 
   assert.deepEqual(told, [["undo refused", 7, "was undone already"], ["stored", 1, 2]]);
 });
 
-test("an answer after the undo of one's act on all of a filter meets nobody else", async () => {
+test("an answer after the undo of one's bulk answer on a filter meets nobody else", async () => {
   revisions = new Map([[1, 1], [2, 1]]);
   refusals = [new NoResponse("away")];
   const { saver } = saverOf();
@@ -493,7 +493,7 @@ test("an answer after the undo of one's act on all of a filter meets nobody else
   assert.deepEqual(told, [["undone", 7, []], ["stored", 1, 3]]);
 });
 
-test("discarding a refused act leaves alone what was answered on its boxes since", async () => {
+test("discarding a refused bulk answer leaves alone what was answered on its boxes since", async () => {
   refusals = [new ApiError(413, { detail: "too many" }, null)];
   const { saver } = saverOf();
   answerMany(saver, "reject", [1, 2], [0, 0]);
@@ -516,9 +516,9 @@ function actsWith(answers, storage = memoryStorage(), tab = "t1", person = "ada"
   let key = 0;
   const calls = {
     answer: async () => assert.fail("no answer on one box was given"),
-    act: async (/** @type {any} */ act) => {
-      sent.push(act);
-      const answer = answers.shift() ?? { id: 7, count: act.count, skipped: [], stale: [] };
+    answerMany: async (/** @type {any} */ bulk) => {
+      sent.push(bulk);
+      const answer = answers.shift() ?? { id: 7, count: bulk.count, skipped: [], stale: [] };
       if (answer instanceof Error) throw answer;
       return answer;
     },
@@ -529,7 +529,7 @@ function actsWith(answers, storage = memoryStorage(), tab = "t1", person = "ada"
     onConflict: () => {},
     onRefused: () => {},
     onDone: (done) => events.push(["done", done.batchId, done.skipped, done.stale]),
-    onGivenUp: (act) => events.push(["given up", act.key]),
+    onGivenUp: (bulk) => events.push(["given up", bulk.key]),
     onActFailed: () => {},
     onSignedOut: () => {},
   }, () => {});
@@ -539,7 +539,7 @@ function actsWith(answers, storage = memoryStorage(), tab = "t1", person = "ada"
 const MANY = { dataset: "d", verdict: /** @type {const} */ ("reject"), boxIds: [1, 2, 3], count: 3 };
 const tick = () => new Promise((done) => setTimeout(done));
 
-test("an act is sent once and forgotten when it is stored", async () => {
+test("a bulk answer is sent once and forgotten when it is stored", async () => {
   const { sender, sent, events, storage } = actsWith([]);
 
   sender.start(MANY);
@@ -556,7 +556,7 @@ for (const [name, error] of [
   ["signed out", new ApiError(401, {}, null)],
   ["busy", new ApiError(503, { detail: "busy" }, 1)],
 ]) {
-  test(`an act that cannot be sent (${name}) waits, and goes again with the same key`, async () => {
+  test(`a bulk answer that cannot be sent (${name}) waits, and goes again with the same key`, async () => {
     const { sender, sent, events } = actsWith([error]);
     sender.start(MANY);
     await tick();
@@ -570,7 +570,7 @@ for (const [name, error] of [
   });
 }
 
-test("an act survives its page, and goes on in the next one or in another tab", async () => {
+test("a bulk answer survives its page, and goes on in the next one or in another tab", async () => {
   const { sender, storage } = actsWith([new NoResponse(null)]);
   sender.start(MANY);
   await tick();
@@ -590,7 +590,7 @@ test("an act survives its page, and goes on in the next one or in another tab", 
   assert.equal(storage.length, 0);
 });
 
-test("an act is sent under the name of who did it, and under no other", async () => {
+test("a bulk answer is sent under the name of who did it, and under no other", async () => {
   const { sender, storage } = actsWith([new ApiError(401, {}, null)]);
   sender.start(MANY);
   await tick();
@@ -608,7 +608,7 @@ test("an act is sent under the name of who did it, and under no other", async ()
   assert.deepEqual(ada.sent.map(({ key, person }) => [key, person]), [["k1", "ada"]]);
 });
 
-test("an act whose boxes have changed waits until the person decides", async () => {
+test("a bulk answer whose boxes have changed waits until the person decides", async () => {
   const { sender, sent } = actsWith([new ApiError(412, { code: "stale_snapshot", detail: "selects 4" }, null)]);
   sender.start({ dataset: "d", verdict: "keep", filter: { class: "car" }, snapshot: "s", count: 3 });
   await tick();
@@ -629,7 +629,7 @@ test("boxes that somebody answered meanwhile are reported", async () => {
   assert.deepEqual(events, [["done", 7, [], [2]]]);
 });
 
-test("a refused act is shown until it is discarded", async () => {
+test("a refused bulk answer is shown until it is discarded", async () => {
   const { sender, events, storage } = actsWith([new ApiError(413, { detail: "too many" }, null)]);
   sender.start(MANY);
   await tick();
@@ -641,7 +641,7 @@ test("a refused act is shown until it is discarded", async () => {
   assert.equal(storage.length, 0);
 });
 
-/** What an earlier version of the page has kept, which did not say who answered, beside an act of bo. */
+/** What an earlier version of the page has kept, which did not say who answered, beside a bulk answer of bo. */
 function keptUnowned() {
   storage.setItem("unghost.outbox.v1.a", JSON.stringify({ key: "a", boxId: 1 }));
   storage.setItem("unghost.bulk.v1.b", JSON.stringify({ key: "b", count: 3 }));

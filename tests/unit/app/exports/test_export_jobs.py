@@ -200,7 +200,7 @@ def test_an_export_that_is_cancelled_while_it_is_written_stays_cancelled(street)
     assert street.context.engine.interrupted() == set()
 
 
-def test_what_a_crash_left_half_written_is_written_anew(street):
+def test_an_export_left_half_written_by_a_crash_is_written_anew(street):
     export_id = asked_for(street)
     half = street.context.storage.temporary_folder() / f"export-{export_id}"
     half.mkdir()

@@ -56,7 +56,7 @@ def test_only_boxes_of_several_people_count():
     assert found.pairs[0].table.tolist() == [[0, 0], [1, 1]]
 
 
-def test_nobody_agrees_with_nobody():
+def test_without_answers_the_agreement_is_unknown():
     nothing = np.empty(0, np.int64)
 
     found = agreement(nothing, nothing, nothing.astype(bool))

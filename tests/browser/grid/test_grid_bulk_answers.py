@@ -1,4 +1,4 @@
-"""Answering many boxes at once: one act, one undo, never lost."""
+"""Answering many boxes at once: one bulk answer, one undo, never lost."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_delete_takes_the_answers_back(many, ada, page):
     assert answers(many) == {"b1": "reject"}
 
 
-def test_one_undo_takes_the_whole_act_back_and_only_that(many, ada, page):
+def test_one_undo_takes_back_the_whole_bulk_answer_and_nothing_else(many, ada, page):
     select(page, 0, 1)
     ada.press("x")
     expect(toast(page)).to_contain_text("2 boxes rejected")
@@ -93,7 +93,7 @@ def test_one_undo_takes_the_whole_act_back_and_only_that(many, ada, page):
     assert answers(many) == {}
 
 
-def test_message_takes_the_act_back_as_long_as_it_can_be(many, ada, page):
+def test_the_message_offers_undo_as_long_as_it_is_possible(many, ada, page):
     select(page, 0, 1)
     ada.press("x")
     page.get_by_role("button", name="Undo").click()
@@ -137,7 +137,7 @@ def test_undo_without_a_network_is_shown_at_once_and_sent_later(many, ada, page)
     assert answers(many) == {}
 
 
-def test_an_answer_that_waits_while_its_act_is_undone_is_kept(many, ada, page):
+def test_an_answer_that_waits_while_its_bulk_answer_is_undone_is_kept(many, ada, page):
     select(page, 0, 2)
     ada.press("x")
     expect(toast(page)).to_contain_text("3 boxes rejected")
@@ -270,7 +270,7 @@ def test_boxes_that_somebody_else_answered_since_are_left_and_shown(
     assert answers(many) == {"b1": "keep"}
 
 
-def test_an_act_given_offline_says_so_and_is_sent_when_the_network_is_back(
+def test_a_bulk_answer_given_offline_says_so_and_is_sent_when_the_network_is_back(
     many, ada, page
 ):
     page.context.set_offline(True)
@@ -288,7 +288,7 @@ def test_an_act_given_offline_says_so_and_is_sent_when_the_network_is_back(
     assert len(answers(many)) == 3
 
 
-def test_an_act_may_be_sent_again_or_discarded_by_hand(many, ada, page):
+def test_a_bulk_answer_may_be_sent_again_or_discarded_by_hand(many, ada, page):
     page.route("**/reviews/bulk", lambda route: route.abort())
     select(page, 0, 2)
     ada.press("x")
