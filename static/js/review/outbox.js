@@ -118,7 +118,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
       return last;
     },
 
-    /** Those on many boxes among them: bulk answers, and undos of bulk answers. */
+    /** The bulk answers, and undos of bulk answers, among `items`. */
     many: () => mine().filter(isMany),
 
     /** @param {string} key @returns {BulkAnswer | undefined} */
@@ -181,7 +181,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     /** @param {Item} item */
     remove: (item) => storage.removeItem(nameOf(item)),
 
-    /** Set the revisions that answers have seen which were given after `earlier`. @param {Item} earlier @param {ReadonlyMap<number, number>} revisions  by box */
+    /** Replace the seen revision in the answers that were given after `earlier`, because this person's own answers change a box's revision. @param {Item} earlier @param {ReadonlyMap<number, number>} revisions  by box */
     setSeenRevisions(earlier, revisions) {
       for (const item of mine()) {
         if (item.order <= earlier.order) continue;
@@ -436,7 +436,7 @@ export function createSender(outbox, calls, events, later) {
     return lastOnFilter > 0 && item.order > lastOnFilter && (current.review?.reviewer ?? item.person) === item.person;
   }
 
-  /** It was not stored, so later answers on its boxes get the revision that it had seen. @param {Item} item */
+  /** The item was not stored, so this person's later answers on its boxes have seen the same revision as the item. @param {Item} item */
   function leftOut(item) {
     const { boxIds, seen } = isSingle(item) ? { boxIds: [item.boxId], seen: [item.seenRevision] } : item;
     outbox.setSeenRevisions(item, new Map(boxIds?.map((boxId, i) => [boxId, seen?.[i] ?? 0])));
@@ -511,7 +511,7 @@ export function createSender(outbox, calls, events, later) {
 
     giveUp,
 
-    /** Undo a bulk answer: one that the server cannot have stored is discarded; else the undo is sent like an answer. @param {WantedUndo} undo */
+    /** Undo a bulk answer. If the server cannot have stored it, it is discarded; else the undo is sent like an answer. @param {WantedUndo} undo */
     undo(undo) {
       const bulk = outbox.bulkAnswer(undo.act);
       if (bulk && (isAside(bulk) || !bulk.attempted)) return giveUp(bulk.key);
