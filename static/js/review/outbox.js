@@ -1,6 +1,7 @@
 // @ts-check
 // Answers that the server has not stored yet: on one box, on many (bulk answers), and undos of bulk answers. They are
-// kept in localStorage and sent one after the other, in the order in which they were given.
+// kept in localStorage. Each tab sends its own one after the other, in the order in which they were given; a bulk
+// answer that needs a decision of the person is set aside, and later answers are sent before it.
 
 import { seenRevision } from "../boxes/box.js";
 import { ApiError, NoResponse, createRetries, post } from "../core/api.js";
@@ -15,14 +16,15 @@ import { createValue } from "../core/observable.js";
  * @typedef {object} QueuedAnswer  on one box
  * @property {string} key  also the Idempotency-Key
  * @property {string} person  who gave it: it is sent under no other name
- * @property {string} tab  that sends it
- * @property {number} order
+ * @property {string} tab  the id of the tab that sends it
+ * @property {number} order  its place among the answers of its tab: the lowest is sent first
  * @property {number} boxId
  * @property {number} frameId
  * @property {Answer} verdict
  * @property {string} comment
  * @property {number} seenRevision
  * @property {boolean} attempted  may have reached the server: a retry must send exactly the same
+ * @property {number} [ownRevision]  set instead of `seenRevision` if it was attempted: the box's revision after this person's earlier answer
  */
 
 /** @typedef {import("../core/openapi.js").BoxSelection} Filter */
@@ -30,8 +32,8 @@ import { createValue } from "../core/observable.js";
 /**
  * @typedef {object} BulkAnswer  a bulk answer: one answer on many boxes
  * @property {string} key  also the Idempotency-Key
- * @property {string} person  who did it: it is sent under no other name
- * @property {string} tab  that sends it
+ * @property {string} person  who gave it: it is sent under no other name
+ * @property {string} tab  the id of the tab that sends it
  * @property {number} order
  * @property {string} dataset
  * @property {Answer} verdict
@@ -39,8 +41,8 @@ import { createValue } from "../core/observable.js";
  * @property {number[]} [seen]  the revision of each of these boxes that the person saw
  * @property {Filter} [filter]  instead of `boxIds`: all boxes that match it, if they have not changed since the snapshot
  * @property {string} [snapshot]  identifies the state of the list that the person saw
- * @property {number} count
- * @property {boolean} [attempted]  may have reached the server
+ * @property {number} count  of boxes
+ * @property {boolean} [attempted]  may have reached the server: a retry must send exactly the same
  */
 
 /**
@@ -51,11 +53,11 @@ import { createValue } from "../core/observable.js";
  * @property {number} order
  * @property {string} dataset
  * @property {string} act  the key of the bulk answer
- * @property {number | null} batch  the bulk answer's id on the server; null until the bulk answer is stored, which is sent before
- * @property {number[]} [boxIds]  that get their earlier answers again; missing if the page does not know them
+ * @property {number | null} batch  the bulk answer's id on the server; null until the server has stored the bulk answer, which is sent first
+ * @property {number[]} [boxIds]  the boxes that get their earlier answers again; missing if the page does not know them
  * @property {number[]} [seen]  the revision of each of these boxes that the person saw
  * @property {GivenAnswer[]} before  the earlier answer on each of these boxes
- * @property {number} count
+ * @property {number} count  of boxes
  */
 
 /** @typedef {QueuedAnswer | BulkAnswer | Undo} Item */
@@ -87,10 +89,10 @@ const nameOf = (item) => (isSingle(item) ? ANSWER_PREFIX : isUndo(item) ? UNDO_P
 /** How many answers it is. @param {Item} item */
 const sizeOf = (item) => (isSingle(item) ? 1 : item.count);
 
-/** Whether this bulk answer or undo may have answered the box. On a filter it may: the page does not know which boxes that selects. @param {BulkAnswer | Undo} many @param {number} boxId */
+/** Whether this bulk answer or undo may change the answer on the box. One on a filter may: the page does not know which boxes the filter selects. @param {BulkAnswer | Undo} many @param {number} boxId */
 const mayHaveAnswered = (many, boxId) => many.boxIds === undefined || many.boxIds.includes(boxId);
 
-/** @param {Storage} storage @param {string} tab @param {() => string} who  answers now @param {() => string} [newKey] */
+/** @param {Storage} storage @param {string} tab @param {() => string} who  returns the person who is signed in @param {() => string} [newKey] */
 export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID()) {
   /** @param {Item} item */
   const write = (item) => storage.setItem(nameOf(item), JSON.stringify(item));
@@ -149,7 +151,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     /** @param {WantedUndo} undo */
     addUndo: (undo) => write({ ...undo, key: newKey(), person: who(), tab, order: nextOrder(mine()) }),
 
-    /** A bulk answer was stored: its undo can be sent, for all boxes but those that the bulk answer has left out. @param {BulkAnswer} bulk @param {number} batch @param {readonly number[]} leftOut */
+    /** A bulk answer was stored. Puts the server's id into its undo, and removes the boxes from the undo that the bulk answer left out. @param {BulkAnswer} bulk @param {number} batch @param {readonly number[]} leftOut */
     setStored(bulk, batch, leftOut) {
       const out = new Set(leftOut);
       for (const item of mine()) {
@@ -172,29 +174,33 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     /** @param {QueuedAnswer | BulkAnswer} item */
     markAttempted: (item) => write({ ...item, attempted: true }),
 
-    /** Queue an answer again that was not stored, now for this revision. @param {QueuedAnswer} item @param {number} revision */
+    /** Queue an answer again that the server has not stored, now with this seen revision. @param {QueuedAnswer} item @param {number} revision */
     requeue(item, revision) {
       storage.removeItem(nameOf(item));
-      write({ ...item, key: newKey(), seenRevision: revision, attempted: false });
+      write({ ...item, key: newKey(), seenRevision: revision, ownRevision: undefined, attempted: false });
     },
 
     /** @param {Item} item */
     remove: (item) => storage.removeItem(nameOf(item)),
 
-    /** Replace the seen revision in the answers that were given after `earlier`, because this person's own answers change a box's revision. @param {Item} earlier @param {ReadonlyMap<number, number>} revisions  by box */
+    /**
+     * This person's own answers change the revisions of boxes: the answers that were given after `earlier` have seen
+     * these revisions. An attempted bulk answer is left as it is.
+     * @param {Item} earlier @param {ReadonlyMap<number, number>} revisions  by box
+     */
     setSeenRevisions(earlier, revisions) {
       for (const item of mine()) {
         if (item.order <= earlier.order) continue;
         if (isSingle(item)) {
           const revision = revisions.get(item.boxId);
-          if (revision !== undefined) write({ ...item, seenRevision: revision });
-        } else if (item.seen && item.boxIds?.some((boxId) => revisions.has(boxId))) {
+          if (revision !== undefined) write({ ...item, [item.attempted ? "ownRevision" : "seenRevision"]: revision });
+        } else if (item.seen && !(isBulkAnswer(item) && item.attempted) && item.boxIds?.some((boxId) => revisions.has(boxId))) {
           write({ ...item, seen: item.seen.map((before, i) => revisions.get(item.boxIds?.[i] ?? 0) ?? before) });
         }
       }
     },
 
-    /** Take over unsent answers of closed tabs. @param {ReadonlySet<string>} openTabs */
+    /** Take over unsent answers of closed tabs, of all people. @param {ReadonlySet<string>} openTabs */
     adopt(openTabs) {
       for (const item of everyone()) if (item.tab !== tab && !openTabs.has(item.tab)) write({ ...item, tab });
     },
@@ -250,13 +256,13 @@ function holdLock(name) {
   });
 }
 
-/** @typedef {{id: number, count: number, skipped: number[], stale: number[]}} BulkOut  `stale`: answered by somebody since they were seen */
+/** @typedef {{id: number, count: number, skipped: number[], stale: number[]}} BulkOut  `stale`: boxes that were answered since they were seen */
 /** @typedef {{id: number, undone: number, skipped: number[]}} UndoOut */
 /** @typedef {"sending" | "waiting" | "changed" | "refused"} ManyState  `changed` and `refused` wait for the person to decide */
 /** @typedef {{item: BulkAnswer | Undo, state: ManyState, text: string}} OpenItem */
 /** @typedef {{batchId: number, bulk: BulkAnswer, skipped: number[], stale: number[]}} StoredBulkAnswer */
 /** @typedef {"saved" | "saving" | "offline" | "signed-out" | "busy"} Phase */
-/** @typedef {{phase: Phase, waiting: ReadonlySet<number>, count: number}} SenderState  `waiting`: boxes with an answer of their own; `count`: answers in all */
+/** @typedef {{phase: Phase, waiting: ReadonlySet<number>, count: number}} SenderState  `waiting`: boxes with an unsaved single answer; `count`: these boxes, and those of each bulk answer and undo */
 
 /**
  * @typedef {object} SenderCalls
@@ -268,18 +274,18 @@ function holdLock(name) {
 /**
  * @typedef {object} SenderEvents
  * @property {(stored: StoredReview) => void} onStored
- * @property {(item: QueuedAnswer, current: Decision | null) => void} onConflict  somebody else was first
- * @property {(item: QueuedAnswer, error: Error) => void} onRefused  will never be stored
+ * @property {(item: QueuedAnswer, current: Decision | null) => void} onConflict  the box was answered since this person saw it
+ * @property {(item: QueuedAnswer, error: Error) => void} onRefused  the server will never store it
  * @property {(done: StoredBulkAnswer) => void} onDone
  * @property {(bulk: BulkAnswer) => void} onGivenUp
  * @property {(undo: Undo, out: UndoOut) => void} onUndone
- * @property {(undo: Undo, error: Error) => void} onUndoRefused  will never be done
+ * @property {(undo: Undo, error: Error) => void} onUndoRefused  the server will never do it
  * @property {() => void} onSignedOut  the server stores nothing until somebody signs in
  */
 
 /**
- * Sends what is in the outbox, oldest first, one at a time. A bulk answer that needs a decision of the person
- * is set aside; everything else waits until what is before it is stored.
+ * Sends the answers in the outbox, oldest first, one at a time. Each waits until those before it are stored or
+ * refused. A bulk answer that needs a decision of the person is set aside, and the others go on.
  * @param {Outbox} outbox @param {SenderCalls} calls @param {SenderEvents} events
  * @param {import("../core/api.js").Later} [later]
  */
@@ -292,10 +298,10 @@ export function createSender(outbox, calls, events, later) {
   /** Boxes of bulk answers, and of their undos, that are not stored. @type {ReadonlySet<number>} */
   let inMany = new Set();
   let isSending = false;
-  /** `resume` was called while an earlier attempt was still running: retry at once if that fails. */
+  /** `resume` was called while an answer was being sent: if that fails, it is sent again without a pause. */
   let isWorthTrying = false;
   const retries = createRetries(later);
-  /** The `order` of the last bulk answer on a filter, or of its undo, that was stored: the page does not know which boxes it answered. */
+  /** The `order` of the last stored bulk answer on a filter, or of its undo. The page does not know which boxes it answered. */
   let lastOnFilter = 0;
 
   /** Whether it was set aside, until the person decides. @param {Item} item */
@@ -319,7 +325,7 @@ export function createSender(outbox, calls, events, later) {
     open.set(many.map((item) => ({ item, ...(told.get(item.key) ?? { state: "sending", text: "" }) })));
   }
 
-  /** Set why bulk answers and undos are waiting. @param {string} text */
+  /** Set the text that says why bulk answers and undos are waiting. @param {string} text */
   function sayWaiting(text) {
     for (const item of outbox.many()) if (!isAside(item)) told.set(item.key, { state: "waiting", text });
   }
@@ -382,7 +388,7 @@ export function createSender(outbox, calls, events, later) {
     events.onUndone(undo, out);
   }
 
-  /** The server has answered these boxes: later answers on them have seen that. @param {BulkAnswer | Undo} item @param {readonly number[]} but  boxes that it has left alone */
+  /** A bulk answer or undo was stored: later answers have seen the new revisions of its boxes. @param {BulkAnswer | Undo} item @param {readonly number[]} but  boxes that it has left out */
   function answered(item, but) {
     const { boxIds, seen = [] } = item;
     if (!boxIds) lastOnFilter = item.order;
@@ -416,7 +422,7 @@ export function createSender(outbox, calls, events, later) {
       return true;
     }
     const current = error.status === 412 ? (error.problem.current ?? null) : null;
-    if (current && isOwn(item, current)) {
+    if (current && (isOwn(item, current) || seenRevision(current) === item.ownRevision)) {
       outbox.requeue(item, seenRevision(current));
       return true;
     }
@@ -428,15 +434,15 @@ export function createSender(outbox, calls, events, later) {
   }
 
   /**
-   * Whether the conflict is with this person's own earlier bulk answer on a filter, or with its undo. The page did not
-   * know which boxes these answered, so the answer had seen an older revision. After an undo a box may have no answer.
+   * Whether the conflict is with this person's own earlier bulk answer on a filter, or with its undo. The page does not
+   * know which boxes these answered, so the item has an older revision. After an undo a box may have no answer.
    * @param {QueuedAnswer} item @param {Decision} current
    */
   function isOwn(item, current) {
     return lastOnFilter > 0 && item.order > lastOnFilter && (current.review?.reviewer ?? item.person) === item.person;
   }
 
-  /** The item was not stored, so this person's later answers on its boxes have seen the same revision as the item. @param {Item} item */
+  /** The item was not stored, so the revisions that it saw are those that this person's later answers have seen, too. @param {Item} item */
   function leftOut(item) {
     const { boxIds, seen } = isSingle(item) ? { boxIds: [item.boxId], seen: [item.seenRevision] } : item;
     outbox.setSeenRevisions(item, new Map(boxIds?.map((boxId, i) => [boxId, seen?.[i] ?? 0])));
@@ -476,7 +482,7 @@ export function createSender(outbox, calls, events, later) {
       told.delete(undo.key);
     }
     outbox.remove(bulk);
-    // If it was set aside, the revisions of later answers were corrected then, and others may have answered since.
+    // If it was set aside, later answers got their revisions then, and people may have answered the boxes since.
     if (!isAside(bulk)) leftOut(bulk);
     told.delete(key);
     show(state.get().phase);
@@ -511,7 +517,7 @@ export function createSender(outbox, calls, events, later) {
 
     giveUp,
 
-    /** Undo a bulk answer. If the server cannot have stored it, it is discarded; else the undo is sent like an answer. @param {WantedUndo} undo */
+    /** Undo a bulk answer. If the server cannot have stored it, it is discarded; else the undo is put into the outbox. @param {WantedUndo} undo */
     undo(undo) {
       const bulk = outbox.bulkAnswer(undo.act);
       if (bulk && (isAside(bulk) || !bulk.attempted)) return giveUp(bulk.key);
@@ -522,7 +528,7 @@ export function createSender(outbox, calls, events, later) {
     /** Boxes of bulk answers, and of their undos, that are not stored. */
     waitingIds: () => inMany,
 
-    /** Take over this person's unsent answers, of this tab and of closed ones; `resume` sends them. @param {ReadonlySet<string>} openTabs */
+    /** Take over the unsent answers of closed tabs. `resume` sends those of this person, with those that this tab had before a reload. @param {ReadonlySet<string>} openTabs */
     adopt(openTabs) {
       outbox.adopt(openTabs);
       for (const { key } of outbox.many()) {
@@ -541,10 +547,10 @@ export function sendBulk({ key, dataset, verdict, boxIds, seen, filter, snapshot
   return post("/api/v1/reviews/bulk", { body: { dataset, verdict, ...which }, key });
 }
 
-/** The same key for the same batch: a repeated request undoes once. @param {Undo} undo @returns {Promise<UndoOut>} */
+/** The key is made from the batch, so that repeated requests undo it once. @param {Undo} undo @returns {Promise<UndoOut>} */
 export const undoBulk = ({ batch }) => post("/api/v1/review-batches/{batch_id}/undo", { path: { batch_id: batch ?? 0 }, key: `undo-batch-${batch}` });
 
-/** What an earlier version of the page has kept without saying who gave it. @param {Storage} storage */
+/** Answers that an earlier version of the page has kept without the person who gave them. @param {Storage} storage */
 const unowned = (storage) => storedItems(storage).filter((item) => !item.person);
 
 /** How many answers do not say who gave them. @param {Storage} storage */

@@ -141,6 +141,32 @@ test("an answer that may have arrived is repeated word for word, under the same 
   assert.notEqual(sent[1]?.key, sent[2]?.key);
 });
 
+test("an answer that may have arrived stays word for word when an earlier bulk answer is stored after all", async () => {
+  refusals = [new ApiError(409, { code: "stale_snapshot" }, null), new NoResponse("lost on the way there")];
+  const { saver } = saverOf();
+  answerMany(saver, "reject", [1], [0]);
+  await settled();
+  answer(saver, 1, "keep");
+  await settled();
+  await saver.retry(bulkAnswers[0].key);
+  assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "keep", 0], [1, "keep", 1]]);
+  assert.equal(sent[0]?.key, sent[1]?.key);
+  assert.notEqual(sent[1]?.key, sent[2]?.key);
+  assert.deepEqual(told, [["done", []], ["stored", 1, 2]]);
+});
+
+test("a bulk answer that may have arrived stays word for word when an earlier one is stored after all", async () => {
+  refusals = [new ApiError(409, { code: "stale_snapshot" }, null), new NoResponse("lost on the way there")];
+  const { saver } = saverOf();
+  answerMany(saver, "reject", [1], [0]);
+  await settled();
+  answerMany(saver, "keep", [1, 2], [0, 0]);
+  await settled();
+  await saver.retry(bulkAnswers[0].key);
+  assert.deepEqual(bulkAnswers.map(({ verdict, seen }) => [verdict, seen]), [["reject", [0]], ["keep", [0, 0]], ["reject", [0]], ["keep", [0, 0]]]);
+  assert.deepEqual(told, [["done", []], ["done", [1]]]);
+});
+
 test("answers that were never sent are replaced by the latest on that box", async () => {
   refusals = [new ApiError(401, {}, null)];
   const { saver, outbox } = saverOf();
