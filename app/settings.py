@@ -291,7 +291,7 @@ class Settings(BaseSettings):
     max_bulk_boxes: int = Field(
         default=100_000,
         ge=1,
-        description="Maximum number of boxes that one bulk review may change.",
+        description="Maximum number of boxes that one bulk answer may change.",
     )
     max_open_runs: int = Field(
         default=100,

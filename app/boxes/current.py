@@ -77,7 +77,7 @@ def answered(
 ) -> None:
     """Copy new answers from `reviews` into `decisions` and the tallies.
 
-    They are the answers on `box_ids` or of the bulk review `batch_id`, as far as their
+    They are the answers on `box_ids` or of the bulk answer `batch_id`, as far as their
     revision is one above `decisions.revision` of their box.
     """
     if batch_id is None:

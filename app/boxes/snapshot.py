@@ -1,4 +1,4 @@
-"""Selects all boxes of a filter for a bulk review, if they are as the client saw them.
+"""Selects all boxes of a filter for a bulk answer, if they are as the client saw them.
 
 A list is sent with a *snapshot* of its filter: how many boxes it selects, and the ids
 of the newest box, answer and run. Ids only grow. So if the filter later selects as many
@@ -86,7 +86,7 @@ def select_boxes(
     StaleSnapshot
         A box was added, removed, decided again or answered since.
     TooLarge
-        The filter selects more boxes than one bulk review may change.
+        The filter selects more boxes than one bulk answer may change.
     """
     before = Snapshot.decoded(seen)
     boxes = to_filter(session, dataset, wanted)
@@ -101,7 +101,7 @@ def select_boxes(
     limit = context.settings.max_bulk_boxes
     if total > limit:
         raise TooLarge(
-            f"the filter selects {total} boxes, one bulk review changes at most {limit}"
+            f"the filter selects {total} boxes, one bulk answer changes at most {limit}"
         )
     ids = _ids(session, boxes)
     changed = _changed(session, ids, before, now)

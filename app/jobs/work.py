@@ -1,12 +1,13 @@
 """Processes one chunk of a job, in the process that drives it or in a worker.
 
-Errors are written into the chunk's row; the functions return only the outcome, one of
-the constants of `app.engine.chunk`.
+The functions return the outcome, one of the constants of `app.engine.chunk`. An error
+that ends the job is written into the chunk's row; one that may pass, such as a lost
+connection, is logged, and the chunk is returned.
 
-A process that works on a chunk itself cannot record that it died. So it increases the
-count of attempts in the chunk's row before it begins, and resets the count as soon as
-it has stored a part of the result. The count is then that of attempts in a row that
-stored nothing.
+If a worker dies, the driver notices and counts an attempt. Nobody notices if the driver
+itself dies while it works on a chunk. So it counts an attempt in the chunk's row before
+it begins, and sets the count to zero as soon as a part of the result is stored. The
+count then says how many attempts in a row have ended their process and stored nothing.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ from app.jobs.queries import (
 from filter_core.errors import FilterError
 
 MOST_ATTEMPTS: Final = 3
-"""After so many processes in a row have died at a chunk, it is not retried."""
+"""A chunk that ended this many processes is not tried again as it is: the frame at
+which they died, or all of the chunk, is quarantined."""
 _PAUSE_S: Final = 0.5
 
 log = logging.getLogger(__name__)
@@ -54,7 +56,8 @@ def work_in_driver(context: ServiceContext, kind: str, job_id: int, number: int)
     """As `work_on_chunk`, in the process that drives the job.
 
     The attempt is counted in the chunk's row before the work begins, since no other
-    process records it if this one dies. A chunk with too many attempts is quarantined.
+    process can count it if this one dies. If there were too many, the frame at which
+    the processes died is quarantined, or the chunk, which then is not worked on.
     """
     task = _task(context, Job(kind, job_id), number)
     attempt = Attempt(context, task.job, number)
@@ -92,7 +95,7 @@ def _outcome(task: AnyTask, work: Callable[[], str]) -> str:
             log.warning("%s: %s", _named(task), in_a_line(error))
             return RETURNED
         outcome = _failed(task, unexpected_error(task.job))
-        # The job may have been cancelled, or its dataset deleted, meanwhile.
+        # Not if the job was cancelled, or its dataset deleted, in the meantime.
         if outcome == FAILED:
             log.exception("%s failed", _named(task))
         return outcome
@@ -101,10 +104,22 @@ def _outcome(task: AnyTask, work: Callable[[], str]) -> str:
 def work_in_worker(
     context: ServiceContext, asked: tuple[str, int, int], installation: str
 ) -> str:
-    """As `work_on_chunk`, in a worker, if it uses the database `installation`.
+    """As `work_on_chunk`, in a worker.
 
-    A worker that cannot reach the database returns the chunk, which is retried without
-    counting an attempt.
+    Parameters
+    ----------
+    context : ServiceContext
+    asked : tuple of str, int and int
+        The kind and the id of the job, and the number of the chunk.
+    installation : str
+        The id of the driver's database. If the worker's is another one, the outcome is
+        ELSEWHERE, and the chunk is not worked on.
+
+    Returns
+    -------
+    str
+        The outcome. RETURNED if the worker cannot reach the database: the driver sends
+        the chunk again, and this is no attempt.
     """
     try:
         with context.database.read() as session:
@@ -152,7 +167,10 @@ class Attempt:
         self._is_noted = False
 
     def begin(self) -> bool:
-        """Count the attempt; False if there were too many before.
+        """Count the attempt; False if the chunk is quarantined.
+
+        After too many attempts the chunk is quarantined, or only the frame at which the
+        processes died: then the rest of the chunk is worked on.
 
         Raises
         ------
@@ -160,7 +178,8 @@ class Attempt:
             The service is stopping, or the job is being cancelled.
         """
         self._context.engine.check(self._job)
-        self._is_noted = True  # also if the commit succeeds without a response
+        # Before the commit: it may succeed although its response is lost.
+        self._is_noted = True
         with self._context.database.write() as session:
             chunks = ChunkRepository(session)
             chunk = chunks.find(self._job, self._number)
@@ -178,16 +197,16 @@ class Attempt:
         return True
 
     def forget(self, session: Session) -> None:
-        """Reset the attempts in the row: a part of the result is stored."""
+        """Set the attempts to zero in a transaction that stores a part of a result."""
         if self._is_noted:
             ChunkRepository(session).forget_attempts(self._job, self._number)
             once_committed(session, self._forgotten)
 
     def end(self) -> None:
-        """Reset the attempts in the row: the work has ended and the process is alive.
+        """Set the attempts to zero after work that failed but did not end the process.
 
-        Otherwise a retry in this process would count twice. While the database is
-        unavailable, this is retried until the service stops.
+        Otherwise this attempt would count as the death of a process. While the database
+        is unavailable, this is retried until the service stops.
         """
         while self._is_noted:
             try:
@@ -207,9 +226,10 @@ class Attempt:
 def _quarantine(session: Session, job: Job, chunk: Chunk) -> None:
     """Quarantine the frame at which the process died: the first without a result.
 
-    Without workers a chunk is processed frame by frame after its first attempt. If the
-    previous frame is quarantined already, the whole chunk is quarantined: otherwise
-    each of many such frames in a row would end `MOST_ATTEMPTS` processes.
+    From its second attempt on, a chunk is processed frame by frame. If the frame before
+    this one is quarantined already, the rest of the chunk is quarantined, too;
+    otherwise each of many such frames in a row would end `MOST_ATTEMPTS` processes.
+    Results that are stored stay.
     """
     chunks, kind = ChunkRepository(session), kind_of(job)
     unfinished = kind.unfinished(session, open_job(session, kind.table, job.id), chunk)

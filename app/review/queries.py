@@ -1,4 +1,4 @@
-"""SQL of answers, of bulk reviews and of claims.
+"""SQL of answers, of bulk answers and of claims.
 
 `ReviewRepository` stores answers in three ways: on boxes in the state in which they
 were seen (one box or a hundred thousand), as an undo, or carried over to a new frame.
@@ -64,7 +64,7 @@ class ReviewedBox(NamedTuple):
 
 
 class Signature(NamedTuple):
-    """Who answers boxes of a dataset, and when; `batch_id` is set for a bulk review."""
+    """Who answers boxes of a dataset, and when; `batch_id` is set for a bulk answer."""
 
     dataset_id: int
     reviewer: str
@@ -169,7 +169,7 @@ class ReviewRepository:
     def _make_latest(self, box_ids: Iterable[int], by: Signature) -> None:
         """Make the inserted answers the latest ones, and end the claims on their boxes.
 
-        Answers of a bulk review, maybe a hundred thousand, are selected by its id.
+        Answers of a bulk answer, maybe a hundred thousand, are selected by its id.
         """
         connection = self._session.connection()
         if by.batch_id is None:
@@ -177,7 +177,7 @@ class ReviewRepository:
             connection.execute(_END_CLAIMS, {"boxes": ids})
             answered(self._session, ids)
         else:
-            connection.execute(_END_CLAIMS_OF_ACT, {"batch": by.batch_id})
+            connection.execute(_END_CLAIMS_OF_BULK_ANSWER, {"batch": by.batch_id})
             answered(self._session, batch_id=by.batch_id)
 
     def of_box(self, box_id: int) -> list[Review]:
@@ -238,7 +238,7 @@ _STATE: Final = (
 _END_CLAIMS: Final = delete(Claim).where(
     Claim.box_id.in_(bindparam("boxes", expanding=True))
 )
-_END_CLAIMS_OF_ACT: Final = delete(Claim).where(
+_END_CLAIMS_OF_BULK_ANSWER: Final = delete(Claim).where(
     Claim.box_id.in_(select(Review.box_id).where(Review.batch_id == bindparam("batch")))
 )
 

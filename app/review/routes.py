@@ -88,7 +88,7 @@ def create_review(
     session: WriteSession,
     principal: CurrentPrincipal,
 ) -> Response:
-    """Answer a box; 412 with the current decision if someone answered it before."""
+    """Answer a box; 412 with the current decision if it was answered since seen."""
     answer = reviews.Answer(body.verdict, body.comment, principal.name)
     try:
         stored = reviews.review_box(session, box_id, answer, body.seen_revision)
@@ -212,7 +212,7 @@ def undo_bulk_review(
     principal: CurrentPrincipal,
     audit: Audited,
 ) -> Response:
-    """Undo a bulk review: boxes get the answers they had, unless answered since.
+    """Undo a bulk answer: boxes get the answers they had, unless answered since.
 
     Only admins may undo batches of others.
     """

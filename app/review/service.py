@@ -1,9 +1,10 @@
 """Answers of people: on one box or many, undone, or carried over to new frames.
 
 All are stored in the same way (`app.review.queries`). An answer contains the revision
-of the box that the person saw. If somebody else has answered since, a single answer is
-refused (StaleReview), a bulk review of listed boxes skips that box, and one of all
-boxes of a filter is refused as a whole (StaleSnapshot, in `routes`).
+of the box that the person saw. If the box was answered since, a single answer is
+refused (StaleReview), and a bulk answer on listed boxes skips it. A bulk answer on all
+boxes of a filter is refused as a whole if one of them has changed (StaleSnapshot, in
+`routes`).
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from unghost.wire.boxes import Review
 
 @dataclass(frozen=True)
 class Answer:
-    """A person's answer on a box."""
+    """A person's answer on a box; `verdict` is what the person says of it."""
 
     verdict: str
     comment: str
@@ -72,7 +73,7 @@ def review_box(
 
 @dataclass(frozen=True)
 class ChosenBoxes:
-    """Boxes for a bulk review, read before waiting for the turn to write.
+    """Boxes for a bulk answer, selected before waiting for the turn to write.
 
     `boxes` are answered if they still have their revision then. `stale` were answered
     since they were seen, `skipped` no longer exist or are of another dataset.
@@ -95,7 +96,7 @@ class ChosenBoxes:
 
 @dataclass(frozen=True)
 class StoredBatch:
-    """A stored bulk review, and the boxes that it left out.
+    """A stored bulk answer, and the boxes that it left out.
 
     `stale` were answered since they were seen, `skipped` no longer exist or are of
     another dataset.
@@ -155,14 +156,14 @@ def listed_boxes(
     Unprocessable
         There are more or fewer revisions than boxes, or two of one box.
     TooLarge
-        There are more boxes than one bulk review may change.
+        There are more boxes than one bulk answer may change.
     """
     revision_of: dict[int, int | None] = dict.fromkeys(ids)
     if seen is not None:
         revision_of |= _seen_revisions(ids, seen)
     if len(revision_of) > limit:
         raise TooLarge(
-            f"{len(revision_of)} boxes, one bulk review changes at most {limit}"
+            f"{len(revision_of)} boxes, one bulk answer changes at most {limit}"
         )
     alike: dict[int, list[int]] = {}
     stale: list[int] = []

@@ -1,7 +1,7 @@
 """The final step of a run: one transaction that stores all changes and activates them.
 
 Because it is one transaction, nobody ever sees half of a dataset decided. It is also a
-chunk, so that it is retried if its process dies, up to `MOST_ATTEMPTS` times
+chunk, so that it is repeated if its process dies: `MOST_ATTEMPTS` attempts in all
 (`app.jobs.work`). If two processes execute it, the second finds that the run has ended
 and changes nothing.
 """

@@ -74,12 +74,12 @@ DistanceT = TypeVar("DistanceT")
 
 @dataclass(frozen=True, kw_only=True, init=False, eq=False, repr=False)
 class ClassKeys(Generic[ShareT, CountT, DistanceT]):
-    """The keys that single object classes can override, for four Python classes.
+    """The keys that single object classes can override.
 
-    They differ in the type of the values: `DecideConfig` has the global values,
-    `ClassConfig` those that one class overrides, or `INHERIT`; `ClassLimits` has the
-    values that apply to one class, taken from these two; `Thresholds` has the values
-    that apply to each of several classes, as arrays.
+    Four subclasses have these keys, with values of different types: `DecideConfig` has
+    the global values; `ClassConfig` those that one class overrides, or `INHERIT`;
+    `ClassLimits` the values that apply to one class, taken from these two; `Thresholds`
+    the values that apply to each of several classes, as arrays.
     """
 
     threshold_small_box: ShareT = declared(
@@ -248,7 +248,8 @@ class Thresholds(ClassKeys[FloatArray, IntArray, FloatArray]):
 
     Percent and metres are float64, pixels int64; no limit on the distance is ``-inf``
     or ``inf``. A box whose match is exactly the threshold passes under profile
-    ``paper`` and fails under ``carlasimu``; all other limits are inclusive.
+    ``paper`` and fails under ``carlasimu``. A box of exactly `size_big_box` is large
+    only under ``carlasimu``. A box that is exactly at any other limit is within it.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ from app.db.base import Base, Key, UtcDateTime, utc_now
 
 
 class ReviewBatch(Base):
-    """A bulk review: many answers given at once."""
+    """A bulk answer: many answers given at once."""
 
     __tablename__ = "review_batches"
     __table_args__ = ({"sqlite_autoincrement": True},)

@@ -795,7 +795,7 @@ export interface paths {
         put?: never;
         /**
          * Create Review
-         * @description Answer a box; 412 with the current decision if someone answered it before.
+         * @description Answer a box; 412 with the current decision if it was answered since seen.
          */
         post: operations["create_review_api_v1_boxes__box_id__reviews_post"];
         delete?: never;
@@ -835,7 +835,7 @@ export interface paths {
         put?: never;
         /**
          * Undo Bulk Review
-         * @description Undo a bulk review: boxes get the answers they had, unless answered since.
+         * @description Undo a bulk answer: boxes get the answers they had, unless answered since.
          *
          *     Only admins may undo batches of others.
          */

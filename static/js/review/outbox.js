@@ -422,7 +422,7 @@ export function createSender(outbox, calls, events, later) {
       return true;
     }
     const current = error.status === 412 ? (error.problem.current ?? null) : null;
-    if (current && (isOwn(item, current) || seenRevision(current) === item.ownRevision)) {
+    if (current && isOwn(item, current)) {
       outbox.requeue(item, seenRevision(current));
       return true;
     }
@@ -434,11 +434,13 @@ export function createSender(outbox, calls, events, later) {
   }
 
   /**
-   * Whether the conflict is with this person's own earlier bulk answer on a filter, or with its undo. The page does not
-   * know which boxes these answered, so the item has an older revision. After an undo a box may have no answer.
+   * Whether the conflict is with this person's own earlier answer: one that was stored after the item was attempted, or
+   * a bulk answer on a filter, or its undo. (The page does not know which boxes a filter selects, so the item has an
+   * older revision. After an undo a box may have no answer.)
    * @param {QueuedAnswer} item @param {Decision} current
    */
   function isOwn(item, current) {
+    if (seenRevision(current) === item.ownRevision) return true;
     return lastOnFilter > 0 && item.order > lastOnFilter && (current.review?.reviewer ?? item.person) === item.person;
   }
 

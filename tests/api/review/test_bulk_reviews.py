@@ -178,7 +178,7 @@ def test_a_filter_is_answered_if_its_boxes_are_those_that_were_seen(api, dataset
         ({"filter": {"reason": "magic"}, "snapshot": NO_BOXES}, 400),
     ],
 )
-def test_a_bad_bulk_review_is_refused(api, dataset, which, status):
+def test_a_bad_bulk_answer_is_refused(api, dataset, which, status):
     answer = bulk(api, dataset, "keep", **which)
 
     assert answer.status_code == status
@@ -209,7 +209,7 @@ def test_a_dataset_of_a_longer_name_than_any_has_is_refused(api):
     assert too_long.json()["errors"][0]["pointer"] == "/dataset"
 
 
-def test_a_bulk_review_without_boxes_changes_nothing(api, dataset):
+def test_a_bulk_answer_without_boxes_changes_nothing(api, dataset):
     answer = bulk(api, dataset, "keep", box_ids=[])
 
     assert (answer.status_code, answer.json()["count"]) == (201, 0)
