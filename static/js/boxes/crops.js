@@ -1,14 +1,14 @@
 // @ts-check
 // Crops of boxes: fetched a few at a time, cached, and drawn in a square. Used by the grid, the queue's strip and the flips.
 
-import { ApiError, blob, url } from "../core/api.js";
+import { ApiError, NoResponse, blob, createRetries, url } from "../core/api.js";
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 
 /** @typedef {import("./box.js").Decision} Decision */
 /** @typedef {import("./box.js").Xyxy} Xyxy */
 /** @typedef {{src: string, width: number, height: number}} Crop */
-/** @typedef {{state: "shown", crop: Crop} | {state: "none" | "failed", crop: null}} CropAnswer */
+/** @typedef {{state: "shown", crop: Crop} | {state: "none", crop: null} | {state: "failed", crop: null, isTemporary: boolean}} CropAnswer */
 /** @typedef {{url: string, tell: (answer: CropAnswer) => void}} Wish */
 
 const PARALLEL = 6;
@@ -57,8 +57,9 @@ export function createCrops(fetchCrop, { onError = () => {}, discard = () => {},
   function refusal(error, signal) {
     if (signal.aborted) return null;
     onError(error);
-    const isNone = error instanceof ApiError && error.status === 404;
-    return { state: isNone ? "none" : "failed", crop: null };
+    if (error instanceof ApiError && error.status === 404) return { state: "none", crop: null };
+    const isTemporary = error instanceof NoResponse || (error instanceof ApiError && error.isTemporary);
+    return { state: "failed", crop: null, isTemporary };
   }
 
   /** @param {string} url @param {Crop} crop */
@@ -230,19 +231,24 @@ async function load(address, signal) {
 
 /** @typedef {{url: string, state: "waiting" | "shown" | "none" | "failed", crop: Crop | null}} SeenCrop */
 
-/** A crop, requested while its cell is on the page. @param {string} url @returns {SeenCrop} */
+/** A crop, requested while its cell is on the page, and again after a failure that may pass. @param {string} url @returns {SeenCrop} */
 export function useCrop(url) {
-  const [seen, setSeen] = useState(/** @type {SeenCrop | null} */ (null));
+  const [seen, setSeen] = useState(/** @type {(CropAnswer & {url: string}) | null} */ (null));
   const [attempt, setAttempt] = useState(0);
   useEffect(() => (url ? crops.want(url, (answer) => setSeen({ url, ...answer })) : undefined), [url, attempt]);
-  const hasFailed = seen?.state === "failed";
+  const retries = useMemo(() => createRetries(), [url]);
   // In a layout effect, so that an "online" event right after the failure is not missed.
   useLayoutEffect(() => {
-    if (!hasFailed) return;
-    const again = () => setAttempt((n) => n + 1);
+    if (seen?.state !== "failed" || seen.url !== url) return;
+    let isOver = false;
+    const again = () => void (isOver || setAttempt((n) => n + 1));
+    if (seen.isTemporary) retries.wait(again);
     addEventListener("online", again);
-    return () => removeEventListener("online", again);
-  }, [hasFailed]);
+    return () => {
+      isOver = true;
+      removeEventListener("online", again);
+    };
+  }, [seen, url]);
   if (seen?.url === url) return seen;
   const crop = url ? crops.ready(url) : null;
   return { url, state: crop ? "shown" : "waiting", crop };

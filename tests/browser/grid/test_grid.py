@@ -272,6 +272,17 @@ def test_a_list_that_cannot_be_read_says_so_and_is_tried_again(many, ada):
     expect(page.locator(".grid-status p")).to_have_text("60 boxes")
 
 
+def test_crops_that_could_not_be_loaded_are_tried_again(many, ada):
+    page = ada.page
+    page.route("**/crop?**", lambda route: route.abort())
+    opened(ada, many)
+    expect(cell(page, 0)).to_contain_text("not loaded")
+
+    page.unroute("**/crop?**")
+
+    expect(cell(page, 0).locator("img")).to_be_visible()
+
+
 def test_crops_that_could_not_be_loaded_come_when_the_network_is_back(many, ada):
     page = ada.page
     page.route("**/crop?**", lambda route: route.abort())
