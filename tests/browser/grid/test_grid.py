@@ -249,6 +249,7 @@ def test_coming_back_one_is_where_one_was_with_the_same_selection(many, ada):
 def test_larger_crops_are_fewer_in_a_row_and_the_place_is_kept(many, ada):
     page = opened(ada, many)
     ada.press("End")
+    expect(cell(page, 59)).to_be_in_viewport()
     columns = page.get_by_role("grid").get_attribute("aria-colcount")
 
     page.get_by_label("Size of the crops").fill("320")
