@@ -117,6 +117,16 @@ def test_keys_of_a_configuration_break_between_their_words_alone(scene, visit):
     assert page.evaluate(OVERFLOW) <= 0
 
 
+def test_the_longest_share_of_a_tag_stays_on_one_line(scene: Scene, ada: Visitor):
+    page = ada.open(scene.link("hidden"))
+    share = page.locator(".hidden-by .num").first
+    expect(share).to_be_visible()
+
+    share.evaluate("(element) => (element.textContent = '99.96 %')")
+
+    assert share.evaluate_all(BROKEN_WORDS) == []
+
+
 @pytest.mark.parametrize("link", ["#/datasets/nowhere/frames", "#/frames/999999"])
 def test_a_missing_page_leads_to_the_datasets(ada, link):
     page: Page = ada.open("#/datasets")

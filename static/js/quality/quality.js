@@ -44,7 +44,7 @@ function QualityOf({ app, route }) {
   return html`<main id="main" class="page" tabindex="-1" aria-busy=${!quality}>
       <div class="page__head">
         <h1>Quality</h1>
-        ${quality && html`<span class="faint">the filter against ${WORDS[truth].head(known)}${truth === "people" && quality.unsure > 0 ? `, ${countText(quality.unsure)} unsure besides` : ""}</span>`}
+        ${quality && html`<span class="faint">the filter against ${WORDS[truth].head(known)}${truth === "people" && quality.unsure > 0 ? `, and ${countText(quality.unsure)} unsure` : ""}</span>`}
         <span class="page__settings"><${Segments} label="Compare the filter with" value=${against} choices=${TRUTHS} onChange=${setAgainst} /></span>
       </div>
       ${loaded.state === "error" && !quality
