@@ -41,7 +41,8 @@ test: $(CHROMIUM) $(SYSTEM) ## Set up and pass the checks and the tests, the bro
 ifdef ARGS
 	$(PYTEST) $(ARGS)
 else
-	@CHECK="$(AGAIN) check" sh tools/run_tests.sh $(PYTEST)
+	@CHECK="$(AGAIN) check" $(BIN)/python -m tests.support.postgres_cluster \
+		sh tools/run_tests.sh $(PYTEST)
 endif
 
 test-postgres: $(CHROMIUM) $(SYSTEM) ## The tests with PostgreSQL in place of SQLite's files (DATABASE)

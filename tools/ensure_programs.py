@@ -1,8 +1,9 @@
 """Installs with apt the programs that tests and checks call, where they are missing.
 
 strace is for the test of what reaches the disk. Node and npm are for the checks of the
-page's JavaScript. Debian's npm brings some hundred packages with it, so they are
-installed only where no check may be left out: where the variable CI is set.
+page's JavaScript, PostgreSQL's initdb for the tests on a PostgreSQL server. These three
+are large, or start a service, so they are installed only where no check and no test
+may be left out: where the variable CI is set.
 """
 
 from __future__ import annotations
@@ -11,8 +12,23 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
-PACKAGE_OF = {"strace": "strace", "node": "nodejs", "npm": "npm"}
+PACKAGE_OF = {
+    "strace": "strace",
+    "node": "nodejs",
+    "npm": "npm",
+    "initdb": "postgresql",
+}
+# Debian puts a server's programs here, by version, and not on the PATH.
+POSTGRESQL = Path("/usr/lib/postgresql")
+
+
+def path_of(program: str) -> str | None:
+    """Where a program is; None where it is not installed."""
+    servers = sorted(POSTGRESQL.glob("*/bin"), reverse=True)
+    beside = os.pathsep.join(str(folder) for folder in servers)
+    return shutil.which(program) or shutil.which(program, path=beside)
 
 
 def run(*command: str) -> None:
@@ -41,12 +57,12 @@ def from_apt(*packages: str) -> None:
 
 def main() -> int:
     """Installs what is missing, and says what was found in the end."""
-    wanted = ["strace", "node", "npm"] if os.environ.get("CI") else ["strace"]
-    missing = [name for name in wanted if shutil.which(name) is None]
+    wanted = [*PACKAGE_OF] if os.environ.get("CI") else ["strace"]
+    missing = [name for name in wanted if path_of(name) is None]
     if missing:
         from_apt(*(PACKAGE_OF[name] for name in missing))
     for name in wanted:
-        found = shutil.which(name)
+        found = path_of(name)
         print(f"{name}: {found}" if found else f"no {name}: what needs it is left out")
     return 0
 

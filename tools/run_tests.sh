@@ -2,8 +2,8 @@
 # Runs all tests with the given pytest, in groups at the same time: while one waits for a
 # server, a browser or a disk, the others use the processor. The command in CHECK, if
 # there is one, runs at the same time; its output comes first. The tests that depend most
-# on the database are run on PostgreSQL as well. With UNGHOST_TEST_DATABASE, all tests
-# are run on that database only. The output of a group is printed when it has ended.
+# on the database are run on PostgreSQL as well, if a server answers. With
+# UNGHOST_TEST_DATABASE, all tests are run on that database only. The output of a group is printed when it has ended.
 set -u
 work=$(mktemp -d)
 trap 'kill $(cat "$work"/*.pid 2>/dev/null) 2>/dev/null; rm -rf "$work"' EXIT
@@ -54,7 +54,7 @@ elif database=$("$1" -m tests.support.databases); then
 elif [ -n "${CI:-}" ]; then
     exit 1
 else
-    echo "The tests on PostgreSQL are skipped: no server was found."
+    echo "The tests on PostgreSQL are skipped: no server answers."
 fi
 
 begin() {

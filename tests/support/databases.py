@@ -3,6 +3,8 @@
 UNGHOST_TEST_DATABASE names a database of a server, such as
 ``postgresql+psycopg://postgres@127.0.0.1:5432/postgres``: then every data folder of the
 tests has a database of that server in place of its file, made anew and dropped again.
+
+UNGHOST_TEST_SERVER names a database of the server on which single tests make theirs.
 """
 
 from __future__ import annotations
@@ -37,7 +39,9 @@ from app.storage import make_folder
 
 # Read here: the tests see no UNGHOST_* variables.
 CHOSEN = os.environ.get("UNGHOST_TEST_DATABASE", "")
-SERVER = make_url(CHOSEN or "postgresql+psycopg://postgres@127.0.0.1:5432/postgres")
+SERVER_VARIABLE = "UNGHOST_TEST_SERVER"
+_USUAL = "postgresql+psycopg://postgres@127.0.0.1:5432/postgres"
+SERVER = make_url(CHOSEN or os.environ.get(SERVER_VARIABLE) or _USUAL)
 DATABASE_URL = "UNGHOST_DATABASE_URL"
 FILE = "unghost.db"
 _PREFIX = "unghost_test_"
@@ -165,10 +169,10 @@ def drop_all() -> None:
     _template.clear()
 
 
-def answers() -> bool:
+def answers(server: URL | str = SERVER) -> bool:
     """Whether a server answers."""
     try:
-        with _server():
+        with _server(server):
             return True
     except OperationalError:
         return False
@@ -233,8 +237,8 @@ def _text(url: URL) -> str:
 
 
 @contextmanager
-def _server() -> Iterator[Connection]:
-    engine: Engine = create_engine(SERVER, isolation_level="AUTOCOMMIT")
+def _server(server: URL | str = SERVER) -> Iterator[Connection]:
+    engine: Engine = create_engine(server, isolation_level="AUTOCOMMIT")
     try:
         with engine.connect() as connection:
             yield connection

@@ -1,4 +1,10 @@
-"""A PostgreSQL server of a test's own, to be killed and started again."""
+"""A PostgreSQL server of one's own: for a test that kills it, or for a whole run.
+
+``python -m tests.support.postgres_cluster COMMAND ...`` runs a command for which
+UNGHOST_TEST_SERVER (`tests/support/databases.py`) names a server that answers: the one
+that it named before or, where PostgreSQL is installed, a new one that ends with the
+command.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +13,10 @@ import pwd
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,13 +24,16 @@ import pytest
 from sqlalchemy import create_engine, text
 from sqlalchemy.pool import NullPool
 
+from tests.support import databases
 from tests.support.ports import reserved_port
+from tools.ensure_programs import path_of
 
 START_WAIT_S = 60
+NOT_INSTALLED = "PostgreSQL's initdb is not installed here"
 SETTINGS = """
 listen_addresses = '127.0.0.1'
 unix_socket_directories = ''
-max_connections = 60
+max_connections = 200
 """
 
 
@@ -90,6 +100,10 @@ def _children(pid: int) -> list[int]:
 def own_cluster() -> Iterator[Cluster]:
     """A server that is gone at the end; a skip where PostgreSQL is not installed."""
     programs = _programs()
+    if programs is None:
+        # Only in continuous integration is that a failure.
+        assert not os.environ.get("CI"), NOT_INSTALLED
+        pytest.skip(NOT_INSTALLED)
     folder = Path(tempfile.mkdtemp(prefix="unghost-cluster-"))
     try:
         if os.geteuid() == 0:
@@ -126,15 +140,22 @@ def run(program: Path, *words: str) -> None:
     assert done.returncode == 0, f"{program.name} {words} failed"
 
 
-def _programs() -> Path:
-    known = [Path(found).parent for found in [shutil.which("initdb")] if found]
-    known += sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)
-    for folder in known:
-        if (folder / "initdb").exists() and _may_be_run():
-            return folder
-    if os.environ.get("CI"):
-        raise AssertionError("continuous testing needs PostgreSQL's own programs")
-    pytest.skip("PostgreSQL's initdb is not installed here")
+def main(*command: str) -> int:
+    """Run the command with a server; its exit status."""
+    has_server = databases.answers() or _programs() is None
+    with nullcontext() if has_server else own_cluster() as cluster:
+        own = {databases.SERVER_VARIABLE: cluster.url} if cluster else {}
+        process = subprocess.Popen(command, env={**os.environ, **own})
+        # A terminal interrupts the command too: wait until it has cleaned up.
+        signal.signal(signal.SIGINT, lambda *_: None)
+        signal.signal(signal.SIGTERM, lambda *_: process.terminate())
+        return process.wait()
+
+
+def _programs() -> Path | None:
+    """The folder of the server's programs; None where they cannot be run."""
+    initdb = path_of("initdb")
+    return Path(initdb).parent if initdb and _may_be_run() else None
 
 
 def _may_be_run() -> bool:
@@ -144,3 +165,7 @@ def _may_be_run() -> bool:
         return bool(pwd.getpwnam("postgres"))
     except KeyError:
         return False
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.sources import CHECKOUT
+from tools.ensure_programs import POSTGRESQL
 
 # An apt that notes what it is asked for, and installs it as an empty program.
 APT = """#!/bin/sh
@@ -17,12 +18,17 @@ echo "$@" >>"$0.log"
 [ "$1" = install ] || exit 0
 for package; do :; done
 [ "$package" = nodejs ] && package=node
+[ "$package" = postgresql ] && package=initdb
 echo "#!/bin/sh" >"${0%/*}/$package"
 /bin/chmod +x "${0%/*}/$package"
 """
 SUDO = """#!/bin/sh
 exec /usr/bin/"$@"
 """
+
+PROGRAM_OF = {"nodejs": "node", "postgresql": "initdb"}
+# Installed already where Debian keeps it outside the PATH.
+SERVER = [] if any(POSTGRESQL.glob("*/bin/initdb")) else ["postgresql"]
 
 
 @pytest.fixture
@@ -56,7 +62,7 @@ def asked_of_apt(programs: Path) -> list[str]:
     ("ci", "packages"),
     [
         pytest.param({}, ["strace"], id="a machine at hand"),
-        pytest.param({"CI": "true"}, ["strace", "nodejs", "npm"], id="CI"),
+        pytest.param({"CI": "true"}, ["strace", "nodejs", "npm", *SERVER], id="CI"),
     ],
 )
 def test_missing_programs_are_installed(programs: Path, ci, packages):
@@ -65,7 +71,7 @@ def test_missing_programs_are_installed(programs: Path, ci, packages):
     update, *installs = asked_of_apt(programs)
     assert update.startswith("update")
     assert [line.split()[-1] for line in installs] == packages
-    for program in ["node" if name == "nodejs" else name for name in packages]:
+    for program in [PROGRAM_OF.get(name, name) for name in packages]:
         assert f"{program}: {programs / program}" in said
 
 

@@ -1,0 +1,63 @@
+"""A command that needs a PostgreSQL server gets one, and leaves none behind."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from tests.support.databases import SERVER_VARIABLE, answers
+from tests.support.postgres_cluster import Cluster, own_cluster
+from tests.support.sources import CHECKOUT
+
+SAY = f'echo "${SERVER_VARIABLE}"; '
+
+
+@pytest.fixture
+def cluster() -> Iterator[Cluster]:
+    with own_cluster() as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def nobody(cluster: Cluster) -> Iterator[str]:
+    """The address of a server that does not run."""
+    cluster.stop()
+    yield cluster.url
+    cluster.start()
+
+
+def with_a_server(server: str, script: str) -> subprocess.Popen[str]:
+    """A script that is run with this server, or with one of its own."""
+    module = "tests.support.postgres_cluster"
+    return subprocess.Popen(
+        [sys.executable, "-m", module, "sh", "-c", script],
+        cwd=CHECKOUT,
+        env={**os.environ, SERVER_VARIABLE: server},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_a_server_that_answers_is_used_and_goes_on(cluster: Cluster):
+    with with_a_server(cluster.url, SAY + "exit 7") as process:
+        said, _ = process.communicate()
+
+    assert said.strip() == cluster.url
+    assert process.returncode == 7
+    assert answers(cluster.url)
+
+
+def test_where_none_answers_there_is_one_until_the_command_ends(nobody: str):
+    with with_a_server(nobody, SAY + "exec sleep 60") as process:
+        assert process.stdout
+        said = process.stdout.readline().strip()
+        assert said != nobody
+        assert answers(said)
+        process.terminate()
+
+    assert process.returncode != 0
+    assert not answers(said)
