@@ -1,4 +1,4 @@
-"""The effective verdict of a box: a person's answer if there is one, else the filter's.
+"""The effective verdict of a box: a person's keep or reject, else the filter's verdict.
 
 It is defined twice here: in Python, for one box, and in SQL, for lists. For arrays the
 library defines it (`DecidedBoxes.effective`). `tests/unit/app/test_verdicts.py`

@@ -78,8 +78,8 @@ class ClassThresholds:
     well: `kept_large` is the higher one of those that apply.
 
     If `by_channels` is true, channels judge boxes regardless of their match, and
-    `decisions` does not record which boxes. Lists sort and filter those that a channel
-    kept by their distance from `small`, on either side.
+    `decisions` does not record which boxes. Lists sort and filter boxes that a channel
+    kept by how far their match is from `small`, above or below.
     """
 
     class_id: int
@@ -148,8 +148,7 @@ class BoxFilter:
     def unanswered(self) -> list[ColumnElement[bool]]:
         """A condition to add where the index of unanswered boxes should be read.
 
-        `conditions` are written so that the database does not use that index: it would
-        do so even where another index leads to far fewer boxes.
+        The database prefers that index even where another one leads to far fewer boxes.
         """
         return [Decision.review.is_(None)] if self.review == "none" else []
 

@@ -97,7 +97,10 @@ class CurrentReview(TypedDict):
 
 
 class ServerFields(TypedDict):
-    """The fields that the service adds to a decision of the library."""
+    """The fields of a decision that only the service can fill.
+
+    `config` is in the library's decisions too: a run's version takes its place.
+    """
 
     box_id: int
     frame_id: int
@@ -114,7 +117,7 @@ class StoredDecision(Decision, ServerFields):
 
 
 class DecidedFrame(NamedTuple):
-    """The values that all decisions of a frame share, in addition to `FrameFacts`.
+    """The values that the service adds to all decisions of a frame.
 
     `config` is the digest of the version that `run` applied; `family` is the palette
     family of the segmentation's tags.

@@ -190,7 +190,10 @@ class Task(Generic[Row]):
             self._row_read_at = time.monotonic()
 
     def check_wanted(self) -> None:
-        """As `check`, but continues while the service stops, so that work is kept."""
+        """As `check`, but does not raise because the service stops.
+
+        So frames that are measured by then are still stored.
+        """
         self.context.engine.check_wanted(self.job)
 
     def stored(self, session: Session) -> None:

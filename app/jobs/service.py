@@ -151,12 +151,12 @@ def cancel(
 
 
 def interrupt(context: ServiceContext, session: Session, job: Job) -> None:
-    """Signal a job that it is being cancelled, before the session's first statement.
+    """Tell a job that it is being cancelled; called before the first statement.
 
-    That statement waits for its turn to write, which the final step of this job may
-    hold. On PostgreSQL the final step is withdrawn in a separate transaction, so that a
-    job in another process notices as well. On SQLite, where nothing can be written
-    meanwhile, a flag in this process signals it.
+    The session's first statement waits for its turn to write, which the final step of
+    this job may hold. On PostgreSQL the final step is withdrawn in a separate
+    transaction, so that a job in another process notices as well. On SQLite, where
+    nothing can be written meanwhile, a flag in this process signals it.
     """
     context.engine.interrupt(job)
     if not context.database.has_one_writer:

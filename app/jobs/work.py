@@ -4,10 +4,11 @@ The functions return the outcome, one of the constants of `app.engine.chunk`. An
 that ends the job is written into the chunk's row; one that may pass, such as a lost
 connection, is logged, and the chunk is returned.
 
-If a worker dies, the driver notices and counts an attempt. Nobody notices if the driver
-itself dies while it works on a chunk. So it counts an attempt in the chunk's row before
-it begins, and sets the count to zero as soon as a part of the result is stored. The
-count then says how many attempts in a row have ended their process and stored nothing.
+If a worker dies, the driver counts an attempt in the chunk's row. If the driver itself
+dies while it works on a chunk, nobody can count that. So it counts the attempt before
+it begins the chunk, and sets the count to zero as soon as a part of the result is
+stored. The count then says how many attempts in a row have ended their process and
+stored nothing.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ from app.jobs.queries import (
 from filter_core.errors import FilterError
 
 MOST_ATTEMPTS: Final = 3
-"""A chunk that ended this many processes is not tried again as it is: the frame at
-which they died, or all of the chunk, is quarantined."""
+"""After as many dead processes the frame at which they died, or the whole chunk, is
+quarantined."""
 _PAUSE_S: Final = 0.5
 
 log = logging.getLogger(__name__)

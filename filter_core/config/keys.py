@@ -136,7 +136,7 @@ class Key(NamedTuple):
     sentence : str
         What it means, for people.
     evidence : tuple of str
-        The kinds of evidence (`EVIDENCE`) whose rules read it; empty: all of them.
+        The kinds of evidence (`EVIDENCE`) whose rules use the key; empty: all.
     needs_pixels : bool
         Whether images may have to be read again after it has changed.
     carlasimu : str or None
@@ -191,7 +191,8 @@ def counted(unit: str) -> NumberRange:
 def limit(null: float) -> NumberRange:
     """Distances in metres that boxes are compared with.
 
-    In files, null means no limit; in arrays, the number `null` does (-inf or inf).
+    In files, null means no limit. In arrays, the number `null` (-inf or inf) stands
+    for it.
     """
     return METRES._replace(null=null)
 

@@ -46,8 +46,8 @@ class Judgement(NamedTuple):
     hidden_by : sequence of HiddenBy
         See `hidden_by`.
     as_carlasimu : bool
-        Profile ``carlasimu``, which needs more than the threshold where profile
-        ``paper`` needs at least the threshold.
+        Whether the match has to exceed the threshold (profile ``carlasimu``) or only
+        to reach it (profile ``paper``).
     channel : ChannelJudgement or None
         The judgement of a channel; None if no channel judged the box. The reasons of
         channels have no sentence without it.
@@ -123,8 +123,9 @@ def explain(judgement: Judgement) -> str:
     Returns
     -------
     str
-        The verdict, a colon and the reason. Numbers are rounded only as far as the
-        sentence stays true: 9.96 % is never shown as the 10 % that are needed.
+        The verdict, a colon and the reason. A number is never rounded to the one that
+        it is compared with, or past it: 9.96 % is never shown as the 10 % that are
+        needed.
     """
     if judgement.channel is not None:
         sentence = explain_channel(judgement.channel)
@@ -134,7 +135,7 @@ def explain(judgement: Judgement) -> str:
 
 
 def rounded_percent(value: float, against: float | None = None) -> str:
-    """A percentage, 0..100, for people, rounded only as far as the sentence stays true.
+    """A percentage, 0..100, for people, never rounded to `against` or past it.
 
     A whole number from 10 up, one decimal below. It has more decimals if rounding would
     move it to, or past, `against`, 0 or 100.

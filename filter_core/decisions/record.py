@@ -97,8 +97,8 @@ Decision = TypedDict(
 )
 """One box, its verdict and the numbers that led to it, under the keys of the API.
 
-docs/api.md describes each key. The keys that only a server can fill (its own ids, run
-and review) are not in it.
+docs/api.md describes each key. The keys that only a server can fill (such as its own
+ids, the run and the review) are not in it.
 """
 
 

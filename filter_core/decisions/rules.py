@@ -25,7 +25,7 @@ from filter_core.types import (
 )
 
 Z95: Final = 1.959963984540054
-"""Standard deviations either side of a normal distribution's mean that hold 95 %."""
+"""95 % of a normal distribution lie within as many standard deviations of its mean."""
 
 _BLOCK: Final = 1 << 15
 """Boxes per block: temporary arrays of 256 KiB stay in the processor's cache."""
@@ -85,7 +85,7 @@ Looking a box up here is faster than applying one mask per rule.
 """
 
 _IF_LARGE: Final = 1 + max(Reason)
-"""The offset of the half for large boxes in `_COLUMN_OF_REASON`."""
+"""The first row for large boxes in `_COLUMN_OF_REASON`; those of others are before."""
 
 _THRESHOLD_COLUMNS: Final = 4
 

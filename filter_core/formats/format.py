@@ -26,8 +26,8 @@ Recognition: TypeAlias = Literal["certain", "possible", "otherwise", "none"]
 """How certain it is that a source is in a format.
 
 ``certain``: it is, and no later format is tried. ``possible``: it may be; if there are
-several such formats, a person has to choose. ``otherwise``: it counts as this format
-only if no format is ``certain`` or ``possible``; the first such format is taken.
+several such formats, a person has to choose. ``otherwise``: the last resort, used only
+if no format is ``certain`` or ``possible``; the first such format is taken.
 ``none``: it is not.
 """
 

@@ -3,10 +3,10 @@
 A new format is a module that declares its `Format`, and a line of `FORMATS` here. Its
 name is repeated in these places, each of which a check compares with this list:
 
-* ``unghost/wire/words.py``: `ExportFormat` if it is written, `FolderLayout` if it is
-  read.
-* ``static/js/upload/dialog.js``, if it is read: its name for people.
-* ``tests/pins``, if it is written: a digest of each of its files.
+* ``unghost/wire/words.py``: `ExportFormat` if it can be exported, `FolderLayout` if it
+  can be read.
+* ``static/js/upload/dialog.js``, if it can be read: its name for people.
+* ``tests/pins``, if it can be exported: a digest of each of its files.
 
 The service puts `Format.title` and `Format.brief` into the OpenAPI document, from which
 the page takes them, and ``make docs`` generates the tables of docs/formats.md. Other

@@ -2,7 +2,7 @@
 // The documentation of the API as a page. The server makes its content, for people who are signed in.
 
 import { ApiError, send, setSession } from "./core/api.js";
-import { createSession } from "./core/connection.js";
+import { createLogin } from "./core/login.js";
 
 /** @param {string} words @param {string} [href] */
 function say(words, href) {
@@ -52,6 +52,6 @@ async function show() {
   if (link instanceof HTMLAnchorElement) link.addEventListener("click", download);
 }
 
-setSession(createSession(localStorage).current.get()?.session ?? "");
+setSession(createLogin(localStorage).current.get()?.session ?? "");
 
 show().catch(failed);

@@ -28,7 +28,7 @@ What a file holds, and what of it is replaced because it differs from run to run
 * ``names``: what `filter_core` and `unghost` offer, and what documents import.
 * ``modules``: what an import loads of other people's packages. Of our own modules the
   number is an upper bound.
-* ``walk``: a walk over the API with every answer. Times, secrets, ids of requests and
+* ``walk``: a walk over the API with every response. Times, secrets, ids of requests and
   the version are replaced, and of drawn pictures the size is kept and not the pixels.
   Counts by class or reason are sorted, since databases have no order for them.
 * ``command_line``: what ``unghost filter --json`` prints.

@@ -3,8 +3,8 @@
 // nothing from other folders; main.js adds boxes, answers and uploads.
 
 import { get, post, remove, whenSignedOut } from "./api.js";
-import { SESSION_KEY, createSession, endedText } from "./connection.js";
 import { loadKeys, saveKeys } from "./keymap.js";
+import { SESSION_KEY, createLogin, endedText } from "./login.js";
 import { createValue } from "./observable.js";
 import { createPrefs } from "./prefs.js";
 import { createRouter } from "./router.js";
@@ -22,7 +22,7 @@ const SESSION = "/api/v1/session";
  * @param {() => void} [startAnew]  called when another person is signed in: what this page holds is not theirs
  */
 export function createApp(storage, startAnew = () => location.reload()) {
-  const session = createSession(storage);
+  const session = createLogin(storage);
   const toasts = createToasts();
   const isSignedIn = createValue(session.current.get() !== null);
   /** Why the session has ended; empty if nobody was signed in. */

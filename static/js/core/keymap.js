@@ -81,7 +81,7 @@ export function keysIn(settings, view) {
 export const useKeys = (app) => keysIn(useValue(app.keys), useValue(app.router.route).name);
 
 /**
- * The action of a key press in a view, or null. Key presses with Ctrl, Alt or Cmd are left to the browser, except those in the table.
+ * The action of a key press in a view, or null. Key presses with Alt are left to the browser, and those with Ctrl or Cmd too, unless they are in the table.
  * @param {KeyPress} press @param {KeySettings} settings @param {string} [view]
  */
 export function actionOf(press, settings, view = "") {

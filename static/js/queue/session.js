@@ -40,7 +40,7 @@ const MOST_EXCLUDED = 1000;
 export const orderOf = (query) => ORDERS.find(({ value }) => value === query.order)?.value ?? "doubt";
 
 /** @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query */
-export function createSession(app, dataset, query) {
+export function createQueueSession(app, dataset, query) {
   const { boxes } = app;
   /** @type {(() => void)[]} */
   const held = [];
@@ -154,7 +154,7 @@ export function createSession(app, dataset, query) {
   };
 }
 
-/** @typedef {ReturnType<typeof createSession>} Session */
+/** @typedef {ReturnType<typeof createQueueSession>} Session */
 
 /** @type {WeakMap<App, {key: string, session: Session, seen: number}>} */
 const sessions = new WeakMap();
@@ -168,7 +168,7 @@ export function sessionOf(app, dataset, query) {
   const last = sessions.get(app);
   if (last?.key === key && Date.now() - last.seen < PAUSE_MS) return last.session;
   last?.session.end();
-  const session = createSession(app, dataset, query);
+  const session = createQueueSession(app, dataset, query);
   sessions.set(app, { key, session, seen: Date.now() });
   return session;
 }

@@ -22,13 +22,13 @@ const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", cl
 /**
  * Answers, for the whole page: giving and undoing them, those not saved yet, and conflicts.
  * @param {import("../core/app.js").App} app @param {Boxes} boxes @param {Storage} storage
- * @param {{tab: string, openTabs: ReadonlySet<string>}} tabs  this one, and all that are open: another one sends its answers itself
+ * @param {{tab: string, openTabs: ReadonlySet<string>}} tabs  the ids of this tab and of all open ones: each open tab sends its own answers
  */
 export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   const { toasts } = app;
   const outbox = createOutbox(storage, tab, app.owner);
   const steps = createSteps(boxes);
-  /** The boxes that were answered last are held in the store, so that an older answer of the server, still on its way, does not replace them. @type {(() => void)[]} */
+  /** The boxes that were answered last are held in the store, so that an older response, still on its way, does not replace them. @type {(() => void)[]} */
   const answered = [];
 
   /** @param {readonly number[]} ids */

@@ -1,7 +1,7 @@
 // @ts-check
 // Answers that the server has not stored yet: on one box, on many (bulk answers), and undos of bulk answers. They are
-// kept in localStorage. Each tab sends its own one after the other, in the order in which they were given; a bulk
-// answer that needs a decision of the person is set aside, and later answers are sent before it.
+// kept in localStorage. Each tab sends its own, one at a time, oldest first. A bulk answer that the person must look at
+// again is set aside, and later answers are sent before it.
 
 import { seenRevision } from "../boxes/box.js";
 import { ApiError, NoResponse, createRetries, post } from "../core/api.js";
@@ -24,7 +24,7 @@ import { createValue } from "../core/observable.js";
  * @property {string} comment
  * @property {number} seenRevision
  * @property {boolean} attempted  may have reached the server: a retry must send exactly the same
- * @property {number} [ownRevision]  set instead of `seenRevision` if it was attempted: the box's revision after this person's earlier answer
+ * @property {number} [ownRevision]  the revision that this person's earlier answer gave the box, if it was stored after this one was attempted: then `seenRevision` must not change any more
  */
 
 /** @typedef {import("../core/openapi.js").BoxSelection} Filter */
@@ -89,7 +89,7 @@ const nameOf = (item) => (isSingle(item) ? ANSWER_PREFIX : isUndo(item) ? UNDO_P
 /** How many answers it is. @param {Item} item */
 const sizeOf = (item) => (isSingle(item) ? 1 : item.count);
 
-/** Whether this bulk answer or undo may change the answer on the box. One on a filter may: the page does not know which boxes the filter selects. @param {BulkAnswer | Undo} many @param {number} boxId */
+/** Whether this bulk answer or undo may change the answer on the box. Always true for one on a filter: the page does not know which boxes the filter selects. @param {BulkAnswer | Undo} many @param {number} boxId */
 const mayHaveAnswered = (many, boxId) => many.boxIds === undefined || many.boxIds.includes(boxId);
 
 /** @param {Storage} storage @param {string} tab @param {() => string} who  returns the person who is signed in @param {() => string} [newKey] */
@@ -184,8 +184,8 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     remove: (item) => storage.removeItem(nameOf(item)),
 
     /**
-     * This person's own answers change the revisions of boxes: the answers that were given after `earlier` have seen
-     * these revisions. An attempted bulk answer is left as it is.
+     * `earlier` was stored, or will never be, so boxes have other revisions than this person's later answers name: let
+     * them name these. An attempted bulk answer is left as it is.
      * @param {Item} earlier @param {ReadonlyMap<number, number>} revisions  by box
      */
     setSeenRevisions(earlier, revisions) {
@@ -298,7 +298,7 @@ export function createSender(outbox, calls, events, later) {
   /** Boxes of bulk answers, and of their undos, that are not stored. @type {ReadonlySet<number>} */
   let inMany = new Set();
   let isSending = false;
-  /** `resume` was called while an answer was being sent: if that fails, it is sent again without a pause. */
+  /** If the answer that is being sent fails, send it again at once, because `resume` was called meanwhile. */
   let isWorthTrying = false;
   const retries = createRetries(later);
   /** The `order` of the last stored bulk answer on a filter, or of its undo. The page does not know which boxes it answered. */
@@ -444,7 +444,7 @@ export function createSender(outbox, calls, events, later) {
     return lastOnFilter > 0 && item.order > lastOnFilter && (current.review?.reviewer ?? item.person) === item.person;
   }
 
-  /** The item was not stored, so the revisions that it saw are those that this person's later answers have seen, too. @param {Item} item */
+  /** The item was not stored: this person's later answers name the revisions that it named. @param {Item} item */
   function leftOut(item) {
     const { boxIds, seen } = isSingle(item) ? { boxIds: [item.boxId], seen: [item.seenRevision] } : item;
     outbox.setSeenRevisions(item, new Map(boxIds?.map((boxId, i) => [boxId, seen?.[i] ?? 0])));

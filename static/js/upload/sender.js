@@ -32,7 +32,7 @@ const HOPELESS = [403, 404];
  * @param {(frame: ReadFrame, signal: AbortSignal) => Promise<boolean>} put  true when it was stored just now
  * @param {import("../core/api.js").Later} [later]
  */
-export function createSender(frames, put, later) {
+export function createUploader(frames, put, later) {
   const queue = [...frames];
   const stop = new AbortController();
   /** @type {Map<string, ReadFrame>} */
@@ -120,7 +120,7 @@ export function createSender(frames, put, later) {
   };
 }
 
-/** @typedef {ReturnType<typeof createSender>} Sender */
+/** @typedef {ReturnType<typeof createUploader>} Uploader */
 
 /** @param {ReadFrame} frame @param {Error} error @returns {Refusal} */
 function refusalOf({ key }, error) {
@@ -173,7 +173,7 @@ export const uploadCalls = {
 };
 
 /** @typedef {typeof uploadCalls} UploadCalls */
-/** @typedef {{dataset: string, sender: Sender}} Job */
+/** @typedef {{dataset: string, sender: Uploader}} Job */
 /** @typedef {{dataset: string, isNew: boolean, classes: string[] | null, reading: Partial<import("../core/openapi.js").DatasetIn>, frames: readonly ReadFrame[], replace: boolean}} Order */
 
 /**
@@ -208,7 +208,7 @@ export function createUploads(calls, isSignedIn) {
     /** Make the dataset if it is new, then begin; rejects when that is refused. @param {Order} order */
     async start({ dataset, isNew, classes, reading, frames, replace }) {
       if (isNew) await calls.createDataset({ name: dataset, ...(classes && { classes }), ...reading });
-      const sender = createSender(frames, (frame, signal) => calls.putFrame(dataset, frame, replace, signal));
+      const sender = createUploader(frames, (frame, signal) => calls.putFrame(dataset, frame, replace, signal));
       sender.state.observe(({ phase }) => {
         if (isOver(phase)) ended.set(ended.get() + 1);
         if (phase === "signed-out") isSignedIn.set(false);

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { ApiError, NoResponse } from "../../../static/js/core/api.js";
-import { createSender } from "../../../static/js/upload/sender.js";
+import { createUploader } from "../../../static/js/upload/sender.js";
 
 /** @param {number} count @returns {any[]} */
 const frames = (count) => Array.from({ length: count }, (_, i) => ({ key: String(i), annotation: {}, files: {} }));
@@ -16,7 +16,7 @@ function sending(count) {
   /** @type {{run: () => void, delayMs: number}[]} */
   const timers = [];
   const put = (/** @type {{key: string}} */ { key }, /** @type {AbortSignal} */ signal) => new Promise((resolve, reject) => calls.push({ key, signal, resolve, reject }));
-  const sender = createSender(frames(count), /** @type {any} */ (put), (run, delayMs) => timers.push({ run, delayMs }));
+  const sender = createUploader(frames(count), /** @type {any} */ (put), (run, delayMs) => timers.push({ run, delayMs }));
   const outline = () => {
     const { phase, stored, same, refused } = sender.state.get();
     return [phase, stored, same, refused.map(({ key }) => key).join()];

@@ -10,7 +10,7 @@ import { createValue } from "./observable.js";
 export const SESSION_KEY = "unghost.session.v1";
 
 /** @param {Storage} storage */
-export function createSession(storage) {
+export function createLogin(storage) {
   const current = createValue(stored(storage));
   setSession(current.get()?.session ?? "");
   /** The person whose answers this page holds: the first one who was signed in on it. */
@@ -48,7 +48,7 @@ export function createSession(storage) {
   };
 }
 
-/** @typedef {ReturnType<typeof createSession>} Session */
+/** @typedef {ReturnType<typeof createLogin>} Login */
 
 /** @param {Storage} storage @returns {NewSession | null} */
 function stored(storage) {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { SESSION_KEY, createSession, endedText } from "../../../static/js/core/connection.js";
+import { SESSION_KEY, createLogin, endedText } from "../../../static/js/core/login.js";
 import { memoryStorage } from "../../support/page/builders.js";
 
 /** @param {string} name @param {string} [session] */
@@ -9,21 +9,21 @@ const of = (name, session = `us_${name}`) => ({ session, name, role: "reviewer",
 
 test("a session is stored, for all tabs and for the next page", () => {
   const storage = memoryStorage();
-  const one = createSession(storage);
+  const one = createLogin(storage);
   assert.deepEqual([one.current.get(), one.owner()], [null, ""]);
 
   assert.equal(one.keep(of("ada")), true);
 
-  assert.deepEqual(createSession(storage).current.get(), of("ada"));
+  assert.deepEqual(createLogin(storage).current.get(), of("ada"));
   assert.equal(one.owner(), "ada");
 });
 
 test("a page does not take over the session of another person", () => {
   const storage = memoryStorage();
-  const tab = createSession(storage);
+  const tab = createLogin(storage);
   tab.keep(of("ada"));
 
-  createSession(memoryStorage());
+  createLogin(memoryStorage());
   storage.setItem(SESSION_KEY, JSON.stringify(of("bo")));
 
   assert.equal(tab.follow(), false);
@@ -32,9 +32,9 @@ test("a page does not take over the session of another person", () => {
 
 test("signing out in one tab signs out the others, where the same person may sign in again", () => {
   const storage = memoryStorage();
-  const one = createSession(storage);
+  const one = createLogin(storage);
   one.keep(of("ada"));
-  const other = createSession(storage);
+  const other = createLogin(storage);
 
   one.end();
   assert.equal(other.follow(), true);
@@ -47,7 +47,7 @@ test("signing out in one tab signs out the others, where the same person may sig
 
 test("the end of an old session leaves a newer one of another tab", () => {
   const storage = memoryStorage();
-  const late = createSession(storage);
+  const late = createLogin(storage);
   late.keep(of("ada", "us_old"));
   storage.setItem(SESSION_KEY, JSON.stringify(of("ada", "us_new")));
 
@@ -60,7 +60,7 @@ test("a stored text that is not a session is ignored", () => {
   for (const text of ["{", "7", "null", "{}", '{"session": 7, "name": "ada"}']) {
     const storage = memoryStorage();
     storage.setItem(SESSION_KEY, text);
-    assert.equal(createSession(storage).current.get(), null, text);
+    assert.equal(createLogin(storage).current.get(), null, text);
   }
 });
 
