@@ -155,7 +155,7 @@ function addressOf(path, { path: named = {}, query = {} } = {}) {
 }
 
 /**
- * The address of something that is read otherwise: a picture, a file, a stream of events.
+ * The address of a file, such as a picture, which is read otherwise.
  * @template {PathOf<"get">} P
  * @param {P} path @param {Rest<Pick<Operation<"get", P>["parameters"], "path" | "query">>} given
  */

@@ -1,9 +1,9 @@
 // @ts-check
-// Runs and exports while they are on the page: followed by server-sent events, shown as bar and badge, cancelled.
+// Runs and exports while they are on the page: their state, kept up to date, as bar and badge; cancelling them.
 
-import { ApiError, get, post, send, url } from "../core/api.js";
+import { ApiError, NoResponse, get, post } from "../core/api.js";
 import { useTask } from "../core/hooks.js";
-import { html, useEffect, useState } from "../core/html.js";
+import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { linkTo } from "../core/router.js";
@@ -37,37 +37,43 @@ export function JobBar({ job, label }) {
 }
 
 /**
- * The current state of a job, kept up to date while the component is on the page.
- * @template {Job & {id: number}} J
- * @param {(id: number) => Watched<J>} watchedOf @param {J | null} job @param {(job: J) => void} [onOver]
- * @returns {J | null}
+ * The current state of a run, kept up to date while the component is on the page.
+ * @param {Run | null} run @param {(run: Run) => void} [onOver]
+ * @returns {Run | null}
  */
-export function useWatched(watchedOf, job, onOver) {
-  const [seen, setSeen] = useState(job);
+export function useWatched(run, onOver) {
+  const [seen, setSeen] = useState(run);
   useEffect(() => {
-    setSeen(job);
-    if (!job || isOver(job)) return undefined;
-    return watchJob(watchedOf(job.id), (next) => {
+    setSeen(run);
+    if (!run || isOver(run)) return undefined;
+    return watchJob(() => get("/api/v1/runs/{run_id}", { path: { run_id: run.id } }), (next) => {
       setSeen(next);
       if (isOver(next)) onOver?.(next);
     });
-  }, [job]);
-  return seen && job && seen.id === job.id ? seen : job;
+  }, [run]);
+  return seen && run && seen.id === run.id ? seen : run;
 }
 
 const LOOK_AGAIN_MS = 5000;
 
-/** Other people start jobs, too: reload every few seconds, and when the browser tab becomes visible. @param {() => void} reload */
-export function useLookAgain(reload) {
+/**
+ * Load a list of jobs again every few seconds, since other people start jobs too; every second while one of them has not ended.
+ * Only in a visible tab, and one request at a time.
+ * @param {{state: "loading" | "ready" | "error", reload: () => void}} list @param {readonly Job[]} jobs
+ */
+export function useLookAgain(list, jobs) {
+  const latest = useRef(list);
+  latest.current = list;
+  const hasOpen = !jobs.every(isOver);
   useEffect(() => {
-    const look = () => document.visibilityState === "visible" && reload();
-    const timer = setInterval(look, LOOK_AGAIN_MS);
+    const look = () => document.visibilityState === "visible" && latest.current.state !== "loading" && latest.current.reload();
+    const timer = setInterval(look, hasOpen ? LONGEST_PAUSE_MS : LOOK_AGAIN_MS);
     document.addEventListener("visibilitychange", look);
     return () => {
       clearInterval(timer);
       document.removeEventListener("visibilitychange", look);
     };
-  }, [reload]);
+  }, [hasOpen]);
 }
 
 /** @param {{app: import("../core/app.js").App, run: Run}} props */
@@ -84,87 +90,6 @@ export function Canceller({ app, what, cancel }) {
     setAsked(false);
   });
   return html`<button class="button button--small" disabled=${isAsked} onClick=${run}>${isAsked ? "Cancelling…" : "Cancel"}<span class="sr-only"> ${what}</span></button>`;
-}
-
-/** Values of `readyState`, as those of an EventSource. */
-const CONNECTING = 0;
-const OPEN = 1;
-const CLOSED = 2;
-const RETRY_MS = 1000;
-
-/** @typedef {{event: string, data: string}} Told */
-
-export class EventStream extends EventTarget {
-  #stop = new AbortController();
-  #lastId = "";
-  #retryMs = RETRY_MS;
-  readyState = CONNECTING;
-
-  /** @param {string} url */
-  constructor(url) {
-    super();
-    this.url = url;
-    void this.#run();
-  }
-
-  close() {
-    this.readyState = CLOSED;
-    this.#stop.abort();
-  }
-
-  async #run() {
-    while (this.readyState !== CLOSED) {
-      const isRefused = await this.#listen();
-      if (this.readyState === CLOSED) return;
-      this.readyState = isRefused ? CLOSED : CONNECTING;
-      this.dispatchEvent(new Event("error"));
-      if (!isRefused) await new Promise((done) => setTimeout(done, this.#retryMs));
-    }
-  }
-
-  /** @returns {Promise<boolean>} true: the server refused the stream, and reconnecting is useless */
-  async #listen() {
-    /** @type {Record<string, string>} */
-    const headers = { Accept: "text/event-stream" };
-    if (this.#lastId) headers["Last-Event-ID"] = this.#lastId;
-    try {
-      const answer = await send(this.url, { headers, cache: "no-store", signal: this.#stop.signal });
-      if (answer.status !== 200 || !answer.body) return true;
-      this.readyState = OPEN;
-      await this.#read(answer.body);
-      return false;
-    } catch (error) {
-      // Only an answer of the server is a refusal; a broken connection is tried again.
-      return error instanceof ApiError;
-    }
-  }
-
-  /** @param {ReadableStream<Uint8Array>} body */
-  async #read(body) {
-    const reader = body.getReader();
-    const decoder = new TextDecoder();
-    let rest = "";
-    /** @type {Told} */
-    let told = { event: "message", data: "" };
-    for (let { value, done } = await reader.read(); !done; { value, done } = await reader.read()) {
-      const lines = (rest + decoder.decode(value, { stream: true })).split(/\r\n|\r|\n/);
-      rest = lines.pop() ?? "";
-      for (const line of lines) told = this.#hear(line, told);
-    }
-  }
-
-  /** @param {string} line @param {Told} told @returns {Told} the event received so far */
-  #hear(line, told) {
-    if (line === "") {
-      if (told.data && this.readyState !== CLOSED) this.dispatchEvent(new MessageEvent(told.event, { data: told.data.slice(0, -1) }));
-      return { event: "message", data: "" };
-    }
-    const [, field = "", value = ""] = /^([^:]*):? ?(.*)$/.exec(line) ?? [];
-    if (field === "id") this.#lastId = value;
-    if (field === "retry" && /^\d+$/.test(value)) this.#retryMs = Number(value);
-    if (field === "event") return { ...told, event: value };
-    return field === "data" ? { ...told, data: `${told.data}${value}\n` } : told;
-  }
 }
 
 /** @param {{app: import("../core/app.js").App, dataset: string, run: Run, onClose: () => void}} props */
@@ -199,7 +124,8 @@ function wordsOf(run) {
 
 const OVER = new Set(["done", "failed", "cancelled"]);
 
-const ASK_AGAIN_MS = 1000;
+const FIRST_PAUSE_MS = 200;
+const LONGEST_PAUSE_MS = 1000;
 
 /** @param {Job} job */
 export const isOver = (job) => OVER.has(job.state);
@@ -210,61 +136,35 @@ export function percentDone({ state, done = 0, total = 0 }) {
   return total > 0 ? Math.min(100, Math.floor((100 * done) / total)) : 0;
 }
 
-/** @template {Job} J @typedef {{events: string, load: () => Promise<J>}} Watched  the address of a job's events, and how its state is loaded if events are refused */
-
-/** @param {number} id @returns {Watched<Run>} */
-export const runEvents = (id) => ({
-  events: url("/api/v1/runs/{run_id}/events", { path: { run_id: id } }),
-  load: () => get("/api/v1/runs/{run_id}", { path: { run_id: id } }),
-});
-
-/** @param {number} id @returns {Watched<import("../core/openapi.js").Export>} */
-export const exportEvents = (id) => ({
-  events: url("/api/v1/exports/{export_id}/events", { path: { export_id: id } }),
-  load: () => get("/api/v1/exports/{export_id}", { path: { export_id: id } }),
-});
-
 /**
- * Follow a job until it has ended. `onJob` may be called twice with the same state.
+ * Load a job again and again until it has ended. (Its stream of events would hold a connection for as long as the job
+ * lasts, and a browser opens only six to a server, for all its tabs together.)
  * @template {Job} J
- * @param {Watched<J>} watched
+ * @param {() => Promise<J>} load
  * @param {(job: J) => void} onJob
- * @param {{open?: (address: string) => EventStream, pauseMs?: number}} [how]
+ * @param {import("../core/api.js").Later} [later]
  * @returns {() => void} stop watching
  */
-export function watchJob({ events, load }, onJob, { open = (address) => new EventStream(address), pauseMs = ASK_AGAIN_MS } = {}) {
+export function watchJob(load, onJob, later = (run, delayMs) => void setTimeout(run, delayMs)) {
   let isStopped = false;
-  const source = open(events);
-  const stop = () => {
-    isStopped = true;
-    source.close();
-  };
-  /** @param {Event} event */
-  const hear = (event) => {
-    if (isStopped || !(event instanceof MessageEvent) || !event.data) return;
-    const job = JSON.parse(event.data);
-    if (isOver(job)) stop();
-    onJob(job);
-  };
-  source.addEventListener("progress", hear);
-  source.addEventListener("end", hear);
-  // A lost connection is opened again by the stream itself; a refused one is closed.
-  source.addEventListener("error", () => {
-    if (!isStopped && source.readyState === 2) void ask();
-  });
-
-  const ask = async () => {
-    while (!isStopped) {
-      try {
-        const job = await load();
-        if (isStopped) return;
-        if (isOver(job)) stop();
-        onJob(job);
-      } catch (error) {
-        if (error instanceof ApiError && !error.isTemporary) return stop();
-      }
-      if (!isStopped) await new Promise((done) => setTimeout(done, pauseMs));
+  let pauseMs = FIRST_PAUSE_MS;
+  async function look() {
+    if (isStopped) return;
+    try {
+      const job = await load();
+      if (isStopped) return;
+      isStopped = isOver(job);
+      onJob(job);
+    } catch (error) {
+      if (error instanceof ApiError && !error.isTemporary) return;
+      if (!(error instanceof ApiError || error instanceof NoResponse)) throw error;
     }
-  };
-  return stop;
+    pause();
+  }
+  function pause() {
+    later(() => void look(), pauseMs);
+    pauseMs = Math.min(2 * pauseMs, LONGEST_PAUSE_MS);
+  }
+  pause();
+  return () => void (isStopped = true);
 }

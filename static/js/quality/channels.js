@@ -10,7 +10,7 @@ import { Icon } from "../core/icons.js";
 import { countOf, countText, percentText } from "../core/numbers.js";
 import { FailureLine, Segments } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { RunStrip, isOver, runEvents, useWatched } from "../jobs/job.js";
+import { RunStrip, isOver, useWatched } from "../jobs/job.js";
 import { MeasureCell } from "./comparison.js";
 import { bandText } from "./measures.js";
 
@@ -86,7 +86,7 @@ function useMeasuring(app, dataset, onDone) {
     if (run.state === "done") setAsked(null);
     onDone();
   };
-  const run = useWatched(runEvents, asked, afterEnd);
+  const run = useWatched(asked, afterEnd);
   useEffect(() => {
     const stop = new AbortController();
     const look = async () => {

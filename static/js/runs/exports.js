@@ -8,7 +8,7 @@ import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText, sizeText, splitText } from "../core/numbers.js";
 import { FailureLine, useCopy } from "../core/parts.js";
-import { Canceller, JobBar, StateBadge, exportEvents, isOver, percentDone, useLookAgain, useWatched } from "../jobs/job.js";
+import { Canceller, JobBar, StateBadge, isOver, percentDone, useLookAgain } from "../jobs/job.js";
 
 /** @typedef {import("../core/app.js").App} App */
 /** @typedef {import("../core/openapi.js").Export} Export */
@@ -25,7 +25,7 @@ export function Exports({ app, dataset }) {
   const form = useLoaded(async () => exportForm(await describeApi()), []);
   const [isAsking, setAsking] = useState(false);
   const items = loaded.value?.items;
-  useLookAgain(loaded.reload);
+  useLookAgain(loaded, items ?? []);
   const onMade = () => {
     setAsking(false);
     loaded.reload();
@@ -40,14 +40,13 @@ export function Exports({ app, dataset }) {
     ${loaded.error && !items && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${items?.length === 0 && !isAsking && html`<p class="panelbox__empty">No export yet. Exports use people's answers, or the filter's verdict where there is none.</p>`}
     <ul class="runs">
-      ${items?.map((one) => html`<li key=${one.id}><${ExportRow} app=${app} listed=${one} form=${form.value} onOver=${loaded.reload} /></li>`)}
+      ${items?.map((one) => html`<li key=${one.id}><${ExportRow} app=${app} item=${one} form=${form.value} /></li>`)}
     </ul>
   </section>`;
 }
 
-/** @param {{app: App, listed: Export, form: ExportForm | null | undefined, onOver: () => void}} props */
-function ExportRow({ app, listed, form, onOver }) {
-  const item = useWatched(exportEvents, listed, onOver) ?? listed;
+/** @param {{app: App, item: Export, form: ExportForm | null | undefined}} props */
+function ExportRow({ app, item, form }) {
   const about = optionsText(item.options, form?.fields ?? []);
   const { run, isBusy } = useTask(() => download(item.id), app.toasts.fail);
   return html`<article class="run" aria-label=${`Export ${item.id}`}>

@@ -8,7 +8,7 @@ import { html, useState } from "../core/html.js";
 import { agoText, countOf, countText, tookText } from "../core/numbers.js";
 import { Failure, FailureLine } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { CancelButton, JobBar, StateBadge, isOver, percentDone, runEvents, useLookAgain, useWatched } from "../jobs/job.js";
+import { CancelButton, JobBar, StateBadge, isOver, percentDone, useLookAgain } from "../jobs/job.js";
 import { differences } from "../tuning/config.js";
 import { FlipGrid, WayTabs, wayOf } from "../tuning/flips.js";
 import { DiffTable } from "../tuning/versions.js";
@@ -33,7 +33,7 @@ function RunsOf({ app, route }) {
   const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
   const runs = useLoaded((signal) => get("/api/v1/datasets/{dataset}/runs", { path: { dataset: name }, query: { limit }, signal }), [name, limit]);
   const reload = () => (runs.reload(), dataset.reload());
-  useLookAgain(runs.reload);
+  useLookAgain({ state: runs.state, reload }, runs.value?.items ?? []);
   const failed = [dataset, runs].find((loaded) => loaded.state === "error" && !loaded.value);
   const { run = "", against = "" } = route.query;
   return html`<main id="main" class="page" tabindex="-1" aria-busy=${!runs.value}>
@@ -42,15 +42,15 @@ function RunsOf({ app, route }) {
         ? html`<${Failure} error=${failed.error} onRetry=${reload} />`
         : html`${run && html`<${RunDiffPanel} key=${`${run} ${against}`} app=${app} dataset=${name} run=${Number(run)} against=${Number(against) || null} runs=${runs.value?.items ?? []} />`}
             <div class="jobs">
-              <${Runs} app=${app} dataset=${name} runs=${runs.value?.items ?? null} active=${dataset.value?.active_run ?? null} shown=${Number(run) || null} onOver=${reload} />
+              <${Runs} app=${app} dataset=${name} runs=${runs.value?.items ?? null} active=${dataset.value?.active_run ?? null} shown=${Number(run) || null} />
               <${Exports} app=${app} dataset=${name} />
             </div>
             ${runs.value?.next_cursor && limit < MOST && html`<p class="more"><button class="button" onClick=${() => setLimit(MOST)}>Older runs</button></p>`}`}
     </main>`;
 }
 
-/** @param {{app: App, dataset: string, runs: readonly Run[] | null, active: number | null, shown: number | null, onOver: () => void}} props */
-function Runs({ app, dataset, runs, active, shown, onOver }) {
+/** @param {{app: App, dataset: string, runs: readonly Run[] | null, active: number | null, shown: number | null}} props */
+function Runs({ app, dataset, runs, active, shown }) {
   const open = runs?.filter((run) => !isOver(run)).length ?? 0;
   return html`<section class="panelbox" aria-labelledby="runs-title">
     <header class="panelbox__head">
@@ -61,7 +61,7 @@ function Runs({ app, dataset, runs, active, shown, onOver }) {
     ${runs === null && html`<div aria-hidden="true">${[0, 1, 2].map(() => html`<div class="bone bone--row shimmer"></div>`)}</div><p class="sr-only" role="status">Loading runs</p>`}
     ${runs?.length === 0 && html`<p class="panelbox__empty">No run yet.</p>`}
     <ul class="runs">
-      ${runs?.map((run) => html`<li key=${run.id}><${RunRow} app=${app} dataset=${dataset} run=${run} isActive=${run.id === active} isShown=${run.id === shown} onOver=${onOver} /></li>`)}
+      ${runs?.map((run) => html`<li key=${run.id}><${RunRow} app=${app} dataset=${dataset} run=${run} isActive=${run.id === active} isShown=${run.id === shown} /></li>`)}
     </ul>
   </section>`;
 }
@@ -156,9 +156,8 @@ function Boxes({ app, diff }) {
 
 const KINDS = /** @type {Record<string, string>} */ ({ measure: "measured again", decide: "decided again" });
 
-/** @param {{app: import("../core/app.js").App, dataset: string, run: Run, isActive: boolean, isShown: boolean, onOver: () => void}} props */
-export function RunRow({ app, dataset, run: loaded, isActive, isShown, onOver }) {
-  const run = useWatched(runEvents, loaded, onOver) ?? loaded;
+/** @param {{app: import("../core/app.js").App, dataset: string, run: Run, isActive: boolean, isShown: boolean}} props */
+export function RunRow({ app, dataset, run, isActive, isShown }) {
   return html`<article class="run ${isShown ? "is-shown" : ""}" aria-label=${`Run ${run.id}`}>
     <div class="run__what">
       <span class="run__name">Run ${run.id}</span><${StateBadge} state=${run.state} />

@@ -9,7 +9,7 @@ import { html, useEffect, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, FailureLine, Notice } from "../core/parts.js";
-import { RunStrip, isOver, runEvents, useWatched } from "../jobs/job.js";
+import { RunStrip, isOver, useWatched } from "../jobs/job.js";
 import { AllClasses, ClassCards, Reasons } from "./classes.js";
 import { THRESHOLD, effectiveEdits, keyValue, valueOf, valueText } from "./config.js";
 import { Delta, FlipPanel, Way } from "./flips.js";
@@ -56,7 +56,7 @@ function Tuner({ app, route, dataset, active, onApplied }) {
   const [isSaving, setSaving] = useState(false);
   const [saved, setSaved] = useState(0);
   const [started, setStarted] = useState(/** @type {Run | null} */ (null));
-  const run = useWatched(runEvents, started, (over) => over.state === "done" && over.activate && onApplied());
+  const run = useWatched(started, (over) => over.state === "done" && over.activate && onApplied());
   const isRunning = run !== null && !isOver(run);
   useOpenRun(dataset, setStarted);
   // What has become active is no longer a change.

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from tests.support.databases import writing
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import car_at
@@ -71,6 +72,23 @@ def test_a_run_is_watched_from_its_beginning_to_its_end(ada, long_street):
     expect(run(page, number)).to_contain_text("measured again")
 
     expect(run(page, number).locator(".statebadge--done")).to_be_visible()
+
+
+def test_open_jobs_leave_connections_to_other_requests(ada, long_street, server):
+    """A browser opens six to a server, for all its tabs: each job had taken one."""
+    keys = [{"profile": ("carlasimu", "paper")[n % 2]} for n in range(8)]
+    numbers = [apply(long_street, **key, threshold_small_box=77) for key in keys]
+    with writing(server.data):
+        page = runs_page(ada, long_street)
+        open_now = page.locator(".statebadge--queued, .statebadge--running")
+        expect(open_now.nth(6)).to_be_visible()
+
+        another = page.context.new_page()
+        another.goto(page.url.replace("/runs", "/grid"))
+        expect(another.locator("[id^=cell-]").first).to_be_visible()
+        another.close()
+
+    expect(run(page, numbers[-1]).locator(".statebadge--done")).to_be_visible()
 
 
 def test_a_run_is_cancelled_and_nothing_has_changed(ada, long_street):
