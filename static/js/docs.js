@@ -1,7 +1,7 @@
 // @ts-check
 // The documentation of the API as a page. The server makes its content, for people who are signed in.
 
-import { ApiError, send, setSession } from "./core/api.js";
+import { ApiError, json, send, setSession } from "./core/api.js";
 import { createLogin } from "./core/login.js";
 
 /** @param {string} words @param {string} [href] */
@@ -31,7 +31,7 @@ async function download(event) {
   if (link.download) return;
   event.preventDefault();
   try {
-    const text = JSON.stringify(await (await send("/openapi.json")).json(), null, 1);
+    const text = JSON.stringify(await json("/openapi.json"), null, 1);
     link.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
     link.download = "openapi.json";
     link.click();

@@ -68,7 +68,7 @@ render(h(Shell, { app, linkError }), element("app"));
 if (app.isSignedIn.get()) {
   if (linkError) app.toasts.show(linkError, { kind: "error" });
   void app.greet();
-  app.resume();
+  void app.resume();
 }
 
 // A login link opened over the running page.

@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 import subprocess
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -23,6 +22,7 @@ from tests.support.dockerfile import parse_dockerfile
 from tests.support.ports import reserved_port
 from tests.support.servers import RunningServer, running_server, stop
 from tests.support.sources import CHECKOUT
+from tests.support.waiting import until
 from unghost import Client, OutgoingFrame
 from unghost.cli.program import COMMANDS
 
@@ -183,14 +183,13 @@ def nginx(folder: Path, port: int, ports: list[int]) -> Iterator[None]:
 
 
 def wait_for(url: str) -> None:
-    for _ in range(100):
+    def answers() -> bool:
         try:
-            httpx.get(url, timeout=5)
+            return httpx.get(url, timeout=5).is_success
         except httpx.TransportError:
-            time.sleep(0.1)
-        else:
-            return
-    raise TimeoutError(url)
+            return False
+
+    until(answers, f"{url} does not answer")
 
 
 @pytest.fixture

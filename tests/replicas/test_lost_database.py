@@ -19,6 +19,7 @@ from tests.support.event_reader import open_events
 from tests.support.long_streets import OTHER_PIXELS, fill
 from tests.support.postgres_cluster import Cluster, own_cluster
 from tests.support.servers import RunningServer, running_server
+from tests.support.waiting import until
 
 LONG = pytest.mark.long
 FRAMES = 60
@@ -258,11 +259,11 @@ def street(place):
 
 
 def is_over(api, where):
-    until = time.monotonic() + PATIENCE_S
-    while (found := api.http.get(where).json())["state"] not in FINISHED:
-        assert time.monotonic() < until, found
-        time.sleep(0.1)
-    return found
+    def finished():
+        found = api.http.get(where).json()
+        return found if found["state"] in FINISHED else None
+
+    return until(finished, lambda: api.http.get(where).json())
 
 
 @pytest.mark.parametrize("lose", [pytest.param(kill_a_backend, marks=LONG), restart])
@@ -282,9 +283,7 @@ def test_a_run_goes_on_by_itself(place, street, lose):
 
 def cut_at_work(cluster):
     """End one connection in the middle of a transaction; all others go on."""
-    until = time.monotonic() + PATIENCE_S
-    while not cluster.end_a_transaction():
-        assert time.monotonic() < until
+    until(cluster.end_a_transaction)
 
 
 def test_a_connection_that_is_cut_at_work_fails_no_run(place, street):

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import TypeVar
 
 PATIENCE_S = 120
 """Longer than anything takes on a busy machine; nothing waits for it that goes well."""
 LOOK_EVERY_S = 0.01
 
 
-def until(holds: Callable[[], object], what: object = "it never holds") -> None:
-    """Wait until this is true; fails with `what` if it does not become so."""
+Found = TypeVar("Found")
+
+
+def until(holds: Callable[[], Found], what: object = "it never holds") -> Found:
+    """Wait until this is true, and return it; fails with `what` if it never is."""
     end = time.monotonic() + PATIENCE_S
-    while not holds():
+    while not (found := holds()):
         assert time.monotonic() < end, what() if callable(what) else what
         time.sleep(LOOK_EVERY_S)
+    return found

@@ -74,7 +74,7 @@ export class ApiError extends Error {
   }
 }
 
-/** The server could not be reached. */
+/** The server could not be reached, or its response broke off or cannot be read. */
 export class NoResponse extends Error {
   /** @param {unknown} cause */
   constructor(cause) {
@@ -116,15 +116,22 @@ export function createRetries(later = (run, delayMs) => void setTimeout(run, del
 export async function send(address, init = {}, shown = session) {
   const headers = new Headers(init.headers);
   if (shown) headers.set("Authorization", `Bearer ${shown}`);
-  const response = await fetch(address, { credentials: "omit", ...init, headers }).catch((cause) => {
-    if (init.signal?.aborted) throw cause;
-    throw new NoResponse(cause);
-  });
+  const response = await whole(fetch(address, { credentials: "omit", ...init, headers }), init.signal);
   if (response.ok) return response;
-  const error = new ApiError(response.status, problemOf(await response.text()), retryAfterOf(response));
+  const error = new ApiError(response.status, problemOf(await whole(response.text(), init.signal)), retryAfterOf(response));
   if (response.status === 401 && shown && shown === session) onSignedOut(error);
   throw error;
 }
+
+/**
+ * A response or its body. If it does not come, breaks off, or cannot be read, there is no response: the same request may
+ * succeed later. (A request that was abandoned is left as it is.)
+ * @template T @param {Promise<T>} part @param {AbortSignal | null} [signal] @returns {Promise<T>}
+ */
+const whole = (part, signal) =>
+  part.catch((cause) => {
+    throw signal?.aborted ? cause : new NoResponse(cause);
+  });
 
 /** @param {string} text @returns {Problem} */
 function problemOf(text) {
@@ -162,7 +169,10 @@ function addressOf(path, { path: named = {}, query = {} } = {}) {
 export const url = (path, ...[given]) => addressOf(path, given);
 
 /** @param {string} address @param {AbortSignal} [signal] @returns {Promise<Blob>} */
-export const blob = async (address, signal) => (await send(address, { signal })).blob();
+export const blob = async (address, signal) => whole((await send(address, { signal })).blob(), signal);
+
+/** The JSON at an address that is no path of the API. @param {string} address @returns {Promise<any>} */
+export const json = async (address) => whole((await send(address)).json());
 
 /** @typedef {{path?: Record<string, string | number>, query?: Record<string, Parameter>, body?: unknown, key?: string, session?: string, signal?: AbortSignal}} AnyGiven */
 
@@ -179,8 +189,8 @@ function respond(method, path, { body, key, signal, session: shown, ...where } =
 
 /** @param {string} method @param {string} path @param {AnyGiven} [given] */
 async function call(method, path, given) {
-  const text = await (await respond(method, path, given)).text();
-  return text ? JSON.parse(text) : undefined;
+  const response = await respond(method, path, given);
+  return whole(response.text().then((text) => (text ? JSON.parse(text) : undefined)), given?.signal);
 }
 
 /**

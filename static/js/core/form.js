@@ -1,7 +1,7 @@
 // @ts-check
 // Forms made of the OpenAPI document: export options, configuration keys, dataset settings.
 
-import { send } from "./api.js";
+import { json } from "./api.js";
 import { useLoaded } from "./hooks.js";
 import { html, useState } from "./html.js";
 import { NumberField } from "./parts.js";
@@ -35,7 +35,7 @@ let description = null;
 
 /** The OpenAPI document, fetched once. @returns {Promise<Schema>} */
 export function describeApi() {
-  description ??= send("/openapi.json").then((answer) => answer.json());
+  description ??= json("/openapi.json");
   description.catch(() => (description = null));
   return description;
 }

@@ -132,12 +132,21 @@ export const saveKeys = (storage, settings) => storage.setItem(STORAGE_KEY, JSON
 
 const STORAGE_KEY = "unghost.keys.v1";
 
+/** What goes on while its key is held down. No answer does: nobody would have seen the boxes. */
+const HELD = new Set([
+  ...["next", "previous", "nextUndecided", "nextFrame", "previousFrame"],
+  ...["left", "right", "up", "down", "pageUp", "pageDown"],
+  ...["zoomIn", "zoomOut", "opacityUp", "opacityDown"],
+]);
+
 /** @param {import("./app.js").App} app */
 export function watchKeys(app) {
   addEventListener("keydown", (event) => {
     if (event.defaultPrevented || event.isComposing || isTyping(event)) return;
     const action = actionOf(event, app.keys.get(), app.router.route.get().name);
-    if (action && perform(app, action, event)) event.preventDefault();
+    if (!action) return;
+    const isHeld = event.repeat && !HELD.has(action);
+    if (isHeld || perform(app, action, event)) event.preventDefault();
   });
 }
 

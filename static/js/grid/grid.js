@@ -4,7 +4,7 @@
 import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
 import { SORTS, countOfMore, cycleVerdict, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
 import { get } from "../core/api.js";
-import { useActions, useClosing, useHead, useLoaded, useTyped, useValue } from "../core/hooks.js";
+import { useActions, useClosing, useHead, useLoaded, useTask, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
@@ -321,29 +321,34 @@ const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused
 /** Answers on many boxes, and undos of such answers, that the server has not stored, each with what the person can do about it. @param {{app: App, dataset: string}} props */
 export function UnsentBulkAnswers({ app, dataset }) {
   const open = useValue(app.sender.open).filter(({ item, state }) => item.dataset === dataset && state !== "sending");
-  return open.map(({ item, state, text }) => {
-    const bulk = isUndo(item) ? null : item;
-    const what = `${bulk ? WILL[bulk.verdict] : "undo the answers on"} ${countOf(item.count, "box", "boxes")}`;
-    return html`<div key=${item.key} class="strip strip--error" role="alert">
-      <${Icon} name="cloud" />
-      <p><b>${STATES[state]}: ${what}.</b> ${sentence(text)}</p>
-      ${bulk && state === "changed" && html`<button class="button button--small" onClick=${() => void acceptNow(app, bulk)}>Count again</button>`}
-      ${state === "waiting" && html`<button class="button button--small" onClick=${() => app.sender.retry(item.key)}>Send now</button>`}
-      ${bulk && html`<button class="button button--small button--quiet" onClick=${() => app.sender.giveUp(bulk.key)}>Discard</button>`}
-    </div>`;
-  });
+  return open.map((one) => html`<${UnsentStrip} key=${one.item.key} app=${app} ...${one} />`);
+}
+
+/** @param {{app: App} & import("../review/outbox.js").OpenItem} props */
+function UnsentStrip({ app, item, state, text }) {
+  /** The boxes that the filter selects by now, once the person has asked. */
+  const [now, setNow] = useState(/** @type {Awaited<ReturnType<typeof countBoxes>> | null} */ (null));
+  const bulk = isUndo(item) ? null : item;
+  const isChanged = bulk !== null && state === "changed";
+  const what = `${bulk ? WILL[bulk.verdict] : "undo the answers on"} ${countOf(item.count, "box", "boxes")}`;
+  const count = useTask(async () => {
+    if (bulk) setNow(await countBoxes(bulk.dataset, bulk.filter ?? {}));
+    app.bulkAnswers.reloads.set(app.bulkAnswers.reloads.get() + 1);
+  }, app.toasts.fail);
+  const accept = () => {
+    if (!bulk || !now) return;
+    app.sender.giveUp(bulk.key);
+    app.bulkAnswers.answerAll(bulk.dataset, bulk.verdict, bulk.filter ?? {}, now);
+  };
+  return html`<div class="strip strip--error" role="alert">
+    <${Icon} name="cloud" />
+    <p><b>${STATES[state]}: ${what}.</b> ${now ? `The filter selects ${countOf(now.total, "box", "boxes")} now, ${countText(item.count)} when you selected them.` : sentence(text)}</p>
+    ${isChanged && !now && html`<button class="button button--small" disabled=${count.isBusy} onClick=${count.run}>Count again</button>`}
+    ${bulk && isChanged && now && html`<button class="button button--small" onClick=${accept}>${`${WILL[bulk.verdict]} all ${countText(now.total)}`}</button>`}
+    ${state === "waiting" && html`<button class="button button--small" onClick=${() => app.sender.retry(item.key)}>Send now</button>`}
+    ${bulk && html`<button class="button button--small button--quiet" onClick=${() => app.sender.giveUp(bulk.key)}>Discard</button>`}
+  </div>`;
 }
 
 /** @param {string} text */
 const sentence = (text) => (text ? `${text[0]?.toUpperCase()}${text.slice(1).replace(/\.$/, "")}.` : "");
-
-/** Count the boxes again, and ask the person to confirm the new number. @param {App} app @param {import("../review/outbox.js").BulkAnswer} bulk */
-async function acceptNow(app, bulk) {
-  const list = await countBoxes(bulk.dataset, bulk.filter ?? {}).catch(app.toasts.fail);
-  if (!list) return;
-  app.sender.giveUp(bulk.key);
-  app.bulkAnswers.reloads.set(app.bulkAnswers.reloads.get() + 1);
-  app.toasts.show(`The number of boxes changed: ${countText(list.total)} now, ${countText(bulk.count)} when you selected them.`, {
-    action: { text: `${WILL[bulk.verdict]} all ${countText(list.total)}`, run: () => app.bulkAnswers.answerAll(bulk.dataset, bulk.verdict, bulk.filter ?? {}, list) },
-  });
-}

@@ -31,7 +31,7 @@ const FIRST_SIGHT = 60;
 /** How many boxes outside the visible part are kept in memory. */
 const KEPT = 6000;
 
-/** @param {import("../boxes/store.js").Boxes} boxes @param {(request: BoxRequest) => Promise<BoxPage>} load */
+/** @param {import("../boxes/store.js").Boxes} boxes @param {(request: BoxRequest, signal: AbortSignal) => Promise<BoxPage>} load */
 export function createPager(boxes, load) {
   /** @type {Part[]} in order, without gaps */
   const parts = [];
@@ -48,6 +48,7 @@ export function createPager(boxes, load) {
   let next = /** @type {string | null | undefined} */ (undefined);
   let error = /** @type {Error | null} */ (null);
   let isBusy = false;
+  const ended = new AbortController();
 
   const known = () => (parts.at(-1)?.start ?? 0) + (parts.at(-1)?.ids.length ?? 0);
   const isWhole = () => next === null;
@@ -99,11 +100,18 @@ export function createPager(boxes, load) {
     return true;
   }
 
+  /** @param {BoxRequest} request */
+  async function loaded(request) {
+    const page = await load(request, ended.signal);
+    ended.signal.throwIfAborted();
+    return page;
+  }
+
   async function further() {
     const isFirst = parts.length === 0;
     const limit = wanted.end - known() > 2 * PAGE ? LARGE_PAGE : PAGE;
     const cursor = next ?? undefined;
-    const page = await load({ limit, cursor, count: isFirst });
+    const page = await loaded({ limit, cursor, count: isFirst });
     if (isFirst) {
       total = page.total ?? null;
       snapshot = page.snapshot ?? "";
@@ -119,7 +127,7 @@ export function createPager(boxes, load) {
 
   /** @param {Part} part */
   async function again(part) {
-    const page = await load({ limit: part.ids.length, cursor: part.cursor, count: false });
+    const page = await loaded({ limit: part.ids.length, cursor: part.cursor, count: false });
     const ids = boxes.receive(page.items);
     const found = new Set(ids);
     const revisions = part.ids.map((id, i) => seenRevision((found.has(id) && boxes.get(id)) || { revision: part.revisions[i] }));
@@ -203,8 +211,9 @@ export function createPager(boxes, load) {
     /** Boxes that have changed since they were listed, mostly by an answer. */
     changed: () => boxes.all([...changed.keys()]),
 
-    /** Stop observing and release all boxes. */
+    /** Stop loading and observing, and release all boxes. */
     end() {
+      ended.abort();
       stop();
       for (const { giveBack } of parts) giveBack();
       for (const giveBack of changed.values()) giveBack();
@@ -248,7 +257,7 @@ export function placeOf(app, dataset, query, key) {
   }
   leave(key);
   const filter = { ...selectionOf(query), sort: sortOf(query) };
-  const pager = createPager(app.boxes, (page) => get("/api/v1/boxes", { query: { dataset, ...filter, ...page } }));
+  const pager = createPager(app.boxes, (page, signal) => get("/api/v1/boxes", { query: { dataset, ...filter, ...page }, signal }));
   const scroll = { offset: 0, seen: Date.now() };
   const place = { key, pager, selection: createValue(NOTHING), scroll, show: () => {} };
   places.set(key, place);

@@ -14,7 +14,7 @@ import { createValue } from "../core/observable.js";
 import { Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { AnswerBar, ConflictNotice } from "../review/answer_bar.js";
-import { Inspector } from "../review/inspector.js";
+import { Inspector, takeTyped } from "../review/inspector.js";
 import { createMedia } from "../stage/media.js";
 import { createLookActions } from "../stage/view.js";
 import { QueueHead, QueueStrip } from "./head.js";
@@ -153,7 +153,7 @@ export function createQueueActions(app, session, page) {
     if (!box) return;
     performance.mark("queue:answer");
     const isOwn = session.tally.get().verdicts.has(box.box_id);
-    const words = comment ?? (page.isBlind() && !isOwn ? "" : (box.review?.comment ?? ""));
+    const words = comment ?? takeTyped(box.box_id) ?? (page.isBlind() && !isOwn ? "" : (box.review?.comment ?? ""));
     const isSame = box.review?.verdict === verdict && (box.review.comment ?? "") === words;
     page.view.set("crop");
     if (isOwn && isSame) session.show(nextOpen(line.get()));

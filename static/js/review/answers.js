@@ -5,7 +5,7 @@ import { answerTo, seenRevision, withAnswer, withStored } from "../boxes/box.js"
 import { get, post } from "../core/api.js";
 import { countOf } from "../core/numbers.js";
 import { createValue } from "../core/observable.js";
-import { countUnowned, createOutbox, createSender, discardUnowned, own, sendBulk, undoBulk } from "./outbox.js";
+import { countUnowned, createOutbox, createSender, discardUnowned, own, randomId, sendBulk, undoBulk } from "./outbox.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../boxes/store.js").Boxes} Boxes */
@@ -22,7 +22,7 @@ const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", cl
 /**
  * Answers, for the whole page: giving and undoing them, those not saved yet, and conflicts.
  * @param {import("../core/app.js").App} app @param {Boxes} boxes @param {Storage} storage
- * @param {{tab: string, openTabs: ReadonlySet<string>}} tabs  the ids of this tab and of all open ones: each open tab sends its own answers
+ * @param {{tab: string, openTabs: () => Promise<import("./outbox.js").OpenTabs>}} tabs  the id of this tab, and those of the tabs that are open now: each sends its own answers
  */
 export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   const { toasts } = app;
@@ -50,7 +50,23 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     }
   }
 
-  const bulkAnswers = createBulkAnswers({ boxes, changedFrame, toasts, steps, remember, lookAgain, give, start: (bulk, key) => sender.start(bulk, key), undo: (undo) => sender.undo(undo) });
+  /** Put something into the outbox. @param {() => void} put @returns {boolean} false: this browser has no room for it, and the person is told */
+  function hasRoomFor(put) {
+    try {
+      put();
+      return true;
+    } catch (error) {
+      if (!(error instanceof DOMException && error.name === "QuotaExceededError")) throw error;
+      toasts.show("Not saved: this browser has no room for more answers. Answer again when those before are saved.", { kind: "error" });
+      return false;
+    }
+  }
+
+  const bulkAnswers = createBulkAnswers({
+    ...{ boxes, changedFrame, toasts, steps, remember, lookAgain, give },
+    start: (bulk, key) => hasRoomFor(() => sender.start(bulk, key)),
+    undo: (undo) => hasRoomFor(() => sender.undo(undo)),
+  });
   const sender = createSender(outbox, { answer: (boxId, body, key) => post("/api/v1/boxes/{box_id}/reviews", { path: { box_id: boxId }, body, key }), answerMany: sendBulk, undo: undoBulk }, {
     onStored(stored) {
       const box = boxes.get(stored.box_id);
@@ -82,15 +98,14 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   });
   // The state changes with every change of the outbox.
   sender.state.observe(() => boxes.layOver(outbox.given()));
-  sender.adopt(openTabs);
 
-  /** Send answers that are not saved yet. */
-  function resume() {
-    sender.adopt(openTabs);
-    void sender.resume();
+  /** Send answers that are not saved yet, those of closed tabs too. */
+  async function resume() {
+    sender.adopt(await openTabs());
+    await sender.resume();
   }
-  app.isSignedIn.observe((isIn) => isIn && resume());
-  addEventListener("online", resume);
+  app.isSignedIn.observe((isIn) => isIn && void resume());
+  addEventListener("online", () => void resume());
 
   /** How many answers in this browser do not say who gave them: an earlier version of the page has kept them. */
   const unowned = createValue(countUnowned(storage));
@@ -106,19 +121,21 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     conflicts.set(rest);
   }
 
-  /** @param {Decision} box @param {Answer} verdict @param {string} comment */
+  /** @param {Decision} box @param {Answer} verdict @param {string} comment @returns {boolean} false: there is no room for it */
   function give(box, verdict, comment) {
-    closeConflict(box.box_id);
+    const answer = { boxId: box.box_id, frameId: box.frame_id, verdict, comment, seenRevision: seenRevision(box) };
     remember([box.box_id]);
-    sender.answer({ boxId: box.box_id, frameId: box.frame_id, verdict, comment, seenRevision: seenRevision(box) });
+    const isGiven = hasRoomFor(() => sender.answer(answer));
+    if (isGiven) closeConflict(box.box_id);
+    return isGiven;
   }
 
   /** An answer on one box, shown at once and sent when that is possible. @param {number} boxId @param {Answer} verdict @param {string} [comment] */
   function answer(boxId, verdict, comment = "") {
     const box = boxes.get(boxId);
     if (!box) return;
-    steps.push({ before: [answerTo(box)], dataset: app.head.get().dataset });
-    give(box, verdict, comment);
+    const step = { before: [answerTo(box)], dataset: app.head.get().dataset };
+    if (give(box, verdict, comment)) steps.push(step);
   }
 
   return {
@@ -136,7 +153,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
       send() {
         own(storage, app.owner());
         countAgain();
-        resume();
+        void resume();
       },
       discard() {
         discardUnowned(storage);
@@ -159,9 +176,9 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
       if (last.bulkKey) return bulkAnswers.undo(last);
       const [{ boxId, verdict, comment } = { boxId: 0, verdict: /** @type {Answer} */ ("clear"), comment: "" }] = last.before;
       const box = boxes.get(boxId);
+      if (!box) return steps.drop(last);
+      if (!give(box, verdict, comment)) return;
       steps.drop(last);
-      if (!box) return;
-      give(box, verdict, comment);
       show(boxes.get(boxId) ?? box, last.dataset);
       app.announcement.set(`${box.class} ${box.id}: answer undone`);
     },
@@ -173,8 +190,8 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 /**
  * Bulk answers, on many boxes: shown at once, reported when they are stored, undone as a whole.
  * @param {{boxes: Boxes, changedFrame: import("../core/observable.js").Value<{id: number | null}>, toasts: import("../core/app.js").App["toasts"], steps: Steps,
- *   remember: (boxIds: readonly number[]) => void, lookAgain: (boxIds: readonly number[]) => Promise<void>, give: (box: Decision, verdict: Answer, comment: string) => void,
- *   start: (bulk: import("./outbox.js").WantedBulkAnswer, key: string) => void, undo: (undo: import("./outbox.js").WantedUndo) => void}} page
+ *   remember: (boxIds: readonly number[]) => void, lookAgain: (boxIds: readonly number[]) => Promise<void>, give: (box: Decision, verdict: Answer, comment: string) => boolean,
+ *   start: (bulk: import("./outbox.js").WantedBulkAnswer, key: string) => boolean, undo: (undo: import("./outbox.js").WantedUndo) => boolean}} page  `give`, `start`, `undo`: false, there is no room for it
  */
 function createBulkAnswers({ boxes, changedFrame, toasts, steps, remember, lookAgain, give, start, undo }) {
   /** The messages that offer to undo a bulk answer, by its key. @type {Map<string, number>} */
@@ -216,9 +233,9 @@ function createBulkAnswers({ boxes, changedFrame, toasts, steps, remember, lookA
 
   /** @param {import("./outbox.js").WantedBulkAnswer} bulk */
   function answerMany(bulk) {
-    const key = crypto.randomUUID();
-    pushed(bulk, key, boxes.all(bulk.boxIds ?? []).map(answerTo));
-    start(bulk, key);
+    const key = randomId();
+    const before = boxes.all(bulk.boxIds ?? []).map(answerTo);
+    if (start(bulk, key)) pushed(bulk, key, before);
   }
 
   /** Boxes that an undone bulk answer had answered, and whose later answers were undone too, by new answers. @param {Step} step @param {ReadonlySet<number>} since  boxes that this person has answered since */
@@ -241,8 +258,11 @@ function createBulkAnswers({ boxes, changedFrame, toasts, steps, remember, lookA
     undoing.set(bulkKey, step);
     steps.drop(step);
     const which = step.before.length ? { boxIds: meant.map(({ boxId }) => boxId), seen } : {};
-    undo({ act: bulkKey, batch, dataset, count, before: meant.map(({ verdict, comment }) => ({ verdict, comment })), ...which });
-    if (!undoing.has(bulkKey)) restore(step, since);
+    const isGiven = undo({ act: bulkKey, batch, dataset, count, before: meant.map(({ verdict, comment }) => ({ verdict, comment })), ...which });
+    if (isGiven && !undoing.has(bulkKey)) restore(step, since);
+    if (isGiven) return;
+    undoing.delete(bulkKey);
+    steps.push(step);
   }
 
   return {

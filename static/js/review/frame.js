@@ -16,7 +16,7 @@ import { createMedia } from "../stage/media.js";
 import { LookBar, StageView, createLookActions } from "../stage/view.js";
 import { AnswerBar } from "./answer_bar.js";
 import { BoxList } from "./boxlist.js";
-import { Inspector } from "./inspector.js";
+import { Inspector, takeTyped } from "./inspector.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("./answers.js").ReviewApp} App */
@@ -178,7 +178,7 @@ export function createFrameActions(app, frame, ids, page) {
   function answer(verdict, comment) {
     const box = selected();
     if (!box) return app.toasts.show("Select a box first.");
-    const words = comment ?? box.review?.comment ?? "";
+    const words = comment ?? takeTyped(box.box_id) ?? box.review?.comment ?? "";
     if (box.review?.verdict === verdict && (box.review.comment ?? "") === words) return;
     app.answer(box.box_id, verdict, words);
     app.announcement.set(`${box.class} ${box.id}: ${verdict}`);

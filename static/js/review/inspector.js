@@ -6,7 +6,7 @@ import { AnswerSign, StrokeSwatch, VerdictBadge } from "../boxes/signs.js";
 import { ANSWER_TEXT, acceptedText, channelText, isByShare, labelText, matchText, reasonText } from "../boxes/wording.js";
 import { get } from "../core/api.js";
 import { useLoaded, useValue } from "../core/hooks.js";
-import { html, useMemo, useState } from "../core/html.js";
+import { html, useEffect, useMemo, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { Keys, useKeys } from "../core/keymap.js";
 import { agoText, countOf, countText, exactPercentText, metresText, percentText, unbroken } from "../core/numbers.js";
@@ -170,14 +170,34 @@ export function swatchOf(name) {
   return rgb ? `rgb(${rgb.join(" ")})` : "transparent";
 }
 
+/** The comments that were typed and not saved yet, by box. @type {Map<number, string>} */
+const typed = new Map();
+
+/** The comment that was typed for a box, which goes with its answer; undefined: none. @param {number} boxId */
+export function takeTyped(boxId) {
+  const text = typed.get(boxId);
+  typed.delete(boxId);
+  return text?.trim();
+}
+
 /** @param {{box: Decision, onSave: (text: string) => void, fieldRef: {current: HTMLTextAreaElement | null}}} props */
 export function Comment({ box, onSave, fieldRef }) {
   const stored = box.review?.comment ?? "";
-  const [text, setText] = useState(/** @type {string | null} */ (null));
+  const [text, show] = useState(/** @type {string | null} */ (typed.get(box.box_id) ?? null));
   const shown = text ?? stored;
+  /** @param {string | null} next */
+  const setText = (next) => {
+    if (next === null) typed.delete(box.box_id);
+    else typed.set(box.box_id, next);
+    show(next);
+  };
+  // It went with an answer.
+  useEffect(() => {
+    if (text?.trim() === stored) setText(null);
+  }, [stored]);
   const save = () => {
-    if (shown.trim() !== stored) onSave(shown.trim());
     setText(null);
+    if (shown.trim() !== stored) onSave(shown.trim());
     fieldRef.current?.blur();
   };
   /** @param {KeyboardEvent} event */

@@ -93,7 +93,7 @@ const sizeOf = (item) => (isSingle(item) ? 1 : item.count);
 const mayHaveAnswered = (many, boxId) => many.boxIds === undefined || many.boxIds.includes(boxId);
 
 /** @param {Storage} storage @param {string} tab @param {() => string} who  returns the person who is signed in @param {() => string} [newKey] */
-export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID()) {
+export function createOutbox(storage, tab, who, newKey = randomId) {
   /** @param {Item} item */
   const write = (item) => storage.setItem(nameOf(item), JSON.stringify(item));
 
@@ -146,7 +146,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     },
 
     /** @param {WantedBulkAnswer} bulk @param {string} [key] */
-    addBulkAnswer: (bulk, key = newKey()) => write({ ...bulk, key, person: who(), tab, order: nextOrder(mine()) }),
+    addBulkAnswer: (bulk, key = newKey()) => write({ ...bulk, key, person: who(), tab, order: nextOrder(mine()), attempted: false }),
 
     /** @param {WantedUndo} undo */
     addUndo: (undo) => write({ ...undo, key: newKey(), person: who(), tab, order: nextOrder(mine()) }),
@@ -200,7 +200,7 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
       }
     },
 
-    /** Take over unsent answers of closed tabs, of all people. @param {ReadonlySet<string>} openTabs */
+    /** Take over unsent answers of closed tabs, of all people. @param {OpenTabs} openTabs */
     adopt(openTabs) {
       for (const item of everyone()) if (item.tab !== tab && !openTabs.has(item.tab)) write({ ...item, tab });
     },
@@ -228,21 +228,35 @@ function parsed(name, text) {
   }
 }
 
+/** 128 random bits. (`crypto.randomUUID` and `navigator.locks` are missing on pages that are not served securely.) */
+export const randomId = () => Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0")).join("");
+
 const TAB_LOCK = "unghost-tab-";
+
+/** @typedef {Pick<ReadonlySet<string>, "has">} OpenTabs */
 
 /**
  * A name for this tab that survives a reload, held as a lock as long as the tab is open.
  * A duplicated tab starts with the other's name, finds the lock taken, and gets its own.
- * @returns {Promise<{tab: string, openTabs: Set<string>}>}
+ * @returns {Promise<{tab: string, openTabs: () => Promise<OpenTabs>}>}  `openTabs`: those that are open now
  */
 export async function nameThisTab() {
-  const remembered = sessionStorage.getItem("unghost.tab") ?? crypto.randomUUID();
-  const tab = (await holdLock(TAB_LOCK + remembered)) ? remembered : crypto.randomUUID();
+  const remembered = sessionStorage.getItem("unghost.tab") ?? randomId();
+  const tab = (await holdLock(TAB_LOCK + remembered)) ? remembered : randomId();
   if (tab !== remembered) await holdLock(TAB_LOCK + tab);
   sessionStorage.setItem("unghost.tab", tab);
-  const { held = [] } = (await navigator.locks?.query()) ?? {};
-  const names = held.map(({ name = "" }) => name).filter((name) => name.startsWith(TAB_LOCK));
-  return { tab, openTabs: new Set(names.map((name) => name.slice(TAB_LOCK.length))) };
+  let isFirst = true;
+  return {
+    tab,
+    async openTabs() {
+      const isStart = isFirst;
+      isFirst = false;
+      // Without locks nobody knows. Then this tab takes over what others have left when it is opened, and nothing later.
+      if (!navigator.locks) return { has: () => !isStart };
+      const { held = [] } = await navigator.locks.query();
+      return new Set(held.map(({ name = "" }) => name.slice(TAB_LOCK.length)));
+    },
+  };
 }
 
 /** @param {string} name @returns {Promise<boolean>} true also in browsers without locks */
@@ -401,7 +415,11 @@ export function createSender(outbox, calls, events, later) {
   /** @param {Item} item @param {unknown} error @returns {boolean} go on with the next? */
   function afterError(item, error) {
     if (error instanceof NoResponse) return waitAndRetry("offline", null, "the server does not answer");
-    if (!(error instanceof ApiError)) throw error;
+    if (!(error instanceof ApiError)) {
+      // Nothing that is known; the answers in the outbox are sent nevertheless.
+      waitAndRetry("busy", null, error instanceof Error ? error.message : String(error));
+      throw error;
+    }
     if (error.status === 401) {
       sayWaiting("you are signed out");
       show("signed-out");
@@ -530,7 +548,7 @@ export function createSender(outbox, calls, events, later) {
     /** Boxes of bulk answers, and of their undos, that are not stored. */
     waitingIds: () => inMany,
 
-    /** Take over the unsent answers of closed tabs. `resume` sends those of this person, with those that this tab had before a reload. @param {ReadonlySet<string>} openTabs */
+    /** Take over the unsent answers of closed tabs. `resume` sends those of this person, with those that this tab had before a reload. @param {OpenTabs} openTabs */
     adopt(openTabs) {
       outbox.adopt(openTabs);
       for (const { key } of outbox.many()) {

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import socket
-import time
 from urllib.parse import urlsplit
 
 import pytest
@@ -13,8 +12,9 @@ import pytest
 from app.logs import JsonLines
 from tests.support import archives, plain_http
 from tests.support import frames as scene
-from tests.support.api import BASE, MOST_LOOKS
+from tests.support.api import BASE
 from tests.support.servers import stop
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.long
 
@@ -24,12 +24,12 @@ TOKEN = f"ug_{SECRET}{'x' * 36}"
 
 def log_with(server, text, times=1):
     """The log, once it has this text: a line is written after its answer is out."""
-    for _ in range(MOST_LOOKS):
-        log = server.log.read_text("utf-8")
-        if log.count(text) >= times:
-            return log
-        time.sleep(0.01)
-    raise AssertionError(log)
+    until(lambda: log_of(server).count(text) >= times, lambda: log_of(server))
+    return log_of(server)
+
+
+def log_of(server):
+    return server.log.read_text("utf-8")
 
 
 def answered(server, path):
@@ -195,6 +195,7 @@ def let_in_or_not(server, made):
             client.get(f"/{code}", headers=session),
             client.get(f"{BASE}/exports/1/file", params={"key": f"ud_{SECRET}"}),
             client.post(f"{BASE}/session", json={"code": code}),
+            client.delete(f"{BASE}/session", headers=session),
         ]
     log = server.log.read_text("utf-8")
     assert opened["session"] not in log

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import json
 import socket
-import time
 import tracemalloc
 from contextlib import ExitStack, closing, contextmanager
 from uuid import uuid4
@@ -17,6 +16,7 @@ from tests.support import frames as scene
 from tests.support.archives import END, header_of, lines_of, pieces
 from tests.support.archives import frame as members_of
 from tests.support.live import live
+from tests.support.waiting import until
 
 MOST, MOST_OF_ONE = 1_000_000, 600_000
 BODY = 500_000
@@ -46,15 +46,12 @@ def bearers(as_role):
 @pytest.fixture(autouse=True)
 def nothing_is_left(service):
     yield
-    assert until_free(service) == 0
+    until_free(service)
 
 
 def until_free(service):
-    """Bytes that are counted when all requests have ended: some end a moment later."""
-    last = time.monotonic() + 30
-    while open_bytes(service) and time.monotonic() < last:
-        time.sleep(0.01)
-    return open_bytes(service)
+    """All requests have ended: some end a moment after their response."""
+    until(lambda: open_bytes(service) == 0, lambda: open_bytes(service))
 
 
 def open_bytes(service):
@@ -118,10 +115,7 @@ def sender(service):
 
 def until_counted(service, size):
     """Wait until so many bytes are counted: a request has been admitted."""
-    last = time.monotonic() + 30
-    while open_bytes(service) != size:
-        assert time.monotonic() < last, open_bytes(service)
-        time.sleep(0.01)
+    until(lambda: open_bytes(service) == size, lambda: open_bytes(service))
 
 
 def test_a_token_has_its_share_and_others_go_on(service, bearers, sender):
@@ -149,7 +143,7 @@ def test_a_token_has_its_share_and_others_go_on(service, bearers, sender):
     for started in (first, beside):
         started.send(b"x" * (BODY - 1))
         assert started.answer()[0] == 200
-    assert until_free(service) == 0
+    until_free(service)
 
 
 def test_a_refused_client_sends_again_on_the_same_connection(service, bearers, sender):
@@ -236,7 +230,7 @@ def sends_a_form_that_ends_early(sender):
 def test_bytes_of_a_request_are_given_back_at_its_end(service, bearers, sender, act):
     act(sender(bearers[0]))
 
-    assert until_free(service) == 0
+    until_free(service)
     again = sender(bearers[0])
     again.announce(BODY, sent=b"x" * BODY)
     assert again.answer()[0] == 200
@@ -315,7 +309,7 @@ def test_nothing_of_a_refused_body_stays_in_memory(service, bearers, sender, wha
         )
         status, _, body = one.answer()
         assert status >= 400 or b'"refused":1' in body.replace(b" ", b""), body
-        assert until_free(service) == 0
+        until_free(service)
 
     send()
     with without_collector():
@@ -376,7 +370,7 @@ def test_a_batch_gives_back_what_it_has_stored(service, bearers):
         )
 
     assert len(lines_of(answer.text)) >= 2
-    assert until_free(service) == 0
+    until_free(service)
 
 
 def test_a_frame_is_stored_beside_others(service, bearers):

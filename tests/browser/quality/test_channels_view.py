@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import time
 
 import httpx
 import pytest
@@ -12,6 +11,7 @@ from playwright.sync_api import Locator, Page, expect
 
 from tests.support.page.windows import Visitor
 from tests.support.sensors import ANNOTATION, sensors
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
 
@@ -113,15 +113,9 @@ def test_a_box_that_another_channel_judged_says_what_decided(ada, api, dataset):
 
 def rejected(api: httpx.Client, dataset: str) -> int:
     """The one box that is rejected, once the run that measures is done."""
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline:
-        asked = {"dataset": dataset, "verdict": "rejected"}
-        items = api.get("/boxes", params=asked).json()["items"]
-        if items:
-            (box,) = items
-            return int(box["box_id"])
-        time.sleep(0.1)
-    raise AssertionError("nothing was rejected")
+    asked = {"dataset": dataset, "verdict": "rejected"}
+    (box,) = until(lambda: api.get("/boxes", params=asked).json()["items"])
+    return int(box["box_id"])
 
 
 def test_classes_and_distances_are_compared_too(ada, dataset):

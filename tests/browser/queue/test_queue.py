@@ -168,6 +168,46 @@ def test_a_comment_stays_on_the_box_and_goes_with_the_answer(many, ada):
     assert queued(page) != first
 
 
+def test_a_comment_that_was_only_typed_goes_with_the_answer_too(many, ada):
+    page = opened(ada, many)
+    first = queued(page)
+    field = page.get_by_label("Comment")
+    field.fill("a wheel behind the bus")
+    field.blur()
+    ada.press("j")
+    expect(field).to_have_value("")
+    ada.press("ArrowLeft")
+    expect(field).to_have_value("a wheel behind the bus")
+
+    page.get_by_role("button", name=re.compile("^Reject")).click()
+
+    expect(page.locator(".queue__progress")).to_contain_text("1 answered")
+    ada.saved()
+    stored = many.review(first)
+    assert (stored["verdict"], stored["comment"]) == (
+        "reject",
+        "a wheel behind the bus",
+    )
+
+
+def test_a_key_that_is_held_down_answers_one_box(many, ada):
+    page = opened(ada, many)
+    first = queued(page)
+
+    for _ in range(4):  # all but the first are repeats
+        page.keyboard.down("a")
+    page.keyboard.up("a")
+
+    expect(page.locator(".queue__progress")).to_contain_text("1 answered")
+    second = queued(page)
+    for _ in range(2):
+        page.keyboard.down("j")
+    page.keyboard.up("j")
+    expect(page.locator(".inspector__head h2")).not_to_contain_text(second)
+    ada.saved()
+    assert answers(many) == {first: "keep"}
+
+
 def test_looking_keys_work(many, ada):
     page = opened(ada, many)
     stage = page.locator(".stage")

@@ -173,6 +173,45 @@ def test_conflict_on_another_frame_leads_there(scene, ada):
     expect(page.locator(".conflict")).to_contain_text("Your answer was not saved")
 
 
+def test_a_tab_opened_later_keeps_its_unsent_answers(scene, visit):
+    """The first tab took them, and the second met a conflict with itself."""
+    first = visit(color_scheme="light")
+    first.open(scene.link("real"))
+    second = Visitor(first.page.context.new_page(), first.url)
+    second.open(scene.link("ghost"))
+    second.page.route("**/reviews", lambda route: route.abort())
+    second.press("a")
+    expect(saving(second.page)).to_contain_text("offline")
+
+    first.page.evaluate("dispatchEvent(new Event('online'))")
+    first.press("x")
+    first.saved()
+    assert scene.review("real")["verdict"] == "reject"
+    second.page.unroute("**/reviews")
+    second.press("x")
+
+    second.saved()
+    expect(second.page.locator(".conflict")).to_have_count(0)
+    assert scene.review("ghost")["verdict"] == "reject"
+
+
+NOT_SECURE = """delete Crypto.prototype.randomUUID;
+Object.defineProperty(Navigator.prototype, "locks", { get: () => undefined });"""
+
+
+def test_answers_are_saved_on_a_page_that_is_not_served_securely(scene, visit):
+    """There a browser has neither locks nor `crypto.randomUUID`."""
+    ada = visit(color_scheme="light")
+    ada.page.add_init_script(NOT_SECURE)
+    page = ada.open(scene.link("ghost"))
+    assert page.evaluate("[crypto.randomUUID, navigator.locks]") == [None, None]
+
+    ada.press("x")
+
+    ada.saved()
+    assert scene.review("ghost")["verdict"] == "reject"
+
+
 def test_answers_of_a_closed_tab_are_sent_by_the_next_one(scene, visit):
     first = visit()
     page = first.page

@@ -3,7 +3,7 @@ import { once } from "node:events";
 import { createServer } from "node:http";
 import { after, before, test } from "node:test";
 
-import { ApiError, NoResponse, createRetries, send, setSession, url, whenSignedOut } from "../../../static/js/core/api.js";
+import { ApiError, NoResponse, blob, createRetries, get, send, setSession, url, whenSignedOut } from "../../../static/js/core/api.js";
 
 /** What the server was shown, in order. @type {(string | undefined)[]} */
 const shown = [];
@@ -66,6 +66,31 @@ test("no answer is another error than a refusal, and giving up is neither", asyn
   const stop = new AbortController();
   stop.abort();
   await assert.rejects(send(address, { signal: stop.signal }), { name: "AbortError" });
+});
+
+/** A response of which only the beginning comes. @param {number} status */
+const cut = (status) => new Response(new ReadableStream({ pull: (body) => (body.enqueue(new TextEncoder().encode('{"box_')), body.error(new TypeError("network error"))) }), { status });
+
+for (const [what, response] of /** @type {[string, () => Response][]} */ ([
+  ["breaks off", () => cut(200)],
+  ["refuses, and breaks off", () => cut(503)],
+  ["is no JSON", () => new Response("<html>Sign in to this network</html>")],
+])) {
+  test(`a response that ${what} is none`, async (t) => {
+    t.mock.method(globalThis, "fetch", async () => response());
+    await assert.rejects(get("/api/v1/session"), NoResponse);
+  });
+}
+
+test("a file that breaks off is no response", async (t) => {
+  t.mock.method(globalThis, "fetch", async () => cut(200));
+  await assert.rejects(blob("/api/v1/frames/1/image"), NoResponse);
+});
+
+test("a call that was abandoned while its response came is no failure of the server", async (t) => {
+  const stop = new AbortController();
+  t.mock.method(globalThis, "fetch", async () => (stop.abort(new Error("left")), cut(200)));
+  await assert.rejects(get("/api/v1/session", { signal: stop.signal }), (error) => !(error instanceof NoResponse));
 });
 
 test("each wait for another attempt is twice as long, up to half a minute, unless the server says how long", () => {

@@ -143,6 +143,22 @@ test("without a total the list is as long as is known, and one more", async () =
   assert.deepEqual([pager.total(), pager.count(), pager.isWhole()], [450, 450, true]);
 });
 
+test("a list that is left while it is loaded takes no boxes any more", async () => {
+  const boxes = createBoxes();
+  const { load } = server(100);
+  /** @type {AbortSignal[]} */
+  const signals = [];
+  let asked = 0;
+  const pager = createPager(boxes, (request, signal) => (signals.push(signal), (asked += 1), load(request)));
+
+  pager.want(0, 60);
+  pager.end();
+  await settled();
+
+  assert.deepEqual([asked, signals[0]?.aborted], [1, true]);
+  assert.equal(boxes.get(5), undefined);
+});
+
 test("a list that is left gives its boxes back", async () => {
   const { load } = server(100);
   const boxes = createBoxes();

@@ -60,6 +60,64 @@ for (const [what, id, give] of /** @type {[string, number | null, () => void][]}
   });
 }
 
+/** @param {Storage} storage */
+function fill(storage) {
+  storage.setItem = () => {
+    throw new DOMException("it is full", "QuotaExceededError");
+  };
+}
+
+test("where the browser has no room, an answer is not given, and that is said", () => {
+  const storage = memoryStorage();
+  ({ app, said } = reviewPage(storage));
+  app.answer(1, "keep");
+  fill(storage);
+
+  app.answer(2, "reject");
+  app.bulkAnswers.answer("d", "reject", [2, 3], new Map());
+
+  assert.deepEqual(answers(), ["keep", null, null]);
+  assert.equal(said.filter((text) => text.startsWith("Not saved: this browser has no room")).length, 2);
+  undo();
+  assert.equal(said.length, 3);
+  assert.deepEqual(answers(), ["keep", null, null], "nor undone");
+});
+
+test("where the browser has no room for the undo of a bulk answer, it can be asked for again", () => {
+  const storage = memoryStorage();
+  ({ app, said } = reviewPage(storage));
+  app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
+  const { setItem } = storage;
+  fill(storage);
+
+  undo();
+  assert.deepEqual([answers(), said.length], [["reject", "reject", null], 1]);
+  storage.setItem = setItem;
+  undo();
+
+  assert.deepEqual([answers(), said.length], [[null, null, null], 1]);
+});
+
+test("a tab takes over the answers of tabs that are closed by now, and of no other", async () => {
+  const storage = memoryStorage();
+  const open = new Set(["t1"]);
+  const openTabs = async () => open;
+  const first = reviewPage(storage, { tab: "t1", openTabs });
+  open.add("t2");
+  const second = reviewPage(storage, { tab: "t2", openTabs });
+  globalThis.fetch = () => Promise.reject(new TypeError("offline"));
+  second.app.answer(1, "keep");
+  await swept();
+
+  await first.app.resume();
+  assert.equal(first.app.sender.state.get().count, 0);
+  assert.equal(second.app.boxes.get(1).review.verdict, "keep");
+  open.delete("t2");
+  await first.app.resume();
+
+  assert.equal(first.app.sender.state.get().count, 1);
+});
+
 test("undo goes back over bulk answers and single answers in the order in which they were given", () => {
   // The first answer is on its way; what follows has not been sent.
   app.answer(3, "unsure");

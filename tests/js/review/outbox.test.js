@@ -209,6 +209,19 @@ test("signed out, answers are kept and nothing is tried until somebody signs in"
   assert.deepEqual(verdicts().slice(1), [[1, "keep", 0], [2, "keep", 0]]);
 });
 
+test("an error that nobody knows ends nothing: the answer is sent again", async () => {
+  const { saver, outbox } = saverOf();
+  outbox.add({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 0 });
+  refusals = [new RangeError("a fault of the page")];
+
+  await assert.rejects(saver.resume(), RangeError);
+  assert.equal(saver.state.get().phase, "busy");
+  timers.at(-1)?.run();
+  await settled();
+
+  assert.deepEqual([saver.state.get().phase, outbox.items()], ["saved", []]);
+});
+
 test("a conflict is told with the other's answer, is not repeated, and does not stop the rest", async () => {
   const theirs = decision({ review: { verdict: "reject", reviewer: "bo", revision: 3 } });
   refusals = [new ApiError(412, { current: theirs }, null)];

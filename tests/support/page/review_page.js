@@ -8,7 +8,7 @@ import { createAnswers } from "../../../static/js/review/answers.js";
 import { decision, memoryStorage } from "./builders.js";
 
 /** Frame 10 with the boxes 1 to 3; `said`: its messages, `offers`: what each offers to do. */
-export function reviewPage(storage = memoryStorage()) {
+export function reviewPage(storage = memoryStorage(), { tab = "t1", openTabs = async () => new Set() } = {}) {
   globalThis.addEventListener ??= () => {};
   globalThis.fetch = () => new Promise(() => {});
   /** @type {string[]} */
@@ -27,7 +27,7 @@ export function reviewPage(storage = memoryStorage()) {
     owner: () => "ada",
     endSession: () => {},
   };
-  const answers = createAnswers(/** @type {any} */ (core), createBoxes(), storage, { tab: "t1", openTabs: new Set() });
+  const answers = createAnswers(/** @type {any} */ (core), createBoxes(), storage, { tab, openTabs });
   answers.boxes.hold(answers.boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2, verdict: "kept" }), decision({ box_id: 3 })]));
   return { app: /** @type {any} */ ({ ...core, ...answers }), said, offers };
 }
