@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, Route, expect
+from playwright.sync_api import Locator, Page, Route, expect
 
 from tests.support.page import scenes
 from tests.support.page.windows import Visitor, lose_session
@@ -60,8 +60,12 @@ def pick(ada: Visitor, folder: Path) -> Page:
     return page
 
 
+def upload_button(page: Page) -> Locator:
+    return page.get_by_role("button", name=re.compile(r"^Upload \d+ frame"))
+
+
 def send(page: Page) -> None:
-    page.get_by_role("button", name=re.compile(r"^Upload \d+ frame")).click()
+    upload_button(page).click()
 
 
 def test_folder_is_matched_shown_sent_and_opened(town, ada, api):
@@ -302,6 +306,8 @@ def test_paused_and_cancelled_uploads_send_nothing_more(town, ada, api):
 
 def test_upload_goes_on_from_view_to_view_and_across_a_sign_in(town, ada, server):
     page = pick(ada, town)
+    # The list of datasets has been loaded.
+    expect(upload_button(page)).to_be_enabled()
     lose_session(page)
     page.route("**/api/v1/datasets", lambda route: made(route, server))
 
