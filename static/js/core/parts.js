@@ -43,11 +43,22 @@ export const Words = ({ text }) => text.split(/(?<=[._])/).map((part, i) => (i ?
 export function useCopy(text) {
   const [isCopied, setCopied] = useState(false);
   const copy = async () => {
-    await navigator.clipboard?.writeText(text);
-    setCopied(true);
+    setCopied(await isInClipboard(text));
     setTimeout(() => setCopied(false), 1500);
   };
   return { isCopied, copy };
+}
+
+/** @param {string} text @returns {Promise<boolean>} false: the browser does not allow it */
+async function isInClipboard(text) {
+  if (navigator.clipboard) return navigator.clipboard.writeText(text).then(() => true, () => false);
+  // On a page that is not served securely there is only the older way: to copy what is selected.
+  const field = Object.assign(document.createElement("textarea"), { value: text });
+  (document.querySelector("dialog[open]") ?? document.body).append(field);
+  field.select();
+  const isCopied = document.execCommand("copy");
+  field.remove();
+  return isCopied;
 }
 
 /** A dialog that opens as soon as it is drawn. */

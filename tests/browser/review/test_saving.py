@@ -195,23 +195,6 @@ def test_a_tab_opened_later_keeps_its_unsent_answers(scene, visit):
     assert scene.review("ghost")["verdict"] == "reject"
 
 
-NOT_SECURE = """delete Crypto.prototype.randomUUID;
-Object.defineProperty(Navigator.prototype, "locks", { get: () => undefined });"""
-
-
-def test_answers_are_saved_on_a_page_that_is_not_served_securely(scene, visit):
-    """There a browser has neither locks nor `crypto.randomUUID`."""
-    ada = visit(color_scheme="light")
-    ada.page.add_init_script(NOT_SECURE)
-    page = ada.open(scene.link("ghost"))
-    assert page.evaluate("[crypto.randomUUID, navigator.locks]") == [None, None]
-
-    ada.press("x")
-
-    ada.saved()
-    assert scene.review("ghost")["verdict"] == "reject"
-
-
 def test_answers_of_a_closed_tab_are_sent_by_the_next_one(scene, visit):
     first = visit()
     page = first.page

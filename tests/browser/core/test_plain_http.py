@@ -1,0 +1,49 @@
+"""The page over `http://` from another machine, where browsers lack some functions."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.support.page.scenes import Scene
+from tests.support.page.windows import Visit, Visitor
+
+pytestmark = pytest.mark.browser
+
+FUNCTIONS = "[crypto.randomUUID, navigator.locks, navigator.clipboard]"
+NOT_SECURE = """delete Crypto.prototype.randomUUID;
+for (const name of ["locks", "clipboard"])
+  Object.defineProperty(Navigator.prototype, name, { get: () => undefined });"""
+
+
+@pytest.fixture
+def ada(visit: Visit) -> Visitor:
+    """Browsers trust pages of their own machine: what others lack is taken away."""
+    ada = visit(color_scheme="light")
+    ada.page.add_init_script(NOT_SECURE)
+    return ada
+
+
+def test_answers_are_saved(scene: Scene, ada: Visitor):
+    page = ada.open(scene.link("ghost"))
+    assert page.evaluate(FUNCTIONS) == [None, None, None]
+
+    ada.press("x")
+
+    ada.saved()
+    assert scene.review("ghost")["verdict"] == "reject"
+
+
+def test_texts_can_be_copied(scene: Scene, ada: Visitor):
+    page = ada.open(f"#/datasets/{scene.dataset}/thresholds")
+    page.get_by_text("As YAML").click()
+    yaml = page.get_by_label("Configuration as YAML").inner_text()
+
+    page.get_by_role("button", name="Copy YAML").click()
+
+    expect(page.get_by_role("button", name="Copied")).to_be_visible()
+    ada.open(scene.link("ghost"))
+    field = page.get_by_label("Comment")
+    field.focus()
+    page.keyboard.press("Control+V")
+    expect(field).to_have_value(yaml)
