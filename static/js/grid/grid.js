@@ -344,11 +344,14 @@ function UnsentStrip({ app, item, state, text }) {
     <${Icon} name="cloud" />
     <p><b>${STATES[state]}: ${what}.</b> ${now ? `The filter selects ${countOf(now.total, "box", "boxes")} now, ${countText(item.count)} when you selected them.` : sentence(text)}</p>
     ${isChanged && !now && html`<button class="button button--small" disabled=${count.isBusy} onClick=${count.run}>Count again</button>`}
-    ${bulk && isChanged && now && html`<button class="button button--small" onClick=${accept}>${`${WILL[bulk.verdict]} all ${countText(now.total)}`}</button>`}
+    ${bulk && isChanged && now && html`<button class="button button--small" onClick=${accept}>${capital(`${WILL[bulk.verdict]} all ${countText(now.total)}`)}</button>`}
     ${state === "waiting" && html`<button class="button button--small" onClick=${() => app.sender.retry(item.key)}>Send now</button>`}
     ${bulk && html`<button class="button button--small button--quiet" onClick=${() => app.sender.giveUp(bulk.key)}>Discard</button>`}
   </div>`;
 }
 
 /** @param {string} text */
-const sentence = (text) => (text ? `${text[0]?.toUpperCase()}${text.slice(1).replace(/\.$/, "")}.` : "");
+const capital = (text) => `${text[0]?.toUpperCase() ?? ""}${text.slice(1)}`;
+
+/** @param {string} text */
+const sentence = (text) => (text ? `${capital(text).replace(/\.$/, "")}.` : "");
