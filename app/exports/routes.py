@@ -152,7 +152,10 @@ def create_download_link(
 @by_address.get(
     "/exports/{export_id}/file",
     response_class=Response,
-    responses=_ARCHIVE,
+    responses={
+        **_ARCHIVE,
+        401: {"description": "The link has expired, or belongs to another export."},
+    },
     openapi_extra=RESUMABLE,
 )
 def download_by_address(

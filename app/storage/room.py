@@ -79,8 +79,10 @@ class Reserve:
 
         Too little is less than `needed_bytes`, by default the size of the reserve.
         """
+        if not self.path.exists():
+            return False
         needed = self.size_bytes if needed_bytes is None else needed_bytes
-        if self.path.exists() and free_bytes([self.path.parent]) < needed:
+        if free_bytes([self.path.parent]) < needed:
             self.path.unlink(missing_ok=True)
             log.warning("the disk is full: the reserve is released for a deletion")
             return True

@@ -115,7 +115,7 @@ def test_a_backup_that_was_killed_leaves_nothing_in_the_way(filled, tmp_path):
 
 
 def test_two_backups_at_once_do_not_meet(filled, tmp_path):
-    with alone_in(filled), pytest.raises(CannotMaintain, match="at work"):
+    with alone_in(filled), pytest.raises(CannotMaintain, match="is running already"):
         backed_up(filled, tmp_path / "kept")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+from itertools import count
 
 import pytest
 
@@ -104,7 +105,7 @@ def test_an_unused_file_that_is_sent_again_is_used_again(filled):
 
 
 def test_a_backup_holds_it_off(filled):
-    with alone_in(filled), pytest.raises(CannotMaintain, match="at work"):
+    with alone_in(filled), pytest.raises(CannotMaintain, match="is running already"):
         collected(filled)
 
 
@@ -155,8 +156,10 @@ def test_no_frame_loses_a_file_to_a_collection_without_grace(tmp_path):
         collecting = threading.Thread(target=clear_away)
         collecting.start()
         try:
-            for number in range(ROUNDS):
+            for number in count():
                 come_and_go(api, dataset, number)
+                if number >= ROUNDS and sum(removed) > 0:
+                    break
         finally:
             over.set()
             collecting.join()
@@ -165,7 +168,6 @@ def test_no_frame_loses_a_file_to_a_collection_without_grace(tmp_path):
         ]
 
     assert sorted(kept) == ["f/one", "run/many"]
-    assert sum(removed) > 0
     assert examined(data) == {}
 
 

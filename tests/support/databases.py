@@ -27,6 +27,7 @@ from sqlalchemy import (
     inspect,
     make_url,
     text,
+    update,
 )
 from sqlalchemy.exc import OperationalError
 
@@ -34,6 +35,7 @@ from app.db import inspection
 from app.db.engine import Database, make_engine, sqlite_url
 from app.db.inspection import broken_keys
 from app.db.migrate import migrate
+from app.db.tables import Installation
 from app.package import migrations_dir
 from app.storage import make_folder
 
@@ -89,6 +91,7 @@ def give_tables(data: Path, settings: Mapping[str, object]) -> None:
         return
     make_folder(data)
     (data / FILE).write_bytes(_migrated_file())
+    _give_own_id(url_of(data))
 
 
 def url_of(data: Path) -> str:
@@ -198,7 +201,14 @@ def _database_of(data: Path) -> URL:
     folder = data.resolve()
     if folder not in _of_folders:
         _of_folders[folder] = _created(f" TEMPLATE {_migrated().database}")
+        _give_own_id(_text(_of_folders[folder]))
     return _of_folders[folder]
+
+
+def _give_own_id(url: str) -> None:
+    """A copy has the id of what it was copied from, by which workers know theirs."""
+    with closing(Database(url)) as database, database.engine.begin() as connection:
+        connection.execute(update(Installation).values(id=str(uuid.uuid4())))
 
 
 def _migrated() -> URL:
