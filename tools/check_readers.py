@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 NOT_READ: Final = frozenset({"label-studio"})
-"""Formats of labels that none of the three programs reads."""
+"""Formats of labels that Datumaro does not read under our name."""
 PARTS: Final = ("train", "val")
 Found = tuple[str, int, int]
 

@@ -95,7 +95,7 @@ def configuration_table() -> Iterator[str]:
 
 def channel_table() -> Iterator[str]:
     """Every word of the key `evidence`."""
-    yield "| channel | needs | keeps a box if |"
+    yield "| `evidence` | needs | keeps a box if |"
     yield "|---|---|---|"
     for one in EVIDENCE:
         yield f"| `{one.name}` | {one.needs} | {one.keeps} |"

@@ -99,7 +99,7 @@ class CurrentReview(TypedDict):
 class ServerFields(TypedDict):
     """The fields of a decision that only the service can fill.
 
-    `config` is in the library's decisions too: a run's version takes its place.
+    `config` replaces that of the library: it is the digest of the run's version.
     """
 
     box_id: int
@@ -226,7 +226,10 @@ class DecisionReader:
         return self.read(rows, frame_ids)
 
     def read(self, rows: CurrentBoxes, frame_ids: Sequence[int] = ()) -> StoredBoxes:
-        """Boxes of this dataset, each once; also reads the evidence of `frame_ids`."""
+        """Boxes of this dataset, each once.
+
+        The evidence of `frame_ids` is read even if these frames have none of the boxes.
+        """
         frames = EvidenceRepository(self._session).of_frames(
             [*frame_ids, *rows.frame_ids], self._dataset.active_measurement_id or 0
         )

@@ -118,8 +118,8 @@ class ExportJobs:
         frames: int,
     ) -> list[Span]:
         """The only chunk; empty if it is planned already."""
-        is_planned = ChunkRepository(session).is_planned(job_of(row))
-        return [] if is_planned else [Span(0, 0, row.total)]
+        has_chunks = ChunkRepository(session).has_chunks(job_of(row))
+        return [] if has_chunks else [Span(0, 0, row.total)]
 
     def work(self, task: Task[tables.Export]) -> None:
         """Write the file, and end the export."""

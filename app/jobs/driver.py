@@ -113,8 +113,8 @@ class JobDriver:
     engine. A suspect is submitted when nothing else is in flight, and nothing else is
     submitted until it ends (`_suspect_in_flight`).
 
-    Chunks of `_frames_per_chunk` frames are planned up to the frame with the id
-    `_planned_up_to`; `_is_planned` is true if no frames follow it.
+    A chunk has `_frames_per_chunk` frames. `_planned_up_to` is the id of the last frame
+    that is in a chunk; `_is_planned` is true once every frame is in one.
     """
 
     context: ServiceContext

@@ -163,7 +163,7 @@ class ChunkRepository:
         rows = select(func.max(Chunk.last_frame_id)).where(*_chunks_of(job))
         return self._session.scalar(rows) or 0
 
-    def is_planned(self, job: Job) -> bool:
+    def has_chunks(self, job: Job) -> bool:
         """Whether a job has chunks."""
         return self._last_number(job) > 0
 
@@ -369,7 +369,7 @@ class LeaseRepository:
         self._session.execute(mine)
 
     def clear(self, job: Job, has_ended: Callable[[str], bool]) -> None:
-        """Delete the lease of a job that has ended, unless a live process holds it."""
+        """Delete the lease of a finished job if its holder has ended, too."""
         rows = select(Lease).where(*_lease_of(job)).with_for_update(skip_locked=True)
         lease = self._session.scalar(rows)
         if lease is not None and (lease.until <= self.now() or has_ended(lease.holder)):

@@ -74,12 +74,13 @@ class _Source:
 class _Part:
     """One chunk of a run: its frames that lack numbers, and their rows.
 
-    A chunk that ended processes is suspect: each frame is stored before the next one
-    begins, so that the first frame without numbers is the one that ends processes.
+    From its second attempt on (with workers, its third), a chunk is measured one by
+    one: each frame is stored before the next one begins. So the first frame without
+    numbers is the one that ends processes.
     """
 
     scope: RunScope
-    is_suspect: bool
+    is_one_by_one: bool
     missing: list[int]
     source: _Source
     frames: Mapping[int, Frame]
@@ -92,12 +93,12 @@ class _Part:
         run = task.row(session)
         scope, chunk = RunScope.of(session, run), task.chunk(session)
         missing = [] if chunk is None else unmeasured_of(session, run, chunk)
-        is_suspect = chunk is not None and chunk.attempts > 1
+        is_one_by_one = chunk is not None and chunk.attempts > 1
         source = _source(session, scope)
         evidence = EvidenceRepository(session)
         return cls(
             scope=scope,
-            is_suspect=is_suspect,
+            is_one_by_one=is_one_by_one,
             missing=missing,
             source=source,
             frames=FrameRepository(session).with_ids(missing),
@@ -151,7 +152,7 @@ def measure_chunk(task: Task[Run]) -> None:
         part = _Part.of(session, task)
     measured, buffer = 0, _CommitBuffer(task, part)
     results = task.context.engine.map(
-        partial(_numbers, task, part), part.missing, one_by_one=part.is_suspect
+        partial(_numbers, task, part), part.missing, one_by_one=part.is_one_by_one
     )
     with closing(results) as rows:
         for measured_frame in rows:
@@ -209,7 +210,7 @@ class _CommitBuffer:
         else:
             self._refusal = measured.refusal
         is_due = time.monotonic() - self._begun >= COMMIT_EVERY_S
-        if not is_last and (is_due or self._part.is_suspect):
+        if not is_last and (is_due or self._part.is_one_by_one):
             self.commit(is_whole=False)
 
     def commit(self, *, is_whole: bool) -> None:

@@ -239,7 +239,7 @@ def _composed(
 ) -> dict[str, Sequence[object]]:
     """The values of N > 0 decisions for each key of `Decision`, in the keys' order.
 
-    No other code defines the value of a key.
+    No other code defines the value of a key. (The service replaces `config`.)
     """
     count, config = len(ids), frames[0].config
     channels = evidence.channels

@@ -65,11 +65,12 @@ _RULES: Final = (
 )
 """Reason, mask, value, in the order of Algorithm 2.
 
-The first row with ``bits & mask == value`` decides. Two other places repeat how
-thresholds decide and must be changed together with this: lists find the boxes around a
-threshold in SQL (`ClassThresholds.sides` and `THRESHOLD_REASONS` in
-`app/boxes/filter.py`; `tests/unit/app/boxes/test_thresholds_in_sql.py` compares), and
-labels on the page compare match and threshold (`static/js/boxes/wording.js`).
+The first row with ``bits & mask == value`` decides. Lists repeat in SQL how thresholds
+decide, to find the boxes around a threshold: `ClassThresholds.sides` and
+`THRESHOLD_REASONS` in `app/boxes/filter.py`, which
+`tests/unit/app/boxes/test_thresholds_in_sql.py` compares. Labels on the page repeat
+only whether a match has to reach or to exceed its threshold
+(`static/js/boxes/wording.js`).
 """
 
 _REASON_OF_BITS: Final = np.array(

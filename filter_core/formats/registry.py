@@ -77,7 +77,10 @@ LAYOUTS: Final = ("auto", *(name for name, one in FORMATS.items() if one.read))
 """The formats that `read_source` can read, and ``auto``."""
 
 _ASKED_FIRST: Final = (MANIFEST, KITTI, CARLASIMU, VOC)
-"""The order in which layouts are tried; the first that is certain is taken."""
+"""The layouts that are tried first, in this order; the others follow as in `FORMATS`.
+
+The first that is certain is taken.
+"""
 
 _IN_ORDER_OF_ASKING: Final = dict.fromkeys((*_ASKED_FIRST, *FORMATS.values()))
 

@@ -17,8 +17,8 @@ class Chunk(Base):
 
     An export is one chunk, and so is the final step of a run (deciding): both have 0
     instead of frame ids, and the final step has the number 0. `attempts` counts the
-    processes in a row that died while they worked on the chunk. If the job's driver
-    works on it itself, the current attempt is counted as well.
+    processes that died while they worked on the chunk: workers, or drivers in a row. If
+    the job's driver works on it itself, the current attempt is counted as well.
     """
 
     __tablename__ = "chunks"

@@ -55,7 +55,7 @@ export function labelText(box) {
 }
 
 /** Names of the kinds of evidence, and what each measures. @type {Record<string, {text: string, about: string}>} */
-export const CHANNELS = {
+export const EVIDENCE = {
   semantic: { text: "Segmentation", about: "pixels of the class in the box" },
   ordered: { text: "Order", about: "the nearest box takes its pixels first" },
   depth: { text: "Depth", about: "pixels as far away as the box" },
@@ -65,7 +65,7 @@ export const CHANNELS = {
 };
 
 /** @param {string} name */
-export const channelText = (name) => CHANNELS[name]?.text ?? name.replaceAll("_", " ");
+export const evidenceText = (name) => EVIDENCE[name]?.text ?? name.replaceAll("_", " ");
 
 /** The server's sentence after its verdict: "explained by the nearer car 122". @param {Decision} box */
 const sentenceText = ({ explanation, reason }) => explanation?.replace(/^\w+: /, "") || reasonText(reason);

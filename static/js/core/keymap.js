@@ -132,7 +132,7 @@ export const saveKeys = (storage, settings) => storage.setItem(STORAGE_KEY, JSON
 
 const STORAGE_KEY = "unghost.keys.v1";
 
-/** What goes on while its key is held down. No answer does: nobody would have seen the boxes. */
+/** Actions that repeat while their key is held down. Answers do not: nobody would see the boxes. */
 const HELD = new Set([
   ...["next", "previous", "nextUndecided", "nextFrame", "previousFrame"],
   ...["left", "right", "up", "down", "pageUp", "pageDown"],

@@ -2,7 +2,7 @@
 // The kinds of evidence compared, and the run that measures them.
 
 import { listQuery } from "../boxes/filters.js";
-import { CHANNELS, channelText } from "../boxes/wording.js";
+import { EVIDENCE, evidenceText } from "../boxes/wording.js";
 import { get, post } from "../core/api.js";
 import { useLoaded, useTask } from "../core/hooks.js";
 import { html, useEffect, useState } from "../core/html.js";
@@ -58,7 +58,7 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
 const Compared = ({ dataset, found, by, active }) => html`<${ChannelTable} dataset=${dataset} found=${found} by=${by} active=${active} />
   <p class="faint channels__note">${countOf(found.boxes, "box", "boxes")} of ${countOf(found.frames, "frame")}; dot: measured, line: 95 % interval. Boxes that a channel could not measure are decided by the segmentation.
     ${found.truth === "instances" && found.channels.instance ? " The instance channel reads the same images that define what is visible, so its score is an upper bound." : ""}
-    ${found.not_measured.length > 0 ? ` Not measured: ${found.not_measured.map((name) => channelText(name)).join(", ")}.` : ""}</p>`;
+    ${found.not_measured.length > 0 ? ` Not measured: ${found.not_measured.map((name) => evidenceText(name)).join(", ")}.` : ""}</p>`;
 
 /** Why there is nothing to compare, and what to do about it. @param {{dataset: string, found: Evaluation, measuring: Measuring, onTruth: (truth: string) => void}} props */
 function Nothing({ dataset, found, measuring, onTruth }) {
@@ -113,10 +113,10 @@ export function ChannelTable({ dataset, found, by, active }) {
   if (by === "all") return html`<${Whole} dataset=${dataset} channels=${channels} boxes=${found.boxes} active=${active} />`;
   return html`<div class="tablewrap" role="group" aria-label="Channels" tabindex="0"><table class="table groups channels channels--matrix">
     <caption class="sr-only">F1 of each channel by ${by}</caption>
-    <thead><tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>${channels.map(([name]) => html`<th scope="col" key=${name}>${channelText(name)} <span class="faint">F1</span></th>`)}</tr></thead>
+    <thead><tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>${channels.map(([name]) => html`<th scope="col" key=${name}>${evidenceText(name)} <span class="faint">F1</span></th>`)}</tr></thead>
     <tbody>${groupsOf(channels, by).map(({ key, text, scores }) => html`<tr key=${key}>
       <th scope="row">${text}</th>
-      ${scores.map((score, at) => html`<td key=${at}><${MeasureCell} measure=${score?.f1 ?? null} name=${`F1 of ${channelText(channels[at]?.[0] ?? "")}`} /></td>`)}
+      ${scores.map((score, at) => html`<td key=${at}><${MeasureCell} measure=${score?.f1 ?? null} name=${`F1 of ${evidenceText(channels[at]?.[0] ?? "")}`} /></td>`)}
     </tr>`)}</tbody>
   </table></div>`;
 }
@@ -134,7 +134,7 @@ const Whole = ({ dataset, channels, boxes, active }) => html`<div class="tablewr
   <caption class="sr-only">Precision, recall and F1 of each channel</caption>
   <thead><tr><th scope="col">Channel</th><th class="is-num" scope="col" title="Boxes this channel could measure">Judged</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col">Kept ghosts</th><th class="is-num" scope="col">Lost boxes</th><th scope="col">Worst</th></tr></thead>
   <tbody>${channels.map(([name, score]) => html`<tr key=${name}>
-    <th scope="row">${channelText(name)}${name === active && html` <span class="tagword">active</span>`}<span class="faint channels__about">${CHANNELS[name]?.about}</span></th>
+    <th scope="row">${evidenceText(name)}${name === active && html` <span class="tagword">active</span>`}<span class="faint channels__about">${EVIDENCE[name]?.about}</span></th>
     <td class="is-num num" title=${`${countText(score.judged)} of ${countText(boxes)} boxes`}>${percentText((100 * score.judged) / boxes)}</td>
     <td><${MeasureCell} measure=${score.precision} name="Precision" /></td>
     <td><${MeasureCell} measure=${score.recall} name="Recall" /></td>
@@ -149,5 +149,5 @@ const Whole = ({ dataset, channels, boxes, active }) => html`<div class="tablewr
 function WorstLink({ dataset, name, worst }) {
   if (worst.length === 0) return html`<span class="faint">none</span>`;
   const link = linkTo("queue", { dataset }, listQuery(worst.map(({ box_id }) => box_id)));
-  return html`<a class="channels__worst" href=${link}>Look at ${countText(worst.length)}<span class="sr-only"> that ${channelText(name)} got wrong</span></a>`;
+  return html`<a class="channels__worst" href=${link}>Look at ${countText(worst.length)}<span class="sr-only"> that ${evidenceText(name)} got wrong</span></a>`;
 }

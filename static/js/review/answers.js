@@ -13,7 +13,7 @@ import { countUnowned, createOutbox, createSender, discardUnowned, own, randomId
 /** @typedef {import("./outbox.js").QueuedAnswer} QueuedAnswer */
 /** @typedef {{text: string, boxes: readonly number[]}} Report  boxes that a bulk answer or an undo left alone */
 
-/** Of more boxes than these, the lists are read again instead. */
+/** For more boxes than this, the lists are read again in place of each box. */
 const MOST_LOOKS = 20;
 
 /** @type {Record<Answer, string>} */
@@ -34,7 +34,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   /** @param {readonly number[]} ids */
   function remember(ids) {
     answered.push(boxes.hold(ids));
-    if (answered.length > DEPTH) answered.shift()?.();
+    if (answered.length > MOST_STEPS) answered.shift()?.();
   }
   /** The frame whose answers the server has stored last, so that a frame fetched before is not used; `id` is null after a bulk answer. */
   const changedFrame = createValue(/** @type {{id: number | null}} */ ({ id: null }));
@@ -238,7 +238,11 @@ function createBulkAnswers({ boxes, changedFrame, toasts, steps, remember, lookA
     if (start(bulk, key)) pushed(bulk, key, before);
   }
 
-  /** Boxes that an undone bulk answer had answered, and whose later answers were undone too, by new answers. @param {Step} step @param {ReadonlySet<number>} since  boxes that this person has answered since */
+  /**
+   * After a bulk answer was discarded, give its boxes their earlier answers where they do not have them: undoing a later
+   * answer has given them the bulk answer's, as an answer of their own.
+   * @param {Step} step @param {ReadonlySet<number>} since  boxes that this person has answered since
+   */
   function restore(step, since) {
     for (const { boxId, verdict, comment } of step.before) {
       const box = since.has(boxId) ? undefined : boxes.get(boxId);
@@ -329,7 +333,7 @@ function createBulkAnswers({ boxes, changedFrame, toasts, steps, remember, lookA
  * @property {number} [count]  how many boxes the bulk answer was to answer
  */
 
-const DEPTH = 500;
+const MOST_STEPS = 500;
 
 /** What this person can undo, the newest last. Its boxes are held in the store. @param {Boxes} boxes */
 export function createSteps(boxes) {
@@ -350,7 +354,7 @@ export function createSteps(boxes) {
     /** @param {Step} step */
     push(step) {
       steps.push({ step, giveBack: boxes.hold(step.before.map(({ boxId }) => boxId)) });
-      if (steps.length > DEPTH) steps.shift()?.giveBack();
+      if (steps.length > MOST_STEPS) steps.shift()?.giveBack();
     },
 
     /** The one to undo next. @returns {Step | null} */

@@ -3,7 +3,7 @@
 
 import { answerOf, isVeiled, seenRevision } from "../boxes/box.js";
 import { AnswerSign, StrokeSwatch, VerdictBadge } from "../boxes/signs.js";
-import { ANSWER_TEXT, acceptedText, channelText, isByShare, labelText, matchText, reasonText } from "../boxes/wording.js";
+import { ANSWER_TEXT, acceptedText, evidenceText, isByShare, labelText, matchText, reasonText } from "../boxes/wording.js";
 import { get } from "../core/api.js";
 import { useLoaded, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useState } from "../core/html.js";
@@ -86,7 +86,7 @@ function MatchBar({ box }) {
 function OtherChannel({ box }) {
   const { match_percent: match, visible_pixels: seen } = box;
   return html`<div class="match match--other">
-    <div class="match__text"><span>Decided by ${channelText(box.evidence ?? "")}</span>
+    <div class="match__text"><span>Decided by ${evidenceText(box.evidence ?? "")}</span>
       ${typeof seen === "number" && html`<span class="num">${countOf(seen, "pixel")} seen</span>`}</div>
     ${typeof match === "number" && html`<p class="match__note">${percentText(match)} of the box is ${acceptedText(box)}, which did not decide.</p>`}
   </div>`;

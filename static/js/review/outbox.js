@@ -24,7 +24,7 @@ import { createValue } from "../core/observable.js";
  * @property {string} comment
  * @property {number} seenRevision
  * @property {boolean} attempted  may have reached the server: a retry must send exactly the same
- * @property {number} [ownRevision]  the revision that this person's earlier answer gave the box, if it was stored after this one was attempted: then `seenRevision` must not change any more
+ * @property {number} [ownRevision]  the box's revision after this person's earlier answer, if that was stored when this one had been attempted already; `seenRevision` stays, because a retry must be the same
  */
 
 /** @typedef {import("../core/openapi.js").BoxSelection} Filter */
@@ -184,8 +184,8 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     remove: (item) => storage.removeItem(nameOf(item)),
 
     /**
-     * `earlier` was stored, or will never be, so boxes have other revisions than this person's later answers name: let
-     * them name these. An attempted bulk answer is left as it is.
+     * Put these revisions into the answers that this person has given after `earlier`. An attempted bulk answer is left
+     * as it is.
      * @param {Item} earlier @param {ReadonlyMap<number, number>} revisions  by box
      */
     setSeenRevisions(earlier, revisions) {
@@ -452,9 +452,9 @@ export function createSender(outbox, calls, events, later) {
   }
 
   /**
-   * Whether the conflict is with this person's own earlier answer: one that was stored after the item was attempted, or
-   * a bulk answer on a filter, or its undo. (The page does not know which boxes a filter selects, so the item has an
-   * older revision. After an undo a box may have no answer.)
+   * Whether the conflict is with this person's own earlier answer. That happens in two cases: the earlier one was
+   * stored after the item had been attempted; or it was a bulk answer on a filter, or its undo. (The page does not know
+   * which boxes a filter selects, so the item has an older revision. After an undo a box may have no answer.)
    * @param {QueuedAnswer} item @param {Decision} current
    */
   function isOwn(item, current) {
@@ -462,7 +462,7 @@ export function createSender(outbox, calls, events, later) {
     return lastOnFilter > 0 && item.order > lastOnFilter && (current.review?.reviewer ?? item.person) === item.person;
   }
 
-  /** The item was not stored: this person's later answers name the revisions that it named. @param {Item} item */
+  /** The item was not stored: give this person's later answers the revisions that it had. @param {Item} item */
   function leftOut(item) {
     const { boxIds, seen } = isSingle(item) ? { boxIds: [item.boxId], seen: [item.seenRevision] } : item;
     outbox.setSeenRevisions(item, new Map(boxIds?.map((boxId, i) => [boxId, seen?.[i] ?? 0])));

@@ -6,7 +6,7 @@ import { test } from "node:test";
 
 import { REVIEW_CHOICES } from "../../../static/js/boxes/filter_bar.js";
 import { BOX_FILTER_KEYS, SORTS, VERDICT_CYCLE } from "../../../static/js/boxes/filters.js";
-import { ANSWER_TEXT, CHANNELS, REASONS, VERDICT_SIGN } from "../../../static/js/boxes/wording.js";
+import { ANSWER_TEXT, EVIDENCE, REASONS, VERDICT_SIGN } from "../../../static/js/boxes/wording.js";
 import { ORDERS } from "../../../static/js/queue/session.js";
 import { exportForm } from "../../../static/js/runs/exports.js";
 import { FILE_KINDS } from "../../../static/js/upload/sender.js";
@@ -29,7 +29,7 @@ const sorted = (words) => [...words].sort();
 /** @type {[string, Iterable<string>, Iterable<string>][]} */
 const TABLES = [
   ["reasons", Object.keys(REASONS), wordsOf("Decision", "reason")],
-  ["kinds of evidence", Object.keys(CHANNELS), wordsOf("Decision", "evidence")],
+  ["kinds of evidence", Object.keys(EVIDENCE), wordsOf("Decision", "evidence")],
   ["verdicts, and that of a box whose verdict is not shown", Object.keys(VERDICT_SIGN), [...wordsOf("Decision", "verdict"), "veiled"]],
   ["answers", Object.keys(ANSWER_TEXT), wordsOf("ReviewIn", "verdict")],
   ["orders of the queue", ORDERS.map(({ value }) => value), wordsOf("QueueIn", "order")],
