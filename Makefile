@@ -21,7 +21,8 @@ CODE := app filter_core unghost migrations tests benchmarks tools setup.py
 PROGRAM := $(VENV)/.program
 DEVELOPMENT := $(VENV)/.development
 CHROMIUM := $(VENV)/.chromium
-SYSTEM := $(VENV)/.system
+# More is installed where CI is set.
+SYSTEM := $(VENV)/.system$(if $(CI),-ci)
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile

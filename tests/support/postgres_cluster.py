@@ -115,11 +115,12 @@ def own_cluster() -> Iterator[Cluster]:
             with (data / "postgresql.conf").open("a") as file:
                 file.write(f"{SETTINGS}port = {port}\n")
             cluster = Cluster(folder, programs, port)
-            cluster.start()
             try:
+                cluster.start()
                 yield cluster
             finally:
-                cluster.stop()
+                if (data / "postmaster.pid").exists():
+                    cluster.stop()
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -143,12 +144,15 @@ def run(program: Path, *words: str) -> None:
 def main(*command: str) -> int:
     """Run the command with a server; its exit status."""
     has_server = databases.answers() or _programs() is None
+    for ends in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ends, lambda number, _: sys.exit(128 + number))
     with nullcontext() if has_server else own_cluster() as cluster:
         own = {databases.SERVER_VARIABLE: cluster.url} if cluster else {}
         process = subprocess.Popen(command, env={**os.environ, **own})
         # A terminal interrupts the command too: wait until it has cleaned up.
         signal.signal(signal.SIGINT, lambda *_: None)
-        signal.signal(signal.SIGTERM, lambda *_: process.terminate())
+        for ends in (signal.SIGTERM, signal.SIGHUP):
+            signal.signal(ends, lambda number, _: process.send_signal(number))
         return process.wait()
 
 

@@ -85,9 +85,6 @@ export function createApp(storage, startAnew = () => location.reload()) {
     /** Ask the server who this is. */
     greet: () => get(SESSION).then(person.set, () => {}),
 
-    /** The server no longer accepts the session. */
-    endSession: () => sessionChanged(session.end()),
-
     /** @param {Credential} credential */
     signIn: async (credential) => enter(await signIn(credential)),
 

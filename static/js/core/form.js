@@ -156,6 +156,8 @@ function Numbers({ label, value, onChange }) {
   const onInput = ({ currentTarget }) => {
     setText(currentTarget.value);
     const numbers = parseNumbers(currentTarget.value);
+    // A form is not sent while one of its fields is not valid.
+    currentTarget.setCustomValidity(numbers ? "" : "Numbers, separated by commas");
     if (numbers) onChange(numbers);
   };
   return html`<span class="search"><input class="num" type="text" inputmode="numeric" aria-label=${label} value=${text} placeholder="none, or 50, 100, 200" aria-invalid=${parseNumbers(text) === null} onInput=${onInput} /></span>`;

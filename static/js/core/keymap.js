@@ -5,6 +5,7 @@ import { useValue } from "./hooks.js";
 import { html, useState } from "./html.js";
 import { Icon } from "./icons.js";
 import { Dialog, useDialog } from "./parts.js";
+import { keep } from "./prefs.js";
 
 /** @typedef {import("./app.js").App} App */
 
@@ -128,7 +129,7 @@ export function loadKeys(storage) {
 }
 
 /** @param {Pick<Storage, "setItem">} storage @param {KeySettings} settings */
-export const saveKeys = (storage, settings) => storage.setItem(STORAGE_KEY, JSON.stringify(settings));
+export const saveKeys = (storage, settings) => keep(storage, STORAGE_KEY, settings);
 
 const STORAGE_KEY = "unghost.keys.v1";
 
@@ -139,10 +140,15 @@ const HELD = new Set([
   ...["zoomIn", "zoomOut", "opacityUp", "opacityDown"],
 ]);
 
+/** Whether the browser would click a focused button again, because Enter is held down. @param {KeyboardEvent} event */
+const clicksAgain = ({ repeat, key, target }) => repeat && key === "Enter" && target instanceof Element && target.closest("button") !== null;
+
 /** @param {import("./app.js").App} app */
 export function watchKeys(app) {
   addEventListener("keydown", (event) => {
-    if (event.defaultPrevented || event.isComposing || isTyping(event)) return;
+    if (event.defaultPrevented || event.isComposing) return;
+    if (clicksAgain(event)) return event.preventDefault();
+    if (isTyping(event)) return;
     const action = actionOf(event, app.keys.get(), app.router.route.get().name);
     if (!action) return;
     const isHeld = event.repeat && !HELD.has(action);

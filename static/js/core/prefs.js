@@ -20,10 +20,19 @@ const STORAGE_KEY = "unghost.prefs.v1";
 /** @type {Prefs} */
 const DEFAULTS = { theme: "system", mask: false, opacity: 0.5, lit: true, edges: true, crop: false, blind: false, cropSize: 168 };
 
+/** Keep a value in the browser, if there is room. @param {Pick<Storage, "setItem">} storage @param {string} name @param {unknown} value */
+export function keep(storage, name, value) {
+  try {
+    storage.setItem(name, JSON.stringify(value));
+  } catch (error) {
+    if (!(error instanceof DOMException && error.name === "QuotaExceededError")) throw error;
+  }
+}
+
 /** @param {Pick<Storage, "getItem" | "setItem">} storage */
 export function createPrefs(storage) {
   const prefs = createValue(loadPrefs(storage));
-  prefs.observe((next) => storage.setItem(STORAGE_KEY, JSON.stringify(next)));
+  prefs.observe((next) => keep(storage, STORAGE_KEY, next));
   return {
     ...prefs,
 

@@ -37,12 +37,15 @@ export function GridView({ app, route }) {
         : html`<${GridFilters} app=${app} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
             <${UnsentBulkAnswers} app=${app} dataset=${name} />
             <${Boxes} key=${name} app=${app} dataset=${name} query=${route.query} onQuery=${setQuery}
-              inAll=${dataset.value?.counts.boxes ?? null} />`}
+              state=${dataset.value && stateOf(dataset.value)} inAll=${dataset.value?.counts.boxes ?? null} />`}
     </main>`;
 }
 
-/** @param {{app: App, dataset: string, query: Query, inAll: number | null, onQuery: (query: Query) => void}} props */
-function Boxes({ app, dataset, query, inAll, onQuery }) {
+/** It changes when lists have to be read again: after a run, an upload, or if the dataset is another one of this name. @param {import("../core/openapi.js").Dataset} dataset */
+const stateOf = ({ created_at, active_run, counts }) => JSON.stringify([created_at, active_run, counts.boxes]);
+
+/** @param {{app: App, dataset: string, query: Query, state: string | null, inAll: number | null, onQuery: (query: Query) => void}} props */
+function Boxes({ app, dataset, query, state, inAll, onQuery }) {
   const { place, update } = usePlace(app, dataset, query);
   const { pager } = place;
   const version = usePager(app, place);
@@ -55,6 +58,13 @@ function Boxes({ app, dataset, query, inAll, onQuery }) {
   const actions = useMemo(() => createGridActions(app, dataset, () => latest.current), [dataset]);
   useActions(app, actions.byName);
   useEffect(() => app.bulkAnswers.reloads.observe(update), [update]);
+  // A list that was left may have been read before all this.
+  const now = state && `${state} ${app.bulkAnswers.reloads.get()}`;
+  useEffect(() => {
+    if (!now) return;
+    if (place.state && place.state !== now) update();
+    else place.state = now;
+  }, [place, now]);
 
   const total = pager.total();
   if (pager.known() === 0 && pager.error()) return html`<${Failure} error=${pager.error()} onRetry=${pager.retry} />`;

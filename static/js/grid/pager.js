@@ -236,6 +236,7 @@ export function createPager(boxes, load) {
  * @property {Pager} pager
  * @property {import("../core/observable.js").Value<import("./selection.js").Selection>} selection
  * @property {{offset: number, seen: number}} scroll  how far down it is scrolled, and when it was left
+ * @property {string} state  of the dataset and of bulk answers, with which it was read; empty: not known yet
  * @property {(index: number) => void} show  moves the focus to that cell and scrolls to it; set by the view that shows the list
  */
 
@@ -259,7 +260,7 @@ export function placeOf(app, dataset, query, key) {
   const filter = { ...selectionOf(query), sort: sortOf(query) };
   const pager = createPager(app.boxes, (page, signal) => get("/api/v1/boxes", { query: { dataset, ...filter, ...page }, signal }));
   const scroll = { offset: 0, seen: Date.now() };
-  const place = { key, pager, selection: createValue(NOTHING), scroll, show: () => {} };
+  const place = { key, pager, selection: createValue(NOTHING), scroll, state: "", show: () => {} };
   places.set(key, place);
   for (const old of [...places.keys()].slice(0, -KEPT_PLACES)) leave(old);
   return place;

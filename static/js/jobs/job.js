@@ -59,14 +59,19 @@ const LOOK_AGAIN_MS = 5000;
 /**
  * Load a list of jobs again every few seconds, since other people start jobs too; every second while one of them has not ended.
  * Only in a visible tab, and one request at a time.
- * @param {{state: "loading" | "ready" | "error", reload: () => void}} list @param {readonly Job[]} jobs
+ * @param {{state: "loading" | "ready" | "error", value: unknown, reload: () => void}} list @param {readonly Job[]} jobs
  */
 export function useLookAgain(list, jobs) {
   const latest = useRef(list);
   latest.current = list;
   const hasOpen = !jobs.every(isOver);
   useEffect(() => {
-    const look = () => document.visibilityState === "visible" && latest.current.state !== "loading" && latest.current.reload();
+    const look = () => {
+      const { state, value, reload } = latest.current;
+      // Where nothing could be loaded, the person is asked whether to try again.
+      const isLeft = state === "loading" || (state === "error" && value === null);
+      if (document.visibilityState === "visible" && !isLeft) reload();
+    };
     const timer = setInterval(look, hasOpen ? LONGEST_PAUSE_MS : LOOK_AGAIN_MS);
     document.addEventListener("visibilitychange", look);
     return () => {

@@ -35,7 +35,7 @@ function QualityOf({ app, route }) {
       get("/api/v1/datasets/{dataset}/quality", { path: { dataset: name }, query: { truth: against, target }, signal }),
       get("/api/v1/datasets/{dataset}/config", { path: { dataset: name }, signal }),
     ]);
-    return { quality, active };
+    return { quality, active, target };
   }, [name, target, against]);
   const quality = loaded.value?.quality;
   const known = quality ? answersIn(quality.confusion) : 0;
@@ -47,7 +47,7 @@ function QualityOf({ app, route }) {
         ${quality && html`<span class="faint">the filter against ${WORDS[truth].head(known)}${truth === "people" && quality.unsure > 0 ? `, and ${countText(quality.unsure)} unsure` : ""}</span>`}
         <span class="page__settings"><${Segments} label="Compare the filter with" value=${against} choices=${TRUTHS} onChange=${setAgainst} /></span>
       </div>
-      ${loaded.state === "error" && !quality
+      ${loaded.state === "error"
         ? html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`
         : !quality || !loaded.value
           ? html`<${Skeleton} />`
@@ -57,7 +57,7 @@ function QualityOf({ app, route }) {
                 : html`${truth === "people" && known < FEW_ANSWERS && html`<${Few} dataset=${name} answers=${known} />`}
                     <${ConfusionPanel} dataset=${name} truth=${truth} confusion=${quality.confusion} />
                     <${PerGroup} dataset=${name} quality=${quality} />
-                    <${Suggestions} app=${app} dataset=${name} truth=${truth} suggested=${quality.suggested} active=${loaded.value.active} target=${target}
+                    <${Suggestions} app=${app} dataset=${name} truth=${truth} suggested=${quality.suggested} active=${loaded.value.active} target=${loaded.value.target}
                       onTarget=${(/** @type {string} */ wanted) => change({ target: wanted === "f1" ? "" : wanted })} />
                     <${Reviewers} agreement=${quality.agreement} reviewers=${quality.reviewers} />`}
               <${Channels} app=${app} dataset=${name} active=${String(loaded.value.active.config.evidence ?? "")} truth=${route.query.truth === "people" ? "people" : "instances"}

@@ -14,12 +14,12 @@ import { createValue } from "../core/observable.js";
 import { Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { AnswerBar, ConflictNotice } from "../review/answer_bar.js";
-import { Inspector, takeTyped } from "../review/inspector.js";
+import { Inspector, forgetTyped, typedComment } from "../review/inspector.js";
 import { createMedia } from "../stage/media.js";
 import { createLookActions } from "../stage/view.js";
 import { QueueHead, QueueStrip } from "./head.js";
 import { ahead, currentOf, isBlind, lookedAt, nextOpen, passed, skippedAgain, stepped } from "./line.js";
-import { sessionOf, touch } from "./session.js";
+import { keepSession, sessionOf } from "./session.js";
 import { QueueStage } from "./stage.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
@@ -111,11 +111,12 @@ function useSupply(app, session, media) {
   const line = useValue(session.line);
   const { lit, mask } = useValue(app.prefs);
   useEffect(() => {
+    keepSession(app, "shown");
     void session.refill();
     const renewing = setInterval(() => document.visibilityState === "visible" && void session.renew(), RENEW_MS);
     return () => {
       clearInterval(renewing);
-      touch(app);
+      keepSession(app, "left");
     };
   }, [session]);
   useEffect(() => {
@@ -147,17 +148,17 @@ export function createQueueActions(app, session, page) {
     say();
   }
 
-  /** @param {Answer} verdict @param {string} [comment] */
-  function answer(verdict, comment) {
+  /** @param {Answer} verdict */
+  function answer(verdict) {
     const box = current();
     if (!box) return;
     performance.mark("queue:answer");
     const isOwn = session.tally.get().verdicts.has(box.box_id);
-    const words = comment ?? takeTyped(box.box_id) ?? (page.isBlind() && !isOwn ? "" : (box.review?.comment ?? ""));
+    const words = typedComment(box.box_id) ?? (page.isBlind() && !isOwn ? "" : (box.review?.comment ?? ""));
     const isSame = box.review?.verdict === verdict && (box.review.comment ?? "") === words;
     page.view.set("crop");
     if (isOwn && isSame) session.show(nextOpen(line.get()));
-    else session.answer(box, verdict, words, page.isBlind() && !isOwn);
+    else if (session.answer(box, verdict, words, page.isBlind() && !isOwn)) forgetTyped(box.box_id);
     say();
   }
 
@@ -178,11 +179,10 @@ export function createQueueActions(app, session, page) {
   return {
     show,
 
-    /** A comment on a box that has no answer flags it as unsure, and stays. @param {Answer} verdict @param {string} [comment] */
+    /** A comment on a box that has no answer flags it as unsure, and stays. @param {Answer} verdict @param {string} comment @returns {boolean} false: it was not given */
     answer(verdict, comment) {
       const box = current();
-      if (comment === undefined || !box) return answer(verdict, comment);
-      session.comment(box, answerOf(box) ?? verdict, comment);
+      return box !== null && session.comment(box, answerOf(box) ?? verdict, comment);
     },
 
     reviewSkipped: () => show(skippedAgain(line.get())),

@@ -1,7 +1,7 @@
 // @ts-check
 // A review session in the queue: its boxes, position, counts and pace. It is kept for a while when another view is opened.
 
-import { isUndecided } from "../boxes/box.js";
+import { answerOf, isUndecided } from "../boxes/box.js";
 import { listedOf, selectionOf } from "../boxes/filters.js";
 import { REASONS } from "../boxes/wording.js";
 import { ApiError, get, post } from "../core/api.js";
@@ -52,6 +52,8 @@ export function createQueueSession(app, dataset, query) {
   const tally = createValue({ times: /** @type {number[]} */ ([]), verdicts: /** @type {ReadonlyMap<number, Answer>} */ (new Map()) });
   const order = orderOf(query);
   const listed = listedOf(query);
+  /** The answers and comments of this session, in their order. @type {{boxId: number, isTimed: boolean}[]} */
+  const given = [];
   let isAsking = false;
 
   async function refill() {
@@ -64,17 +66,22 @@ export function createQueueSession(app, dataset, query) {
     isAsking = true;
     supply.set({ ...supply.get(), state: "loading", error: null });
     const waiting = app.sender.state.get().waiting;
+    const before = new Set([...tally.get().verdicts.keys()].filter((id) => !waiting.has(id)));
     const exclude = [...new Set([...waiting, ...inHand(line.get(), MOST_EXCLUDED)])].slice(-MOST_EXCLUDED);
     const filters = { reason: LOOKABLE, ...selectionOf(query) };
     const coming = listed.length > 0 ? listedBoxes(listed) : post("/api/v1/datasets/{dataset}/queue", { path: { dataset }, body: { order, filters, limit, exclude } });
-    await coming.then(receive, (error) => supply.set({ state: "error", error, isEnd: false }));
+    await coming.then((out) => receive(out, before), (error) => supply.set({ state: "error", error, isEnd: false }));
     isAsking = false;
   }
 
-  /** @param {Pick<import("../core/openapi.js").Queue, "remaining" | "unsure" | "claimed_by_others"> & {items: readonly Decision[]}} out */
-  function receive({ items, remaining, unsure, claimed_by_others: elsewhere }) {
+  /** @param {Pick<import("../core/openapi.js").Queue, "remaining" | "unsure" | "claimed_by_others"> & {items: readonly Decision[]}} out @param {ReadonlySet<number>} before  boxes whose answers were stored before this was requested */
+  function receive({ items, remaining, unsure, claimed_by_others: elsewhere }, before) {
     line.set(joined(line.get(), take(items)));
-    counts.set({ left: Math.max(0, remaining - unsent()), unsure, elsewhere });
+    // The server may have counted some of the others before their answers were stored, and some after.
+    const since = order === "audit" ? 0 : [...tally.get().verdicts.keys()].filter((id) => !before.has(id)).length;
+    const least = Math.max(0, remaining - since);
+    const left = Math.min(Math.max(counts.get().left ?? least, least), remaining);
+    counts.set({ left, unsure, elsewhere });
     supply.set({ state: "ready", error: null, isEnd: items.length === 0 || listed.length > 0 });
   }
 
@@ -83,12 +90,6 @@ export function createQueueSession(app, dataset, query) {
     const ids = boxes.receive(items);
     held.push(boxes.hold(ids));
     return ids;
-  }
-
-  /** How many answers the server had not received when it counted. */
-  function unsent() {
-    const { waiting } = app.sender.state.get();
-    return order === "audit" ? 0 : [...tally.get().verdicts.keys()].filter((id) => waiting.has(id)).length;
   }
 
   /** @param {number} by */
@@ -115,28 +116,39 @@ export function createQueueSession(app, dataset, query) {
       void refill();
     },
 
-    /** @param {Decision} box @param {Answer} verdict @param {string} comment @param {boolean} isBlindly */
+    /** @param {Decision} box @param {Answer} verdict @param {string} comment @param {boolean} isBlindly @returns {boolean} false: there is no room for it */
     answer(box, verdict, comment, isBlindly) {
       const comparison = isBlindly ? compared(box, verdict) : null;
-      if (comparison) comparisons.set([...comparisons.get(), comparison]);
       const isFirst = !tally.get().verdicts.has(box.box_id);
+      if (!app.answer(box.box_id, verdict, comment)) return false;
+      given.push({ boxId: box.box_id, isTimed: true });
+      if (comparison) comparisons.set([...comparisons.get(), comparison]);
       tally.set({ times: [...tally.get().times, Date.now()], verdicts: new Map([...tally.get().verdicts, [box.box_id, verdict]]) });
       if (isFirst) countDown(-1);
-      app.answer(box.box_id, verdict, comment);
       this.show(answered(line.get(), box.box_id));
+      return true;
     },
 
-    /** Save a comment without going on to the next box. @param {Decision} box @param {Answer} verdict @param {string} comment */
-    comment: (box, verdict, comment) => app.answer(box.box_id, verdict, comment),
+    /** Save a comment without going on to the next box. @param {Decision} box @param {Answer} verdict @param {string} comment @returns {boolean} false: there is no room for it */
+    comment(box, verdict, comment) {
+      const isGiven = app.answer(box.box_id, verdict, comment);
+      if (isGiven) given.push({ boxId: box.box_id, isTimed: false });
+      return isGiven;
+    },
 
-    /** The answer on a box was undone: the box is current again. @param {Decision} box */
+    /** The last answer on a box was undone: the box is current again. @param {Decision} box */
     takenBack(box) {
       const { box_id: id } = box;
+      const at = given.findLastIndex(({ boxId }) => boxId === id);
+      const [undone] = at < 0 ? [] : given.splice(at, 1);
+      const before = given.some(({ boxId }) => boxId === id) ? answerOf(box) : null;
       held.push(boxes.hold([id]));
       comparisons.set(comparisons.get().filter(({ boxId }) => boxId !== id));
       const verdicts = new Map(tally.get().verdicts);
-      if (verdicts.delete(id)) countDown(1);
-      tally.set({ times: tally.get().times.slice(0, -1), verdicts });
+      const isCounted = verdicts.delete(id);
+      if (isCounted && before) verdicts.set(id, before);
+      else if (isCounted) countDown(1);
+      tally.set({ times: tally.get().times.slice(0, undone?.isTimed === false ? undefined : -1), verdicts });
       line.set(takenBack(line.get(), id));
     },
 
@@ -147,7 +159,10 @@ export function createQueueSession(app, dataset, query) {
     },
 
     /** Renew the claims on the boxes of this session. */
-    renew: () => (isAsking || supply.get().isEnd ? Promise.resolve() : ask(1)),
+    async renew() {
+      const { ids, answered: done } = line.get();
+      if (!isAsking && listed.length === 0 && ids.some((id) => !done.has(id))) await ask(1);
+    },
 
     /** Release the boxes of this session. */
     end: () => held.splice(0).forEach((giveBack) => giveBack()),
@@ -173,10 +188,10 @@ export function sessionOf(app, dataset, query) {
   return session;
 }
 
-/** @param {App} app */
-export function touch(app) {
+/** Keep the session for as long as it is shown, and for a while from when it is left. @param {App} app @param {"shown" | "left"} now */
+export function keepSession(app, now) {
   const last = sessions.get(app);
-  if (last) last.seen = Date.now();
+  if (last) last.seen = now === "shown" ? Infinity : Date.now();
 }
 
 /** @param {number} id */

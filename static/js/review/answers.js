@@ -94,7 +94,8 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     onGivenUp: bulkAnswers.givenUp,
     onUndone: bulkAnswers.undone,
     onUndoRefused: bulkAnswers.undoRefused,
-    onSignedOut: app.endSession,
+    // The session ends where it is refused. If another one has begun meanwhile, it is tried with that one.
+    onSignedOut: () => void (app.isSignedIn.get() && resume()),
   });
   // The state changes with every change of the outbox.
   sender.state.observe(() => boxes.layOver(outbox.given()));
@@ -130,12 +131,14 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     return isGiven;
   }
 
-  /** An answer on one box, shown at once and sent when that is possible. @param {number} boxId @param {Answer} verdict @param {string} [comment] */
+  /** An answer on one box, shown at once and sent when that is possible. @param {number} boxId @param {Answer} verdict @param {string} [comment] @returns {boolean} false: it was not given */
   function answer(boxId, verdict, comment = "") {
     const box = boxes.get(boxId);
-    if (!box) return;
+    if (!box) return false;
     const step = { before: [answerTo(box)], dataset: app.head.get().dataset };
-    if (give(box, verdict, comment)) steps.push(step);
+    const isGiven = give(box, verdict, comment);
+    if (isGiven) steps.push(step);
+    return isGiven;
   }
 
   return {

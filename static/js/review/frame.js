@@ -16,7 +16,7 @@ import { createMedia } from "../stage/media.js";
 import { LookBar, StageView, createLookActions } from "../stage/view.js";
 import { AnswerBar } from "./answer_bar.js";
 import { BoxList } from "./boxlist.js";
-import { Inspector, takeTyped } from "./inspector.js";
+import { Inspector, forgetTyped, typedComment } from "./inspector.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("./answers.js").ReviewApp} App */
@@ -174,14 +174,17 @@ export function createFrameActions(app, frame, ids, page) {
     app.announcement.set(box ? spokenText(seen(box, app.prefs.get().blind)) : "");
   }
 
-  /** @param {Answer} verdict @param {string} [comment] */
+  /** @param {Answer} verdict @param {string} [comment] @returns {boolean} false: it was not given */
   function answer(verdict, comment) {
     const box = selected();
-    if (!box) return app.toasts.show("Select a box first.");
-    const words = comment ?? takeTyped(box.box_id) ?? box.review?.comment ?? "";
-    if (box.review?.verdict === verdict && (box.review.comment ?? "") === words) return;
-    app.answer(box.box_id, verdict, words);
+    if (!box) app.toasts.show("Select a box first.");
+    if (!box) return false;
+    const words = comment ?? typedComment(box.box_id) ?? box.review?.comment ?? "";
+    if (box.review?.verdict === verdict && (box.review.comment ?? "") === words) return true;
+    if (!app.answer(box.box_id, verdict, words)) return false;
+    forgetTyped(box.box_id);
     app.announcement.set(`${box.class} ${box.id}: ${verdict}`);
+    return true;
   }
 
   /** @param {number | null} id @param {string} box  which one there: first, last, undecided */
@@ -231,9 +234,9 @@ export function createFrameActions(app, frame, ids, page) {
 
     /** By the names of the keymap. */
     byName: {
-      keep: () => answer("keep"),
-      reject: () => answer("reject"),
-      unsure: () => answer("unsure"),
+      keep: () => void answer("keep"),
+      reject: () => void answer("reject"),
+      unsure: () => void answer("unsure"),
       undo,
       comment: () => (selected() ? page.openComment() : app.toasts.show("Select a box first.")),
       next: () => step(1),

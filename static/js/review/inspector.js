@@ -174,30 +174,30 @@ export function swatchOf(name) {
 const typed = new Map();
 
 /** The comment that was typed for a box, which goes with its answer; undefined: none. @param {number} boxId */
-export function takeTyped(boxId) {
-  const text = typed.get(boxId);
-  typed.delete(boxId);
-  return text?.trim();
-}
+export const typedComment = (boxId) => typed.get(boxId)?.trim();
 
-/** @param {{box: Decision, onSave: (text: string) => void, fieldRef: {current: HTMLTextAreaElement | null}}} props */
+/** It went with an answer. @param {number} boxId */
+export const forgetTyped = (boxId) => void typed.delete(boxId);
+
+/** @param {{box: Decision, onSave: (text: string) => boolean, fieldRef: {current: HTMLTextAreaElement | null}}} props  `onSave`: whether there was room for it */
 export function Comment({ box, onSave, fieldRef }) {
   const stored = box.review?.comment ?? "";
   const [text, show] = useState(/** @type {string | null} */ (typed.get(box.box_id) ?? null));
   const shown = text ?? stored;
   /** @param {string | null} next */
   const setText = (next) => {
-    if (next === null) typed.delete(box.box_id);
-    else typed.set(box.box_id, next);
-    show(next);
+    const text = next === stored ? null : next;
+    if (text === null) typed.delete(box.box_id);
+    else typed.set(box.box_id, text);
+    show(text);
   };
   // It went with an answer.
   useEffect(() => {
     if (text?.trim() === stored) setText(null);
   }, [stored]);
   const save = () => {
+    if (shown.trim() !== stored && !onSave(shown.trim())) return;
     setText(null);
-    if (shown.trim() !== stored) onSave(shown.trim());
     fieldRef.current?.blur();
   };
   /** @param {KeyboardEvent} event */

@@ -138,8 +138,8 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       const waiting = mine();
       const last = waiting.findLast((item) => (isSingle(item) ? item.boxId === answer.boxId : mayHaveAnswered(item, answer.boxId)));
       if (last && isSingle(last) && !last.attempted) {
-        storage.removeItem(nameOf(last));
         write({ ...last, key: newKey(), verdict: answer.verdict, comment: answer.comment });
+        storage.removeItem(nameOf(last));
         return;
       }
       write({ ...answer, key: newKey(), person: who(), tab, order: nextOrder(waiting), attempted: false });

@@ -33,7 +33,8 @@ function RunsOf({ app, route }) {
   const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
   const runs = useLoaded((signal) => get("/api/v1/datasets/{dataset}/runs", { path: { dataset: name }, query: { limit }, signal }), [name, limit]);
   const reload = () => (runs.reload(), dataset.reload());
-  useLookAgain({ state: runs.state, reload }, runs.value?.items ?? []);
+  const isLoading = [dataset, runs].some((loaded) => loaded.state === "loading");
+  useLookAgain({ state: isLoading ? "loading" : runs.state, value: runs.value, reload }, runs.value?.items ?? []);
   const failed = [dataset, runs].find((loaded) => loaded.state === "error" && !loaded.value);
   const { run = "", against = "" } = route.query;
   return html`<main id="main" class="page" tabindex="-1" aria-busy=${!runs.value}>

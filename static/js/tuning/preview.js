@@ -89,6 +89,7 @@ function usePreviews(dataset, active, tried, limit) {
   const [counted, setCounted] = useState(/** @type {import("../core/openapi.js").FilterConfigIn | null} */ (null));
   const [listed, setListed] = useState(/** @type {Preview | null} */ (null));
   const [error, setError] = useState(/** @type {Error | null} */ (null));
+  const [baselineError, setBaselineError] = useState(/** @type {Error | null} */ (null));
   const [isBusy, setBusy] = useState(false);
   const [attempt, setAttempt] = useState(0);
   const ask = useMemo(
@@ -112,8 +113,8 @@ function usePreviews(dataset, active, tried, limit) {
   useEffect(() => {
     const stop = new AbortController();
     previewOf(dataset, { config: active.config, limit: 0 }, stop.signal).then(
-      (answer) => !stop.signal.aborted && setBaseline(answer),
-      () => {},
+      (answer) => !stop.signal.aborted && (setBaseline(answer), setBaselineError(null)),
+      (error) => !stop.signal.aborted && setBaselineError(error),
     );
     return () => stop.abort();
   }, [ask, attempt]);
@@ -127,7 +128,7 @@ function usePreviews(dataset, active, tried, limit) {
     setAttempt((n) => n + 1);
     ask.ask({ config: tried, limit });
   };
-  return { baseline, preview, counted, listed, error, isBusy, retry, isListed: listed !== null && listed.config === preview?.config };
+  return { baseline, preview, counted, listed, error: error ?? baselineError, isBusy, retry, isListed: listed !== null && listed.config === preview?.config };
 }
 
 /**

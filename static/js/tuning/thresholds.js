@@ -83,7 +83,7 @@ function Tuner({ app, route, dataset, active, onApplied }) {
       </div>
       ${!isUnknown && html`<${FlipPanel} app=${app} tuning=${tuning} selected=${selected} way=${way} onWay=${(/** @type {string} */ flips) => tuning.look({ class: selected, scale, flips })} />`}
     </div>
-    ${isSaving && html`<${SaveDialog} dataset=${dataset} tuning=${tuning} onClose=${() => setSaving(false)} onSaved=${onSaved} onRun=${setStarted} />`}`;
+    ${isSaving && html`<${SaveDialog} dataset=${dataset} tuning=${tuning} onClose=${() => setSaving(false)} onSaved=${onSaved} onRun=${setStarted} onOutdated=${onApplied} />`}`;
 }
 
 /** Find a run that is already running. @param {string} dataset @param {(run: Run) => void} onFound */

@@ -98,13 +98,18 @@ function Yaml({ text }) {
 }
 
 /**
- * @param {{dataset: string, tuning: Tuning, onClose: () => void, onSaved: (digest: string) => void, onRun: (run: Run) => void}} props
+ * @param {{dataset: string, tuning: Tuning, onClose: () => void, onSaved: (digest: string) => void, onRun: (run: Run) => void, onOutdated: () => void}} props  `onOutdated`: another version has become active
  */
-export function SaveDialog({ dataset, tuning, onClose, onSaved, onRun }) {
+export function SaveDialog({ dataset, tuning, onClose, onSaved, onRun, onOutdated }) {
   const dialog = useDialog();
   const digest = tuning.counted === tuning.tried ? (tuning.preview?.config ?? "") : "";
 
   const { run: save, isBusy, error } = useTask(async (/** @type {boolean} */ isApplied) => {
+    const { digest: active } = await get("/api/v1/datasets/{dataset}/config", { path: { dataset } });
+    if (active !== tuning.active.digest) {
+      onOutdated();
+      throw new Error("Nothing was saved: somebody has applied another version since. What follows is how yours differs from it now.");
+    }
     const version = await post("/api/v1/datasets/{dataset}/configs", { path: { dataset }, body: tuning.tried });
     onSaved(version.digest);
     if (isApplied) onRun(await activate(dataset, version.digest));
@@ -113,9 +118,9 @@ export function SaveDialog({ dataset, tuning, onClose, onSaved, onRun }) {
 
   return html`<${Dialog} dialog=${dialog} id="save-title" title="Save as new config version" isLight=${true} onClose=${onClose}>
     <p class="savedialog__digest">Version <code title=${digest}>${digest ? digest.slice(0, 16) : "…"}</code> <span class="faint">differs from the active <code>${tuning.active.digest.slice(0, 8)}</code> in:</span></p>
+    ${error && html`<${FailureLine} error=${error} />`}
     <${DiffTable} rows=${differences(tuning.active.config, tuning.tried)} />
     <p class="savedialog__what">${whatText(tuning)}</p>
-    ${error && html`<${FailureLine} error=${error} />`}
     <footer class="dialog__foot">
       <span class="faint">Versions are never changed or deleted.</span>
       <span class="savedialog__buttons">
@@ -127,7 +132,8 @@ export function SaveDialog({ dataset, tuning, onClose, onSaved, onRun }) {
 }
 
 /** @param {Tuning} tuning */
-function whatText({ preview }) {
+function whatText({ preview, counted, tried }) {
+  if (counted !== tried) return "";
   if (preview?.needs_pixels) return "Applying it measures all frames again, in the background. Nothing changes until that is done.";
   const flips = preview?.flips;
   if (!flips) return "";

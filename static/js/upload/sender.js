@@ -49,7 +49,7 @@ export function createUploader(frames, put, later) {
       active++;
       void sendOne(/** @type {ReadFrame} */ (queue.shift()));
     }
-    if (active === 0 && queue.length === 0 && state.get().phase === "sending") change({ phase: "done" });
+    if (active === 0 && queue.length === 0 && ["sending", "paused"].includes(state.get().phase)) change({ phase: "done" });
   }
 
   /** @param {ReadFrame} frame */
@@ -211,7 +211,8 @@ export function createUploads(calls, isSignedIn) {
       const sender = createUploader(frames, (frame, signal) => calls.putFrame(dataset, frame, replace, signal));
       sender.state.observe(({ phase }) => {
         if (isOver(phase)) ended.set(ended.get() + 1);
-        if (phase === "signed-out") isSignedIn.set(false);
+        // The session ends where it is refused. If another one has begun meanwhile, it is tried with that one.
+        if (phase === "signed-out" && isSignedIn.get()) queueMicrotask(() => resumeFrom(phase));
       });
       dropped.set(null);
       job.set({ dataset, sender });

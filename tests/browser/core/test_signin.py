@@ -223,3 +223,26 @@ def change_token(server, token, to):
     databases.change(
         server.data, f"update tokens set {to} where hash = :hash", hash=digest
     )
+
+
+def test_a_refusal_of_the_session_before_does_not_end_the_new_one(scene, visit, server):
+    ada = visit(sign_in=False)
+    page = ada.page
+    page.goto(server.login_link)
+    ada.open(scene.link("ghost"))
+    held: list[Route] = []
+    page.route(
+        "**/reviews", lambda route: route.continue_() if held else held.append(route)
+    )
+    ada.press("a")
+    until(lambda: page.evaluate("1") and held)
+    before = kept_session(page)["session"]
+    link = server.login_link.partition("#")[2]
+    page.evaluate("(link) => { location.hash = link; }", link)
+    until(lambda: kept_session(page)["session"] != before)
+
+    held[0].fulfill(status=401, json={"code": "session_expired", "title": "x"})
+
+    ada.saved()
+    assert scene.review("ghost")["verdict"] == "keep"
+    assert kept_session(page) is not None

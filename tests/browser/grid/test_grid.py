@@ -304,3 +304,28 @@ def test_empty_dataset_says_that_nothing_was_pushed(api, ada):
     page = ada.open("#/datasets/bare/grid")
 
     expect(page.get_by_role("heading", name="No boxes yet")).to_be_visible()
+
+
+def test_a_list_that_was_left_is_read_again_after_a_run(many, ada):
+    kept = grid(many, verdict="kept")
+    page = ada.open(kept)
+    expect(page.locator(".grid-status b")).to_have_text("30")
+    page.evaluate("location.hash = '#/datasets'")
+    expect(page.get_by_role("heading", name="Datasets")).to_be_visible()
+    many.decide(min_visible_pixels=1_000_000)
+
+    page.evaluate("(link) => { location.hash = link; }", kept)
+
+    expect(page.get_by_text("No box matches")).to_be_visible()
+
+
+def test_a_list_that_was_left_is_read_again_after_a_bulk_answer(many, ada):
+    page = opened(ada, many)
+    page.evaluate("(link) => { location.hash = link; }", grid(many, review="none"))
+    page.get_by_role("button", name="Select all 60").click()
+    ada.press("a")
+    expect(page.get_by_text("No box matches")).to_be_visible()
+
+    page.get_by_role("button", name="Clear the filters").click()
+
+    expect(page.locator(".cell .sign--keep").first).to_be_visible()

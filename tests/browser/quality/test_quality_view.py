@@ -170,3 +170,18 @@ def test_without_answers_the_page_says_how_to_give_some(ada, street):
     page.get_by_role("link", name="Answer boxes").click()
 
     expect(page).to_have_url(re.compile(f"/{street.dataset}/queue$"))
+
+
+def test_suggestions_of_another_target_that_do_not_come_leave_none_behind(
+    ada, answered
+):
+    page = quality_page(ada, answered)
+    page.route("**/quality?*target=recall*", lambda route: route.fulfill(status=500))
+    page.get_by_role("button", name="Keep 99 %").click()
+
+    expect(page.locator("main")).to_contain_text("Try again")
+    expect(page.get_by_role("button", name="Save")).to_have_count(0)
+
+    page.unroute("**/quality?*target=recall*")
+    page.get_by_role("button", name="Try again").click()
+    expect(page.locator(".matrix")).to_be_visible()

@@ -12,7 +12,7 @@ from tests.support.page import crowds
 from tests.support.page.crowds import answers, queue, queued
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.stage import layer
-from tests.support.page.windows import PHONE, Visit, Visitor
+from tests.support.page.windows import FILL, PHONE, Visit, Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -373,3 +373,90 @@ def test_undo_of_an_answer_in_another_dataset_goes_to_its_frame(many, make_scene
 
     expect(page).to_have_url(re.compile(r"#/frames/\d+\?box=\d+$"))
     shows(page, name)
+
+
+def test_enter_that_is_held_down_on_a_button_answers_one_box(many, ada):
+    page = opened(ada, many)
+    first = queued(page)
+    keep = page.get_by_role("toolbar", name="Answer").get_by_role("button", name="Keep")
+    keep.focus()
+
+    for _ in range(5):
+        page.keyboard.down("Enter")
+    page.keyboard.up("Enter")
+
+    expect(page.locator(".queue__progress")).to_contain_text("1 answered")
+    ada.saved()
+    assert answers(many) == {first: "keep"}
+
+
+def test_without_room_in_the_browser_nothing_is_counted_and_the_box_stays(many, ada):
+    page = opened(ada, many)
+    first = queued(page)
+    page.evaluate(FILL)
+    page.get_by_label("Comment").fill("a pole")
+
+    page.get_by_role("button", name=re.compile("^Reject")).click()
+
+    expect(page.locator(".toast").last).to_contain_text("no room")
+    expect(page.locator(".queue__progress")).to_contain_text("0 answered · 20")
+    assert queued(page) == first
+    expect(page.get_by_label("Comment")).to_have_value("a pole")
+    assert answers(many) == {}
+
+
+@pytest.mark.parametrize("second", ["x", "a comment"])
+def test_undo_of_a_second_answer_keeps_the_first_one_counted(many, ada, second):
+    page = opened(ada, many)
+    first = queued(page)
+    ada.press("a", "ArrowLeft")
+    if second == "x":
+        ada.press("x")
+    else:
+        page.get_by_label("Comment").fill(second)
+        ada.press("Enter")
+
+    ada.press("z")
+
+    ada.saved()
+    expect(page.locator(".queue__progress")).to_contain_text(
+        "1 answered · 19 unanswered"
+    )
+    assert answers(many) == {first: "keep"}
+
+
+def test_answers_given_while_more_boxes_are_fetched_are_counted_once(make_scene, ada):
+    page = opened(ada, make_scene(boxes=crowds.crowd(10)))
+
+    for number in range(1, 6):
+        ada.press("a")
+        expect(page.locator(".queue__progress")).to_contain_text(f"{number} answered")
+
+    ada.saved()
+    expect(page.locator(".queue__progress")).to_contain_text(
+        "5 answered · 5 unanswered"
+    )
+
+
+def test_the_last_boxes_stay_reserved_while_they_are_on_the_page(make_scene, ada):
+    ten = make_scene(boxes=crowds.crowd(10))
+    ada.page.clock.install()
+    page = ada.open(queue(ten))
+    expect(page.locator(".queue__progress")).to_contain_text("10 unanswered")
+    ada.press("a", "a", "a", "a", "a")
+    ada.saved()
+
+    with page.expect_request("**/queue"):
+        page.clock.run_for(5 * 60_000)
+
+
+def test_the_session_goes_on_while_it_is_shown_however_long(many, ada):
+    page = opened(ada, many)
+    ada.press("a", "a", "j")
+    here = queued(page)
+    page.evaluate("{ const now = Date.now; Date.now = () => now() + 6 * 60_000; }")
+
+    ada.press("b")
+
+    expect(page.locator(".queue__progress")).to_contain_text("2 answered")
+    assert queued(page) == here

@@ -9,7 +9,7 @@ from playwright.sync_api import Route, expect
 
 from tests.support.page.scenes import CAR, Scene, get
 from tests.support.page.stage import after_drawing, point
-from tests.support.page.windows import Visitor
+from tests.support.page.windows import FILL, Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -299,3 +299,31 @@ def test_everything_about_a_box_is_said_in_words_and_numbers(scene, ada):
         "aria-label",
         re.compile(r"4 % Car < 10 % · hidden by Vegetation 96 %$"),
     )
+
+
+def test_a_field_that_was_emptied_hides_no_comment_of_somebody_else(scene, ada):
+    page = ada.open(scene.link("ghost"))
+    field = page.get_by_label("Comment")
+    field.fill("x")
+    field.fill("")
+    page.evaluate("location.hash = '#/datasets'")
+    expect(page.get_by_role("heading", name="Datasets")).to_be_visible()
+    path = f"/boxes/{scene.box_id('ghost')}/reviews"
+    body = {"verdict": "reject", "comment": "behind the bus", "seen_revision": 0}
+    assert scene.api.post(path, json=body).status_code == 201
+
+    page.evaluate("(link) => { location.hash = link; }", scene.link("ghost"))
+    expect(field).to_have_value("behind the bus")
+    ada.press("a")
+
+    ada.saved()
+    assert scene.review("ghost")["comment"] == "behind the bus"
+
+
+def test_preferences_change_also_where_the_browser_has_no_room(scene, ada):
+    page = ada.open(scene.link("ghost"))
+    page.evaluate(FILL)
+
+    ada.press("c")
+
+    expect(page.locator(".stage")).to_have_attribute("data-mode", "crop")

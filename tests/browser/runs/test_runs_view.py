@@ -221,3 +221,33 @@ def test_a_long_list_scrolls_by_itself_and_not_the_page_past_its_end(
     )
 
     assert below <= 1
+
+
+def test_an_export_is_not_asked_for_with_a_number_that_is_none(ada, street):
+    page = runs_page(ada, street)
+    page.get_by_role("button", name="New export").click()
+    field = page.get_by_label("Labels per distance, metres").last
+    field.press_sequentially("50, 100, 20O")
+
+    page.get_by_role("button", name="Make export").click()
+
+    assert not field.evaluate("field => field.checkValidity()")
+    path = f"/datasets/{street.dataset}/exports"
+    assert scenes.get(street.api, path)["items"] == []
+    field.fill("50, 100, 200")
+    page.get_by_role("button", name="Make export").click()
+    expect(page.get_by_role("article", name=re.compile("^Export"))).to_be_visible()
+    (made,) = scenes.get(street.api, path)["items"]
+    assert made["options"]["bands"] == [50, 100, 200]
+
+
+def test_a_failure_stays_as_it_is_until_somebody_tries_again(ada, street):
+    ada.page.clock.install()
+    ada.page.route("**/runs?*", lambda route: route.fulfill(status=500))
+    page = ada.open(f"#/datasets/{street.dataset}/runs")
+    button = page.get_by_role("button", name="Try again")
+    button.focus()
+
+    page.clock.run_for(20_000)
+
+    expect(button).to_be_focused()

@@ -362,3 +362,54 @@ def test_a_threshold_is_moved_by_touch(street, visit):
     assert json.loads(line.get_attribute("aria-valuenow") or "") == pytest.approx(
         60, abs=1
     )
+
+
+def test_nothing_is_saved_over_a_version_that_somebody_has_applied_since(street, ada):
+    page = opened(ada, street)
+    street.decide(classes={"walker": {"threshold_small_box": 77}})
+    page.locator("input[aria-label='Threshold of car, percent']").fill("50")
+    page.get_by_role("button", name="Save as new config version").click()
+    dialog = page.get_by_role("dialog")
+
+    dialog.get_by_role("button", name="Save and apply").click()
+
+    expect(dialog.get_by_role("alert")).to_contain_text("somebody has applied another")
+    assert "car" not in applied_config(street)["classes"]
+    dialog.get_by_role("button", name="Save and apply").click()
+    expect(page.locator(".runstrip")).to_contain_text("is done")
+    classes = applied_config(street)["classes"]
+    assert [classes[name]["threshold_small_box"] for name in ("car", "walker")] == [
+        *(50, 77)
+    ]
+
+
+def test_the_counts_of_the_active_version_that_do_not_come_are_asked_for_again(
+    street, ada
+):
+    asked = []
+
+    def refuse_the_second(route):
+        asked.append(route)
+        route.fulfill(status=503, body="{}") if len(asked) == 2 else route.continue_()
+
+    ada.page.route("**/preview", refuse_the_second)
+    page = ada.open(f"#/datasets/{street.dataset}/thresholds")
+
+    page.get_by_role("alert").get_by_role("button", name="Try again").click()
+
+    expect(page.get_by_role("alert")).to_have_count(0)
+
+
+def test_the_save_dialog_says_nothing_of_another_configuration(street, ada):
+    page = opened(ada, street)
+    field = page.locator("input[aria-label='Threshold of all classes']")
+    field.fill("60")
+    expect(page.locator('[data-figure="lost"] .figure__value')).to_have_text("2")
+    page.route("**/preview", lambda route: route.fulfill(status=503, body="{}"))
+    field.fill("90")
+    expect(page.get_by_role("alert")).to_be_visible()
+
+    page.get_by_role("button", name="Save as new config version").click()
+
+    expect(page.get_by_role("dialog")).to_contain_text("Save and apply")
+    expect(page.get_by_role("dialog")).not_to_contain_text("flips")

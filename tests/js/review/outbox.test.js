@@ -707,3 +707,18 @@ test("of the answers kept here only those are discarded that do not say who gave
 
   assert.deepEqual([countUnowned(storage), storage.length, owners().c], [0, 2, "bo"]);
 });
+
+test("an answer for which there is no room takes no earlier one away", () => {
+  const outbox = createOutbox(storage, "t1", () => person);
+  const given = { boxId: 1, frameId: 10, verdict: /** @type {const} */ ("keep"), seenRevision: 0 };
+  outbox.add({ ...given, comment: "" });
+  const { setItem } = storage;
+  storage.setItem = (name, value) => {
+    if (value.length > 300) throw new DOMException("it is full", "QuotaExceededError");
+    setItem.call(storage, name, value);
+  };
+
+  assert.throws(() => outbox.add({ ...given, comment: "x".repeat(1000) }), { name: "QuotaExceededError" });
+
+  assert.deepEqual(outbox.items().map((item) => "comment" in item && item.comment), [""]);
+});

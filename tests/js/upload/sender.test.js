@@ -122,3 +122,18 @@ test("who may not write is told once, not for every frame", async () => {
 
   assert.deepEqual([calls.length, ...outline(), sender.state.get().trouble], [4, "stopped", 0, 0, "", "viewers cannot write"]);
 });
+
+test("paused while the last frames are under way, it is done when they have arrived", async () => {
+  /** @type {((isNew: boolean) => void)[]} */
+  const arrive = [];
+  const frames = ["a", "b"].map((key) => /** @type {any} */ ({ key }));
+  const sender = createUploader(frames, () => new Promise((resolve) => arrive.push(resolve)));
+  sender.resume();
+  sender.pause();
+
+  arrive.forEach((resolve) => resolve(true));
+  await new Promise((resolve) => setTimeout(resolve));
+
+  const { phase, stored } = sender.state.get();
+  assert.deepEqual([phase, stored], ["done", 2]);
+});

@@ -25,7 +25,6 @@ export function reviewPage(storage = memoryStorage(), { tab = "t1", openTabs = a
     prefs: createPrefs(memoryStorage()),
     isSignedIn: createValue(true),
     owner: () => "ada",
-    endSession: () => {},
   };
   const answers = createAnswers(/** @type {any} */ (core), createBoxes(), storage, { tab, openTabs });
   answers.boxes.hold(answers.boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2, verdict: "kept" }), decision({ box_id: 3 })]));

@@ -92,6 +92,17 @@ def lose_session(page: Page) -> None:
     )
 
 
+FILL = """() => {
+  const { setItem } = Storage.prototype;
+  Storage.prototype.setItem = function (name, value) {
+    const isMore = value.length > (this.getItem(name) ?? "").length;
+    if (isMore) throw new DOMException("it is full", "QuotaExceededError");
+    setItem.call(this, name, value);
+  };
+}"""
+"""From now on this window's browser has no room for more."""
+
+
 # The page keeps nothing elsewhere in the browser.
 KEEP_ONLY = """(items) => {
   localStorage.clear();
