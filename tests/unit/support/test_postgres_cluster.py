@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -51,13 +52,14 @@ def test_a_server_that_answers_is_used_and_goes_on(cluster: Cluster):
     assert answers(cluster.url)
 
 
-def test_where_none_answers_there_is_one_until_the_command_ends(nobody: str):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_where_none_answers_there_is_one_until_the_command_ends(nobody: str, number):
     with with_a_server(nobody, SAY + "exec sleep 60") as process:
         assert process.stdout
         said = process.stdout.readline().strip()
         assert said != nobody
         assert answers(said)
-        process.terminate()
+        process.send_signal(number)
 
     assert process.returncode != 0
     assert not answers(said)
