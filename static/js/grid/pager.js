@@ -251,7 +251,7 @@ const places = new Map();
 /** @param {import("../review/answers.js").ReviewApp} app @param {string} dataset @param {import("../core/router.js").Query} query @param {string} key @returns {Place} */
 export function placeOf(app, dataset, query, key) {
   const known = places.get(key);
-  if (known && Date.now() - known.scroll.seen < FRESH_MS && !known.pager.error()) {
+  if (known?.state && Date.now() - known.scroll.seen < FRESH_MS && !known.pager.error()) {
     places.delete(key);
     places.set(key, known);
     return known;

@@ -438,8 +438,9 @@ def test_answers_given_while_more_boxes_are_fetched_are_counted_once(make_scene,
     )
 
 
-def test_the_last_boxes_stay_reserved_while_they_are_on_the_page(make_scene, ada):
+def test_the_last_boxes_stay_reserved_while_they_are_on_the_page(make_scene, visit):
     ten = make_scene(boxes=crowds.crowd(10))
+    ada = visit(color_scheme="light")
     ada.page.clock.install()
     page = ada.open(queue(ten))
     expect(page.locator(".queue__progress")).to_contain_text("10 unanswered")

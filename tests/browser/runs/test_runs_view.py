@@ -241,7 +241,8 @@ def test_an_export_is_not_asked_for_with_a_number_that_is_none(ada, street):
     assert made["options"]["bands"] == [50, 100, 200]
 
 
-def test_a_failure_stays_as_it_is_until_somebody_tries_again(ada, street):
+def test_a_failure_stays_as_it_is_until_somebody_tries_again(visit, street):
+    ada = visit(color_scheme="light")
     ada.page.clock.install()
     ada.page.route("**/runs?*", lambda route: route.fulfill(status=500))
     page = ada.open(f"#/datasets/{street.dataset}/runs")
