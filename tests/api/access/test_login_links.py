@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import stat
+import sys
 from pathlib import Path
 
 import pytest
@@ -24,10 +25,12 @@ BROWSER = """#!/bin/sh
 # Notes what it was given, and shows it in a browser.
 echo "$1" > "{notes}/address"
 cp -p "${{1#file://}}" "{notes}/page"
-"{chromium}" {arguments} --headless=new --user-data-dir="{notes}/profile" "$1" \
+"{python}" -c "{in_own_group}" \
+    "{chromium}" {arguments} --headless=new --user-data-dir="{notes}/profile" "$1" \
     > /dev/null 2>&1 &
 echo $! > "{notes}/pid"
 """
+IN_OWN_GROUP = "import os, sys; os.setsid(); os.execv(sys.argv[1], sys.argv[1:])"
 
 
 @pytest.fixture
@@ -50,12 +53,20 @@ def browser(tmp_path):
     program = notes / "browser"
     arguments = " ".join(ARGUMENTS)
     program.write_text(
-        BROWSER.format(notes=notes, chromium=chromium, arguments=arguments)
+        BROWSER.format(
+            notes=notes,
+            python=sys.executable,
+            in_own_group=IN_OWN_GROUP,
+            chromium=chromium,
+            arguments=arguments,
+        )
     )
     program.chmod(0o700)
     yield program
-    if (notes / "pid").exists():
-        os.kill(int((notes / "pid").read_text()), signal.SIGTERM)
+    if (notes / "address").exists():
+        until(lambda: (notes / "pid").exists() and (notes / "pid").read_text())
+        # Debian's chromium is a script: the browser is a child of what was started.
+        os.killpg(int((notes / "pid").read_text()), signal.SIGKILL)
 
 
 def first_line(process):
