@@ -177,8 +177,10 @@ export function createFrameActions(app, frame, ids, page) {
   /** @param {Answer} verdict @param {string} [comment] @returns {boolean} false: it was not given */
   function answer(verdict, comment) {
     const box = selected();
-    if (!box) app.toasts.show("Select a box first.");
-    if (!box) return false;
+    if (!box) {
+      app.toasts.show("Select a box first.");
+      return false;
+    }
     const words = comment ?? typedComment(box.box_id) ?? box.review?.comment ?? "";
     if (box.review?.verdict === verdict && (box.review.comment ?? "") === words) return true;
     if (!app.answer(box.box_id, verdict, words)) return false;

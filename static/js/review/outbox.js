@@ -416,7 +416,7 @@ export function createSender(outbox, calls, events, later) {
   function afterError(item, error) {
     if (error instanceof NoResponse) return waitAndRetry("offline", null, "the server does not answer");
     if (!(error instanceof ApiError)) {
-      // Nothing that is known; the answers in the outbox are sent nevertheless.
+      // A fault of this page. The answer is kept, and sent again all the same.
       waitAndRetry("busy", null, error instanceof Error ? error.message : String(error));
       throw error;
     }
