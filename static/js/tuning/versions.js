@@ -137,7 +137,7 @@ function whatText({ preview, counted, tried }) {
   if (preview?.needs_pixels) return "Applying it measures all frames again, in the background. Nothing changes until that is done.";
   const flips = preview?.flips;
   if (!flips) return "";
-  return `Applying it flips ${countText(flips.total)} boxes: ${countText(flips.kept_to_rejected)} from kept to rejected, ${countText(flips.rejected_to_kept)} from rejected to kept. People's answers are not changed.`;
+  return `Applying it flips ${countOf(flips.total, "box", "boxes")}: ${countText(flips.kept_to_rejected)} from kept to rejected, ${countText(flips.rejected_to_kept)} from rejected to kept. People's answers are not changed.`;
 }
 
 /** @param {{rows: readonly import("./config.js").Difference[], names?: readonly string[]}} props */

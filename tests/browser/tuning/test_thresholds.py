@@ -372,6 +372,7 @@ def test_nothing_is_saved_over_a_version_that_somebody_has_applied_since(street,
     page.locator("input[aria-label='Threshold of car, percent']").fill("50")
     page.get_by_role("button", name="Save as new config version").click()
     dialog = page.get_by_role("dialog")
+    expect(dialog).to_contain_text("Applying it flips 1 box:")
 
     dialog.get_by_role("button", name="Save and apply").click()
 
