@@ -170,7 +170,7 @@ def format_table() -> Iterator[str]:
     for one in FORMATS.values():
         read = one.recognised_by if one.read else ""
         written = "yes" if one.write else ""
-        yield f"| `{one.name}` | {one.title} | {one.holds} | {read} | {written} |"
+        yield f"| `{one.name}` | {one.title} | {one.docs_row} | {read} | {written} |"
 
 
 def label_formats() -> Iterator[str]:

@@ -29,7 +29,7 @@ from filter_core.formats.reading import (
     FrameSource,
     is_hidden,
 )
-from filter_core.formats.registry import possible_layouts, read_source
+from filter_core.formats.registry import FORMATS, possible_layouts, read_source
 from unghost.wire.folders import (
     FolderEnd,
     FolderFrame,
@@ -190,12 +190,16 @@ def write_response(task: FolderTask) -> int:
     if layout == "auto" and layouts:
         layout = layouts[0]
     found = read_source(source, layout)
+    layouts = layouts or (found.layout,)
     with _Response(task, source) as response:
         response.write(
             FolderHead.model_validate(
                 {
                     "layout": found.layout,
-                    "layouts": layouts or (found.layout,),
+                    "layouts": layouts,
+                    "titles": {
+                        name: FORMATS[name].title for name in (*layouts, found.layout)
+                    },
                     "classes": found.classes,
                     "count": found.count,
                 }

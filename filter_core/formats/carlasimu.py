@@ -30,7 +30,7 @@ from filter_core.json_text import read_json
 CARLASIMU: Final = Format(
     name="carlasimu",
     title="carlasimu",
-    holds=(
+    docs_row=(
         "labels in YOLO's form, or centres in raw pixels, in a folder for each "
         "distance band"
     ),

@@ -55,7 +55,7 @@ from filter_core.formats.writing import (
 COCO: Final = Format(
     name="coco",
     title="COCO",
-    holds=(
+    docs_row=(
         "`bbox` and every other key of images and annotations; "
         "`annotations/instances_train.json` and `instances_val.json`, images beside "
         "them; all ids are whole numbers from 1; `attributes` carry the box's own "
@@ -330,7 +330,7 @@ class CocoWriter:
     distance and its 3D box. Regions to ignore are crowds.
     """
 
-    traits: ClassVar[Traits] = Traits(holds_crowds=True)
+    traits: ClassVar[Traits] = Traits(can_hold_crowds=True)
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
@@ -419,7 +419,7 @@ def _described(one: LabelBox, frame: ExportFrame) -> dict[str, object]:
         "iscrowd": 0,
         **kept,
         **({"iscrowd": 1} if one.ignored else {}),
-        "category_id": one.number + 1,
+        "category_id": one.class_number + 1,
         "bbox": bbox,
         "attributes": _attributes(one.row, frame),
     }

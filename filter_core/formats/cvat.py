@@ -23,7 +23,7 @@ from filter_core.types import DecidedBoxes
 CVAT: Final = Format(
     name="cvat",
     title="CVAT for images 1.1",
-    holds="`annotations.xml` with id, verdict and reason of each box as attributes",
+    docs_row="`annotations.xml` with id, verdict and reason of each box as attributes",
     brief="XML for CVAT's images task",
     needs=LABEL_NEEDS,
     options=LABEL_OPTIONS - {"split"},

@@ -38,7 +38,7 @@ from filter_core.types import (
 DECISIONS_JSONL: Final = Format(
     name="decisions-jsonl",
     title="Decisions, JSON lines",
-    holds="`decisions.jsonl`: every decision of every frame, one frame per line",
+    docs_row="`decisions.jsonl`: every decision of every frame, one frame per line",
     brief="every number of every box, one frame per line",
     needs=frozenset({"decisions", "annotation"}),
 )
@@ -46,7 +46,7 @@ DECISIONS_JSONL: Final = Format(
 DECISIONS_CSV: Final = Format(
     name="decisions-csv",
     title="Decisions, CSV",
-    holds="`decisions.csv`: one row per box, for spreadsheets",
+    docs_row="`decisions.csv`: one row per box, for spreadsheets",
     brief="one row per box, for spreadsheets",
     needs=frozenset({"decision_columns"}),
 )
@@ -54,7 +54,7 @@ DECISIONS_CSV: Final = Format(
 DECISIONS_PARQUET: Final = Format(
     name="decisions-parquet",
     title="Decisions, Parquet",
-    holds=(
+    docs_row=(
         "`decisions.parquet`: the same, for data frames; needs `pip install "
         "'unghost[parquet]'`"
     ),

@@ -22,13 +22,13 @@ from filter_core.formats.reading import FrameSet, ReadOptions, walk
 from filter_core.formats.tally import Counts
 from filter_core.formats.writing import NewWriter, write_labels
 
-Recognition: TypeAlias = Literal["certain", "possible", "otherwise", "none"]
+Recognition: TypeAlias = Literal["certain", "possible", "fallback", "none"]
 """How certain it is that a source is in a format.
 
-``certain``: it is, and no later format is tried. ``possible``: it may be; if there are
-several such formats, a person has to choose. ``otherwise``: the last resort, used only
-if no format is ``certain`` or ``possible``; the first such format is taken.
-``none``: it is not.
+``certain``: it is, and no later format is tried. ``possible``: it may be.
+``fallback``: it can be read so, if no format is ``certain`` or ``possible``; the first
+such format is taken. ``none``: it is not. A person chooses if several formats are
+``certain`` or ``possible``.
 """
 
 SELECTION_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
@@ -40,6 +40,7 @@ LABEL_OPTIONS: Final = SELECTION_OPTIONS | {"boxes", "split"}
 Need: TypeAlias = Literal["annotation", "image", "decisions", "decision_columns"]
 """Data of a frame that only some formats need.
 
+Every format gets the columns that labels are written from (`DecidedBoxes`).
 ``annotation``: the annotation as given, which is parsed on first use
 (`ExportFrame.given`); ``image``: the image, or its type; ``decisions``: a dictionary
 for each box, as in the API, which takes the most time; ``decision_columns``: the
@@ -100,9 +101,9 @@ _Requirement = TypeVar("_Requirement", bound=Callable[[], object])
 class Format:
     """A format of annotated frames, declared at the head of its module.
 
-    Its functions follow in the module, each with a decorator: `recogniser`, `reader`,
-    `writer` (or `label_writer`) and `requirement`. Functions that it does not have
-    stay None.
+    Its functions follow in the module, each with a decorator that stores it here:
+    `recogniser` as `recognise`, `reader` as `read`, `writer` as `write`, `requirement`
+    as `require`. Functions that it does not have stay None.
 
     Attributes
     ----------
@@ -110,8 +111,8 @@ class Format:
         Its name in commands, URLs and stored exports.
     title : str
         Its name for people.
-    holds : str
-        The row of docs/formats.md: its files and what is in them, in Markdown.
+    docs_row : str
+        Its files and what is in them, in Markdown, for the table in docs/formats.md.
     brief : str
         A few words below the title, where people choose the format of an export;
         empty if it cannot be written.
@@ -133,7 +134,7 @@ class Format:
 
     name: str
     title: str
-    holds: str
+    docs_row: str
     brief: str = ""
     recognised_by: str = ""
     options: frozenset[str] = frozenset()
@@ -161,7 +162,7 @@ class Format:
         return write
 
     def label_writer(self, new_writer: _NewWriter) -> _NewWriter:
-        """Decorates the `LabelWriter` with which `write_labels` is `write`."""
+        """Decorates the class of its `LabelWriter`; `write_labels` then is `write`."""
         self.write = partial(write_labels, new_writer=new_writer)
         return new_writer
 

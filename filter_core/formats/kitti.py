@@ -63,7 +63,7 @@ from filter_core.types import FloatArray
 KITTI: Final = Format(
     name="kitti",
     title="KITTI",
-    holds=(
+    docs_row=(
         "KITTI's 15 columns, or 16 with a score: `training/label_2/`, `image_2/`, "
         "`calib/`, `ImageSets/`; frames are numbered, and `frames.jsonl` says which "
         "is which"

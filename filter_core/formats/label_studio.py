@@ -26,7 +26,7 @@ from filter_core.formats.writing import (
 LABEL_STUDIO: Final = Format(
     name="label-studio",
     title="Label Studio",
-    holds=(
+    docs_row=(
         "`tasks.json`: the filter's verdicts as predictions with scores, people's "
         "answers as annotations; `label_config.xml` for the project"
     ),

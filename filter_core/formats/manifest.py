@@ -50,7 +50,7 @@ tag."""
 MANIFEST: Final = Format(
     name="manifest",
     title="Unghost's own manifest",
-    holds=(
+    docs_row=(
         "`manifest.jsonl`: each [annotation](api.md#a-frames-annotation) as "
         "given, without the boxes that are rejected; unknown keys, 3D boxes and "
         "cameras included"
@@ -69,7 +69,7 @@ def _recognise(source: Source) -> Recognition:
         return "none" if path.suffix.lower() == ".json" else "certain"
     if (path / MANIFEST_NAME).is_file():
         return "certain"
-    return "none" if manifest_of(path) is None else "otherwise"
+    return "none" if manifest_of(path) is None else "fallback"
 
 
 def manifest_of(source: Path) -> Path | None:
@@ -192,7 +192,7 @@ class ManifestWriter:
     and every unknown key. Nothing is clipped.
     """
 
-    traits: ClassVar[Traits] = Traits(holds_crowds=True, holds_unplaced=True)
+    traits: ClassVar[Traits] = Traits(can_hold_crowds=True, can_hold_unplaced=True)
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context

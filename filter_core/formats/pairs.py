@@ -34,7 +34,7 @@ from filter_core.values import shown
 PAIRS: Final = Format(
     name="pairs",
     title="Images and segmentations",
-    holds=(
+    docs_row=(
         "images, their segmentations in `seg/` or beside them as `NAME_seg.png`, and "
         "each frame's [annotation](api.md#a-frames-annotation) as `NAME.json`, where "
         "there is one"
@@ -49,7 +49,7 @@ def _recognise(source: Source) -> Recognition:
     # Labels of an unknown layout must not be ignored silently.
     if root.is_file() or any(map(holds_boxes, source.label_files)):
         return "none"
-    return "otherwise" if any(True for _ in walk(root, IMAGE_SUFFIXES)) else "none"
+    return "fallback" if any(True for _ in walk(root, IMAGE_SUFFIXES)) else "none"
 
 
 _ENDING: Final = re.compile(r"[-_. ](seg|segmentation|semantic)$", re.IGNORECASE)

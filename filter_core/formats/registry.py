@@ -1,17 +1,9 @@
 """The list of all formats, and the functions that read and write any of them.
 
-A new format is a module that declares its `Format`, and a line of `FORMATS` here. Its
-name is repeated in these places, each of which a check compares with this list:
-
-* ``unghost/wire/words.py``: `ExportFormat` if it can be exported, `FolderLayout` if it
-  can be read.
-* ``static/js/upload/dialog.js``, if it can be read: its name for people.
-* ``tests/pins``, if it can be exported: a digest of each of its files.
-
-The service puts `Format.title` and `Format.brief` into the OpenAPI document, from which
-the page takes them, and ``make docs`` generates the tables of docs/formats.md. Other
-sentences of README.md and docs/ that name formats must be updated by hand. The recipe
-is in ARCHITECTURE.md.
+A new format is a module that declares its `Format`, a line of `FORMATS` here, and its
+name in `unghost/wire/words.py`; "Add a format" in ARCHITECTURE.md has the tests and
+documents, too. The service, the command line and the page take everything else from
+its `Format`.
 
 A *layout* is the format in which a folder is read: the name of a format that can be
 read, or ``auto`` to recognise it from the folder's files.
@@ -71,18 +63,18 @@ FORMATS: Final[Mapping[str, Format]] = {
 """By name, in the order in which they are offered."""
 
 EXPORT_FORMATS: Final = tuple(name for name, one in FORMATS.items() if one.write)
-"""The formats that `write_export` can write."""
+"""The formats that `write_export` can write.
+
+Importing a format's module has stored its functions in its `Format`.
+"""
 
 LAYOUTS: Final = ("auto", *(name for name, one in FORMATS.items() if one.read))
 """The formats that `read_source` can read, and ``auto``."""
 
-_ASKED_FIRST: Final = (MANIFEST, KITTI, CARLASIMU, VOC)
-"""The layouts that are tried first, in this order; the others follow as in `FORMATS`.
+_TRIED_FIRST: Final = (MANIFEST, KITTI, CARLASIMU, VOC)
+"""Layouts that are tried before the others, which follow as in `FORMATS`."""
 
-The first that is certain is taken.
-"""
-
-_IN_ORDER_OF_ASKING: Final = dict.fromkeys((*_ASKED_FIRST, *FORMATS.values()))
+_IN_ORDER_OF_TRIAL: Final = dict.fromkeys((*_TRIED_FIRST, *FORMATS.values()))
 
 
 def read_source(
@@ -142,7 +134,7 @@ def detect_layout(source: Path) -> str:
         raise LayoutError(
             f"{source.name}: could be {' or '.join(found)}; name the layout"
         )
-    *first, last = (one.recognised_by for one in _IN_ORDER_OF_ASKING if one.recognise)
+    *first, last = (one.recognised_by for one in _IN_ORDER_OF_TRIAL if one.recognise)
     raise LayoutError(
         f"{source.name}: no layout recognised; expected {', '.join(first)}, or {last}"
     )
@@ -153,18 +145,18 @@ def possible_layouts(source: Path) -> tuple[str, ...]:
 
     No format is tried after one that is certain.
     """
-    asked = Source(source)
+    examined = Source(source)
     found: list[str] = []
-    otherwise: list[str] = []
-    for one in _IN_ORDER_OF_ASKING:
-        recognition = one.recognise(asked) if one.recognise else "none"
-        if recognition == "otherwise":
-            otherwise.append(one.name)
+    fallbacks: list[str] = []
+    for one in _IN_ORDER_OF_TRIAL:
+        recognition = one.recognise(examined) if one.recognise else "none"
+        if recognition == "fallback":
+            fallbacks.append(one.name)
         elif recognition != "none":
             found.append(one.name)
         if recognition == "certain":
             break
-    return tuple(found or otherwise[:1])
+    return tuple(found or fallbacks[:1])
 
 
 def write_export(

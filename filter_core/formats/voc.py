@@ -55,7 +55,7 @@ from filter_core.formats.writing import (
 VOC: Final = Format(
     name="voc",
     title="Pascal VOC",
-    holds=(
+    docs_row=(
         "rectangles in whole pixels from 1, both ends included: `Annotations/`, "
         "`JPEGImages/`, `ImageSets/Main/`"
     ),

@@ -47,10 +47,10 @@ _LEAST_CUT: Final = 1e-9
 
 
 class LabelBox(NamedTuple):
-    """One row of `LabelBoxes`."""
+    """One box of `LabelBoxes`, with the same attributes."""
 
     row: int
-    number: int
+    class_number: int
     xyxy: list[float]
     cut: float
     ignored: bool
@@ -69,7 +69,7 @@ class LabelBoxes:
     ----------
     row : (M,) int64
         The index of each box in its frame, for the frame's other columns.
-    number : (M,) int64
+    class_number : (M,) int64
         The index of its class in the list of classes that is exported.
     xyxy : (M, 4) float64, px
         Inside the image.
@@ -80,7 +80,7 @@ class LabelBoxes:
     """
 
     row: IntArray
-    number: IntArray
+    class_number: IntArray
     xyxy: BoxesXYXY
     cut: FloatArray
     ignored: BoolArray
@@ -91,14 +91,14 @@ class LabelBoxes:
     def __getitem__(self, some: BoolArray) -> LabelBoxes:
         return LabelBoxes(
             row=self.row[some],
-            number=self.number[some],
+            class_number=self.class_number[some],
             xyxy=self.xyxy[some],
             cut=self.cut[some],
             ignored=self.ignored[some],
         )
 
     def __iter__(self) -> Iterator[LabelBox]:
-        columns = (self.row, self.number, self.xyxy, self.cut, self.ignored)
+        columns = (self.row, self.class_number, self.xyxy, self.cut, self.ignored)
         lists = (column.tolist() for column in columns)
         return map(LabelBox, *lists)
 
@@ -109,10 +109,10 @@ class Traits:
 
     Attributes
     ----------
-    holds_crowds : bool
+    can_hold_crowds : bool
         It can say that a box stands for many objects at once. From other formats
         crowds are left out, since a model would learn each as one object.
-    holds_unplaced : bool
+    can_hold_unplaced : bool
         It can hold a box without a rectangle in the image.
     needs_key_list : bool
         Its own files do not hold the keys of frames, so ``frames.jsonl`` is written
@@ -122,8 +122,8 @@ class Traits:
         become part of the file's name.
     """
 
-    holds_crowds: bool = False
-    holds_unplaced: bool = False
+    can_hold_crowds: bool = False
+    can_hold_unplaced: bool = False
     needs_key_list: bool = False
     needs_flat_names: bool = False
 
@@ -191,7 +191,11 @@ class LabelWriter(Protocol):
         """The name of a frame's image in the export."""
 
     def labels(self, band: str, out: OutFrame) -> None:
-        """One frame's labels; `band` is empty, or the name of a distance band."""
+        """One frame's labels.
+
+        Called with an empty `band` for each frame, and then once for each distance band
+        of the options, with its name and only the boxes that are near enough.
+        """
 
     def finish(self) -> None:
         """Everything that comes after the last frame."""
@@ -354,29 +358,29 @@ class _BoxChooser:
     def choose(self, frame: ExportFrame) -> LabelBoxes:
         """The boxes of one frame that are written, in the order of the frame."""
         boxes, options = frame.boxes, self._options
-        number = self._tally.count_boxes(frame)
+        class_number = self._tally.count_boxes(frame)
         crowd = self._crowd(frame)
         wanted, ignorable = self._wanted(boxes, crowd)
         whole, used = _rectangles(boxes, options.boxes)
         inside = clipped(np.where(np.isnan(whole), 0.0, whole), frame.wh)
         placed = np.minimum(*(inside[:, 2:] - inside[:, :2]).T) >= _LEAST_SIDE
-        out = wanted & placed | wanted & self._traits.holds_unplaced
+        out = wanted & (placed | self._traits.can_hold_unplaced)
         ignored = ignorable & placed & (options.rejected == "dontcare")
         row = np.flatnonzero(out | ignored)
         chosen = LabelBoxes(
             row=row,
-            number=number[row],
+            class_number=class_number[row],
             xyxy=inside[row],
             cut=_cut(frame, row),
             ignored=ignored[row],
         )
-        self._tally.written(number[out], used[out].tolist())
+        self._tally.written(class_number[out], used[out].tolist())
         cut = np.zeros(len(boxes), np.bool_)
         cut[row] = chosen.cut > 0
         changed = np.flatnonzero(cut | ~out)
         self._tally.changed(
             frame,
-            number[changed].tolist(),
+            class_number[changed].tolist(),
             [
                 Change(each, "clipped", "beyond_image")
                 if out[each]
@@ -392,7 +396,7 @@ class _BoxChooser:
 
     def _crowd(self, frame: ExportFrame) -> BoolArray:
         """(N,): boxes for many objects, if the format cannot represent them."""
-        if self._traits.holds_crowds:
+        if self._traits.can_hold_crowds:
             return np.zeros(len(frame.boxes), np.bool_)
         return frame.given.is_crowd(len(frame.boxes))
 

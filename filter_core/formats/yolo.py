@@ -55,7 +55,7 @@ from filter_core.formats.writing import (
 YOLO: Final = Format(
     name="yolo",
     title="YOLO (Ultralytics)",
-    holds=(
+    docs_row=(
         "`class cx cy w h` as shares of the image's size, a label file for each "
         "image (an empty one for an empty frame); `images/train/`, `images/val/`, "
         "and `data.yaml` with `train`, `val` and `names`, as Ultralytics reads them"
@@ -351,7 +351,7 @@ def _lines(boxes: LabelBoxes, wh: tuple[int, int]) -> Iterator[str]:
     edges = np.rint(boxes.xyxy / np.array([*wh, *wh]) * _HALF_UNITS)
     low, high = edges[:, :2], edges[:, 2:]
     shares = np.hstack([(low + high) / 2, high - low]) / _HALF_UNITS
-    numbered = zip(boxes.number.tolist(), shares.tolist(), strict=True)
+    numbered = zip(boxes.class_number.tolist(), shares.tolist(), strict=True)
     return (_LINE % (number, *share) for number, share in numbered)
 
 

@@ -48,9 +48,9 @@ def test_the_table_has_every_format_that_the_api_exports():
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_says_what_it_holds(name):
     assert FORMATS[name].title
-    assert FORMATS[name].holds
+    assert FORMATS[name].docs_row
     assert bool(FORMATS[name].brief) == (FORMATS[name].write is not None)
-    assert "|" not in FORMATS[name].holds + FORMATS[name].recognised_by
+    assert "|" not in FORMATS[name].docs_row + FORMATS[name].recognised_by
 
 
 @pytest.mark.parametrize("option", ExportOptions.model_fields)

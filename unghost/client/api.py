@@ -506,8 +506,8 @@ class ExportCalls:
     def start_export(
         self, /, dataset: str, format: str, **options: object
     ) -> Call[wire.Export]:
-        """Start writing the labels to a ZIP archive: "yolo", "coco", "kitti", "voc" and
-        others; formats and options as in the documentation of the formats.
+        """Start writing the labels to a ZIP archive; docs/formats.md lists the formats
+        and their options.
         """
         path = dataset_path(dataset, "exports")
         body = {"format": format, "options": options}

@@ -18,6 +18,9 @@ class FolderHead(ResponseModel):
     layouts: tuple[FolderLayout, ...] = Field(
         description="The layouts that the folder may have, the likeliest first."
     )
+    titles: Mapping[FolderLayout, Message] = Field(
+        description="The name for people of each of these layouts."
+    )
     classes: tuple[Message, ...] | None = Field(
         description="Names of the classes in the order of their numbers; null if the "
         "folder has no list of them."

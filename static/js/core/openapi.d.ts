@@ -3522,6 +3522,13 @@ export interface components {
              */
             layouts: ("yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "pairs")[];
             /**
+             * Titles
+             * @description The name for people of each of these layouts.
+             */
+            titles: {
+                [key: string]: string;
+            };
+            /**
              * Classes
              * @description Names of the classes in the order of their numbers; null if the folder has no list of them.
              */

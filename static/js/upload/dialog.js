@@ -14,17 +14,6 @@ import { hasImages, readFolder, topOf, visibleEntries } from "./folder.js";
 /** @typedef {import("./folder.js").Plan} Plan */
 /** @typedef {import("./folder.js").Reading} Reading */
 
-/** @type {Record<Plan["layout"], string>} */
-const LAYOUT_NAMES = {
-  manifest: "Manifest",
-  carlasimu: "carlasimu folder",
-  yolo: "YOLO folder",
-  voc: "Pascal VOC folder",
-  kitti: "KITTI folder",
-  coco: "COCO folder",
-  pairs: "Images and segmentations",
-};
-
 /** With more frames than this, the dialog recommends the command line. */
 const MANY_FRAMES = 2000;
 
@@ -161,8 +150,8 @@ function Review({ app, found, plan, typed, setTyped, close }) {
   };
 
   return html`<form class="upload" onSubmit=${submit} novalidate>
-    ${plan.layouts.length > 1 && html`<${Segments} label="Layout" value=${plan.layout} choices=${plan.layouts.map((value) => ({ value, text: LAYOUT_NAMES[value] }))} onChange=${found.read} />`}
-    <p class="upload__sum"><b>${LAYOUT_NAMES[plan.layout]}</b> · ${summary(plan)}</p>
+    ${plan.layouts.length > 1 && html`<${Segments} label="Layout" value=${plan.layout} choices=${plan.layouts.map((value) => ({ value, text: plan.titles[value] ?? value }))} onChange=${found.read} />`}
+    <p class="upload__sum"><b>${plan.titles[plan.layout] ?? plan.layout}</b> · ${summary(plan)}</p>
     ${count > 0 && html`<${PlanTable} plan=${plan} />`}
     <label class="field">
       <span>Dataset</span>

@@ -24,6 +24,7 @@ import { contentOf } from "./sender.js";
  * @typedef {object} Plan
  * @property {FolderHead["layout"]} layout
  * @property {readonly FolderHead["layout"][]} layouts  that these files may have, the likeliest first
+ * @property {FolderHead["titles"]} titles  their names for people
  * @property {ReadFrame[]} frames
  * @property {{key: string, why: string}[]} problems  frames that cannot be read
  * @property {UnmatchedFile[]} unmatched  files that belong to no frame
@@ -91,7 +92,8 @@ export async function planOf(lines, entries, tell) {
     } else head = line;
   }
   if (!head || !isWhole) throw new Error("The server's answer was cut off. Try again.");
-  return { layout: head.layout, layouts: head.layouts, classes: head.classes, ...found };
+  const { layout, layouts, titles, classes } = head;
+  return { layout, layouts, titles, classes, ...found };
 }
 
 /** @param {Pick<Plan, "frames" | "problems">} plan @param {FolderFrame} line @param {ReadonlyMap<string, Entry>} byPath */

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from filter_core.formats.registry import LAYOUTS, read_source
+from filter_core.formats.registry import FORMATS, LAYOUTS, read_source
 from tests.support.api import BASE
 from tests.support.archives import END, header_of, lines_of
 from tests.support.waiting import until
@@ -102,6 +102,7 @@ def test_every_layout_is_read_as_the_library_reads_it(admin, tmp_path, layout):
     assert head == {
         "layout": layout,
         "layouts": [layout],
+        "titles": {layout: FORMATS[layout].title},
         "classes": None if here.classes is None else list(here.classes),
         "count": here.count,
     }
@@ -252,6 +253,7 @@ def test_several_layouts_are_told_and_one_can_be_chosen(admin):
 
     assert (first["layout"], first["layouts"]) == ("voc", ["voc", "yolo"])
     assert (second["layout"], second["layouts"]) == ("yolo", ["voc", "yolo"])
+    assert second["titles"] == {"voc": "Pascal VOC", "yolo": "YOLO (Ultralytics)"}
     assert frames["a"]["annotation"] == {"boxes": [BOX]}
 
 

@@ -73,7 +73,7 @@ def test_folder_is_matched_shown_sent_and_opened(town, ada, api):
     dialog = page.get_by_role("dialog", name="Upload")
     expect(page.get_by_label("Dataset", exact=True)).to_have_value(town.name)
     expect(dialog.locator(".upload__sum")).to_have_text(
-        re.compile(r"YOLO folder · 3 frames · 3 boxes · [\d.]+ kB")
+        re.compile(r"YOLO \(Ultralytics\) · 3 frames · 3 boxes · [\d.]+ kB")
     )
     expect(dialog.get_by_label("Cannot be read")).to_have_text(
         "broken labels/broken.txt, line 1: expected a class from 0 to 1, found '9'"
@@ -178,17 +178,17 @@ KITTI = {
 @pytest.mark.parametrize(
     ("title", "files"),
     [
-        ("KITTI folder", KITTI),
+        ("KITTI", KITTI),
         (
-            "COCO folder",
+            "COCO",
             {"coco.json": json.dumps(COCO).encode(), "images/7.png": scenes.picture()},
         ),
         (
-            "carlasimu folder",
+            "carlasimu",
             {"images/7.png": scenes.picture(), "labels/label50/7.txt": b"160 250 9 9"},
         ),
         (
-            "Manifest",
+            "Unghost's own manifest",
             {"town.jsonl": b'{"key": "7", "image": "rgb\\\\7.png", "boxes": []}',
              "rgb/7.png": scenes.picture()},
         ),
@@ -216,11 +216,11 @@ def test_files_of_two_layouts_are_read_as_the_one_that_is_chosen(scene, ada):
     files = {"v.xml": VOC.encode(), "v.png": scenes.picture(), "classes.txt": b"car"}
 
     page.evaluate(DROP, encoded({**files, "w.txt": CAR_LINE.encode()}))
-    expect(page.locator(".upload__sum")).to_contain_text("Pascal VOC folder · 1 frame")
+    expect(page.locator(".upload__sum")).to_contain_text("Pascal VOC · 1 frame")
     page.get_by_role("combobox", name="Dataset").fill("typed")
-    page.get_by_role("button", name="YOLO folder").click()
+    page.get_by_role("button", name="YOLO (Ultralytics)").click()
 
-    expect(page.locator(".upload__sum")).to_contain_text("YOLO folder · 1 frame")
+    expect(page.locator(".upload__sum")).to_contain_text("YOLO (Ultralytics) · 1 frame")
     expect(page.locator(".upload__table")).to_contain_text("w")
     expect(page.get_by_role("combobox", name="Dataset")).to_have_value("typed")
 

@@ -50,7 +50,7 @@ test("a label that is gone is named", async () => {
   await assert.rejects(archiveOf([entry], never, silent), /labels\/1.txt can no longer be read/);
 });
 
-const HEAD = { layout: "voc", layouts: ["voc", "yolo"], classes: null, count: 2 };
+const HEAD = { layout: "voc", layouts: ["voc", "yolo"], titles: { voc: "Pascal VOC", yolo: "YOLO" }, classes: null, count: 2 };
 const END = { end: true, frames: 2, faulty: 1, unmatched: 1 };
 
 /** @param {unknown[]} lines */
@@ -65,7 +65,7 @@ test("lines become frames with their files, problems and what belongs to none", 
 
   const plan = await planOf(answering([HEAD, frame, faulty, lost, stray, END]), entries, silent);
 
-  assert.deepEqual([plan.layout, plan.layouts], ["voc", ["voc", "yolo"]]);
+  assert.deepEqual([plan.layout, plan.layouts, plan.titles], ["voc", ["voc", "yolo"], HEAD.titles]);
   assert.deepEqual(plan.frames, [{ key: "ä", annotation: { boxes: [] }, files: { image: entries[0] } }]);
   assert.deepEqual(plan.problems, [{ key: "b", why: "b.xml, line 1: not XML" }, { key: "c", why: "t/c.png is not among these files" }]);
   assert.deepEqual(plan.unmatched, [stray]);
