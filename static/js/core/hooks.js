@@ -77,23 +77,29 @@ export function useActions(app, actions) {
 }
 
 /**
- * The text of a field while it is being typed: other redraws do not reset it, and `onChange` is called after a pause.
+ * The text of a field while it is being typed: other redraws do not reset it. `onChange` is called after a pause, or
+ * at once when the field is left or removed.
  * @param {string} value @param {(value: string) => void} onChange @param {number} pauseMs
  */
 export function useTyped(value, onChange, pauseMs) {
   const [typed, setTyped] = useState(/** @type {string | null} */ (null));
+  const submit = useRef(() => {});
+  submit.current = () => {
+    if (typed === null) return;
+    setTyped(null);
+    onChange(typed.trim());
+  };
   useEffect(() => {
     if (typed === null) return;
-    const timer = setTimeout(() => {
-      onChange(typed.trim());
-      setTyped(null);
-    }, pauseMs);
+    const timer = setTimeout(() => submit.current(), pauseMs);
     return () => clearTimeout(timer);
-  }, [typed, onChange]);
+  }, [typed]);
+  useEffect(() => () => submit.current(), []);
   return {
     shown: typed ?? value,
     /** @param {{currentTarget: HTMLInputElement}} event */
     onInput: ({ currentTarget }) => setTyped(currentTarget.value),
+    onBlur: () => submit.current(),
   };
 }
 

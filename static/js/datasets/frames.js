@@ -129,8 +129,8 @@ export function FrameFilters({ classes, query, onChange }) {
 
 /** @param {{value: string, onChange: (value: string) => void}} props */
 function KeyPrefix({ value, onChange }) {
-  const { shown, onInput } = useTyped(value, onChange, TYPING_PAUSE_MS);
+  const { shown, onInput, onBlur } = useTyped(value, onChange, TYPING_PAUSE_MS);
   return html`<label class="search"><span class="sr-only">Key starts with</span>
-    <input type="search" value=${shown} placeholder="Key starts with…" spellcheck=${false} onInput=${onInput} />
+    <input type="search" value=${shown} placeholder="Key starts with…" spellcheck=${false} onInput=${onInput} onBlur=${onBlur} />
   </label>`;
 }

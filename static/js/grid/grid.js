@@ -282,8 +282,8 @@ function Range({ text, unit, keys, most, query, onChange }) {
 
 /** @param {{label: string, hint: string, most?: number, value: string, onChange: (value: string) => void}} props */
 function RangeEnd({ label, hint, most, value, onChange }) {
-  const { shown, onInput } = useTyped(value, onChange, TYPING_PAUSE_MS);
-  return html`<input type="number" min="0" max=${most} step="any" inputmode="decimal" aria-label=${label} placeholder=${hint} value=${shown} onInput=${onInput} />`;
+  const { shown, onInput, onBlur } = useTyped(value, onChange, TYPING_PAUSE_MS);
+  return html`<input type="number" min="0" max=${most} step="any" inputmode="decimal" aria-label=${label} placeholder=${hint} value=${shown} onInput=${onInput} onBlur=${onBlur} />`;
 }
 
 /** @param {{app: App, pager: Pager, query: Query, inAll: number | null, version: number, selected: number, onUpdate: () => void, onAll: () => void}} props */

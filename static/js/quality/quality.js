@@ -58,7 +58,7 @@ function QualityOf({ app, route }) {
                     <${ConfusionPanel} dataset=${name} truth=${truth} confusion=${quality.confusion} />
                     <${PerGroup} dataset=${name} quality=${quality} />
                     <${Suggestions} app=${app} dataset=${name} truth=${truth} suggested=${quality.suggested} active=${loaded.value.active} target=${loaded.value.target}
-                      onTarget=${(/** @type {string} */ wanted) => change({ target: wanted === "f1" ? "" : wanted })} />
+                      onTarget=${(/** @type {string} */ wanted) => change({ target: wanted === "f1" ? "" : wanted })} onOutdated=${loaded.reload} />
                     <${Reviewers} agreement=${quality.agreement} reviewers=${quality.reviewers} />`}
               <${Channels} app=${app} dataset=${name} active=${String(loaded.value.active.config.evidence ?? "")} truth=${route.query.truth === "people" ? "people" : "instances"}
                 onTruth=${(/** @type {string} */ wanted) => change({ truth: wanted === "people" ? wanted : "" })} onMeasured=${loaded.reload} />

@@ -10,6 +10,7 @@ import { percentText } from "../core/numbers.js";
 import { Segments } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { classPath, queryOf, withEdits } from "../tuning/config.js";
+import { requireActive } from "../tuning/versions.js";
 import { FEW_ANSWERS, WORDS, shareText, worthTrying } from "./measures.js";
 
 /** @typedef {import("../core/app.js").App} App */
@@ -27,9 +28,10 @@ const TARGETS = [
 ];
 
 /**
- * @param {{app: App, dataset: string, truth: import("../core/openapi.js").Quality["truth"], suggested: readonly Suggestion[], active: ConfigVersion, target: string, onTarget: (target: string) => void}} props
+ * @param {{app: App, dataset: string, truth: import("../core/openapi.js").Quality["truth"], suggested: readonly Suggestion[], active: ConfigVersion, target: string,
+ *   onTarget: (target: string) => void, onOutdated: () => void}} props  `onOutdated`: another version has become active
  */
-export function Suggestions({ app, dataset, truth, suggested, active, target, onTarget }) {
+export function Suggestions({ app, dataset, truth, suggested, active, target, onTarget, onOutdated }) {
   const words = WORDS[truth];
   const better = worthTrying(suggested, target);
   return html`<section class="panelbox quality__wide" aria-labelledby="suggested-title">
@@ -38,11 +40,11 @@ export function Suggestions({ app, dataset, truth, suggested, active, target, on
       <span class="panelbox__tools"><${Segments} label="What to suggest for" value=${target} choices=${TARGETS} onChange=${onTarget} />
       ${better.length > 0 &&
       html`<a class="button" href=${linkTo("thresholds", { dataset }, queryOf(editsFor(better)))}>Try all ${better.length}</a>
-        <${SaveButton} app=${app} dataset=${dataset} active=${active} suggested=${better} text="Save all as a version" isLarge />`}</span>
+        <${SaveButton} app=${app} dataset=${dataset} active=${active} suggested=${better} text="Save all as a version" isLarge onOutdated=${onOutdated} />`}</span>
     </header>
     ${suggested.length === 0 && html`<p class="panelbox__empty">${words.both}</p>`}
     ${suggested.length > 0 && html`<${CurveLegend} />`}
-    <ul class="suggestions">${suggested.map((one) => html`<li key=${one.class}><${Card} app=${app} dataset=${dataset} active=${active} suggestion=${one} known=${words.some(one.answers)} isBetter=${better.includes(one)} /></li>`)}</ul>
+    <ul class="suggestions">${suggested.map((one) => html`<li key=${one.class}><${Card} app=${app} dataset=${dataset} active=${active} onOutdated=${onOutdated} suggestion=${one} known=${words.some(one.answers)} isBetter=${better.includes(one)} /></li>`)}</ul>
   </section>`;
 }
 
@@ -51,8 +53,8 @@ const CurveLegend = () => html`<p class="chartlegend">
   <span><i class="line line--current"></i>active</span><span><i class="line line--suggested"></i>suggested, with its 95 % interval</span>
 </p>`;
 
-/** @param {{app: App, dataset: string, active: ConfigVersion, suggestion: Suggestion, known: string, isBetter: boolean}} props */
-function Card({ app, dataset, active, suggestion, known, isBetter }) {
+/** @param {{app: App, dataset: string, active: ConfigVersion, onOutdated: () => void, suggestion: Suggestion, known: string, isBetter: boolean}} props */
+function Card({ app, dataset, active, onOutdated, suggestion, known, isBetter }) {
   const { class: name, current, suggested, interval, answers, f1_current: before, f1_suggested: after } = suggestion;
   return html`<article class="suggestion" aria-label=${name}>
     <header class="suggestion__head"><h3>${name}</h3><span class="faint">${known}${answers < FEW_ANSWERS ? html` <span class="warn">few</span>` : ""}</span></header>
@@ -62,13 +64,14 @@ function Card({ app, dataset, active, suggestion, known, isBetter }) {
     <${Curve} app=${app} suggestion=${suggestion} />
     ${isBetter &&
     html`<p class="suggestion__actions"><a class="button button--small" href=${linkTo("thresholds", { dataset }, { ...queryOf(editsFor([suggestion])), class: name })}>Try it<span class="sr-only">: ${percentText(suggested)} for ${name}</span></a>
-      <${SaveButton} app=${app} dataset=${dataset} active=${active} suggested=${[suggestion]} text="Save as a version" /></p>`}
+      <${SaveButton} app=${app} dataset=${dataset} active=${active} suggested=${[suggestion]} text="Save as a version" onOutdated=${onOutdated} /></p>`}
   </article>`;
 }
 
-/** @param {{app: App, dataset: string, active: ConfigVersion, suggested: readonly Suggestion[], text: string, isLarge?: boolean}} props */
-function SaveButton({ app, dataset, active, suggested, text, isLarge = false }) {
+/** @param {{app: App, dataset: string, active: ConfigVersion, suggested: readonly Suggestion[], text: string, isLarge?: boolean, onOutdated: () => void}} props */
+function SaveButton({ app, dataset, active, suggested, text, isLarge = false, onOutdated }) {
   const { run: save, isBusy } = useTask(async () => {
+    await requireActive(dataset, active.digest, onOutdated);
     const { digest } = await post("/api/v1/datasets/{dataset}/configs", { path: { dataset }, body: withEdits(active.config, editsFor(suggested)) });
     const query = queryOf(editsFor(suggested));
     app.toasts.show(`Saved as version ${digest.slice(0, 8)}; it has no effect until it is applied.`, { action: { text: "Look at it", href: linkTo("thresholds", { dataset }, query) } });

@@ -22,6 +22,17 @@ const SHOWN = 50;
 const activate = (dataset, digest) => put("/api/v1/datasets/{dataset}/config", { path: { dataset }, body: { digest } });
 
 /**
+ * Fail if another version has become active: one that is made from the former would lack what the other person changed.
+ * @param {string} dataset @param {string} digest @param {() => void} onOutdated @param {string} [more]  the end of the message
+ */
+export async function requireActive(dataset, digest, onOutdated, more = "The page shows now what it says.") {
+  const active = await get("/api/v1/datasets/{dataset}/config", { path: { dataset } });
+  if (active.digest === digest) return;
+  onOutdated();
+  throw new Error(`Nothing was saved: somebody has applied another version since. ${more}`);
+}
+
+/**
  * @param {{app: import("../core/app.js").App, dataset: string, tuning: Tuning, saved: number, isRunning: boolean,
  *   onRun: (run: import("../core/openapi.js").Run) => void}} props
  */
@@ -105,11 +116,7 @@ export function SaveDialog({ dataset, tuning, onClose, onSaved, onRun, onOutdate
   const digest = tuning.counted === tuning.tried ? (tuning.preview?.config ?? "") : "";
 
   const { run: save, isBusy, error } = useTask(async (/** @type {boolean} */ isApplied) => {
-    const { digest: active } = await get("/api/v1/datasets/{dataset}/config", { path: { dataset } });
-    if (active !== tuning.active.digest) {
-      onOutdated();
-      throw new Error("Nothing was saved: somebody has applied another version since. What follows is how yours differs from it now.");
-    }
+    await requireActive(dataset, tuning.active.digest, onOutdated, "What follows is how yours differs from it now.");
     const version = await post("/api/v1/datasets/{dataset}/configs", { path: { dataset }, body: tuning.tried });
     onSaved(version.digest);
     if (isApplied) onRun(await activate(dataset, version.digest));

@@ -186,6 +186,19 @@ def test_filters_and_order_are_written_into_the_address(many, ada):
     assert "sort=-match_percent" in page.url
 
 
+def test_a_number_typed_in_a_menu_counts_although_the_menu_closes_at_once(many, ada):
+    page = opened(ada, many)
+    page.get_by_role("button", name="More").click()
+    page.get_by_label("Match, at least").fill("1")
+    page.get_by_label("Distance, at most").fill("40")
+
+    page.keyboard.press("Escape")
+
+    expect(page.get_by_label("Distance, at most")).to_have_count(0)
+    expect(page).to_have_url(re.compile(r"distance_max=40"))
+    assert "match_min=1" in page.url
+
+
 def test_blind_re_check_hides_verdicts_of_boxes_without_an_answer(many, ada):
     crowds.review(many, many.box_id("b1"), "keep")
     page = opened(ada, many)

@@ -127,6 +127,25 @@ def test_a_suggestion_becomes_a_version_by_one_click(ada, answered):
     assert applied_config(answered)["classes"] == {}
 
 
+def test_no_version_is_made_of_one_that_is_no_longer_active(ada, answered):
+    page = quality_page(ada, answered)
+    button = page.get_by_role("button", name="Save as a version", exact=True)
+    expect(button).to_be_visible()
+    answered.decide(classes={"walker": {"threshold_small_box": 77}})
+    path = f"/datasets/{answered.dataset}/configs"
+    before = answered.api.get(path).json()["items"]
+
+    button.click()
+
+    expect(page.get_by_role("alert")).to_contain_text("somebody has applied another")
+    assert answered.api.get(path).json()["items"] == before
+    button.click()
+    expect(page.get_by_text("Saved as version")).to_be_visible()
+    newest = answered.api.get(path).json()["items"][0]["config"]["classes"]
+    assert newest["walker"] == {"threshold_small_box": 77}
+    assert "car" in newest
+
+
 def test_curves_are_tables_for_whoever_cannot_see_them(ada, answered):
     page = quality_page(ada, answered)
     expect(page.locator(".curve__drawing canvas")).to_be_visible()
