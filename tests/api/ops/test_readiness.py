@@ -188,6 +188,7 @@ def test_a_failed_check_of_readiness_is_in_the_log(server):
         until_not_ready(server.url)
 
     assert "not ready: blobs: Read-only file system" in server.log.read_text("utf-8")
+    until_ready(server.url)
 
 
 @pytest.mark.sqlite_files(
