@@ -108,8 +108,8 @@ class ClassLimits(ClassKeys[Number, int, Number | None]):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Thresholds(ClassKeys[FloatArray, IntArray, FloatArray]):
-    """`ClassLimits` of K classes: every key is a (K,) array.
+class LimitsByClass(ClassKeys[FloatArray, IntArray, FloatArray]):
+    """The values of `ClassLimits` for each of K classes: every key is a (K,) array.
 
     Percent and metres are float64, pixels int64; no limit on the distance is ``-inf``
     or ``inf``. A box whose match is exactly the threshold passes under profile
@@ -126,7 +126,7 @@ class Thresholds(ClassKeys[FloatArray, IntArray, FloatArray]):
 
     @cached_property
     def threshold_kept_large_box(self) -> FloatArray:
-        """(K,) float64, percent: the match that keeps a large box; not a key.
+        """(K,) float64, percent: what the match of a large box must reach. Not a key.
 
         It is `threshold_big_box`, or under profile ``carlasimu`` the higher of both
         thresholds, since a large box must pass both.
@@ -243,7 +243,7 @@ class DecideConfig(DecidingKeys, ClassLimits):
         """The values for one class: its overrides, and the global values."""
         return _limits_of(self, class_name)
 
-    def thresholds_for(self, class_names: Iterable[str]) -> Thresholds:
+    def thresholds_for(self, class_names: Iterable[str]) -> LimitsByClass:
         """The values for each of K classes, in the order given."""
         return _thresholds_for(self, tuple(class_names))
 
@@ -376,13 +376,13 @@ def _limits_of(config: DecideConfig, class_name: str) -> ClassLimits:
 
 # Cached: called for every frame, mostly with the classes of the frame before.
 @lru_cache(maxsize=256)
-def _thresholds_for(config: DecideConfig, names: tuple[str, ...]) -> Thresholds:
+def _thresholds_for(config: DecideConfig, names: tuple[str, ...]) -> LimitsByClass:
     limits = [config.limits_of(name) for name in names]
     arrays = {
         name: allowed.array([getattr(one, name) for one in limits])
         for name, allowed in _NUMBER_RANGES.items()
     }
-    make: Callable[..., Thresholds] = Thresholds
+    make: Callable[..., LimitsByClass] = LimitsByClass
     return make(**arrays, profile=config.profile)
 
 
