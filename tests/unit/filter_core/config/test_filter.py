@@ -59,6 +59,15 @@ def test_what_classes_can_override_is_numbers():
     } == set()
 
 
+def test_the_annotation_of_a_key_is_the_kind_of_number_that_it_allows():
+    for name, annotation in ClassKeys.__annotations__.items():
+        allowed = keys_of(ClassKeys)[name].allowed
+        assert isinstance(allowed, NumberRange)
+        fraction = "NumberT" if allowed.null is None else "NumberOrNullT"
+
+        assert annotation == ("WholeNumberT" if allowed.whole else fraction), name
+
+
 def test_the_digest_never_changes_for_the_same_configuration():
     """Stored with every run: another value would orphan every stored decision."""
     digest = "02b9fd0b"
