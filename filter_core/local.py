@@ -32,7 +32,6 @@ import numpy as np
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.classes import CLASSES
 from filter_core.config.filter import FilterConfig
-from filter_core.config.keys import EvidenceName, files_for
 from filter_core.decisions.record import Decision, decided_boxes, decision_columns
 from filter_core.decisions.rules import decide
 from filter_core.errors import FilterError, LayoutError, ProblemObject, problem_of
@@ -41,6 +40,7 @@ from filter_core.evaluation.comparison import (
     Evaluation,
     truth_from_instances,
 )
+from filter_core.evidence_kinds import EvidenceName, files_for
 from filter_core.formats.export import ExportFrame, GivenAnnotation
 from filter_core.formats.format import Need
 from filter_core.formats.reading import FrameSource

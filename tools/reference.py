@@ -21,7 +21,8 @@ from app.main import create_app
 from app.package import static_dir
 from app.settings import Settings
 from filter_core.config.filter import ClassConfig, FilterConfig
-from filter_core.config.keys import EVIDENCE, keys_of
+from filter_core.config.keys import keys_of
+from filter_core.evidence_kinds import EVIDENCE
 from filter_core.formats.registry import FORMATS
 from filter_core.types import ChannelNumbers, Evidence, number_columns
 from unghost.cli.program import LazyCommand
@@ -97,8 +98,8 @@ def channel_table() -> Iterator[str]:
     """Every word of the key `evidence`."""
     yield "| `evidence` | needs | keeps a box if |"
     yield "|---|---|---|"
-    for one in EVIDENCE:
-        yield f"| `{one.name}` | {one.needs} | {one.keeps} |"
+    for name, kind in EVIDENCE.items():
+        yield f"| `{name}` | {kind.needs} | {kind.keeps} |"
 
 
 def route_table() -> Iterator[str]:

@@ -71,8 +71,8 @@ _NAMES = {spec.name for spec in fields(Selection)}
 class ClassThresholds:
     """The thresholds of a class in the active configuration, in percent.
 
-    They are those of `filter_core`'s `Thresholds`, together with the id of the class,
-    for use in SQL conditions.
+    They are those of `filter_core`'s `LimitsByClass`, together with the id of the
+    class, for use in SQL conditions.
 
     A large box has to reach `large` and, under the profile `carlasimu`, `small` as
     well: `kept_large` is the higher one of those that apply.

@@ -19,9 +19,9 @@ import numpy as np
 from app.engine.children import PixelPool
 from app.metrics import DECODE_SECONDS, MEASURE_SECONDS
 from filter_core.annotation.frame import FrameAnnotation
-from filter_core.config.keys import CHANNELS, files_for
 from filter_core.config.measure import MeasureConfig
 from filter_core.errors import AnnotationErrors, FilterError, problem_of
+from filter_core.evidence_kinds import CHANNELS, files_for
 from filter_core.images.header import MAX_SIDE
 from filter_core.images.ignore_mask import read_ignore_mask
 from filter_core.images.png import SIGNATURE, read_png

@@ -21,7 +21,6 @@ from app.quality.queries import AnsweredBox, AnswerRepository
 from app.runs.service import RunRequest, coming_settings, request_run
 from app.verdicts import verdict_of
 from filter_core.config.filter import FilterConfig
-from filter_core.config.keys import CHANNELS, SEMANTIC
 from filter_core.evaluation import comparison
 from filter_core.evaluation.agreement import agreement
 from filter_core.evaluation.comparison import truth_from_instances
@@ -32,6 +31,7 @@ from filter_core.evaluation.thresholds import (
     is_by_threshold,
     suggest_per_class,
 )
+from filter_core.evidence_kinds import CHANNELS, SEMANTIC
 from filter_core.types import VERDICT_OF_REASON, BoolArray, IntArray, Verdict
 from unghost.wire.quality import (
     Agreement,

@@ -14,7 +14,6 @@ from typing import Final, Protocol
 import yaml
 
 from filter_core.config.filter import FilterConfig
-from filter_core.config.keys import keys_of
 from filter_core.errors import ConfigError, JsonError
 from filter_core.json_text import JsonLimits, read_json
 
@@ -38,12 +37,14 @@ _MAX_UNUSED: Final = 100
 _SHOWN_KEY: Final = 80
 
 CARLASIMU_ROOT: Final = "sitting"
-"""The one key at the top of carlasimu's file."""
+"""The one key at the top of carlasimu's file; its authors named it so."""
 
 _BY_PATH: Final = {
-    key.carlasimu: name
-    for name, key in keys_of(FilterConfig).items()
-    if key.carlasimu is not None
+    f"{CARLASIMU_ROOT}.threshold_small_box": "threshold_small_box",
+    f"{CARLASIMU_ROOT}.size_big_box": "size_big_box",
+    f"{CARLASIMU_ROOT}.threshold_big_box": "threshold_big_box",
+    f"{CARLASIMU_ROOT}.cam_rgb.min_distance": "min_distance",
+    f"{CARLASIMU_ROOT}.cam_rgb.max_distance": "max_distance",
 }
 """Our keys, by their paths in carlasimu's file."""
 

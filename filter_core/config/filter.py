@@ -2,10 +2,8 @@
 
 `FilterConfig` extends `DecideConfig`, which has the keys that verdicts depend on once
 everything is measured; `FilterConfig.measuring` returns the `MeasureConfig`, on which
-measured numbers depend. Configurations are frozen and identified by their digest.
-
-Each key is declared once, as a field of one of the classes here; checks, JSON schema
-(`schema_of`), documentation and configuration files follow from the declaration.
+measured numbers depend. Configurations are frozen and identified by their digest. Their
+keys are declared in `keys.py`.
 """
 
 from __future__ import annotations
@@ -13,194 +11,58 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
-from enum import Enum
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import Final, Generic, NamedTuple, TypedDict, TypeVar, get_args
+from typing import Final, NamedTuple, TypedDict, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from filter_core.classes import MAX_ACCEPT, canonical_accept, canonical_class
-from filter_core.config.keys import (
-    AUTO,
-    CHANNELS,
-    METRES,
-    PERCENT,
-    SEMANTIC,
-    STRONGEST_FIRST,
-    AllowedWords,
-    ChannelName,
-    EvidenceChoice,
-    Key,
+from filter_core.classes import canonical_class
+from filter_core.config.declaration import (
+    INHERIT,
+    Inherit,
     Number,
     NumberRange,
-    counted,
-    declared,
-    keys_of,
-    limit,
     refuse_unknown_keys,
+)
+from filter_core.config.keys import (
+    ClassKeys,
+    DecidingKeys,
+    OnlyClassKeys,
+    ReadingKeys,
+    keys_of,
 )
 from filter_core.config.measure import MeasureConfig
 from filter_core.errors import ConfigError
-from filter_core.segmentation.palettes import LAST_TAG
-from filter_core.segmentation.reading import (
-    PALETTES,
-    Encoding,
-    Lossy,
-    OrderOfChannels,
-    SegmentationOptions,
+from filter_core.evidence_kinds import (
+    AUTO,
+    CHANNELS,
+    SEMANTIC,
+    STRONGEST_FIRST,
+    ChannelName,
 )
-from filter_core.types import FloatArray, IntArray, Profile, ProjectionMode
+from filter_core.segmentation.reading import SegmentationOptions
+from filter_core.types import FloatArray, IntArray, Profile
 from filter_core.values import JsonObject, place_of, pointer_token, shown
 
 
-class Inherit(Enum):
-    """The value of a key that a class does not override; None would mean no limit."""
-
-    GLOBAL = "global"
-
-
-INHERIT: Final = Inherit.GLOBAL
-
-
-ShareT = TypeVar("ShareT")
-
-CountT = TypeVar("CountT")
-
-DistanceT = TypeVar("DistanceT")
-
-
-@dataclass(frozen=True, kw_only=True, init=False, eq=False, repr=False)
-class ClassKeys(Generic[ShareT, CountT, DistanceT]):
-    """The keys that single object classes can override.
-
-    Four subclasses have these keys, with values of different types: `DecideConfig` has
-    the global values; `ClassConfig` those that one class overrides, or `INHERIT`;
-    `ClassLimits` the values that apply to one class, taken from these two; `Thresholds`
-    the values that apply to each of several classes, as arrays.
-    """
-
-    threshold_small_box: ShareT = declared(
-        Key(
-            PERCENT,
-            10,
-            "Share of a box's pixels that must carry a tag of its class.",
-            evidence=(SEMANTIC,),
-            carlasimu="sitting.threshold_small_box",
-        )
-    )
-    size_big_box: ShareT = declared(
-        Key(
-            PERCENT,
-            70,
-            "A box is large if it covers more than this share of the image; in profile "
-            "carlasimu, this share or more.",
-            evidence=(SEMANTIC,),
-            carlasimu="sitting.size_big_box",
-        )
-    )
-    threshold_big_box: ShareT = declared(
-        Key(
-            PERCENT,
-            50,
-            "Share of a large box's pixels that must carry a tag of its class.",
-            evidence=(SEMANTIC,),
-            carlasimu="sitting.threshold_big_box",
-        )
-    )
-    min_visible_pixels: CountT = declared(
-        Key(
-            counted("pixels"),
-            1,
-            "Fewest pixels that must be seen of a box: with a tag of its class, or of "
-            "its instance.",
-            evidence=(SEMANTIC, "ordered", "depth", "instance"),
-        )
-    )
-    min_distance: DistanceT = declared(
-        Key(
-            limit(-np.inf),
-            None,
-            "Nearest distance at which boxes are kept; null: no limit.",
-            carlasimu="sitting.cam_rgb.min_distance",
-        )
-    )
-    max_distance: DistanceT = declared(
-        Key(
-            limit(np.inf),
-            None,
-            "Farthest distance at which boxes are kept; null: no limit.",
-            carlasimu="sitting.cam_rgb.max_distance",
-        )
-    )
-
-
-_NUMBER_RANGES: Final = {
-    name: key.allowed
-    for name, key in keys_of(ClassKeys).items()
-    if isinstance(key.allowed, NumberRange)
-}
-
-_Class = TypeVar("_Class", bound=type)
-
-
-def _inheriting(cls: _Class) -> _Class:
-    """Class decorator: make `INHERIT` the default of every key of `ClassKeys`.
-
-    To be written below ``@dataclass``, which then finds the defaults.
-    """
-    for spec in fields(ClassKeys):
-        cls.__annotations__[spec.name] = spec.type
-        setattr(cls, spec.name, field(default=INHERIT, metadata=spec.metadata))
-    return cls
-
-
-class _TagSet:
-    """The values that the key ``accept`` may have: lists of tags. See `Allowed`."""
-
-    def __str__(self) -> str:
-        return f"a list of 1 to {MAX_ACCEPT} tag names or numbers"
-
-    def checked(self, name: str, value: object, at: str = "") -> tuple[str | int, ...]:
-        return canonical_accept(value, at=f"{at}/{name}")
-
-    def schema(self) -> dict[str, object]:
-        number = {"type": "integer", "minimum": 0, "maximum": LAST_TAG}
-        return {
-            "type": "array",
-            "items": {"anyOf": [{"type": "string"}, number]},
-            "minItems": 1,
-            "maxItems": MAX_ACCEPT,
-        }
-
-
 @dataclass(frozen=True, kw_only=True)
-@_inheriting
 class ClassConfig(
+    OnlyClassKeys,
     ClassKeys[Number | Inherit, int | Inherit, Number | Inherit | None],
 ):
     """The values that a configuration overrides for one class, or `INHERIT`."""
 
-    accept: tuple[str | int, ...] | Inherit = declared(
-        Key(
-            _TagSet(),
-            INHERIT,
-            "Tags whose pixels count for the class, by name or number.",
-            needs_pixels=True,
-        )
-    )
-
     def __post_init__(self) -> None:
-        for name, key in _CLASS_KEYS.items():
+        for name, key in keys_of(ClassConfig).items():
             value = getattr(self, name)
             if value is not INHERIT:
                 object.__setattr__(self, name, key.allowed.checked(name, value))
 
     def as_dict(self) -> dict[str, object]:
         """The overridden keys alone, in canonical form."""
-        given = {name: getattr(self, name) for name in _CLASS_KEYS}
+        given = {name: getattr(self, name) for name in keys_of(ClassConfig)}
         return {
             name: list(value) if isinstance(value, tuple) else value
             for name, value in given.items()
@@ -221,30 +83,33 @@ class ClassConfig(
                 f"{place_of(at)}expected a mapping of keys, found {shown(raw)}",
                 pointer=at,
             )
-        refuse_unknown_keys(raw, _CLASS_KEYS, at=at)
+        keys = keys_of(ClassConfig)
+        refuse_unknown_keys(raw, keys, at=at)
         make: Callable[..., ClassConfig] = cls
         return make(
-            **{
-                name: _CLASS_KEYS[name].allowed.checked(name, raw[name], at)
-                for name in raw
-            }
+            **{name: keys[name].allowed.checked(name, raw[name], at) for name in raw}
         )
 
 
-_CLASS_KEYS: Final = keys_of(ClassConfig)
+_NO_OVERRIDES: Final = ClassConfig()
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClassLimits(ClassKeys[Number, int, Number | None]):
-    """The numbers that apply to one class: its own, else the global ones.
+    """The numbers that apply to one class: its own, else those of the configuration.
 
     Percent, pixels and metres; None is no limit on the distance.
     """
 
+    def __post_init__(self) -> None:
+        for name, key in keys_of(ClassKeys).items():
+            if getattr(self, name) is INHERIT:
+                object.__setattr__(self, name, key.default)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Thresholds(ClassKeys[FloatArray, IntArray, FloatArray]):
-    """`ClassLimits` of K classes: every attribute is a (K,) array.
+class LimitsByClass(ClassKeys[FloatArray, IntArray, FloatArray]):
+    """The values of `ClassLimits` for each of K classes: every key is a (K,) array.
 
     Percent and metres are float64, pixels int64; no limit on the distance is ``-inf``
     or ``inf``. A box whose match is exactly the threshold passes under profile
@@ -253,92 +118,59 @@ class Thresholds(ClassKeys[FloatArray, IntArray, FloatArray]):
 
     Attributes
     ----------
-    threshold_kept_large_box : (K,) float64, percent
-        What a large box must reach to be kept: `threshold_big_box`, or under profile
-        ``carlasimu`` the higher of both thresholds, since it must pass both.
+    profile : ``paper`` or ``carlasimu``
+        Of the configuration.
     """
 
-    threshold_kept_large_box: FloatArray
+    profile: Profile
+
+    @cached_property
+    def threshold_kept_large_box(self) -> FloatArray:
+        """(K,) float64, percent: what the match of a large box must reach. Not a key.
+
+        It is `threshold_big_box`, or under profile ``carlasimu`` the higher of both
+        thresholds, since a large box must pass both.
+        """
+        if self.profile != "carlasimu":
+            return self.threshold_big_box
+        higher = np.maximum(self.threshold_small_box, self.threshold_big_box)
+        higher.setflags(write=False)
+        return higher
+
+
+_IN_EVERY_DIGEST: Final = frozenset(
+    {
+        *("profile", "threshold_small_box", "size_big_box", "threshold_big_box"),
+        *("min_visible_pixels", "min_distance", "max_distance", "evidence"),
+        *("projection", "depth_tolerance", "ordered_min_pixels", "lidar_min_points"),
+        *("palette", "encoding", "channel_order", "lossy_segmentation", "classes"),
+    }
+)
+"""The keys of the first stored configurations; this set never changes."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class DecideConfig(ClassKeys[Number, int, Number | None]):
+class DecideConfig(DecidingKeys, ClassLimits):
     """The keys that verdicts depend on once everything is measured.
 
-    Some of them, such as `profile`, change what is measured as well: those have
-    `Key.needs_pixels`. Percent are 0..100, distances metres. Wrong values raise
-    `ConfigError` when the object is made, so every `DecideConfig` is valid.
+    Percent are 0..100, distances metres. Wrong values raise `ConfigError` when the
+    object is made, so every `DecideConfig` is valid.
     """
 
-    profile: Profile = declared(
-        Key(
-            AllowedWords(get_args(Profile)),
-            "paper",
-            "How boxes are counted and compared: as the paper says, or bit for bit as "
-            "its authors' published code does.",
-            needs_pixels=True,
-            shown_before="threshold_small_box",
-        )
-    )
-    evidence: EvidenceChoice = declared(
-        Key(
-            AllowedWords(get_args(EvidenceChoice)),
-            SEMANTIC,
-            "By what boxes are judged: the segmentation, or a channel besides it.",
-            needs_pixels=True,
-        )
-    )
-    depth_tolerance: Number = declared(
-        Key(
-            METRES,
-            0.15,
-            "How far in front of a box and behind it a depth may lie and still be its "
-            "own.",
-            evidence=("depth", "depth_center"),
-            needs_pixels=True,
-        )
-    )
-    ordered_min_pixels: int = declared(
-        Key(
-            counted("pixels"),
-            3,
-            "Fewest pixels with a tag of its class that nearer boxes must leave to a "
-            "box.",
-            evidence=("ordered",),
-        )
-    )
-    lidar_min_points: int = declared(
-        Key(
-            counted("points"),
-            5,
-            "Fewest LiDAR points with a tag of its class that must lie inside a box.",
-            evidence=("lidar",),
-        )
-    )
     classes: Mapping[str, ClassConfig] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, key in keys_of(type(self)).items():
+            given = getattr(self, name)
             # The canonical form of the value: 10.0 becomes 10.
-            value = key.allowed.checked(name, getattr(self, name))
+            value = (
+                key.default if given is INHERIT else key.allowed.checked(name, given)
+            )
             object.__setattr__(self, name, value)
         object.__setattr__(self, "classes", _canonical_classes(self.classes))
-        self._refuse_crossed_distances()
-
-    def _refuse_crossed_distances(self) -> None:
-        names = (None, *self.classes)
-        thresholds = self.thresholds_for([name or "" for name in names])
-        nearest, farthest = thresholds.min_distance, thresholds.max_distance
-        crossed = nearest > farthest
-        if crossed.any():
-            index = int(np.argmax(crossed))
-            at = f"/classes/{pointer_token(names[index])}" if names[index] else ""
-            raise ConfigError(
-                f"{'classes.' + str(names[index]) + ': ' if at else ''}min_distance: "
-                f"expected at most max_distance ({farthest[index]:.15g}), "
-                f"found {nearest[index]:.15g}",
-                pointer=f"{at}/min_distance",
-            )
+        _refuse_crossed_distances(self, "")
+        for name, own in self.classes.items():
+            _refuse_crossed_distances(_limits(self, own), name)
 
     @classmethod
     def keys(cls) -> tuple[str, ...]:
@@ -374,14 +206,15 @@ class DecideConfig(ClassKeys[Number, int, Number | None]):
     def digest(self) -> str:
         """SHA-256 of the canonical JSON, as 64 hexadecimal digits.
 
-        A key that was added later (`Key.later`) is left out while it has its default:
-        one more key does not change the digests of stored configurations.
+        A key that is not in `_IN_EVERY_DIGEST` is left out while it has its default, so
+        that the digests of configurations that were stored before it do not change.
+        Its default must therefore never change either.
         """
         keys = keys_of(type(self))
         hashed = {
             name: value
             for name, value in self.as_dict().items()
-            if name not in keys or not keys[name].is_left_out(value)
+            if name in _IN_EVERY_DIGEST or value != keys[name].default
         }
         canonical = json.dumps(
             hashed, sort_keys=True, separators=(",", ":"), ensure_ascii=False
@@ -410,7 +243,7 @@ class DecideConfig(ClassKeys[Number, int, Number | None]):
         """The values for one class: its overrides, and the global values."""
         return _limits_of(self, class_name)
 
-    def thresholds_for(self, class_names: Iterable[str]) -> Thresholds:
+    def thresholds_for(self, class_names: Iterable[str]) -> LimitsByClass:
         """The values for each of K classes, in the order given."""
         return _thresholds_for(self, tuple(class_names))
 
@@ -419,57 +252,12 @@ _Config = TypeVar("_Config", bound=DecideConfig)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FilterConfig(DecideConfig):
+class FilterConfig(ReadingKeys, DecideConfig):
     """Everything that a verdict depends on, except pixels and boxes.
 
     In addition to the keys of `DecideConfig`, it has those for reading images and
     projecting 3D boxes.
     """
-
-    projection: ProjectionMode = declared(
-        Key(
-            AllowedWords(get_args(ProjectionMode)),
-            "clipped",
-            "How 3D boxes become rectangles: cut exactly at the image, or as in the "
-            "paper.",
-            needs_pixels=True,
-            shown_before="depth_tolerance",
-        )
-    )
-    palette: str = declared(
-        Key(
-            AllowedWords(PALETTES),
-            "auto",
-            "Which of CARLA's tables of tags segmentations are made with.",
-            needs_pixels=True,
-        )
-    )
-    encoding: Encoding = declared(
-        Key(
-            AllowedWords(get_args(Encoding)),
-            "auto",
-            "What pixels of segmentations are: colours of a palette, or raw tag "
-            "numbers.",
-            needs_pixels=True,
-        )
-    )
-    channel_order: OrderOfChannels = declared(
-        Key(
-            AllowedWords(get_args(OrderOfChannels)),
-            "auto",
-            "Order of the colour channels of segmentations.",
-            needs_pixels=True,
-        )
-    )
-    lossy_segmentation: Lossy = declared(
-        Key(
-            AllowedWords(get_args(Lossy)),
-            "refuse",
-            "Whether segmentations as JPEG are refused, or read by the nearest "
-            "colours.",
-            needs_pixels=True,
-        )
-    )
 
     # `dataclass` would hash the fields, and `classes` cannot be hashed.
     __hash__ = DecideConfig.__hash__
@@ -522,56 +310,6 @@ class FilterConfig(DecideConfig):
         return self.measuring().accept_masks(class_names, family)
 
 
-class _ObjectSchema(TypedDict):
-    type: str
-    properties: dict[str, dict[str, object]]
-    additionalProperties: bool
-
-
-class ConfigSchema(_ObjectSchema):
-    """The JSON schema of a class of configurations."""
-
-    title: str
-    description: str
-
-
-def schema_of(config_class: type[DecideConfig]) -> ConfigSchema:
-    """The JSON schema of the mappings that `from_mapping` of a class accepts.
-
-    In addition to standard keywords, a key has ``x-unit``, ``x-evidence`` (the kinds of
-    evidence whose rules read it, if not all; ``auto`` if it tries one of them) and
-    ``x-needs-pixels`` (whether images may have to be read again after a change).
-    """
-    properties = {
-        name: {**key.schema(), "default": key.default}
-        for name, key in keys_of(config_class).items()
-    }
-    properties["classes"] = {
-        "description": "What single classes do differently, by their names.",
-        "type": ["object", "null"],
-        "propertyNames": {"minLength": 1, "maxLength": _MAX_CLASS_NAME},
-        "additionalProperties": _object_schema(
-            {name: key.schema() for name, key in _CLASS_KEYS.items()}
-        ),
-        "default": {},
-    }
-    return {
-        "title": config_class.__name__,
-        "description": "What verdicts depend on; every key is optional.",
-        **_object_schema(properties),
-    }
-
-
-def _object_schema(properties: dict[str, dict[str, object]]) -> _ObjectSchema:
-    return {
-        "type": "object",
-        "properties": properties,
-        "additionalProperties": False,
-    }
-
-
-_NO_OVERRIDES: Final = ClassConfig()
-
 _MAX_CLASS_NAME: Final = 200
 
 
@@ -603,35 +341,49 @@ def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
     )
 
 
-# Cached: called for every box, with few distinct results.
-@lru_cache(maxsize=1024)
-def _limits_of(config: DecideConfig, class_name: str) -> ClassLimits:
-    own = config.of_class(class_name)
+def _refuse_crossed_distances(limits: ClassLimits, class_name: str) -> None:
+    """Raise if the nearest distance is beyond the farthest; "" is no class."""
+    nearest, farthest = limits.min_distance, limits.max_distance
+    if nearest is not None and farthest is not None and nearest > farthest:
+        at = f"/classes/{pointer_token(class_name)}" if class_name else ""
+        raise ConfigError(
+            f"{f'classes.{class_name}: ' if class_name else ''}min_distance: expected "
+            f"at most max_distance ({farthest:.15g}), found {nearest:.15g}",
+            pointer=f"{at}/min_distance",
+        )
+
+
+_NUMBER_RANGES: Final = {
+    name: key.allowed
+    for name, key in keys_of(ClassKeys).items()
+    if isinstance(key.allowed, NumberRange)
+}
+
+
+def _limits(config: DecideConfig, own: ClassConfig) -> ClassLimits:
     applying = {
         name: getattr(config if getattr(own, name) is INHERIT else own, name)
-        for name in _NUMBER_RANGES
+        for name in keys_of(ClassKeys)
     }
     return ClassLimits(**applying)
 
 
+# Cached: called for every box, with few distinct results.
+@lru_cache(maxsize=1024)
+def _limits_of(config: DecideConfig, class_name: str) -> ClassLimits:
+    return _limits(config, config.of_class(class_name))
+
+
 # Cached: called for every frame, mostly with the classes of the frame before.
 @lru_cache(maxsize=256)
-def _thresholds_for(config: DecideConfig, names: tuple[str, ...]) -> Thresholds:
+def _thresholds_for(config: DecideConfig, names: tuple[str, ...]) -> LimitsByClass:
     limits = [config.limits_of(name) for name in names]
-    columns: dict[str, NDArray[np.float64 | np.int64]] = {}
-    for key, allowed in _NUMBER_RANGES.items():
-        values = [getattr(one, key) for one in limits]
-        columns[key] = np.array(
-            [allowed.null if value is None else value for value in values],
-            np.int64 if allowed.whole else np.float64,
-        )
-    small, large = columns["threshold_small_box"], columns["threshold_big_box"]
-    kept_large = np.maximum(small, large) if config.profile == "carlasimu" else large
-    columns["threshold_kept_large_box"] = kept_large
-    for column in columns.values():
-        column.setflags(write=False)
-    make: Callable[..., Thresholds] = Thresholds
-    return make(**columns)
+    arrays = {
+        name: allowed.array([getattr(one, name) for one in limits])
+        for name, allowed in _NUMBER_RANGES.items()
+    }
+    make: Callable[..., LimitsByClass] = LimitsByClass
+    return make(**arrays, profile=config.profile)
 
 
 def _names_of(name: str, classes: Mapping[str, object]) -> list[str]:
@@ -650,6 +402,54 @@ def _checked_class_name(name: object) -> str:
             pointer="/classes",
         )
     return name
+
+
+class _ObjectSchema(TypedDict):
+    type: str
+    properties: dict[str, dict[str, object]]
+    additionalProperties: bool
+
+
+class ConfigSchema(_ObjectSchema):
+    """The JSON schema of a class of configurations."""
+
+    title: str
+    description: str
+
+
+def schema_of(config_class: type[DecideConfig]) -> ConfigSchema:
+    """The JSON schema of the mappings that `from_mapping` of a class accepts.
+
+    In addition to standard keywords, a key has ``x-unit``, ``x-evidence`` (the kinds of
+    evidence whose rules read it, if not all; ``auto`` if it tries one of them) and
+    ``x-needs-pixels`` (whether images may have to be read again after a change).
+    """
+    properties = {
+        name: {**key.schema(), "default": key.default}
+        for name, key in keys_of(config_class).items()
+    }
+    properties["classes"] = {
+        "description": "What single classes do differently, by their names.",
+        "type": ["object", "null"],
+        "propertyNames": {"minLength": 1, "maxLength": _MAX_CLASS_NAME},
+        "additionalProperties": _object_schema(
+            {name: key.schema() for name, key in keys_of(ClassConfig).items()}
+        ),
+        "default": {},
+    }
+    return {
+        "title": config_class.__name__,
+        "description": "What verdicts depend on; every key is optional.",
+        **_object_schema(properties),
+    }
+
+
+def _object_schema(properties: dict[str, dict[str, object]]) -> _ObjectSchema:
+    return {
+        "type": "object",
+        "properties": properties,
+        "additionalProperties": False,
+    }
 
 
 class ConfigChange(NamedTuple):

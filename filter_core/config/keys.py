@@ -1,373 +1,225 @@
-"""Declares keys of a configuration, and the kinds of evidence that it can select.
+"""The keys of a configuration, each declared once: what it allows, and what it means.
 
-A key is a field of a dataclass whose metadata hold a `Key`: its allowed values, default
-and description. `declared` makes such a field; `PERCENT`, `METRES`, `counted`, `limit`
-and `AllowedWords` are allowed values. `keys_of` lists the keys of a class, for the
-checks, the JSON schema, the documentation and the reader of carlasimu's files.
+To add a key, add a field to the class that fits:
+
+`ClassKeys`
+    A number that single classes can override. Most thresholds are one.
+`OnlyClassKeys`
+    What only a class has: its accepted tags.
+`DecidingKeys`
+    Anything else that verdicts depend on once everything is measured.
+`ReadingKeys`
+    How images are read and 3D boxes projected.
+
+Checks, JSON schema, the page's form, docs/configuration.md and configuration files
+follow from the field. A new key leaves the digests of stored configurations as they
+are (`DecideConfig.digest`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import Field, field, fields
-from typing import (
-    Any,
-    ClassVar,
-    Final,
-    Literal,
-    NamedTuple,
-    Protocol,
-    TypeAlias,
-    get_args,
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Final, Generic, TypeVar, get_args
+
+from filter_core.config.declaration import (
+    FARTHEST_METRES,
+    INHERIT,
+    METRES,
+    NEAREST_METRES,
+    PERCENT,
+    AllowedWords,
+    Dataclass,
+    Inherit,
+    Key,
+    Number,
+    TagList,
+    counted,
+    declared_keys,
+    key,
 )
+from filter_core.evidence_kinds import SEMANTIC, EvidenceChoice
+from filter_core.segmentation.reading import (
+    PALETTES,
+    Encoding,
+    Lossy,
+    OrderOfChannels,
+)
+from filter_core.types import Profile, ProjectionMode
 
-from filter_core.errors import ConfigError
-from filter_core.values import place_of, pointer_token, shown, similar
+NumberT = TypeVar("NumberT")
 
-Number: TypeAlias = float | int
+WholeNumberT = TypeVar("WholeNumberT")
 
-
-class Allowed(Protocol):
-    """The allowed values of a key. ``str()`` describes them for people."""
-
-    def checked(self, name: str, value: object, at: str = "") -> object:
-        """The value in its one canonical form.
-
-        Parameters
-        ----------
-        name : str
-            The key.
-        value : object
-            As a file or a request has it.
-        at : str
-            JSON pointer of the mapping that the key is in.
-
-        Raises
-        ------
-        ConfigError
-            The value is not allowed; the message names key, value and what is allowed.
-        """
-
-    def schema(self) -> dict[str, object]:
-        """The same as JSON schema."""
+NumberOrNullT = TypeVar("NumberOrNullT")
 
 
-class NumberRange(NamedTuple):
-    """Numbers from `low` to `high`, both included; perhaps null as well.
+@dataclass(frozen=True, kw_only=True)
+class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
+    """The keys that single classes can override; all of them are numbers.
 
-    Attributes
-    ----------
-    low, high : float or int
-    unit : str
-        In the plural, such as ``metres``.
-    whole : bool
-        Whether fractions are refused.
-    null : float or None
-        Null (no limit) is allowed if this is a number: the one that stands for it in
-        arrays, such as ``inf``. None: null is refused.
+    The annotation of a key says which numbers: `NumberT` for any, `WholeNumberT` for
+    `counted`, `NumberOrNullT` for `NEAREST_METRES` and `FARTHEST_METRES`. A key for the
+    smallest height of a box would be::
+
+        min_height: WholeNumberT = key(
+            counted("pixels"), 0, "Fewest rows of pixels that a box must have."
+        )
+
+    Three classes in `filter.py` have these keys. What stands for such a number there:
+
+    - `ClassLimits`, the values that apply to one class: the number;
+    - `ClassConfig`, the values that one class overrides: the number, or `INHERIT`;
+    - `LimitsByClass`, the values that apply to each of K classes: an array of K
+      numbers.
     """
 
-    low: Number
-    high: Number
-    unit: str
-    whole: bool = False
-    null: float | None = None
-
-    def __str__(self) -> str:
-        kind = "a whole number" if self.whole else "a number"
-        null = "" if self.null is None else " or null"
-        return f"{kind} from {self.low} to {self.high} {self.unit}{null}"
-
-    def checked(self, name: str, value: object, at: str = "") -> Number | None:
-        """See `Allowed.checked`.
-
-        Whole numbers become ``int`` and others ``float``, so that 10 and 10.0 are the
-        same configuration with the same digest.
-        """
-        if value is None and self.null is not None:
-            return None
-        # YAML's yes and no are booleans, which Python would take for 1 and 0.
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise _refused(name, value, str(self), at)
-        inside = self.low <= value <= self.high  # False for NaN
-        if not inside or (self.whole and value != int(value)):
-            raise _refused(name, value, str(self), at)
-        return int(value) if value == int(value) else value
-
-    def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
-        kind = "integer" if self.whole else "number"
-        return {
-            "type": kind if self.null is None else [kind, "null"],
-            "minimum": self.low,
-            "maximum": self.high,
-            "x-unit": self.unit,
-        }
-
-
-class AllowedWords(NamedTuple):
-    """One of a few words."""
-
-    words: tuple[str, ...]
-
-    def __str__(self) -> str:
-        return f"one of {', '.join(self.words)}"
-
-    def checked(self, name: str, value: object, at: str = "") -> str:
-        """See `Allowed.checked`; the message suggests the nearest word."""
-        if not isinstance(value, str) or value not in self.words:
-            close = similar(value, self.words)
-            hint = f"; did you mean {close!r}?" if close else ""
-            raise _refused(name, value, str(self), at, hint)
-        return value
-
-    def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
-        return {"type": "string", "enum": list(self.words)}
-
-
-class Key(NamedTuple):
-    """The declaration of one key of a configuration.
-
-    Attributes
-    ----------
-    allowed : Allowed
-    default : object
-    sentence : str
-        What it means, for people.
-    evidence : tuple of str
-        The kinds of evidence (`EVIDENCE`) whose rules use the key; empty: all.
-    needs_pixels : bool
-        Whether images may have to be read again after it has changed.
-    carlasimu : str or None
-        Where the authors' boundingBox.yaml has it, as ``sitting.cam_rgb.max_distance``.
-    shown_before : str or None
-        The key before which it is listed; None: in the order of declaration.
-    later : bool
-        The key was added after configurations without it had been stored. While it has
-        its default, the digest of a configuration leaves it out, so that the digests of
-        those do not change; therefore its default must never change either.
-    """
-
-    allowed: Allowed
-    default: object
-    sentence: str
-    evidence: tuple[str, ...] = ()
-    needs_pixels: bool = False
-    carlasimu: str | None = None
-    shown_before: str | None = None
-    later: bool = False
-
-    def is_left_out(self, value: object) -> bool:
-        """Whether a digest leaves the key out, as it does later ones by default."""
-        return self.later and value == self.default
-
-    def schema(self) -> dict[str, object]:
-        """Its JSON schema, without the default."""
-        schema = {**self.allowed.schema(), "description": self.sentence}
-        if self.evidence:
-            tried = any(name in STRONGEST_FIRST for name in self.evidence)
-            schema["x-evidence"] = [*self.evidence, *([AUTO] if tried else [])]
-        return schema | {"x-needs-pixels": self.needs_pixels}
-
-
-_KEY: Final = "key"
-
-_MAX_METRES: Final = 1_000_000
-
-# The largest signed 32-bit integer, so that every count can be stored anywhere.
-_MAX_COUNT: Final = 2**31 - 1
-
-PERCENT: Final = NumberRange(0, 100, "percent")
-
-METRES: Final = NumberRange(0, _MAX_METRES, "metres")
-
-
-def counted(unit: str) -> NumberRange:
-    """Whole numbers of something, such as ``pixels``."""
-    return NumberRange(0, _MAX_COUNT, unit, whole=True)
-
-
-def limit(null: float) -> NumberRange:
-    """Distances in metres that boxes are compared with.
-
-    In files, null means no limit. In arrays, the number `null` (-inf or inf) stands
-    for it.
-    """
-    return METRES._replace(null=null)
-
-
-_Field: TypeAlias = Any
-"""`dataclasses.field`, typed so that it fits every annotation."""
-
-
-def declared(key: Key) -> _Field:
-    """A dataclass field that declares this key."""
-    return field(default=key.default, metadata={_KEY: key})
-
-
-class _Dataclass(Protocol):
-    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
-
-
-def keys_of(config_class: type[_Dataclass]) -> dict[str, Key]:
-    """The keys that a dataclass declares, by name, in the order of listings."""
-    found: dict[str, Key] = {
-        spec.name: spec.metadata[_KEY]
-        for spec in fields(config_class)
-        if _KEY in spec.metadata
-    }
-    names: list[str] = []
-    for name, key in found.items():
-        before = key.shown_before
-        names.insert(names.index(before) if before else len(names), name)
-    return {name: found[name] for name in names}
-
-
-def refuse_unknown_keys(
-    keys: Iterable[object], valid: Iterable[str], *, at: str = ""
-) -> None:
-    """Raise `ConfigError` for the first key that is not valid."""
-    known = tuple(valid)
-    for key in keys:
-        if key not in known:
-            close = similar(key, known)
-            hint = (
-                f"the nearest valid key is {close!r}"
-                if close
-                else f"expected one of {', '.join(known)}"
-            )
-            raise ConfigError(
-                f"{place_of(at)}unknown key {_quoted(key)}; {hint}",
-                pointer=f"{at}/{pointer_token(key)}",
-                code="unknown_key",
-            )
-
-
-def _refused(
-    name: str, value: object, expected: str, at: str, hint: str = ""
-) -> ConfigError:
-    return ConfigError(
-        f"{place_of(at)}{name}: expected {expected}, found {shown(value)}{hint}",
-        pointer=f"{at}/{name}",
+    threshold_small_box: NumberT = key(
+        PERCENT,
+        10,
+        "Share of a box's pixels that must carry a tag of its class.",
+        evidence=(SEMANTIC,),
+    )
+    size_big_box: NumberT = key(
+        PERCENT,
+        70,
+        "A box is large if it covers more than this share of the image; in profile "
+        "carlasimu, this share or more.",
+        evidence=(SEMANTIC,),
+    )
+    threshold_big_box: NumberT = key(
+        PERCENT,
+        50,
+        "Share of a large box's pixels that must carry a tag of its class.",
+        evidence=(SEMANTIC,),
+    )
+    min_visible_pixels: WholeNumberT = key(
+        counted("pixels"),
+        1,
+        "Fewest pixels that must be seen of a box: with a tag of its class, or of its "
+        "instance.",
+        evidence=(SEMANTIC, "ordered", "depth", "instance"),
+    )
+    min_distance: NumberOrNullT = key(
+        NEAREST_METRES,
+        None,
+        "Nearest distance at which boxes are kept; null: no limit.",
+    )
+    max_distance: NumberOrNullT = key(
+        FARTHEST_METRES,
+        None,
+        "Farthest distance at which boxes are kept; null: no limit.",
     )
 
 
-def _quoted(key: object) -> str:
-    text = repr(key)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+@dataclass(frozen=True, kw_only=True)
+class OnlyClassKeys:
+    """The keys that only single classes have."""
+
+    accept: tuple[str | int, ...] | Inherit = key(
+        TagList(),
+        INHERIT,
+        "Tags whose pixels count for the class, by name or number.",
+        needs_pixels=True,
+    )
 
 
-ChannelName: TypeAlias = Literal[
-    "ordered", "depth", "depth_center", "instance", "lidar"
-]
-"""The channels: the kinds of evidence besides the segmentation."""
+@dataclass(frozen=True, kw_only=True)
+class DecidingKeys:
+    """The keys that verdicts depend on once everything is measured.
 
-EvidenceName: TypeAlias = Literal["semantic", ChannelName]
-"""The kinds of evidence: what a box can be judged by."""
-
-EvidenceChoice: TypeAlias = Literal[EvidenceName, "auto"]
-"""The values of the key ``evidence``."""
-
-
-class EvidenceKind(NamedTuple):
-    """One value of the key ``evidence``: what boxes can be judged by.
-
-    Attributes
-    ----------
-    name : EvidenceChoice
-        The value itself.
-    needs : str
-        What a frame must have, as text for people.
-    keeps : str
-        When a box is kept, as text for people.
-    file : str or None
-        The kind of file that is read for it besides the segmentation.
-    strength : int
-        ``auto`` tries the strongest first; 0: ``auto`` does not try it.
+    Some of them change what is measured as well: those have `needs_pixels`.
     """
 
-    name: EvidenceChoice
-    needs: str
-    keeps: str
-    file: str | None = None
-    strength: int = 0
-
-
-SEMANTIC: Final = "semantic"
-
-AUTO: Final = "auto"
-
-EVIDENCE: Final = (
-    EvidenceKind(
+    profile: Profile = key(
+        AllowedWords(get_args(Profile)),
+        "paper",
+        "How boxes are counted and compared: as the paper says, or bit for bit as its "
+        "authors' published code does.",
+        needs_pixels=True,
+    )
+    evidence: EvidenceChoice = key(
+        AllowedWords(get_args(EvidenceChoice)),
         SEMANTIC,
-        "segmentation",
-        "enough of its pixels carry an accepted tag (the thresholds above)",
-    ),
-    EvidenceKind(
-        "ordered",
-        "segmentation, distances or 3D boxes",
-        "`ordered_min_pixels` of them are not explained by nearer boxes; "
-        "`min_visible_pixels` where nothing nearer explains any",
-        strength=1,
-    ),
-    EvidenceKind(
-        "depth",
-        "segmentation, raw depth, camera, 3D boxes",
-        "`min_visible_pixels` of them lie within the box's own depth, give or take "
-        "`depth_tolerance`",
-        file="depth",
-        strength=2,
-    ),
-    EvidenceKind(
-        "depth_center",
-        "raw depth, camera, 3D boxes",
-        "nothing nearer is seen at its centre: another method, for comparison",
-        file="depth",
-    ),
-    EvidenceKind(
-        "instance",
-        "instance image",
-        "`min_visible_pixels` of its own instance are seen",
-        file="instances",
-        strength=3,
-    ),
-    EvidenceKind(
-        "lidar",
-        "semantic LiDAR with its transform, 3D boxes",
-        "`lidar_min_points` of an accepted tag lie inside it",
-        file="lidar",
-    ),
-    EvidenceKind(
-        AUTO,
-        "the data of instance, depth or ordered",
-        "the strongest of instance, depth and ordered that has a number",
-    ),
-)
-"""The values of the key ``evidence``.
-
-They are the segmentation alone, the channels besides it, and ``auto``.
-"""
-
-CHANNELS: Final[tuple[ChannelName, ...]] = get_args(ChannelName)
-"""The names of the channels besides the segmentation, in the order of listings."""
-
-_KINDS: Final = {one.name: one for one in EVIDENCE}
-
-STRONGEST_FIRST: Final[tuple[ChannelName, ...]] = tuple(
-    sorted(
-        (name for name in CHANNELS if _KINDS[name].strength),
-        key=lambda name: -_KINDS[name].strength,
+        "By what boxes are judged: the segmentation, or a channel besides it.",
+        needs_pixels=True,
     )
+    depth_tolerance: Number = key(
+        METRES,
+        0.15,
+        "How far in front of a box and behind it a depth may lie and still be its own.",
+        evidence=("depth", "depth_center"),
+        needs_pixels=True,
+    )
+    ordered_min_pixels: int = key(
+        counted("pixels"),
+        3,
+        "Fewest pixels with a tag of its class that nearer boxes must leave to a box.",
+        evidence=("ordered",),
+    )
+    lidar_min_points: int = key(
+        counted("points"),
+        5,
+        "Fewest LiDAR points with a tag of its class that must lie inside a box.",
+        evidence=("lidar",),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadingKeys:
+    """The keys for reading images and projecting 3D boxes."""
+
+    projection: ProjectionMode = key(
+        AllowedWords(get_args(ProjectionMode)),
+        "clipped",
+        "How 3D boxes become rectangles: cut exactly at the image, or as in the paper.",
+        needs_pixels=True,
+    )
+    palette: str = key(
+        AllowedWords(PALETTES),
+        "auto",
+        "Which of CARLA's tables of tags segmentations are made with.",
+        needs_pixels=True,
+    )
+    encoding: Encoding = key(
+        AllowedWords(get_args(Encoding)),
+        "auto",
+        "What pixels of segmentations are: colours of a palette, or raw tag numbers.",
+        needs_pixels=True,
+    )
+    channel_order: OrderOfChannels = key(
+        AllowedWords(get_args(OrderOfChannels)),
+        "auto",
+        "Order of the colour channels of segmentations.",
+        needs_pixels=True,
+    )
+    lossy_segmentation: Lossy = key(
+        AllowedWords(get_args(Lossy)),
+        "refuse",
+        "Whether segmentations as JPEG are refused, or read by the nearest colours.",
+        needs_pixels=True,
+    )
+
+
+_LISTED_FIRST: Final = (
+    "profile",
+    *declared_keys(ClassKeys),
+    "evidence",
+    "projection",
 )
-"""The channels that ``auto`` tries, in this order."""
-
-FILE_OF: Final[Mapping[str, str]] = {
-    one.name: one.file for one in EVIDENCE if one.file is not None
-}
-"""The kind of file that a channel reads besides the segmentation, if it reads one."""
+"""Lists of keys begin with these; the others follow as they are declared."""
 
 
-def files_for(channels: Iterable[str]) -> tuple[str, ...]:
-    """The kinds of files that channels read, besides the segmentation."""
-    return tuple(sorted({FILE_OF[name] for name in channels if name in FILE_OF}))
+def keys_of(config_class: type[Dataclass]) -> Mapping[str, Key]:
+    """The keys of a class, by name, in the order in which they are listed."""
+    return _keys_of(config_class)
+
+
+# Cached: called several times for every configuration that is made.
+@cache
+def _keys_of(config_class: type[Dataclass]) -> Mapping[str, Key]:
+    found = declared_keys(config_class)
+    first = [name for name in _LISTED_FIRST if name in found]
+    return MappingProxyType({name: found[name] for name in [*first, *found]})

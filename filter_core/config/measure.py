@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from filter_core.classes import accept_mask_of, canonical_class
-from filter_core.config.keys import CHANNELS, ChannelName, files_for
+from filter_core.evidence_kinds import CHANNELS, ChannelName, files_for
 from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.types import IntArray, Profile, ProjectionMode
 from filter_core.values import JsonObject

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.config.filter import DecideConfig
-from filter_core.config.keys import SEMANTIC, ChannelName, EvidenceName
+from filter_core.evidence_kinds import SEMANTIC, ChannelName, EvidenceName
 from filter_core.types import (
     NOT_MEASURED,
     BoolArray,

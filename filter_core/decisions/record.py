@@ -18,7 +18,6 @@ import numpy as np
 
 from filter_core.classes import accepted_names
 from filter_core.config.filter import FilterConfig
-from filter_core.config.keys import SEMANTIC, EvidenceName
 from filter_core.decisions.channel_rules import (
     ChannelJudgement,
     JudgedBy,
@@ -26,6 +25,7 @@ from filter_core.decisions.channel_rules import (
 )
 from filter_core.decisions.explain import Judgement, explain, hidden_by
 from filter_core.decisions.rules import pixels_needed
+from filter_core.evidence_kinds import SEMANTIC, EvidenceName
 from filter_core.geometry.projection import BoxGeometry
 from filter_core.types import (
     NOT_MEASURED,

@@ -12,7 +12,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.config.filter import DecideConfig, Thresholds
+from filter_core.config.filter import DecideConfig, LimitsByClass
 from filter_core.decisions.channel_rules import apply_channels
 from filter_core.types import (
     BoolArray,
@@ -93,7 +93,7 @@ _THRESHOLD_COLUMNS: Final = 4
 _SMALL_BOX, _LARGE_BOX, _KEPT_LARGE_BOX, _NO_THRESHOLD = range(_THRESHOLD_COLUMNS)
 """Which threshold applied to a box: the columns of the table in `_Block._threshold`.
 
-The first three are `Thresholds.threshold_small_box`, `threshold_big_box` and
+The first three are `LimitsByClass.threshold_small_box`, `threshold_big_box` and
 `threshold_kept_large_box`.
 """
 
@@ -169,7 +169,9 @@ def pixels_needed(evidence: Evidence, config: DecideConfig) -> IntArray:
     return needed
 
 
-def _pixels_needed(thresholds: Thresholds, class_index: NDArray[np.int32]) -> _PerBox:
+def _pixels_needed(
+    thresholds: LimitsByClass, class_index: NDArray[np.int32]
+) -> _PerBox:
     return _per_box(thresholds.min_visible_pixels, class_index)
 
 
@@ -184,7 +186,7 @@ class _Block:
     def __init__(
         self,
         evidence: Evidence,
-        thresholds: Thresholds,
+        thresholds: LimitsByClass,
         rows: slice,
         as_carlasimu: bool,
     ) -> None:

@@ -15,7 +15,6 @@ from typing import Final, Literal, TypeAlias, TypedDict
 import numpy as np
 
 from filter_core.config.filter import FilterConfig
-from filter_core.config.keys import CHANNELS, SEMANTIC, EvidenceName
 from filter_core.decisions.channel_rules import has_number
 from filter_core.decisions.rules import decide
 from filter_core.evaluation.scores import (
@@ -24,6 +23,7 @@ from filter_core.evaluation.scores import (
     ConfusionObject,
     band_index,
 )
+from filter_core.evidence_kinds import CHANNELS, SEMANTIC, EvidenceName
 from filter_core.types import (
     NOT_MEASURED,
     BoolArray,

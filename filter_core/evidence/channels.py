@@ -12,7 +12,6 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
-from filter_core.config.keys import files_for
 from filter_core.config.measure import MeasureConfig
 from filter_core.errors import ImageError
 from filter_core.evidence.depth import (
@@ -31,6 +30,7 @@ from filter_core.evidence.lidar import points_inside, read_points
 from filter_core.evidence.ordered import owned_pixels
 from filter_core.evidence.semantic import MeasureOptions, measure
 from filter_core.evidence.silhouettes import accepted_pixels, frame_silhouettes
+from filter_core.evidence_kinds import files_for
 from filter_core.geometry.boxes import correct_xyxy
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform

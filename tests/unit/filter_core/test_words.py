@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import get_args
 
-from filter_core.config.keys import EVIDENCE, EvidenceChoice
+from filter_core.evidence_kinds import EVIDENCE, EvidenceChoice
 from filter_core.types import Reason, ReasonLabel, Verdict, VerdictName
 
 
@@ -18,4 +18,4 @@ def test_the_names_of_verdicts_are_their_values():
 
 
 def test_every_kind_of_evidence_is_described_once_and_in_its_place():
-    assert [one.name for one in EVIDENCE] == list(get_args(EvidenceChoice))
+    assert list(EVIDENCE) == list(get_args(EvidenceChoice))

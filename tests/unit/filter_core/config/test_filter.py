@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import pickle
 from dataclasses import dataclass, replace
@@ -10,8 +11,8 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
+from filter_core.config.declaration import INHERIT, NumberRange, counted, key
 from filter_core.config.filter import (
-    INHERIT,
     ClassConfig,
     ClassLimits,
     ConfigChange,
@@ -20,17 +21,10 @@ from filter_core.config.filter import (
     diff_configs,
     schema_of,
 )
-from filter_core.config.keys import (
-    CHANNELS,
-    SEMANTIC,
-    Key,
-    NumberRange,
-    counted,
-    declared,
-    keys_of,
-)
+from filter_core.config.keys import ClassKeys, keys_of
 from filter_core.decisions.rules import decide
 from filter_core.errors import ConfigError
+from filter_core.evidence_kinds import CHANNELS, SEMANTIC
 from filter_core.types import ChannelNumbers
 from tests.support.evidence import evidence_of
 
@@ -48,17 +42,30 @@ def test_a_configuration_of_which_nothing_is_said_has_every_default():
     assert FilterConfig().as_dict() == {**defaults, "classes": {}}
 
 
-def test_a_key_stands_right_before_the_one_that_it_names():
-    names = list(FilterConfig.keys())
-    named = {
-        name: key.shown_before
-        for name, key in keys_of(FilterConfig).items()
-        if key.shown_before
-    }
+def test_lists_of_keys_begin_with_the_profile_and_what_classes_can_override():
+    names = FilterConfig.keys()
+    per_class = tuple(keys_of(ClassKeys))
 
-    assert named
-    assert {name: names[names.index(name) + 1] for name in named} == named
+    assert names[: len(per_class) + 2] == ("profile", *per_class, "evidence")
     assert names[-1] == "classes"
+
+
+def test_what_classes_can_override_is_numbers():
+    """Otherwise arrays of values by class (`thresholds_for`) would lack a key."""
+    allowed = {name: key.allowed for name, key in keys_of(ClassKeys).items()}
+
+    assert {
+        name for name, one in allowed.items() if not isinstance(one, NumberRange)
+    } == set()
+
+
+def test_the_annotation_of_a_key_is_the_kind_of_number_that_it_allows():
+    for name, annotation in ClassKeys.__annotations__.items():
+        allowed = keys_of(ClassKeys)[name].allowed
+        assert isinstance(allowed, NumberRange)
+        fraction = "NumberT" if allowed.null is None else "NumberOrNullT"
+
+        assert annotation == ("WholeNumberT" if allowed.whole else fraction), name
 
 
 def test_the_digest_never_changes_for_the_same_configuration():
@@ -69,40 +76,77 @@ def test_the_digest_never_changes_for_the_same_configuration():
     assert len(FilterConfig().digest) == 64
 
 
-SIDES = counted("pixels")
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WithLaterKey(FilterConfig):
-    """The keys of today and one that was added after digests had been stored."""
+class WithNewKey(FilterConfig):
+    """The keys of today and a new one."""
 
-    min_side: int = declared(Key(SIDES, 2, "Shortest side.", (SEMANTIC,), later=True))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WithFirstKey(FilterConfig):
-    """The keys of today and one that is hashed from the beginning."""
-
-    min_side: int = declared(Key(SIDES, 2, "Shortest side.", (SEMANTIC,)))
+    min_side: int = key(counted("pixels"), 2, "Shortest side of a box.")
 
 
 @pytest.mark.parametrize(
     "keys", [{}, {"max_distance": 80, "classes": {"van": {"min_visible_pixels": 2}}}]
 )
-def test_a_later_key_leaves_the_digests_of_stored_configurations_as_they_are(keys):
+def test_a_new_key_leaves_the_digests_of_stored_configurations_as_they_are(keys):
     stored = FilterConfig.from_mapping(keys)
 
-    assert WithLaterKey.from_mapping(keys).digest == stored.digest
-    assert WithLaterKey.from_mapping({**keys, "min_side": 2.0}).digest == stored.digest
-    assert WithFirstKey.from_mapping(keys).digest != stored.digest
+    assert WithNewKey.from_mapping(keys).digest == stored.digest
+    assert WithNewKey.from_mapping({**keys, "min_side": 2.0}).digest == stored.digest
 
 
-def test_a_later_key_counts_in_the_digest_as_soon_as_it_is_not_its_default():
-    digests = {WithLaterKey(min_side=side).digest for side in (2, 3, 4)}
+def test_a_new_key_counts_in_the_digest_as_soon_as_it_is_not_its_default():
+    digests = {WithNewKey(min_side=side).digest for side in (2, 3, 4)}
 
     assert len(digests) == 3
-    assert WithLaterKey(min_side=3).digest == WithFirstKey(min_side=3).digest
-    assert WithLaterKey().as_dict()["min_side"] == 2
+    assert WithNewKey().as_dict()["min_side"] == 2
+
+
+def canonical_digest(plain):
+    """SHA-256 of JSON with sorted keys and no white space."""
+    text = json.dumps(plain, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+FIRST_KEYS = {
+    "profile": "paper",
+    "threshold_small_box": 10,
+    "size_big_box": 70,
+    "threshold_big_box": 50,
+    "min_visible_pixels": 1,
+    "min_distance": None,
+    "max_distance": None,
+    "evidence": "semantic",
+    "projection": "clipped",
+    "depth_tolerance": 0.15,
+    "ordered_min_pixels": 3,
+    "lidar_min_points": 5,
+    "palette": "auto",
+    "encoding": "auto",
+    "channel_order": "auto",
+    "lossy_segmentation": "refuse",
+    "classes": {},
+}
+"""The keys that stored digests contain, also by default. Never add one."""
+
+DEFAULTS_OF_NEW_KEYS: dict[str, object] = {}
+"""Of all other keys: the default of a new key, which must never change again."""
+
+
+def test_a_digest_by_default_is_that_of_the_first_keys():
+    assert FilterConfig().digest == canonical_digest(FIRST_KEYS)
+
+
+def test_the_default_of_a_new_key_never_changes():
+    """A digest leaves out a new key by default.
+
+    With another default, one digest would stand for two configurations.
+    """
+    new = {
+        name: key.default
+        for name, key in keys_of(FilterConfig).items()
+        if name not in FIRST_KEYS
+    }
+
+    assert new == DEFAULTS_OF_NEW_KEYS, "add the new key to DEFAULTS_OF_NEW_KEYS"
 
 
 def test_ten_and_ten_point_zero_are_one_configuration():

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from filter_core.config.filter import FilterConfig
-from filter_core.config.keys import CHANNELS, SEMANTIC
 from filter_core.decisions.channel_rules import (
     ChannelJudgement,
     explain_channel,
@@ -16,6 +15,7 @@ from filter_core.decisions.channel_rules import (
     judged_by,
 )
 from filter_core.decisions.rules import decide
+from filter_core.evidence_kinds import CHANNELS, SEMANTIC
 from filter_core.types import BoxState, ChannelNumbers
 from tests.support.evidence import ACCEPTS_CAR, evidence_of
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from filter_core.config.filter import ClassLimits
-from filter_core.config.keys import ChannelName
 from filter_core.decisions.channel_rules import ChannelJudgement
 from filter_core.decisions.explain import (
     Judgement,
@@ -13,6 +12,7 @@ from filter_core.decisions.explain import (
     hidden_by,
     rounded_percent,
 )
+from filter_core.evidence_kinds import ChannelName
 from filter_core.types import N_TAGS, HiddenBy, Reason
 
 VEGETATION: HiddenBy = {"tag": 9, "name": "Vegetation", "percent": 71.2}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from filter_core.config.filter import FilterConfig
-from filter_core.config.keys import CHANNELS
 from filter_core.evaluation.comparison import Evaluation
+from filter_core.evidence_kinds import CHANNELS
 from filter_core.pipeline import FrameOptions, filter_frame, read_and_measure
 from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
 

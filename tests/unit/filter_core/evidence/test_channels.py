@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from filter_core.config.filter import FilterConfig
-from filter_core.config.keys import STRONGEST_FIRST, EvidenceChoice
 from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.record import Decision
 from filter_core.errors import ImageError, ImageTooLarge
 from filter_core.evidence.channels import Sensors, measure_evidence
+from filter_core.evidence_kinds import STRONGEST_FIRST, EvidenceChoice
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
 from filter_core.pipeline import FrameOptions, filter_frame, read_and_measure

@@ -10,8 +10,9 @@ from typing import get_args
 import pytest
 from typer.testing import CliRunner
 
+from filter_core.config.declaration import AllowedWords
 from filter_core.config.filter import FilterConfig
-from filter_core.config.keys import AllowedWords, keys_of
+from filter_core.config.keys import keys_of
 from filter_core.evaluation.comparison import COMPARED
 from filter_core.formats.registry import EXPORT_FORMATS, LAYOUTS
 from tests.support.imports import HEAVY

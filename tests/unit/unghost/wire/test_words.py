@@ -11,9 +11,9 @@ from sqlalchemy import CheckConstraint
 from app.db import tables
 from app.db.tables import access
 from app.verdicts import REVIEW_STATES
-from filter_core.config.keys import EvidenceName
 from filter_core.decisions.record import OcclusionLevel
 from filter_core.evaluation import comparison, thresholds
+from filter_core.evidence_kinds import EvidenceName
 from filter_core.formats import export, manifest
 from filter_core.formats.registry import EXPORT_FORMATS, LAYOUTS
 from filter_core.segmentation import reading

@@ -1,0 +1,288 @@
+"""What the declaration of a key consists of: allowed values, default, meaning.
+
+`key` makes the dataclass field that declares a key, and `declared_keys` finds the keys
+of a class. Its allowed values are `PERCENT`, `METRES`, `NEAREST_METRES`,
+`FARTHEST_METRES`, `counted`, `AllowedWords` or `TagList`. The keys themselves are in
+`keys.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import Field, field, fields
+from enum import Enum
+from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.classes import MAX_ACCEPT, canonical_accept
+from filter_core.errors import ConfigError
+from filter_core.evidence_kinds import AUTO, STRONGEST_FIRST
+from filter_core.segmentation.palettes import LAST_TAG
+from filter_core.values import place_of, pointer_token, shown, similar
+
+Number: TypeAlias = float | int
+
+
+class Inherit(Enum):
+    """The value of a key that is not given; None would mean no limit.
+
+    In the overrides of a class it stands for the configuration's value. A configuration
+    replaces it by the default of the key.
+    """
+
+    GLOBAL = "global"
+
+
+INHERIT: Final = Inherit.GLOBAL
+
+
+class Allowed(Protocol):
+    """The allowed values of a key. ``str()`` describes them for people."""
+
+    def checked(self, name: str, value: object, at: str = "") -> object:
+        """The value in its one canonical form.
+
+        Parameters
+        ----------
+        name : str
+            The key.
+        value : object
+            As a file or a request has it.
+        at : str
+            JSON pointer of the mapping that the key is in.
+
+        Raises
+        ------
+        ConfigError
+            The value is not allowed; the message names key, value and what is allowed.
+        """
+
+    def schema(self) -> dict[str, object]:
+        """The same as JSON schema."""
+
+
+class NumberRange(NamedTuple):
+    """Numbers from `low` to `high`, both included; perhaps null as well.
+
+    Attributes
+    ----------
+    low, high : float or int
+    unit : str
+        In the plural, such as ``metres``.
+    whole : bool
+        Whether fractions are refused.
+    null : float or None
+        Null (no limit) is allowed if this is a number: the one that stands for it in
+        arrays, such as ``inf``. None: null is refused.
+    """
+
+    low: Number
+    high: Number
+    unit: str
+    whole: bool = False
+    null: float | None = None
+
+    def __str__(self) -> str:
+        kind = "a whole number" if self.whole else "a number"
+        null = "" if self.null is None else " or null"
+        return f"{kind} from {self.low} to {self.high} {self.unit}{null}"
+
+    def checked(self, name: str, value: object, at: str = "") -> Number | None:
+        """See `Allowed.checked`.
+
+        Whole numbers become ``int`` and others ``float``, so that 10 and 10.0 are the
+        same configuration with the same digest.
+        """
+        if value is None and self.null is not None:
+            return None
+        # YAML's yes and no are booleans, which Python would take for 1 and 0.
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise _refused(name, value, str(self), at)
+        inside = self.low <= value <= self.high  # False for NaN
+        if not inside or (self.whole and value != int(value)):
+            raise _refused(name, value, str(self), at)
+        return int(value) if value == int(value) else value
+
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        kind = "integer" if self.whole else "number"
+        return {
+            "type": kind if self.null is None else [kind, "null"],
+            "minimum": self.low,
+            "maximum": self.high,
+            "x-unit": self.unit,
+        }
+
+    def array(self, values: Iterable[Number | None]) -> NDArray[np.float64 | np.int64]:
+        """Such numbers as a read-only array, in which `null` stands for None."""
+        array: NDArray[np.float64 | np.int64] = np.array(
+            [self.null if value is None else value for value in values],
+            np.int64 if self.whole else np.float64,
+        )
+        array.setflags(write=False)
+        return array
+
+
+_MAX_METRES: Final = 1_000_000
+
+# The largest signed 32-bit integer, so that every count can be stored anywhere.
+_MAX_COUNT: Final = 2**31 - 1
+
+PERCENT: Final = NumberRange(0, 100, "percent")
+
+METRES: Final = NumberRange(0, _MAX_METRES, "metres")
+
+NEAREST_METRES: Final = METRES._replace(null=-math.inf)
+"""The nearest distance that is allowed; null: no limit."""
+
+FARTHEST_METRES: Final = METRES._replace(null=math.inf)
+"""The farthest distance that is allowed; null: no limit."""
+
+
+def counted(unit: str) -> NumberRange:
+    """Whole numbers of something, such as ``pixels``."""
+    return NumberRange(0, _MAX_COUNT, unit, whole=True)
+
+
+class AllowedWords(NamedTuple):
+    """One of a few words."""
+
+    words: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"one of {', '.join(self.words)}"
+
+    def checked(self, name: str, value: object, at: str = "") -> str:
+        """See `Allowed.checked`; the message suggests the nearest word."""
+        if not isinstance(value, str) or value not in self.words:
+            close = similar(value, self.words)
+            hint = f"; did you mean {close!r}?" if close else ""
+            raise _refused(name, value, str(self), at, hint)
+        return value
+
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        return {"type": "string", "enum": list(self.words)}
+
+
+class TagList:
+    """Lists of tags, by name or number."""
+
+    def __str__(self) -> str:
+        return f"a list of 1 to {MAX_ACCEPT} tag names or numbers"
+
+    def checked(self, name: str, value: object, at: str = "") -> tuple[str | int, ...]:
+        """See `Allowed.checked`."""
+        return canonical_accept(value, at=f"{at}/{name}")
+
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        number = {"type": "integer", "minimum": 0, "maximum": LAST_TAG}
+        return {
+            "type": "array",
+            "items": {"anyOf": [{"type": "string"}, number]},
+            "minItems": 1,
+            "maxItems": MAX_ACCEPT,
+        }
+
+
+class Key(NamedTuple):
+    """The declaration of one key of a configuration.
+
+    Attributes
+    ----------
+    allowed : Allowed
+    default : object
+    sentence : str
+        What it means, for people.
+    evidence : tuple of str
+        The kinds of evidence whose rules use the key; empty: all.
+    needs_pixels : bool
+        Whether images may have to be read again after it has changed.
+    """
+
+    allowed: Allowed
+    default: object
+    sentence: str
+    evidence: tuple[str, ...] = ()
+    needs_pixels: bool = False
+
+    def schema(self) -> dict[str, object]:
+        """Its JSON schema, without the default."""
+        schema = {**self.allowed.schema(), "description": self.sentence}
+        if self.evidence:
+            tried = any(name in STRONGEST_FIRST for name in self.evidence)
+            schema["x-evidence"] = [*self.evidence, *([AUTO] if tried else [])]
+        return schema | {"x-needs-pixels": self.needs_pixels}
+
+
+_KEY: Final = "key"
+
+_Field: TypeAlias = Any
+"""`dataclasses.field`, typed so that it fits every annotation."""
+
+
+def key(
+    allowed: Allowed,
+    default: object,
+    sentence: str,
+    *,
+    evidence: tuple[str, ...] = (),
+    needs_pixels: bool = False,
+) -> _Field:
+    """A dataclass field that declares a key; for the parameters see `Key`.
+
+    The field is `INHERIT` if no value is given.
+    """
+    declared = Key(allowed, default, sentence, evidence, needs_pixels)
+    return field(default=INHERIT, metadata={_KEY: declared})
+
+
+class Dataclass(Protocol):
+    """Any dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+
+def declared_keys(of: type[Dataclass]) -> dict[str, Key]:
+    """The keys that a class and its bases declare, in the order of its fields."""
+    return {
+        spec.name: spec.metadata[_KEY] for spec in fields(of) if _KEY in spec.metadata
+    }
+
+
+def refuse_unknown_keys(
+    names: Iterable[object], valid: Iterable[str], *, at: str = ""
+) -> None:
+    """Raise `ConfigError` for the first name that is not valid."""
+    known = tuple(valid)
+    for name in names:
+        if name not in known:
+            close = similar(name, known)
+            hint = (
+                f"the nearest valid key is {close!r}"
+                if close
+                else f"expected one of {', '.join(known)}"
+            )
+            raise ConfigError(
+                f"{place_of(at)}unknown key {_quoted(name)}; {hint}",
+                pointer=f"{at}/{pointer_token(name)}",
+                code="unknown_key",
+            )
+
+
+def _refused(
+    name: str, value: object, expected: str, at: str, hint: str = ""
+) -> ConfigError:
+    return ConfigError(
+        f"{place_of(at)}{name}: expected {expected}, found {shown(value)}{hint}",
+        pointer=f"{at}/{name}",
+    )
+
+
+def _quoted(name: object) -> str:
+    text = repr(name)
+    return text if len(text) <= 60 else f"{text[:57]}..."
