@@ -13,9 +13,9 @@ from dataclasses import replace
 from app.db.engine import Database
 from app.db.tables import Chunk, Lease
 from app.engine.chunk import DONE, ELSEWHERE, RETURNED
+from app.jobs.attempts import MOST_ATTEMPTS
 from app.jobs.driver import drive_job
-from app.jobs.queries import LeaseRepository
-from app.jobs.work import MOST_ATTEMPTS, work_in_worker, work_on_chunk
+from app.jobs.work import work_in_worker, work_on_chunk
 from tests.support.chunks import (
     FRAMES,
     FROM_PIXELS,
@@ -28,6 +28,8 @@ from tests.support.chunks import (
     measured,
     run_of,
 )
+from tests.support.leases import ELSEWHERE as ANOTHER_MACHINE
+from tests.support.leases import give, take_away
 from tests.support.services import run_job
 
 
@@ -135,8 +137,7 @@ def test_a_driver_whose_lease_is_taken_stops_before_it_ends_the_run(street):
     class Robbed(SmallChunks):
         def _work(self, here, job, number):
             with street.context.database.write() as session:
-                leases = LeaseRepository(session)
-                assert leases.take(job, "somebody/1/2/else", lambda _: True)
+                give(session, job, ANOTHER_MACHINE)
             return super()._work(here, job, number)
 
     with engine_of(street, Robbed()) as context:
@@ -146,7 +147,7 @@ def test_a_driver_whose_lease_is_taken_stops_before_it_ends_the_run(street):
     assert street.reasons() == before
 
     with street.context.database.write() as session:
-        LeaseRepository(session).end(run_job(run_id), "somebody/1/2/else")
+        take_away(session, run_job(run_id))
     drive_job(street.context, run_job(run_id))
     check_whole(street, run_of(street, run_id))
 
