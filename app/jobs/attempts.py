@@ -211,26 +211,21 @@ def _quarantine(chunk: Chunk) -> None:
 
 def _quarantine_cause(session: Session, job: Job, chunk: Chunk) -> None:
     """Put the frame at which the processes died into quarantine, or the whole chunk."""
-    kind = kind_of(job)
+    kind, chunks = kind_of(job), ChunkRepository(session)
     row = open_job(session, kind.table, job.id)
     unfinished = kind.unfinished(session, row, chunk)
-    if len(unfinished) < 2 or _is_quarantined(
-        session, job, frame_before(session, row.dataset_id, unfinished[0])
+    in_quarantine = {
+        frame_id
+        for one in chunks.quarantined(job)
+        for frame_id in kind.unfinished(session, row, one)
+    }
+    if (
+        len(unfinished) < 2
+        or frame_before(session, row.dataset_id, unfinished[0]) in in_quarantine
     ):
         _quarantine(chunk)
     else:
         _quarantine_first(session, job, chunk, unfinished)
-    session.flush()
-
-
-def _is_quarantined(session: Session, job: Job, frame_id: int) -> bool:
-    kind = kind_of(job)
-    row = open_job(session, kind.table, job.id)
-    return any(
-        frame_id in kind.unfinished(session, row, chunk)
-        for chunk in ChunkRepository(session).quarantined(job)
-        if chunk.first_frame_id <= frame_id <= chunk.last_frame_id
-    )
 
 
 def _quarantine_first(

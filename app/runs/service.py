@@ -1,8 +1,8 @@
 """Runs: requests for them, their jobs and their descriptions.
 
-Frames are measured in many small transactions. One final transaction checks for new
-frames, stores the changes, and makes the run's verdicts current, so that nobody ever
-sees a dataset that is half decided.
+Frames are measured in many small transactions. The final step is one transaction. It
+checks for new frames, stores the changes, and makes the run's verdicts current, so that
+nobody ever sees a dataset that is half decided.
 """
 
 from __future__ import annotations

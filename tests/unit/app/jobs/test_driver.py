@@ -87,6 +87,25 @@ def test_chunks_beside_a_dead_process_are_tried_alone(street):
     assert {len(beside) for beside in again} == {1}
 
 
+def test_a_chunk_that_is_given_back_is_tried_alone_again(street):
+    """Its worker stops before it can tell whether the chunk is the cause."""
+
+    class Stopping(Deadly):
+        def _work(self, here, job, number):
+            tries = [one for one, _ in self.begun if one == number]
+            if number == 2 and len(tries) == 2:
+                return RETURNED
+            return super()._work(here, job, number)
+
+    engine = Stopping(2, times=1)
+
+    run = run_with(street, engine)
+
+    check_whole(street, run)
+    beside = [beside for number, beside in engine.begun if number == 2]
+    assert beside[2:] == [{2}]
+
+
 def test_a_new_run_measures_what_was_in_quarantine(street):
     failed = run_with(street, Deadly(2))
 
