@@ -29,9 +29,10 @@ from app.datasets.service import NewDataset, create_dataset
 from app.db.tables import Run
 from app.engine import Job, LocalEngine
 from app.engine.chunk import DONE, ChunkWork
+from app.jobs.chunks import PlannedChunk
 from app.jobs.driver import drive_job
 from app.jobs.kind import Task, register
-from app.jobs.queries import Span, job_of
+from app.jobs.queries import job_of
 from app.measuring.plan import DatasetReading
 from app.process.lifespan import running
 from app.runs.service import RunJobs
@@ -55,10 +56,10 @@ class Chunks(RunJobs):
 
     def plan(
         self, session: Session, row: Run, *, after: int, most: int, frames: int
-    ) -> list[Span]:
+    ) -> list[PlannedChunk]:
         """The next chunks."""
         end = min(self._chunks, after + most)
-        return [Span(number, number, 1) for number in range(after + 1, end + 1)]
+        return [PlannedChunk(number, number, 1) for number in range(after + 1, end + 1)]
 
     def finish(self, task: Task[Run]) -> None:
         """End it."""

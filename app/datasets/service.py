@@ -16,7 +16,8 @@ from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Dataset, Run
 from app.errors import BadRequest
-from app.jobs.service import all_open_jobs, end_all, interrupt
+from app.jobs.kind import all_open_jobs
+from app.jobs.service import end_all, interrupt
 from app.measuring.active import active_version, add_version
 from app.measuring.plan import DatasetReading, measurement_of, plan_for
 from app.measuring.queries import (

@@ -16,7 +16,7 @@ FAILED: Final = "failed"
 UNWANTED: Final = "unwanted"
 """Its job is finished, cancelled or deleted: the result is not needed any more."""
 QUARANTINED: Final = "quarantined"
-"""Its process has died too often: it is not retried."""
+"""It is in quarantine (`app.jobs.attempts`), and was not worked on."""
 ELSEWHERE: Final = "elsewhere"
 """The worker uses another database."""
 
@@ -25,7 +25,11 @@ ChunkWork = Callable[[str, int, int], str]
 
 
 class JobStopped(Exception):
-    """Ends a job without an error: the service is stopping, or it was cancelled."""
+    """This process stops working on a job, without an error.
+
+    The service is stopping, another process drives the job, or the job has ended, was
+    cancelled or deleted.
+    """
 
 
 class WorkerDied(Exception):
@@ -72,7 +76,7 @@ class Stop:
 
 
 class Job(NamedTuple):
-    """The identity of a run or an export."""
+    """The identity of a job: `kind` is "run" or "export"."""
 
     kind: str
     id: int

@@ -24,7 +24,10 @@ log = logging.getLogger(__name__)
 
 
 class LocalEngine:
-    """The embedded engine: threads suffice, since OpenCV releases Python's global lock.
+    """The embedded engine: threads, most of which wait for a child process.
+
+    A child decodes and measures a frame (`app.engine.children`). Small plain frames
+    are measured in the thread itself; zlib and OpenCV release Python's global lock.
 
     `ClusterEngine` overrides the methods for chunks (`start_chunk`, `outcome` and so
     on) to process them on other machines.

@@ -14,9 +14,10 @@ from app.db import tables
 from app.db.tables import Chunk, Dataset
 from app.errors import Conflict
 from app.exports.writer import write_archive
+from app.jobs.chunks import ChunkRepository, PlannedChunk
 from app.jobs.kind import Task
-from app.jobs.queries import ChunkRepository, Span, job_of
-from app.jobs.service import ask
+from app.jobs.queries import job_of
+from app.jobs.service import queue_job
 from app.measuring.queries import DatasetRepository
 from app.storage import Blob
 from app.storage.room import require_room
@@ -55,7 +56,7 @@ def request_export(
         media_type=MEDIA_TYPE,
         created_by=wanted.author,
     )
-    ask(context, session, export)
+    queue_job(context, session, export)
     return export
 
 
@@ -116,10 +117,10 @@ class ExportJobs:
         after: int,
         most: int,
         frames: int,
-    ) -> list[Span]:
+    ) -> list[PlannedChunk]:
         """The only chunk; empty if it is planned already."""
         has_chunks = ChunkRepository(session).has_chunks(job_of(row))
-        return [] if has_chunks else [Span(0, 0, row.total)]
+        return [] if has_chunks else [PlannedChunk(0, 0, row.total)]
 
     def work(self, task: Task[tables.Export]) -> None:
         """Write the file, and end the export."""

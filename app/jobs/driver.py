@@ -1,7 +1,8 @@
 """Drives a job: plans its chunks step by step, submits them to the engine, and ends it.
 
 Chunks may be executed more than once and in any order; only their rows in the database
-count.
+count. So another process can continue at any moment. `app.jobs.leases` says which one
+does, and `app.jobs.attempts` what happens to a chunk that ends its processes.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,22 +19,17 @@ from typing import Final
 from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
-from app.db.tables import Chunk, JobRow
+from app.db.tables import JobRow
 from app.db.transient import in_a_line, is_transient
 from app.engine import EngineAway, Job, JobStopped, WorkerDied
-from app.engine.chunk import DONE, ELSEWHERE, FAILED, QUARANTINED, RETURNED, UNWANTED
+from app.engine.chunk import ELSEWHERE, FAILED, QUARANTINED, RETURNED, UNWANTED
 from app.errors import AppError
-from app.jobs.kind import READ_ROW_EVERY_S, AnyKind, kind_of
+from app.jobs.attempts import count_death, quarantine_error
+from app.jobs.chunks import FINAL_STEP, ChunkRepository
+from app.jobs.kind import READ_ROW_EVERY_S, AnyKind, is_open, kind_of
 from app.jobs.leases import JobLease, Leases
-from app.jobs.queries import (
-    OPEN,
-    ChunkRepository,
-    close,
-    find_job,
-    is_final,
-    open_job,
-)
-from app.jobs.work import MOST_ATTEMPTS, stored_error, unexpected_error, work_in_driver
+from app.jobs.queries import close, open_job
+from app.jobs.work import stored_error, unexpected_error, work_in_driver
 from filter_core.errors import FilterError
 
 WAIT_S: Final = 0.1
@@ -56,13 +52,13 @@ def drive_job(context: ServiceContext, job: Job) -> bool:
     """Drive one job to its end, from the start or from where a former driver left it.
 
     Does nothing if another process drives it, or if another job has to end first.
-    Returns whether the job has ended.
+    Returns whether the job has ended, here or elsewhere.
     """
     with context.one(Leases).driving(context.database, job) as lease:
         try:
             JobDriver(context, lease, kind_of(job)).drive()
         except JobStopped:
-            return _is_over(context, job)
+            pass
         except ChunkFailed as failed:
             log.warning("%s %d failed: %s", *job, failed)
             _fail(context, lease, failed.error)
@@ -75,29 +71,24 @@ def drive_job(context: ServiceContext, job: Job) -> bool:
                 log.warning("%s %d is interrupted: %s", *job, in_a_line(error))
                 return False
             if _fail(context, lease, unexpected_error(job)):
-                raise
-            # Somebody cancelled it, or deleted its dataset, between two statements.
-            log.info("%s %d ended: it was cancelled or deleted", *job)
+                log.exception("%s %d failed", *job)
+            else:
+                # Somebody cancelled it, or deleted its dataset, between two statements.
+                log.info("%s %d stopped: it has ended, or is driven elsewhere", *job)
         finally:
             context.engine.clear_progress(job)
-    return True
-
-
-def _is_over(context: ServiceContext, job: Job) -> bool:
-    with context.database.read() as session:
-        row = find_job(session, kind_of(job).table, job.id)
-        return row is None or row.state not in OPEN
+        with context.database.read() as session:
+            return not is_open(session, job)
 
 
 def _fail(
     context: ServiceContext, lease: JobLease, error: Mapping[str, object]
 ) -> bool:
-    """Store why a job failed; False if it has ended or another process drives it."""
+    """End a job as failed; False if it has ended or another process drives it."""
     try:
         with context.database.write() as session:
             row = open_job(session, kind_of(lease.job).table, lease.job.id)
             lease.take(session)  # in case the failure was before it was taken
-            lease.end(session)
             close(session, row, "failed", error)
     except JobStopped:
         return False
@@ -105,28 +96,37 @@ def _fail(
 
 
 @dataclass
+class _Planned:
+    """How far the frames of a job are divided into chunks."""
+
+    frames_per_chunk: int
+    up_to: int = 0
+    """The id of the last frame that is in a chunk."""
+    is_complete: bool = False
+    """Whether every frame without a result is in a chunk."""
+
+
+@dataclass
 class JobDriver:
     """Drives one job.
 
-    `_to_send` are the numbers of chunks that wait for room in the engine, `_suspects`
-    those during which a process has died, and `_in_flight` those submitted to the
-    engine. A suspect is submitted when nothing else is in flight, and nothing else is
-    submitted until it ends (`_suspect_in_flight`).
+    A new driver continues with what the database says: it submits the chunks that its
+    predecessor planned and that are not done, and plans more for frames that have no
+    result and are in no chunk.
 
-    A chunk has `_frames_per_chunk` frames. `_planned_up_to` is the id of the last frame
-    that is in a chunk; `_is_planned` is true once every frame is in one.
+    `_to_send` are the numbers of chunks that wait for room in the engine, and
+    `_in_flight` those that the engine works on. `_suspects` are those during which a
+    process has died, and that have not ended since: one of them at a time is in the
+    engine, and no other chunk beside it (`app.jobs.attempts`).
     """
 
     context: ServiceContext
     lease: JobLease
     kind: AnyKind
+    _planned: _Planned = field(default_factory=lambda: _Planned(0))
     _to_send: deque[int] = field(default_factory=deque)
     _suspects: deque[int] = field(default_factory=deque)
     _in_flight: dict[Future[str], int] = field(default_factory=dict)
-    _suspect_in_flight: bool = False
-    _frames_per_chunk: int = 0
-    _planned_up_to: int = 0
-    _is_planned: bool = False
     _row_read_at: float = 0.0
 
     def drive(self) -> None:
@@ -145,11 +145,11 @@ class JobDriver:
             self._drive_chunks(row)
             if self.kind.final_step is None:
                 return
-            self._drive_final()
-            if _is_over(self.context, self.lease.job):
-                return
-            # New frames have been stored meanwhile, which have to be planned too.
+            self._drive_final_step()
             with self.context.database.read() as session:
+                if not is_open(session, self.lease.job):
+                    return
+                # New frames have been stored meanwhile, which have to be planned too.
                 row = self._row(session)
 
     def _begin(self) -> JobRow:
@@ -170,14 +170,14 @@ class JobDriver:
 
     def _drive_chunks(self, row: JobRow) -> None:
         """Plan and submit chunks until all are done."""
-        self._frames_per_chunk = self.context.engine.chunk_frames(row.total - row.done)
-        self._is_planned, self._planned_up_to = False, 0
+        frames = self.context.engine.chunk_frames(row.total - row.done)
+        self._planned = _Planned(frames)
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
             # Quarantined frames must not be planned again, with another number.
             if self._to_send or chunks.quarantined(self.lease.job):
-                self._planned_up_to = chunks.last_frame(self.lease.job)
+                self._planned.up_to = chunks.last_frame(self.lease.job)
         try:
             while self._send(row):
                 self._take_ended()
@@ -185,7 +185,7 @@ class JobDriver:
             self.context.engine.release(list(self._in_flight))
         self._check_quarantine()
 
-    def _drive_final(self) -> None:
+    def _drive_final_step(self) -> None:
         """Execute the final step, in this thread regardless of the engine.
 
         If it does not end the job, `drive` continues with the chunks and comes back.
@@ -193,13 +193,12 @@ class JobDriver:
         with self.context.database.write() as session:
             self.lease.require(session)
             row = self._row(session)
-            number = ChunkRepository(session).plan_final(self.lease.job, row.total)
+            ChunkRepository(session).plan_final_step(self.lease.job, row.total)
         self._check()
-        outcome = work_in_driver(self.context, *self.lease.job, number)
+        outcome = work_in_driver(self.context, *self.lease.job, FINAL_STEP)
         if outcome == QUARANTINED:
             self._check_quarantine()
-        elif outcome != DONE:
-            self._ended(number, outcome)
+        self._has_ended(FINAL_STEP, outcome)
 
     def _send(self, row: JobRow) -> bool:
         """Submit chunks while there is room; False once nothing is left."""
@@ -212,12 +211,11 @@ class JobDriver:
         return bool(self._in_flight or self._to_send or self._suspects)
 
     def _next(self, row: JobRow) -> int | None:
-        self._suspect_in_flight = self._suspect_in_flight and bool(self._in_flight)
-        if self._suspects or self._suspect_in_flight:
-            # Submitted alone, so that if a process dies again, this chunk is the cause.
+        """The chunk to submit next; None if none can be submitted now."""
+        if self._suspects:
             return None if self._in_flight else self._suspects[0]
         room = self.context.engine.window - len(self._in_flight)
-        if room > 0 and not self._to_send and not self._is_planned:
+        if room > 0 and not self._to_send and not self._planned.is_complete:
             self._plan(row, room)
         return self._to_send[0] if room > 0 and self._to_send else None
 
@@ -225,26 +223,22 @@ class JobDriver:
         here = partial(work_in_driver, self.context)
         engine = self.context.engine
         future = engine.start_chunk(here, self.lease.job, number)
-        self._suspect_in_flight = bool(self._suspects)
-        (self._suspects or self._to_send).popleft()
+        if not self._suspects:  # a suspect remains one until it has ended
+            self._to_send.popleft()
         self._in_flight[future] = number
 
     def _plan(self, row: JobRow, most: int) -> None:
-        limits = {
-            "after": self._planned_up_to,
-            "most": most,
-            "frames": self._frames_per_chunk,
-        }
+        after, frames = self._planned.up_to, self._planned.frames_per_chunk
         with self.context.database.read() as session:
-            spans = self.kind.plan(session, row, **limits)
-        self._is_planned = len(spans) < most
-        if not spans:
+            chunks = self.kind.plan(session, row, after=after, most=most, frames=frames)
+        self._planned.is_complete = len(chunks) < most
+        if not chunks:
             return
-        self._planned_up_to = spans[-1].last_frame_id
+        self._planned.up_to = chunks[-1].last_frame_id
         with self.context.database.write() as session:
             self.lease.require(session)
             self._row(session)
-            self._to_send.extend(ChunkRepository(session).plan(self.lease.job, spans))
+            self._to_send.extend(ChunkRepository(session).plan(self.lease.job, chunks))
 
     def _take_ended(self) -> None:
         """Wait a moment for chunks to end, and handle their outcomes."""
@@ -252,15 +246,21 @@ class JobDriver:
         for future in done:
             number = self._in_flight.pop(future)
             try:
-                self._ended(number, self.context.engine.outcome(future))
+                outcome = self.context.engine.outcome(future)
             except WorkerDied as died:
                 self._suspect(number, died)
             except EngineAway:
-                self._to_send.append(number)
+                self._send_again(number)
+            else:
+                if self._has_ended(number, outcome):
+                    self._drop_suspect(number)
+                else:
+                    self._send_again(number)
         if not self.context.engine.is_connected():
             self._reconnect()
 
-    def _ended(self, number: int, outcome: str) -> None:
+    def _has_ended(self, number: int, outcome: str) -> bool:
+        """Whether a chunk needs no more work; raises ChunkFailed if its job fails."""
         if outcome == FAILED:
             raise ChunkFailed(self._error_of(number))
         if outcome == ELSEWHERE:
@@ -273,8 +273,17 @@ class JobDriver:
             # The job may have ended: read its row now.
             self._row_read_at = 0.0
             self._check()
-            self._to_send.append(number)
             self.context.engine.stopping.wait(WAIT_S)
+            return False
+        return True
+
+    def _send_again(self, number: int) -> None:
+        if number not in self._suspects:
+            self._to_send.append(number)
+
+    def _drop_suspect(self, number: int) -> None:
+        if number in self._suspects:
+            self._suspects.remove(number)
 
     def _error_of(self, number: int) -> Mapping[str, object]:
         with self.context.database.read() as session:
@@ -284,10 +293,10 @@ class JobDriver:
 
     def _suspect(self, number: int, died: WorkerDied) -> None:
         log.warning("chunk %d of %s %d: %s", number, *self.lease.job, died)
+        self._drop_suspect(number)
         with self.context.database.write() as session:
             self.lease.require(session)
-            chunks = ChunkRepository(session)
-            if chunks.suspect(self.lease.job, number, MOST_ATTEMPTS):
+            if count_death(session, self.lease.job, number):
                 self._suspects.append(number)
 
     def _check(self) -> None:
@@ -300,7 +309,8 @@ class JobDriver:
 
     def _reconnect(self) -> None:
         """Wait until the engine is connected, and submit again what is not done."""
-        self._to_send.extendleft(self._in_flight.values())
+        for number in self._in_flight.values():
+            self._send_again(number)
         self._in_flight.clear()
         pause = WAIT_S
         while True:
@@ -317,33 +327,10 @@ class JobDriver:
         with self.context.database.read() as session:
             waiting = set(ChunkRepository(session).waiting(self.lease.job))
         self._to_send = deque(number for number in self._to_send if number in waiting)
+        self._suspects = deque(one for one in self._suspects if one in waiting)
 
     def _check_quarantine(self) -> None:
         with self.context.database.read() as session:
-            chunks = ChunkRepository(session).quarantined(self.lease.job)
-            sentences = list(self._quarantine_in_words(session, chunks))
-        if sentences:
-            detail = "; ".join(sentences)
-            raise ChunkFailed({"code": "quarantined", "detail": detail})
-
-    def _quarantine_in_words(
-        self, session: Session, chunks: Sequence[Chunk]
-    ) -> Iterator[str]:
-        """Which frames ended processes, and which cannot be read; empty if none."""
-        reasons = dict.fromkeys(str(one.error["detail"]) for one in chunks if one.error)
-        if what := self._unfinished_in(
-            session, [one for one in chunks if not one.error]
-        ):
-            yield (
-                f"{what} ended the process that worked on it {MOST_ATTEMPTS} times; "
-                "the log of the process may say why"
-            )
-        if what := self._unfinished_in(session, [one for one in chunks if one.error]):
-            yield f"{what} cannot be read: {'; '.join(reasons)}"
-
-    def _unfinished_in(self, session: Session, chunks: Sequence[Chunk]) -> str:
-        if not chunks:
-            return ""
-        if is_final(chunks[0].number):
-            return self.kind.final_step or ""
-        return self.kind.name_unfinished(session, self._row(session), chunks)
+            error = quarantine_error(session, self.lease.job)
+        if error is not None:
+            raise ChunkFailed(error)

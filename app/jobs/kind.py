@@ -1,7 +1,9 @@
 """The interface of a kind of job, and the task that is passed to it.
 
-The rest of this package treats all jobs alike. A kind is registered when the process
-starts, and looked up by its name, which chunks and leases of its jobs contain.
+There are two kinds of jobs: runs and exports. The rest of this package treats them
+alike. A kind is registered when the process starts, and looked up by its name
+(`Job.kind`), which chunks and leases of its jobs contain. The `kind` in the row of a
+run is something else: whether the run measures or only decides.
 """
 
 from __future__ import annotations
@@ -18,16 +20,16 @@ from app.context import ServiceContext
 from app.db.tables import Chunk
 from app.engine import Job, JobStopped
 from app.errors import StorageAway
+from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
 from app.jobs.queries import (
-    ChunkRepository,
+    OPEN,
     Row,
-    Span,
     close,
-    is_final,
+    find_job,
     open_job,
+    open_jobs,
     tell_done,
 )
-from filter_core.errors import FilterError
 
 READ_ROW_EVERY_S: Final = 0.5
 """How often a task reads its job's row, to notice that the job has ended."""
@@ -72,7 +74,10 @@ class JobKind(Protocol[Row]):
     """Its rows; `table.job_kind` is the kind's name."""
     final_step: str | None
     """A phrase for the step after all chunks, such as "deciding its boxes", used in
-    error messages; None for a kind whose only chunk ends the job itself."""
+    error messages; None for a kind whose only chunk ends the job itself.
+
+    The final step is a chunk, too, with the number 0 (`app.jobs.chunks`). The driver
+    executes it itself, when all other chunks are done."""
 
     def may_begin(self, session: Session, row: Row) -> bool:
         """Whether the job may begin: False if another job has to end first."""
@@ -80,13 +85,13 @@ class JobKind(Protocol[Row]):
     def begin(self, session: Session, row: Row) -> None:
         """Store the amount of work in the row.
 
-        Called in the transaction in which a driver takes the job, and again after a
-        crash; `row.state` is "queued" only the first time.
+        Called in the transaction in which a driver takes the job: again by the next
+        driver if this one dies. `row.state` is "queued" only the first time.
         """
 
     def plan(
         self, session: Session, row: Row, *, after: int, most: int, frames: int
-    ) -> list[Span]:
+    ) -> list[PlannedChunk]:
         """Up to `most` chunks of `frames` frames each, after the frame id `after`.
 
         Fewer than `most` mean that nothing more is to be planned. The row was read when
@@ -148,8 +153,21 @@ def kind_of(job: Job) -> AnyKind:
     return _KINDS[job.kind]
 
 
+def is_open(session: Session, job: Job) -> bool:
+    """Whether a job is queued or running: it has neither ended nor been deleted."""
+    row = find_job(session, kind_of(job).table, job.id)
+    return row is not None and row.state in OPEN
+
+
+def all_open_jobs(session: Session, dataset_id: int | None = None) -> list[Job]:
+    """All open jobs, or those of a dataset, kind by kind, oldest first."""
+    return [
+        job for kind in kinds() for job in open_jobs(session, kind.table, dataset_id)
+    ]
+
+
 def _ignore(_session: Session) -> None:
-    """Do nothing: the driver counts the attempts of a worker."""
+    """Do nothing: only the driver resets its attempts (`app.jobs.attempts`)."""
 
 
 @dataclass
@@ -207,7 +225,7 @@ class Task(Generic[Row]):
         number is written in a separate transaction; on SQLite, which has one writer, it
         is kept in memory of this process.
         """
-        final = is_final(self.number)
+        final = self.number == FINAL_STEP
         if final:
             self.context.engine.report(self.job, done)
         if final and self.context.database.has_one_writer:
@@ -217,8 +235,8 @@ class Task(Generic[Row]):
                 tell_done(session, self.kind.table, self.job.id, done)
             self._told_at = time.monotonic()
 
-    def retry_unavailable(self, ask: Callable[[], _T]) -> _T:
-        """The result of `ask`, which is retried while the storage is unavailable.
+    def retry_unavailable(self, use_storage: Callable[[], _T]) -> _T:
+        """The result of `use_storage`, retried while the file storage is unavailable.
 
         Raises
         ------
@@ -227,22 +245,14 @@ class Task(Generic[Row]):
         """
         for pause_s in PAUSES_S:
             try:
-                return ask()
+                return use_storage()
             except StorageAway:
                 self._pause(pause_s)
-        return ask()
+        return use_storage()
 
     def chunk_done(self, session: Session) -> None:
         """Mark the chunk as done in this transaction; idempotent."""
         ChunkRepository(session).mark_done(self.job, self.number)
-
-    def chunk_refused(self, session: Session, why: FilterError) -> None:
-        """Quarantine the rest of the chunk, which cannot be processed.
-
-        The job fails, with `why`, when all other chunks are done.
-        """
-        error = {"code": why.kind, "detail": why.detail}
-        ChunkRepository(session).refuse(self.job, self.number, error)
 
     def end_job(self, session: Session) -> None:
         """End the job as done in this transaction; JobStopped if it has ended."""
@@ -254,10 +264,10 @@ class Task(Generic[Row]):
 
     def _require_open(self) -> None:
         with self.context.database.read() as session:
-            if not is_final(self.number):
+            if self.number != FINAL_STEP:
                 self.row(session)
             # A cancellation waits for the final step's transaction before the row.
-            elif not ChunkRepository(session).has_final(self.job):
+            elif not ChunkRepository(session).has_final_step(self.job):
                 raise JobStopped(self.job)
 
     def _pause(self, seconds: float) -> None:

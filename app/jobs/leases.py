@@ -1,33 +1,63 @@
-"""Leases: each job has one driver, the process that holds and renews its lease.
+"""Who drives a job: its lease, and the watchdog that takes over if its process dies.
 
-A lease is taken in the transaction that begins the job. A process that renews too late
-loses it to another one, and notices when it renews the lease, plans chunks or begins
-the final step. If two processes reach the end of a job, the first one ends it, and the
-second finds that it has ended.
+The *driver* of a job is the process that plans its chunks and has them executed
+(`app.jobs.driver`). It has the job's lease, a row that says which process that is and
+until when. It takes the lease in the transaction that begins the job, and renews it
+until the job ends.
+
+A lease is *void* if it has expired, since the driver has not renewed it for
+`LEASE_LASTS`, or if the driver ran on this machine and the operating system says that
+it has ended (`process_has_ended`). Every service runs a watchdog. It lets its own
+process drive each open job
+
+- whose lease is void: the driver has died, or has stopped and left the job;
+- that has been without a lease for `UNDRIVEN_FOR_S`: the service that queued it has
+  died before it began the job.
+
+The new driver continues with what the database says (`JobDriver`).
+
+**A driver that is only slow** may lose its lease and not know. It notices when it
+renews the lease, plans chunks, counts an attempt of a worker, begins the final step or
+lets the job fail: these require the lease. Storing results does not, so that a worker
+needs none. Instead, each transaction that stores results looks which of them are there
+already (`EvidenceRepository.lacking`), and ending a job requires that it is open
+(`close`). So if two processes work on the same chunk, no result is stored or counted
+twice, and the second one to reach the end finds that the job has ended.
 """
 
 from __future__ import annotations
 
 import logging
-import os
-import secrets
-import socket
-import sys
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Final
+from datetime import datetime, timedelta
+from typing import Final, NamedTuple
 
+from sqlalchemy import delete, func, select
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
+from app.db.base import utc_now
+from app.db.bulk import upsert
 from app.db.engine import Database, once_committed
+from app.db.tables import JobRow, Lease
 from app.engine import Job, JobStopped
-from app.jobs.kind import kind_of
-from app.jobs.queries import OPEN, LeaseRepository, find_job
+from app.jobs.kind import all_open_jobs, is_open
+from app.jobs.processes import process_has_ended, this_process
 
+LEASE_LASTS: Final = timedelta(seconds=8)
+"""How long a lease is valid after it was taken or renewed."""
 RENEW_EVERY_S: Final = 2.0
+WATCHDOG_EVERY_S: Final = 2.0
+"""How often the watchdog looks for jobs that this process should drive."""
+UNDRIVEN_FOR_S: Final = 10.0
+"""Seconds that an open job may be without a lease before any service drives it.
+
+The service that queued the job has this time to begin it.
+"""
 
 log = logging.getLogger(__name__)
 
@@ -37,22 +67,41 @@ class LeaseLost(JobStopped):
 
 
 class JobLease:
-    """The lease of one job that this process drives."""
+    """The lease of one job, for the process `holder`.
+
+    The row goes away with the job. What becomes of it depends on how the driver ends:
+
+    - The job has ended: `release` deletes the row.
+    - The driver leaves an open job (a stop, a lost connection): `release` lets the
+      lease expire at once, so that any process can take it.
+    - The driver dies: the lease becomes void. The watchdog of another process takes it,
+      or deletes it if the job has ended.
+    - The dataset is deleted: `delete_leases` deletes the row.
+    """
 
     def __init__(self, database: Database, job: Job, holder: str) -> None:
         self.job = job
         self._database, self._holder = database, holder
-        self._over, self._is_mine, self._is_lost = threading.Event(), False, False
+        self._is_taken = self._is_lost = False
+        self._over = threading.Event()
 
     def take(self, session: Session) -> None:
-        """Take the lease in the transaction that begins the job, and keep renewing it.
+        """Take the lease, or renew it; once committed, it is renewed in a thread.
 
         Raises
         ------
         LeaseLost
             Another process drives the job.
         """
-        if not LeaseRepository(session).take(self.job, self._holder, has_ended):
+        now = _now(session)
+        # A process that is ending the job has locked this row: do not wait for it.
+        lease = _locked(session, self.job, skip_locked=True)
+        if lease is not None:
+            if lease.holder != self._holder and not _is_void(lease, now):
+                raise LeaseLost(self.job)
+            lease.holder, lease.until = self._holder, now + LEASE_LASTS
+            session.flush()
+        elif not self._add(session, now):
             raise LeaseLost(self.job)
         once_committed(session, self._keep)
 
@@ -64,20 +113,8 @@ class JobLease:
         LeaseLost
             Another process has taken it already.
         """
-        if not LeaseRepository(session).is_held(self.job, self._holder):
+        if self._mine(session) is None:
             raise LeaseLost(self.job)
-
-    def end(self, session: Session) -> None:
-        """Remove the lease in the transaction in which the job fails.
-
-        Raises
-        ------
-        LeaseLost
-            Another process has taken it already.
-        """
-        self.require(session)
-        LeaseRepository(session).end(self.job, self._holder)
-        once_committed(session, self._forget)
 
     def check(self) -> None:
         """Raise `LeaseLost` if the last renewal found that another process has it."""
@@ -90,36 +127,49 @@ class JobLease:
         If the job has not ended, the watchdog of any process can take it over.
         """
         self._over.set()
-        if not self._is_mine or self._is_lost:
+        if not self._is_taken or self._is_lost:
             return
         try:
             with self._database.write_beside() as session:
-                leases = LeaseRepository(session)
-                row = find_job(session, kind_of(self.job).table, self.job.id)
-                if row is not None and row.state in OPEN:
-                    leases.leave(self.job, self._holder)
+                lease = self._mine(session)
+                if lease is None:
+                    return
+                if is_open(session, self.job):
+                    # The row stays: a job without a lease counts as one that the
+                    # service which queued it will begin. It has no holder any more, so
+                    # that a renewal that has begun does not prolong it.
+                    lease.holder, lease.until = "", _now(session)
                 else:
-                    leases.end(self.job, self._holder)
+                    session.delete(lease)
         except SQLAlchemyError as exc:  # the lease expires by itself
             log.warning("cannot release the lease of %s %d: %s", *self.job, exc)
 
-    def _keep(self) -> None:
-        self._is_mine = True
-        threading.Thread(target=self._renew, name="lease", daemon=True).start()
+    def _add(self, session: Session, now: datetime) -> bool:
+        row = {"kind": self.job.kind, "job_id": self.job.id, "holder": self._holder}
+        new = upsert(session, Lease).values(**row, until=now + LEASE_LASTS)
+        added = new.on_conflict_do_nothing().returning(Lease.holder)
+        return session.execute(added).first() is not None
 
-    def _forget(self) -> None:
-        self._is_mine = False
-        self._over.set()
+    def _mine(self, session: Session) -> Lease | None:
+        lease = _locked(session, self.job)
+        return lease if lease is not None and lease.holder == self._holder else None
+
+    def _keep(self) -> None:
+        if not self._is_taken:
+            self._is_taken = True
+            threading.Thread(target=self._renew, name="lease", daemon=True).start()
 
     def _renew(self) -> None:
         while not self._over.wait(RENEW_EVERY_S):
             try:
                 with self._database.write_beside() as session:
-                    mine = LeaseRepository(session).renew(self.job, self._holder)
+                    lease = self._mine(session)
+                    if lease is not None:
+                        lease.until = _now(session) + LEASE_LASTS
             except SQLAlchemyError as exc:  # retried until the lease expires
                 log.warning("cannot renew the lease of %s %d: %s", *self.job, exc)
                 continue
-            if not mine and not self._over.is_set():
+            if lease is None and not self._over.is_set():
                 log.warning("%s %d is driven by another process now", *self.job)
                 self._is_lost = True
                 return
@@ -158,55 +208,112 @@ class Leases:
                 self._free.notify_all()
 
 
-_PROC: Final = Path("/proc")
-_START_TICK: Final = 19
-"""Index of the start time in /proc/PID/stat, counted after the command in brackets."""
+def delete_leases(session: Session, table: type[JobRow], dataset_id: int) -> None:
+    """Delete the leases of a dataset's jobs of one kind."""
+    jobs = select(table.id).where(table.dataset_id == dataset_id)
+    mine = Lease.kind == table.job_kind, Lease.job_id.in_(jobs)
+    session.execute(delete(Lease).where(*mine))
 
 
-def this_process() -> str:
-    """A unique name for this process, among all processes of all machines."""
-    pid = os.getpid()
-    return f"{_machine()}/{pid}/{_started(pid)}/{secrets.token_hex(4)}"
+class Leased(NamedTuple):
+    """Jobs that have a lease, separated by whether it is valid or void."""
+
+    valid: set[Job]
+    void: set[Job]
+
+    @classmethod
+    def of(cls, session: Session) -> Leased:
+        """All jobs that have a lease."""
+        now, found = _now(session), cls(set(), set())
+        for lease in session.scalars(select(Lease)):
+            jobs = found.void if _is_void(lease, now) else found.valid
+            jobs.add(Job(lease.kind, lease.job_id))
+        return found
 
 
-def has_ended(name: str) -> bool:
-    """Whether the process of this name ran on this machine and has ended.
+def _is_void(lease: Lease, now: datetime) -> bool:
+    return lease.until <= now or process_has_ended(lease.holder)
 
-    False for a process of another machine or container, which cannot be checked.
+
+def _now(session: Session) -> datetime:
+    """The current time, by a clock that all processes of the database share."""
+    if session.connection().dialect.name != "postgresql":
+        return utc_now()
+    return session.scalar(select(func.clock_timestamp())) or utc_now()
+
+
+def _locked(session: Session, job: Job, *, skip_locked: bool = False) -> Lease | None:
+    """The row of a job's lease, locked; with `skip_locked` None if another has it."""
+    rows = select(Lease).where(Lease.kind == job.kind, Lease.job_id == job.id)
+    return session.scalar(rows.with_for_update(skip_locked=skip_locked))
+
+
+class Watchdog:
+    """Finds the jobs that this process should drive, since nobody else does.
+
+    It uses its own clock, because the clock of the service that queued a job may be
+    wrong.
     """
-    machine, _, rest = name.partition("/")
-    pid, _, rest = rest.partition("/")
-    if machine != _machine() or not pid.isdigit():
-        return False
-    if sys.platform == "linux":
-        # Process ids are reused; together with the start time they are unique.
-        return _started(int(pid)) != rest.partition("/")[0]
-    return os.name == "posix" and not _answers(int(pid))
+
+    def __init__(
+        self, context: ServiceContext, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._context, self._clock = context, clock
+        self._undriven_since: dict[Job, float] = {}
+
+    def abandoned(self) -> list[Job]:
+        """The open jobs whose lease is void, or that have had none for too long.
+
+        Void leases of jobs that have ended are deleted.
+        """
+        with self._context.database.read() as session:
+            unfinished = all_open_jobs(session)
+            leased = Leased.of(session)
+        if of_ended_jobs := leased.void.difference(unfinished):
+            self._delete(of_ended_jobs)
+        now, before = self._clock(), self._undriven_since
+        undriven = [job for job in unfinished if job not in leased.valid]
+        self._undriven_since = {job: before.get(job, now) for job in undriven}
+        return [
+            job
+            for job in undriven
+            if job in leased.void or now - self._undriven_since[job] >= UNDRIVEN_FOR_S
+        ]
+
+    def _delete(self, jobs: Iterable[Job]) -> None:
+        with self._context.database.write_beside() as session:
+            for job in jobs:
+                lease = _locked(session, job, skip_locked=True)
+                if lease is not None and _is_void(lease, _now(session)):
+                    session.delete(lease)
+                    session.flush()
 
 
-def _machine() -> str:
-    if sys.platform != "linux":
-        return socket.gethostname().replace("/", "-")
-    boot = (_PROC / "sys/kernel/random/boot_id").read_text("ascii").strip()
-    # Each container of a machine has its own process ids.
-    return f"{boot}-{(_PROC / 'self/ns/pid').stat().st_ino}"
+@contextmanager
+def running_watchdog(
+    context: ServiceContext, start: Callable[[Iterable[Job]], None]
+) -> Iterator[None]:
+    """Start open jobs now, and look for abandoned ones until the block ends.
 
+    `start` lets this process drive jobs; another driver's jobs may be among them.
+    """
+    with context.database.read() as session:
+        unfinished = all_open_jobs(session)
+    start(unfinished)
+    ends = threading.Event()
 
-def _started(pid: int) -> str:
+    def watch() -> None:
+        watchdog = Watchdog(context)
+        while not ends.wait(WATCHDOG_EVERY_S) and not context.engine.stopping.is_set():
+            try:
+                start(watchdog.abandoned())
+            except SQLAlchemyError as exc:  # the database may be away for a while
+                log.warning("cannot look for unfinished jobs: %s", exc)
+
+    thread = threading.Thread(target=watch, name="watchdog")
+    thread.start()
     try:
-        text = (_PROC / str(pid) / "stat").read_text("utf-8", "replace")
-    except OSError:
-        return ""
-    words = text.rpartition(")")[2].split()
-    # A zombie has ended: only its parent has not read its exit status yet.
-    return "" if words[0] == "Z" else words[_START_TICK]
-
-
-def _answers(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
+        yield
+    finally:
+        ends.set()
+        thread.join()

@@ -1,21 +1,16 @@
-"""Background jobs: queueing, starting and cancelling them, and the watchdog.
+"""Background jobs: queueing, starting and cancelling them.
 
-A job is **queued** by `ask` in the transaction of its caller, **running** once a
-driver has taken it, and finally **done**, **failed** or **cancelled**.
+A job is **queued** by `queue_job` in the transaction of its caller, and **running**
+once a driver has taken it. It ends as **done**, **failed** or **cancelled**.
 """
 
 from __future__ import annotations
 
-import logging
-import threading
-import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from functools import partial
 from typing import Final
 
 from sqlalchemy import event
-from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
@@ -23,13 +18,12 @@ from app.db.engine import once_committed
 from app.db.tables import JobRow
 from app.engine import Job
 from app.errors import Conflict, NotFound, TooManyRequests
+from app.jobs.chunks import ChunkRepository
 from app.jobs.driver import drive_job
-from app.jobs.kind import JobKind, kind_of, kinds
-from app.jobs.leases import Leases, has_ended
+from app.jobs.kind import JobKind, all_open_jobs, kind_of, kinds
+from app.jobs.leases import Leases, delete_leases
 from app.jobs.queries import (
     OPEN,
-    ChunkRepository,
-    LeaseRepository,
     Row,
     close,
     count_open,
@@ -39,19 +33,10 @@ from app.jobs.queries import (
 )
 from app.settings import Settings
 
-WATCHDOG_EVERY_S: Final = 2.0
-"""How often the watchdog looks for jobs that this process should drive."""
-UNDRIVEN_FOR_S: Final = 10.0
-"""Seconds that an open job may be without a driver before any service drives it.
-
-The service that queued the job has this time to begin it.
-"""
 _RETRY_S: Final = 10
 
-log = logging.getLogger(__name__)
 
-
-def ask(context: ServiceContext, session: Session, row: JobRow) -> None:
+def queue_job(context: ServiceContext, session: Session, row: JobRow) -> None:
     """Queue a job; it starts once the transaction is committed.
 
     Raises
@@ -162,100 +147,22 @@ def interrupt(context: ServiceContext, session: Session, job: Job) -> None:
     if not context.database.has_one_writer:
         # Not in the caller's session: its first statement waits for its turn to write.
         with context.database.write_beside() as beside:
-            ChunkRepository(beside).withdraw_final(job)
+            ChunkRepository(beside).withdraw_final_step(job)
     clear = partial(context.engine.clear_cancel, job)
     event.listen(session, "after_transaction_end", lambda *_: clear())
     again = partial(start, context, [job], even_if_driven=True)
     event.listen(session, "after_rollback", lambda _: again())
 
 
-def all_open_jobs(session: Session, dataset_id: int) -> list[Job]:
-    """The jobs of a dataset, of every kind, that are queued or running."""
-    return [
-        found
-        for kind in kinds()
-        for found in open_jobs(session, kind.table, dataset_id)
-    ]
-
-
 def end_all(session: Session, dataset_id: int) -> None:
-    """Cancel the open jobs of a dataset that is being deleted; delete all chunks."""
-    chunks = ChunkRepository(session)
+    """Cancel the open jobs of a dataset that is being deleted.
+
+    The chunks and leases of all its jobs are deleted.
+    """
     for kind in kinds():
         for job in open_jobs(session, kind.table, dataset_id):
             row = find_job(session, kind.table, job.id)
             if row is not None:
                 close(session, row, "cancelled")
-        chunks.forget_dataset(kind.table, dataset_id)
-
-
-@contextmanager
-def running_watchdog(context: ServiceContext) -> Iterator[None]:
-    """Start unfinished jobs now, and check for more at intervals during the block."""
-    with context.database.read() as session:
-        unfinished = _unfinished(session)
-    start(context, unfinished)
-    ends = threading.Event()
-    watchdog = threading.Thread(
-        target=_run_watchdog, args=(context, ends), name="watchdog"
-    )
-    watchdog.start()
-    try:
-        yield
-    finally:
-        ends.set()
-        watchdog.join()
-
-
-def _unfinished(session: Session) -> list[Job]:
-    """All unfinished jobs, kind by kind, oldest first."""
-    return [job for kind in kinds() for job in open_jobs(session, kind.table)]
-
-
-def _run_watchdog(context: ServiceContext, ends: threading.Event) -> None:
-    watchdog = Watchdog(context)
-    while not ends.wait(WATCHDOG_EVERY_S) and not context.engine.stopping.is_set():
-        try:
-            start(context, watchdog.abandoned())
-        except SQLAlchemyError as exc:  # the database may be unavailable for a while
-            log.warning("cannot look for unfinished jobs: %s", exc)
-
-
-class Watchdog:
-    """Records since when each unfinished job has been without a driver.
-
-    It uses its own clock, because the clock of the service that queued a job may be
-    wrong.
-    """
-
-    def __init__(
-        self, context: ServiceContext, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._context, self._clock = context, clock
-        self._undriven_since: dict[Job, float] = {}
-
-    def abandoned(self) -> list[Job]:
-        """The unfinished jobs that this process should drive now.
-
-        Those are jobs whose lease is void, since their driver has died, and jobs that
-        have been without a lease for `UNDRIVEN_FOR_S` seconds. Void leases of jobs that
-        are over are deleted.
-        """
-        with self._context.database.read() as session:
-            unfinished = _unfinished(session)
-            leased = LeaseRepository(session).leased_jobs(has_ended)
-        if of_jobs_that_are_over := leased.void.difference(unfinished):
-            self._clear(of_jobs_that_are_over)
-        now, before = self._clock(), self._undriven_since
-        undriven = [job for job in unfinished if job not in leased.driven]
-        self._undriven_since = {job: before.get(job, now) for job in undriven}
-        return [
-            job
-            for job in undriven
-            if job in leased.void or now - self._undriven_since[job] >= UNDRIVEN_FOR_S
-        ]
-
-    def _clear(self, jobs: Iterable[Job]) -> None:
-        with self._context.database.write_beside() as session:
-            for job in jobs:
-                LeaseRepository(session).clear(job, has_ended)
+        ChunkRepository(session).forget_dataset(kind.table, dataset_id)
+        delete_leases(session, kind.table, dataset_id)

@@ -4,42 +4,24 @@ The functions return the outcome, one of the constants of `app.engine.chunk`. An
 that ends the job is written into the chunk's row; one that may pass, such as a lost
 connection, is logged, and the chunk is returned.
 
-If a worker dies, the driver counts an attempt in the chunk's row. If the driver itself
-dies while it works on a chunk, nobody can count that. So it counts the attempt before
-it begins the chunk, and sets the count to zero as soon as a part of the result is
-stored. The count then says how many attempts in a row have ended their process and
-stored nothing.
+If the process dies instead, there is no outcome: `app.jobs.attempts`.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
-from typing import Final
-
-from sqlalchemy.exc import SQLAlchemyError
-from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
-from app.db.engine import once_committed
-from app.db.tables import Chunk
 from app.db.transient import in_a_line, is_transient
 from app.engine import Job, JobStopped
 from app.engine.chunk import DONE, ELSEWHERE, FAILED, QUARANTINED, RETURNED, UNWANTED
 from app.errors import AppError
+from app.jobs.attempts import Attempt
+from app.jobs.chunks import FINAL_STEP, ChunkRepository
 from app.jobs.kind import AnyTask, Task, kind_of
-from app.jobs.queries import (
-    ChunkRepository,
-    LeaseRepository,
-    is_final,
-    open_job,
-)
+from app.jobs.queries import installation_id
 from filter_core.errors import FilterError
-
-MOST_ATTEMPTS: Final = 3
-"""After as many dead processes the frame at which they died, or the whole chunk, is
-quarantined."""
-_PAUSE_S: Final = 0.5
 
 log = logging.getLogger(__name__)
 
@@ -54,11 +36,9 @@ def work_on_chunk(context: ServiceContext, kind: str, job_id: int, number: int) 
 
 
 def work_in_driver(context: ServiceContext, kind: str, job_id: int, number: int) -> str:
-    """As `work_on_chunk`, in the process that drives the job.
+    """As `work_on_chunk`, in the process that drives the job, which counts its attempt.
 
-    The attempt is counted in the chunk's row before the work begins, since no other
-    process can count it if this one dies. If there were too many, the frame at which
-    the processes died is quarantined, or the chunk, which then is not worked on.
+    The outcome is QUARANTINED if the chunk is not to be worked on.
     """
     task = _task(context, Job(kind, job_id), number)
     attempt = Attempt(context, task.job, number)
@@ -75,7 +55,7 @@ def _task(context: ServiceContext, job: Job, number: int) -> AnyTask:
 
 def _do(task: AnyTask) -> str:
     try:
-        if is_final(task.number):
+        if task.number == FINAL_STEP:
             task.kind.finish(task)
         else:
             task.kind.work(task)
@@ -124,7 +104,7 @@ def work_in_worker(
     """
     try:
         with context.database.read() as session:
-            found = LeaseRepository(session).installation()
+            found = installation_id(session)
         if found == installation:
             return work_on_chunk(context, *asked)
     except Exception as error:
@@ -158,84 +138,3 @@ def _failed(task: AnyTask, error: Mapping[str, object]) -> str:
 
 def _named(task: AnyTask) -> str:
     return f"chunk {task.number} of {task.job.kind} {task.job.id}"
-
-
-class Attempt:
-    """One attempt of this process at a chunk, which is counted in the chunk's row."""
-
-    def __init__(self, context: ServiceContext, job: Job, number: int) -> None:
-        self._context, self._job, self._number = context, job, number
-        self._is_noted = False
-
-    def begin(self) -> bool:
-        """Count the attempt; False if the chunk is quarantined.
-
-        After too many attempts the chunk is quarantined, or only the frame at which the
-        processes died: then the rest of the chunk is worked on.
-
-        Raises
-        ------
-        JobStopped
-            The service is stopping, or the job is being cancelled.
-        """
-        self._context.engine.check(self._job)
-        # Before the commit: it may succeed although its response is lost.
-        self._is_noted = True
-        with self._context.database.write() as session:
-            chunks = ChunkRepository(session)
-            chunk = chunks.find(self._job, self._number)
-            if chunk is None or chunk.state == "done":
-                return True
-            if chunk.attempts >= MOST_ATTEMPTS:
-                log.warning(
-                    "chunk %d of %s %d ended its process %d times",
-                    *(self._number, *self._job, chunk.attempts),
-                )
-                _quarantine(session, self._job, chunk)
-            if chunk.state == "quarantined":
-                return False
-            chunks.attempt(chunk)
-        return True
-
-    def forget(self, session: Session) -> None:
-        """Set the attempts to zero in a transaction that stores a part of a result."""
-        if self._is_noted:
-            ChunkRepository(session).forget_attempts(self._job, self._number)
-            once_committed(session, self._forgotten)
-
-    def end(self) -> None:
-        """Set the attempts to zero after work that failed but did not end the process.
-
-        Otherwise this attempt would count as the death of a process. While the database
-        is unavailable, this is retried until the service stops.
-        """
-        while self._is_noted:
-            try:
-                with self._context.database.write() as session:
-                    self.forget(session)
-            except SQLAlchemyError as exc:
-                stops = self._context.engine.stopping.wait(_PAUSE_S)
-                if stops or not is_transient(exc):
-                    told = self._number, *self._job, in_a_line(exc)
-                    log.warning("cannot reset chunk %d of %s %d: %s", *told)
-                    return
-
-    def _forgotten(self) -> None:
-        self._is_noted = False
-
-
-def _quarantine(session: Session, job: Job, chunk: Chunk) -> None:
-    """Quarantine the frame at which the process died: the first without a result.
-
-    From its second attempt on, a chunk is processed frame by frame. If the frame before
-    this one is quarantined already, the rest of the chunk is quarantined, too;
-    otherwise each of many such frames in a row would end `MOST_ATTEMPTS` processes.
-    Results that are stored stay.
-    """
-    chunks, kind = ChunkRepository(session), kind_of(job)
-    unfinished = kind.unfinished(session, open_job(session, kind.table, job.id), chunk)
-    after_quarantined = {one.last_frame_id + 1 for one in chunks.quarantined(job)}
-    if len(unfinished) < 2 or unfinished[0] in after_quarantined:
-        chunks.quarantine(chunk)
-    else:
-        chunks.quarantine_frame(chunk, unfinished[0], len(unfinished))

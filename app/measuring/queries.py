@@ -631,6 +631,19 @@ def frames_state(session: Session, dataset_id: int) -> tuple[int, int]:
     return session.scalar(newest) or 0, session.scalar(boxes) or 0
 
 
+def frame_before(session: Session, dataset_id: int, frame_id: int) -> int:
+    """The id of the frame that was stored before this one; 0 if it was the first.
+
+    Ids of frames are given in turn to all datasets, so that the two may be far apart.
+    """
+    rows = select(func.max(Frame.id)).where(
+        Frame.dataset_id == dataset_id,
+        Frame.superseded_at.is_(None),
+        Frame.id < frame_id,
+    )
+    return session.scalar(rows) or 0
+
+
 def only_in(dataset_id: int) -> ColumnElement[bool]:
     """Condition: frames of one dataset, for queries sorted by dataset and then id.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
+from functools import partial
 
 from app.access.first_token import ensure_first_token
 from app.access.upkeep import keeping_tokens
@@ -21,8 +22,9 @@ from app.http.deps import MAX_FOLDERS
 from app.http.idempotency import forget_old_responses
 from app.incoming import OpenBodies
 from app.jobs.kind import register
-from app.jobs.queries import LeaseRepository
-from app.jobs.service import running_watchdog
+from app.jobs.leases import running_watchdog
+from app.jobs.queries import installation_id
+from app.jobs.service import start
 from app.maintenance.datafolder import (
     check_moved,
     check_same_version,
@@ -81,7 +83,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
         )
         try:
             with (
-                running_watchdog(services),
+                running_watchdog(services, partial(start, services)),
                 removing(services),
                 checking_pages(services),
                 keeping_tokens(services),
@@ -134,7 +136,7 @@ def _engine(settings: Settings, database: Database) -> LocalEngine:
     if settings.engine == LOCAL_ENGINE:
         return LocalEngine(settings.workers)
     with database.read() as session:
-        installation = LeaseRepository(session).installation()
+        installation = installation_id(session)
     scheduler = Scheduler(settings.engine, certificates_of(settings), installation)
     return ClusterEngine(settings.workers, scheduler)
 

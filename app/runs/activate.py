@@ -1,9 +1,10 @@
 """The final step of a run: one transaction that stores all changes and activates them.
 
-Because it is one transaction, nobody ever sees half of a dataset decided. It is also a
-chunk, so that it is repeated if its process dies: `MOST_ATTEMPTS` attempts in all
-(`app.jobs.work`). If two processes execute it, the second finds that the run has ended
-and changes nothing.
+Because it is one transaction, nobody ever sees half of a dataset decided. If its
+process dies, nothing of it is stored, and the next driver begins it anew. It is a
+chunk, so attempts are counted: after `MOST_ATTEMPTS` dead processes the run fails
+(`app.jobs.attempts`). If two processes execute it, the second finds that the run has
+ended and changes nothing.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""The measuring part of a run: computes numbers from pixels or from tag histograms."""
+"""The measuring part of a run: computes numbers from pixels or from tag histograms.
+
+Numbers are stored four times a second. If the process dies, whoever continues with the
+chunk measures the frames of it that lack their numbers; a frame that another process
+has measured meanwhile is not stored again.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +21,9 @@ from app.context import ServiceContext
 from app.db.tables import Chunk, Frame, Run
 from app.engine import JobStopped
 from app.engine.children import PixelsRefused
+from app.jobs.attempts import is_one_by_one, refuse
+from app.jobs.chunks import PlannedChunk
 from app.jobs.kind import Task
-from app.jobs.queries import Span
 from app.measuring.active import config_of
 from app.measuring.evidence import packed, recount, recounted_row
 from app.measuring.frame_files import MEASURED, FrameFiles, error_context, measure_files
@@ -71,12 +77,11 @@ class _Source:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _RunChunk:
     """One chunk of a run: its frames that lack numbers, and their rows.
 
-    From its second attempt on (with workers, its third), a chunk is measured one by
-    one: each frame is stored before the next one begins. So the first frame without
-    numbers is the one that ends processes.
+    With `is_one_by_one` each frame is stored before the next one begins, because
+    processes have died during this chunk (`app.jobs.attempts`).
     """
 
     scope: RunScope
@@ -88,17 +93,16 @@ class _Part:
     former: Mapping[int, EvidenceRow]
 
     @classmethod
-    def of(cls, session: Session, task: Task[Run]) -> _Part:
-        """The part for a chunk; without frames if the chunk is done."""
+    def of(cls, session: Session, task: Task[Run]) -> _RunChunk:
+        """The chunk of a task; without frames if it is done."""
         run = task.row(session)
-        scope, chunk = RunScope.of(session, run), task.chunk(session)
-        missing = [] if chunk is None else unmeasured_of(session, run, chunk)
-        is_one_by_one = chunk is not None and chunk.attempts > 1
+        scope, row = RunScope.of(session, run), task.chunk(session)
+        missing = [] if row is None else unmeasured_of(session, run, row)
         source = _source(session, scope)
         evidence = EvidenceRepository(session)
         return cls(
             scope=scope,
-            is_one_by_one=is_one_by_one,
+            is_one_by_one=row is not None and is_one_by_one(row),
             missing=missing,
             source=source,
             frames=FrameRepository(session).with_ids(missing),
@@ -109,15 +113,15 @@ class _Part:
 
 def plan_frames(
     session: Session, run: Run, *, after: int, most: int, frames: int
-) -> list[Span]:
+) -> list[PlannedChunk]:
     """Up to `most` chunks of frames after an id that lack their numbers."""
     missing = EvidenceRepository(session).unmeasured_frames(
         run.dataset_id, run.measurement_id or 0, after=after, limit=most * frames
     )
-    parts = (
+    chunks = (
         missing[start : start + frames] for start in range(0, len(missing), frames)
     )
-    return [Span(part[0], part[-1], len(part)) for part in parts]
+    return [PlannedChunk(ids[0], ids[-1], len(ids)) for ids in chunks]
 
 
 def is_measured(session: Session, scope: RunScope) -> bool:
@@ -149,18 +153,18 @@ def measure_chunk(task: Task[Run]) -> None:
     """
     task.check()
     with task.context.database.read() as session:
-        part = _Part.of(session, task)
-    measured, buffer = 0, _CommitBuffer(task, part)
+        chunk = _RunChunk.of(session, task)
+    measured, buffer = 0, _CommitBuffer(task, chunk)
     results = task.context.engine.map(
-        partial(_numbers, task, part), part.missing, one_by_one=part.is_one_by_one
+        partial(_numbers, task, chunk), chunk.missing, one_by_one=chunk.is_one_by_one
     )
     with closing(results) as rows:
         for measured_frame in rows:
             # When the service stops, frames that are measured already are stored.
             task.check_wanted()
             measured += 1
-            buffer.add(measured_frame, is_last=measured == len(part.missing))
-    is_whole = measured == len(part.missing)
+            buffer.add(measured_frame, is_last=measured == len(chunk.missing))
+    is_whole = measured == len(chunk.missing)
     buffer.commit(is_whole=is_whole)
     if not is_whole:
         raise JobStopped(task.job)
@@ -179,15 +183,15 @@ class _Measured(NamedTuple):
     refusal: PixelsRefused | None = None
 
 
-def _numbers(task: Task[Run], part: _Part, frame_id: int) -> _Measured:
-    context, source = task.context, part.source
+def _numbers(task: Task[Run], chunk: _RunChunk, frame_id: int) -> _Measured:
+    context, source = task.context, chunk.source
     if source.needs_pixels:
-        frame = part.frames[frame_id]
-        files = part.files[frame_id]
+        frame = chunk.frames[frame_id]
+        files = chunk.files[frame_id]
         read = partial(_contents, context, source, files)
         contents = task.retry_unavailable(read)
         return _remeasured(context, source, frame, contents)
-    row = part.former[frame_id]
+    row = chunk.former[frame_id]
     evidence = recount(row, source.classes, source.plan)
     return _Measured(
         frame_id, recounted_row(row, evidence, source.classes, source.measurement_id)
@@ -197,8 +201,8 @@ def _numbers(task: Task[Run], part: _Part, frame_id: int) -> _Measured:
 class _CommitBuffer:
     """Buffers measured frames, and stores those of a quarter of a second together."""
 
-    def __init__(self, task: Task[Run], part: _Part) -> None:
-        self._task, self._part = task, part
+    def __init__(self, task: Task[Run], chunk: _RunChunk) -> None:
+        self._task, self._chunk = task, chunk
         self._measured: list[_Measured] = []
         self._refusal: PixelsRefused | None = None
         self._begun = time.monotonic()
@@ -210,7 +214,7 @@ class _CommitBuffer:
         else:
             self._refusal = measured.refusal
         is_due = time.monotonic() - self._begun >= COMMIT_EVERY_S
-        if not is_last and (is_due or self._part.is_one_by_one):
+        if not is_last and (is_due or self._chunk.is_one_by_one):
             self.commit(is_whole=False)
 
     def commit(self, *, is_whole: bool) -> None:
@@ -221,7 +225,7 @@ class _CommitBuffer:
         are stored.
         """
         measured, self._measured, self._begun = self._measured, [], time.monotonic()
-        scope = self._part.scope
+        scope = self._chunk.scope
         if not measured and not is_whole:
             return
         with self._task.context.database.write() as session:
@@ -238,7 +242,7 @@ class _CommitBuffer:
             if new:
                 self._task.stored(session)
             if is_whole and self._refusal is not None:
-                self._task.chunk_refused(session, self._refusal)
+                refuse(session, self._task.job, self._task.number, self._refusal)
             elif is_whole:
                 self._task.chunk_done(session)
 

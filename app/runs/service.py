@@ -1,8 +1,8 @@
 """Runs: requests for them, their jobs and their descriptions.
 
-Frames are measured in many small transactions. One final transaction checks for new
-frames, stores the changes, and makes the run's verdicts current, so that nobody ever
-sees a dataset that is half decided.
+Frames are measured in many small transactions. The final step is one transaction. It
+checks for new frames, stores the changes, and makes the run's verdicts current, so that
+nobody ever sees a dataset that is half decided.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.tables import Chunk, ConfigVersion, Dataset, Run
 from app.errors import NotFound
+from app.jobs.chunks import PlannedChunk
 from app.jobs.kind import Task
-from app.jobs.queries import Span, job_of
-from app.jobs.service import ask
+from app.jobs.queries import job_of
+from app.jobs.service import queue_job
 from app.measuring.active import active_version, add_version, config_of
 from app.measuring.plan import DatasetReading, measurement_for, needs_pixels, plan_for
 from app.measuring.queries import (
@@ -71,7 +72,7 @@ def request_run(
         counts={},
         created_by=wanted.author,
     )
-    ask(context, session, run)
+    queue_job(context, session, run)
     return run
 
 
@@ -151,12 +152,12 @@ class RunJobs:
         missing = EvidenceRepository(session).count_unmeasured(
             row.dataset_id, row.measurement_id or 0
         )
-        if missing:
+        if missing:  # else `done` counts the frames that are decided, from zero
             row.done = max(row.done, row.total - missing)
 
     def plan(
         self, session: Session, row: Run, *, after: int, most: int, frames: int
-    ) -> list[Span]:
+    ) -> list[PlannedChunk]:
         """Chunks of frames that lack their numbers."""
         return plan_frames(session, row, after=after, most=most, frames=frames)
 

@@ -13,7 +13,7 @@ ALLOWED = {
     "app/datasets/service.py:remove_dataset",
 }
 """Each says why."""
-LOOKS_AROUND = {"app.jobs.queries"}
+LOOKS_AROUND = {"app.jobs.chunks", "app.jobs.queries"}
 """A final step that takes long asks now and then whether its job is cancelled, and on
 PostgreSQL says how far it is: `Task` in `app.jobs.kind`."""
 

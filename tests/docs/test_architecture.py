@@ -10,11 +10,9 @@ from pathlib import PurePosixPath
 import pytest
 
 from app.ingest.batch import LONGEST_WAIT_S, MOST_TOGETHER
+from app.jobs.attempts import MOST_ATTEMPTS
 from app.jobs.events import INTERVAL_S
-from app.jobs.leases import RENEW_EVERY_S
-from app.jobs.queries import LEASE_LASTS
-from app.jobs.service import WATCHDOG_EVERY_S
-from app.jobs.work import MOST_ATTEMPTS
+from app.jobs.leases import LEASE_LASTS, RENEW_EVERY_S, WATCHDOG_EVERY_S
 from app.runs.measure import COMMIT_EVERY_S
 from tests.support.sources import CHECKOUT, page_sources, python_sources
 

@@ -16,9 +16,7 @@ class Chunk(Base):
     """A part of a job: a range of frame ids, planned for frames that lack evidence.
 
     An export is one chunk, and so is the final step of a run (deciding): both have 0
-    instead of frame ids, and the final step has the number 0. `attempts` counts the
-    processes that died while they worked on the chunk: workers, or drivers in a row. If
-    the job's driver works on it itself, the current attempt is counted as well.
+    instead of frame ids, and the final step has the number 0.
     """
 
     __tablename__ = "chunks"
@@ -35,6 +33,9 @@ class Chunk(Base):
     frames: Mapped[int] = mapped_column(Key)
     state: Mapped[str] = mapped_column(String(16), default="waiting")
     attempts: Mapped[int] = mapped_column(default=0)
+    """How many processes died while they worked on the chunk: all workers, and drivers
+    since the last result of it was stored. While a driver works on the chunk itself,
+    its own attempt is counted as well (`app.jobs.attempts`)."""
     error: Mapped[dict[str, object] | None] = mapped_column(JsonText)
     finished_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
 
@@ -107,6 +108,7 @@ class Run(JobRow, Base):
     )
     previous_run_id: Mapped[int | None] = mapped_column(Key)
     kind: Mapped[str] = mapped_column(String(16))
+    """Whether it measures, or only decides; not the kind of job (`job_kind`)."""
     activate: Mapped[bool] = mapped_column(default=False)
     changed: Mapped[int] = mapped_column(Key, default=0)
     counts: Mapped[dict[str, int]] = mapped_column(JsonText, default=dict)

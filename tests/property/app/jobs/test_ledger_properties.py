@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.engine import WorkerDied
+from app.jobs.attempts import MOST_ATTEMPTS
 from app.jobs.driver import drive_job
-from app.jobs.work import MOST_ATTEMPTS
 from tests.support import chunks as runs
 from tests.support.services import run_job
 

@@ -10,9 +10,11 @@ from sqlalchemy import event, exc, select
 from app.db.base import utc_now
 from app.db.tables import Chunk, Frame
 from app.engine import LocalEngine
+from app.engine.chunk import DONE
+from app.jobs.attempts import MOST_ATTEMPTS, Attempt
+from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
 from app.jobs.driver import drive_job
-from app.jobs.queries import FINAL, ChunkRepository, Span
-from app.jobs.work import MOST_ATTEMPTS, Attempt
+from app.jobs.work import work_on_chunk
 from app.runs.queries import RunRepository
 from tests.support.chunks import (
     FRAMES,
@@ -21,6 +23,7 @@ from tests.support.chunks import (
     engine_of,
     left,
     measured,
+    put,
     read,
     run_of,
 )
@@ -64,8 +67,8 @@ def cut_off(street, *spans):
         run.state, run.started_at, run.total = "running", utc_now(), FRAMES
         ledger, job = ChunkRepository(session), run_job(run_id)
         for first, last, ended in spans:
-            span = Span(ids[first], ids[last], last - first + 1)
-            (number,) = ledger.plan(job, [span])
+            planned = PlannedChunk(ids[first], ids[last], last - first + 1)
+            (number,) = ledger.plan(job, [planned])
             session.get_one(Chunk, (*job, number)).attempts = ended
     return run_id
 
@@ -141,6 +144,36 @@ def test_frames_side_by_side_that_end_processes_are_left_alone_together(street):
     assert run.done == FRAMES - 6
 
 
+def test_frames_side_by_side_are_those_of_one_dataset(services):
+    """The ids between theirs belong to another dataset, filled at the same time."""
+    street, other = services.dataset(), services.dataset()
+    for number in range(FRAMES):
+        put(street, number)
+        put(other, number)
+    run_id = cut_off(street, (0, 0, MOST_ATTEMPTS), (1, 5, MOST_ATTEMPTS), (6, 11, 0))
+
+    run = go_on(street, run_id)
+
+    assert run.error is not None
+    assert run.error["detail"].startswith("frames '00', '01' to '05' ended")
+
+
+def test_a_measured_frame_between_two_is_noticed(street):
+    """The chunk before is in quarantine, but its last frame is measured."""
+    run_id = cut_off(street, (1, 2, 0), (3, 5, MOST_ATTEMPTS), (6, 11, 0))
+    assert work_on_chunk(street.context, "run", run_id, 1) == DONE
+    with street.context.database.write() as session:
+        chunk = session.get_one(Chunk, ("run", run_id, 1))
+        chunk.state, chunk.error = "quarantined", {"code": "so", "detail": "it is so"}
+        chunk.first_frame_id = frame_ids(street)[0]
+
+    run = go_on(street, run_id)
+
+    assert run.error is not None
+    assert run.error["detail"].startswith("frame '03' ended the process")
+    assert run.error["detail"].endswith("frame '00' cannot be read: it is so")
+
+
 def test_a_frame_that_was_left_alone_and_is_deleted_fails_no_run(street):
     run_id = cut_off(street, (0, 5, MOST_ATTEMPTS), (6, 11, 0))
     deleted: list[str] = []
@@ -188,8 +221,8 @@ def cut_off_deciding(street, ended):
     run_id = street.request(NOTHING_VISIBLE)
     with street.context.database.write() as session:
         ledger, job = ChunkRepository(session), run_job(run_id)
-        ledger.plan_final(job, FRAMES)
-        session.get_one(Chunk, (*job, FINAL)).attempts = ended
+        ledger.plan_final_step(job, FRAMES)
+        session.get_one(Chunk, (*job, FINAL_STEP)).attempts = ended
     return run_id
 
 
@@ -208,7 +241,7 @@ def test_an_attempt_to_decide_is_written_down_before_it_begins(street):
 
     assert (run.state, run.changed > 0) == ("done", True)
     assert seen
-    assert {one[FINAL] for one in seen} == {MOST_ATTEMPTS}
+    assert {one[FINAL_STEP] for one in seen} == {MOST_ATTEMPTS}
     assert left(street, Chunk, run) == []
 
 
@@ -232,7 +265,7 @@ def test_a_decision_that_was_given_up_is_not_withdrawn(street):
     run = go_on_deciding(street, cut_off_deciding(street, MOST_ATTEMPTS))
 
     with street.context.database.write() as session:
-        ChunkRepository(session).withdraw_final(run_job(run.id))
+        ChunkRepository(session).withdraw_final_step(run_job(run.id))
 
     assert [chunk.state for chunk in left(street, Chunk, run)] == ["quarantined"]
 
@@ -243,7 +276,7 @@ def test_a_decision_that_is_interrupted_is_not_to_blame(street):
     run = go_on_deciding(street, run_id, lambda engine: engine.stopping.set())
 
     assert run.state == "running"
-    assert attempts(street, run_id) == {FINAL: 0}
+    assert attempts(street, run_id) == {FINAL_STEP: 0}
     assert go_on_deciding(street, run_id).state == "done"
 
 

@@ -8,13 +8,14 @@ from app.db.tables import Chunk, Export, Run
 from app.engine import Job, JobStopped
 from app.errors import Conflict
 from app.exports.service import EXPORTS, ExportJobs, ExportRequest, request_export
+from app.jobs.chunks import ChunkRepository, PlannedChunk
 from app.jobs.driver import drive_job
 from app.jobs.kind import register
-from app.jobs.queries import ChunkRepository, LeaseRepository, Span, close
+from app.jobs.queries import close
 from app.jobs.service import start
 from app.runs.service import RUNS, RunJobs
 from filter_core.errors import ConfigError
-from tests.support.leases import ended_process, nobody
+from tests.support.leases import ELSEWHERE, ended_process, give
 from tests.support.services import run_job
 from tests.support.waiting import until
 
@@ -56,7 +57,7 @@ def test_an_abandoned_job_is_started_and_no_other_one_of_its_kind(services, kind
     streets = services.dataset(), services.dataset()
     abandoned, other = (queued(street, kind) for street in streets)
     with services.context.database.write() as session:
-        assert LeaseRepository(session).take(abandoned, ended_process(), nobody)
+        give(session, abandoned, ended_process())
 
     until(lambda: state_of(streets[0], abandoned) == "done")
 
@@ -114,6 +115,35 @@ def test_a_job_of_any_kind_fails_with_the_words_of_an_error(
     assert row.finished_at is not None
 
 
+def test_a_job_that_fails_of_a_fault_starts_what_waits_in_its_dataset(
+    services, street, registered
+):
+    registered(FailingExport(RuntimeError("a fault of the program")))
+    job, waiting = queued(street, "export"), queued(street, "run")
+
+    start(services.context, [job])
+
+    street.wait(waiting.id)  # by now the export has ended
+    assert row_of(street, job).error["code"] == "internal"
+    assert street.wait(waiting.id).state == "done"
+
+
+def test_a_job_that_another_process_drives_has_not_ended_by_a_failure_here(
+    street, registered
+):
+    class Robbed(ExportJobs):
+        def work(self, task):
+            with street.context.database.write() as session:
+                give(session, task.job, ELSEWHERE)
+            raise Conflict("it is so", code="so")
+
+    registered(Robbed())
+    job = queued(street, "export")
+
+    assert not drive_job(street.context, job)
+    assert state_of(street, job) == "running"
+
+
 @pytest.mark.parametrize("kind", ["run", "export"])
 @pytest.mark.parametrize(
     ("end", "left"), [("done", []), ("cancelled", []), ("failed", ["quarantined"])]
@@ -122,8 +152,9 @@ def test_a_job_is_closed_once_and_its_chunks_with_it(street, kind, end, left):
     job = queued(street, kind)
     with street.context.database.write() as session:
         chunks = ChunkRepository(session)
-        first, _ = chunks.plan(job, [Span(1, 1, 1), Span(2, 2, 1)])
-        chunks.quarantine(session.get_one(Chunk, (*job, first)))
+        first, _ = chunks.plan(job, [PlannedChunk(1, 1, 1), PlannedChunk(2, 2, 1)])
+        session.get_one(Chunk, (*job, first)).state = "quarantined"
+        session.flush()
         table = {"run": Run, "export": Export}[kind]
         row = session.get_one(table, job.id)
         close(session, row, end, {"code": "so"} if end == "failed" else None)

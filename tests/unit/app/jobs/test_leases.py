@@ -7,18 +7,25 @@ from itertools import count
 
 import pytest
 
+from app.db.base import utc_now
 from app.db.tables import Lease
 from app.engine import Job
-from app.jobs.leases import LeaseLost, Leases, has_ended, this_process
-from app.jobs.queries import LEASE_LASTS, LeaseRepository
-from app.jobs.service import UNDRIVEN_FOR_S, Watchdog, cancel
+from app.jobs.leases import (
+    LEASE_LASTS,
+    UNDRIVEN_FOR_S,
+    JobLease,
+    Leased,
+    LeaseLost,
+    Leases,
+    Watchdog,
+)
+from app.jobs.service import cancel
 from app.runs.queries import RunRepository
 from app.runs.service import RUNS
-from tests.support.leases import ended_process, nobody
+from tests.support.leases import ELSEWHERE, ended_process, give, take_away
 from tests.support.services import run_job
 from tests.support.waiting import until
 
-ELSEWHERE = "another-machine/1/2/3"
 _numbers = count(10**6)
 
 
@@ -32,56 +39,56 @@ def job():
     return Job("run", next(_numbers))
 
 
-def has_lease(context, job):
+def taken(database, job, holder):
+    """The lease of a job, taken by this process under another name."""
+    lease = JobLease(database, job, holder)
+    with database.write() as session:
+        lease.take(session)
+    return lease
+
+
+def holder_of(context, job):
     with context.database.read() as session:
-        return session.get(Lease, job) is not None
+        lease = session.get(Lease, job)
+        return None if lease is None else lease.holder
 
 
-def test_a_process_knows_itself_and_the_dead_from_the_living():
-    assert this_process() != this_process()
-    assert not has_ended(this_process())
-    assert has_ended(ended_process())
-    assert not has_ended(ELSEWHERE)
-    assert not has_ended("nonsense")
+def test_a_lease_has_one_holder_until_it_is_given_back(services, job):
+    context = services.context
+    one = taken(context.database, job, "one")
+
+    with pytest.raises(LeaseLost):
+        taken(context.database, job, "two")
+    with context.database.write() as session:
+        one.take(session)
+        one.require(session)
+    one.release()
+    given_back = holder_of(context, job)
+    two = taken(context.database, job, "two")
+    held = holder_of(context, job)
+    two.release()
+
+    # The job of this lease was never queued, so that it counts as ended.
+    assert (given_back, held, holder_of(context, job)) == (None, "two", None)
 
 
-def test_a_number_that_another_process_has_by_now_is_no_sign_of_life():
-    machine, pid, started, rest = this_process().split("/")
-
-    assert has_ended("/".join((machine, pid, str(int(started) - 1), rest)))
-
-
-def test_a_lease_has_one_holder_until_it_is_given_back(write, job):
+def test_a_lease_that_ran_out_or_whose_holder_died_is_anybodys(services, write, job):
+    database = services.context.database
     with write() as session:
-        leases = LeaseRepository(session)
-        taken = [leases.take(job, who, nobody) for who in ("one", "two", "one")]
-        renewed = [leases.renew(job, who) for who in ("one", "two")]
-        leases.end(job, "two")
-        held = leases.is_held(job, "one")
-        leases.end(job, "one")
-        afterwards = leases.take(job, "two", nobody)
-        leases.end(job, "two")
+        give(session, job, ended_process())
+        assert Leased.of(session).void >= {job}
+    other = taken(database, job, ELSEWHERE)
 
-    assert taken == [True, False, True]
-    assert renewed == [True, False]
-    assert (held, afterwards) == (True, True)
-
-
-def test_a_lease_that_ran_out_or_whose_holder_died_is_anybodys(write, job):
-    dead = ended_process()
+    with pytest.raises(LeaseLost):
+        taken(database, job, "mine")
     with write() as session:
-        leases = LeaseRepository(session)
-        assert leases.take(job, dead, nobody)
-        assert leases.leased_jobs(has_ended).void >= {job}
-        assert leases.take(job, ELSEWHERE, has_ended)
-        assert not leases.take(job, "mine", has_ended)
-        row = session.get(Lease, (job.kind, job.id))
-        assert row is not None
-        assert timedelta(0) < row.until - leases.now() <= LEASE_LASTS
-        row.until = leases.now()
-        session.flush()
-        assert leases.take(job, "mine", has_ended)
-        leases.end(job, "mine")
+        row = session.get_one(Lease, job)
+        assert timedelta(0) < row.until - utc_now() <= LEASE_LASTS
+        assert Leased.of(session).valid >= {job}
+        give(session, job, "another-machine/4/5/6", timedelta(0))
+
+    taken(database, job, "mine").release()
+    other.release()
 
 
 def test_a_driver_that_lost_its_lease_finds_out_before_it_writes(services, write, job):
@@ -91,16 +98,15 @@ def test_a_driver_that_lost_its_lease_finds_out_before_it_writes(services, write
             lease.take(session)
             lease.require(session)
         with write() as session:
-            assert LeaseRepository(session).take(job, ELSEWHERE, lambda _: True)
+            give(session, job, ELSEWHERE)
         with pytest.raises(LeaseLost), write() as session:
             lease.require(session)
         with pytest.raises(LeaseLost), write() as session:
-            lease.end(session)
+            lease.take(session)
 
+    assert holder_of(context, job) == ELSEWHERE  # it was not ours to give back
     with write() as session:
-        leases = LeaseRepository(session)
-        assert leases.is_held(job, ELSEWHERE)  # it was not ours to give back
-        leases.end(job, ELSEWHERE)
+        take_away(session, job)
 
 
 def test_a_job_whose_driver_died_is_found_at_once(services, write):
@@ -110,14 +116,11 @@ def test_a_job_whose_driver_died_is_found_at_once(services, write):
     watch = Watchdog(services.context)
     assert job not in watch.abandoned()
     with write() as session:
-        leases = LeaseRepository(session)
-        assert leases.take(job, ELSEWHERE, has_ended)
+        give(session, job, ELSEWHERE)
     assert job not in watch.abandoned()
 
     with write() as session:
-        leases = LeaseRepository(session)
-        leases.end(job, ELSEWHERE)
-        assert leases.take(job, ended_process(), has_ended)
+        give(session, job, ended_process())
 
     assert job in watch.abandoned()
     street.wait(run_id)
@@ -136,7 +139,7 @@ def test_a_job_that_its_driver_leaves_unfinished_is_found_at_once(services, writ
 
     assert run_job(run_id) in watch.abandoned()
     street.wait(run_id)
-    until(lambda: not has_lease(context, run_job(run_id)))
+    until(lambda: holder_of(context, run_job(run_id)) is None)
 
 
 @pytest.mark.parametrize("ahead", [timedelta(hours=1), timedelta(hours=-1)])
@@ -165,10 +168,10 @@ def test_a_job_waits_anew_once_somebody_has_driven_it(services, write):
     now[0] += UNDRIVEN_FOR_S
 
     with write() as session:
-        assert LeaseRepository(session).take(run_job(run_id), ELSEWHERE, has_ended)
+        give(session, run_job(run_id), ELSEWHERE)
     driven = watch.abandoned()
     with write() as session:
-        LeaseRepository(session).end(run_job(run_id), ELSEWHERE)
+        take_away(session, run_job(run_id))
 
     assert run_job(run_id) not in driven + watch.abandoned()
 
@@ -178,7 +181,7 @@ def test_leases_of_the_dead_go_with_their_jobs(services, write):
     jobs = [run_job(services.dataset().request({})) for _ in holders]
     for job, holder in zip(jobs, holders, strict=True):
         with write() as session:
-            assert LeaseRepository(session).take(job, holder, nobody)
+            give(session, job, holder)
     # Only now: when a run ends, the service begins those that are nobody's.
     for job in jobs:
         with write() as session:
@@ -188,5 +191,5 @@ def test_leases_of_the_dead_go_with_their_jobs(services, write):
 
     with write() as session:
         left = [session.get(Lease, job) is not None for job in jobs]
-        LeaseRepository(session).end(jobs[1], ELSEWHERE)
+        take_away(session, jobs[1])
     assert left == [False, True]

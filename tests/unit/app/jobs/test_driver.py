@@ -13,9 +13,9 @@ from dataclasses import replace
 from app.db.engine import Database
 from app.db.tables import Chunk, Lease
 from app.engine.chunk import DONE, ELSEWHERE, RETURNED
+from app.jobs.attempts import MOST_ATTEMPTS
 from app.jobs.driver import drive_job
-from app.jobs.queries import LeaseRepository
-from app.jobs.work import MOST_ATTEMPTS, work_in_worker, work_on_chunk
+from app.jobs.work import work_in_worker, work_on_chunk
 from tests.support.chunks import (
     FRAMES,
     FROM_PIXELS,
@@ -28,6 +28,8 @@ from tests.support.chunks import (
     measured,
     run_of,
 )
+from tests.support.leases import ELSEWHERE as ANOTHER_MACHINE
+from tests.support.leases import give, take_away
 from tests.support.services import run_job
 
 
@@ -85,6 +87,25 @@ def test_chunks_beside_a_dead_process_are_tried_alone(street):
     assert {len(beside) for beside in again} == {1}
 
 
+def test_a_chunk_that_is_given_back_is_tried_alone_again(street):
+    """Its worker stops before it can tell whether the chunk is the cause."""
+
+    class Stopping(Deadly):
+        def _work(self, here, job, number):
+            tries = [one for one, _ in self.begun if one == number]
+            if number == 2 and len(tries) == 2:
+                return RETURNED
+            return super()._work(here, job, number)
+
+    engine = Stopping(2, times=1)
+
+    run = run_with(street, engine)
+
+    check_whole(street, run)
+    beside = [beside for number, beside in engine.begun if number == 2]
+    assert beside[2:] == [{2}]
+
+
 def test_a_new_run_measures_what_was_in_quarantine(street):
     failed = run_with(street, Deadly(2))
 
@@ -135,8 +156,7 @@ def test_a_driver_whose_lease_is_taken_stops_before_it_ends_the_run(street):
     class Robbed(SmallChunks):
         def _work(self, here, job, number):
             with street.context.database.write() as session:
-                leases = LeaseRepository(session)
-                assert leases.take(job, "somebody/1/2/else", lambda _: True)
+                give(session, job, ANOTHER_MACHINE)
             return super()._work(here, job, number)
 
     with engine_of(street, Robbed()) as context:
@@ -146,7 +166,7 @@ def test_a_driver_whose_lease_is_taken_stops_before_it_ends_the_run(street):
     assert street.reasons() == before
 
     with street.context.database.write() as session:
-        LeaseRepository(session).end(run_job(run_id), "somebody/1/2/else")
+        take_away(session, run_job(run_id))
     drive_job(street.context, run_job(run_id))
     check_whole(street, run_of(street, run_id))
 

@@ -1,0 +1,241 @@
+"""A chunk and the death of its process: attempts, suspects and quarantine.
+
+A damaged library or a lack of memory can end a process without an error. Whoever tries
+the same chunk again may die as well. So the chunk's row counts the processes that died
+(`Chunk.attempts`), and after `MOST_ATTEMPTS` the chunk, or one frame of it, is put into
+**quarantine**: it is not tried again. All other chunks are processed; then the job
+fails with an error that names what is in quarantine (`quarantine_error`). Chunks of a
+failed job that are in quarantine stay in the database; the next run plans their frames
+anew.
+
+**Who counts** depends on which process works on the chunk:
+
+- A worker of a cluster: its driver is told that it died, and calls `count_death`. Every
+  death counts until the chunk is done.
+- The driver itself, which executes all chunks without workers, and every final step. If
+  it dies, nobody is left to count. So it counts its attempt before it begins the chunk
+  (`Attempt.begin`), and sets the count to zero when it stores a part of the result
+  (`Attempt.forget`) or when its work ends in any other way (`Attempt.end`). The next
+  driver finds in the row how many processes in a row have died and stored nothing.
+
+So the count is the number of dead processes, and one more while a driver works on the
+chunk itself.
+
+**How the next attempt differs:**
+
+| attempt | by a worker | by the driver |
+|---|---|---|
+| first | whole chunk | whole chunk |
+| second | whole chunk, alone | frame by frame |
+| third | frame by frame, alone | frame by frame |
+| then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
+
+*Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
+the cause. Each of them is submitted again while no other one is in progress
+(`JobDriver`), so that if a process dies again, this chunk is the cause.
+
+*Frame by frame* (`is_one_by_one`): each result is stored before the next frame begins.
+So the first frame without a result is the cause. Without workers it becomes a chunk of
+its own, in quarantine, and the rest is tried on. If the frame before it in the dataset
+is in quarantine as well, the rest is put into quarantine together with it: otherwise
+each of many such frames in a row would end `MOST_ATTEMPTS` processes.
+
+A frame whose images cannot be read, since they crash the child processes that decode
+them or need too much time or memory, ends no process. `refuse` puts its chunk into
+quarantine once all its other frames are stored.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+
+from app.context import ServiceContext
+from app.db.base import utc_now
+from app.db.engine import once_committed
+from app.db.tables import Chunk
+from app.db.transient import in_a_line, is_transient
+from app.engine import Job
+from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
+from app.jobs.kind import kind_of
+from app.jobs.queries import open_job
+from app.measuring.queries import frame_before
+from filter_core.errors import FilterError
+
+MOST_ATTEMPTS: Final = 3
+"""After as many dead processes a chunk, or a frame of it, is put into quarantine."""
+_PAUSE_S: Final = 0.5
+
+log = logging.getLogger(__name__)
+
+
+def is_one_by_one(chunk: Chunk) -> bool:
+    """Whether each frame has to be stored before the next one begins.
+
+    For the process that works on the chunk. In a worker this is the third attempt; in
+    the driver, whose own attempt is counted as well, the second.
+    """
+    return chunk.attempts > 1
+
+
+def count_death(session: Session, job: Job, number: int) -> bool:
+    """Count the death of a worker during a chunk; True if the chunk is to be retried.
+
+    After `MOST_ATTEMPTS` it is put into quarantine.
+    """
+    chunk = ChunkRepository(session).find(job, number)
+    if chunk is None or chunk.state != "waiting":
+        return False
+    chunk.attempts += 1
+    if chunk.attempts >= MOST_ATTEMPTS:
+        _quarantine(chunk)
+    session.flush()
+    return chunk.state == "waiting"
+
+
+class Attempt:
+    """One attempt at a chunk by the process that drives its job."""
+
+    def __init__(self, context: ServiceContext, job: Job, number: int) -> None:
+        self._context, self._job, self._number = context, job, number
+        self._is_counted = False
+
+    def begin(self) -> bool:
+        """Count the attempt; False if the chunk is in quarantine.
+
+        After too many attempts the chunk is put there, or only the frame that is the
+        cause: then the rest of the chunk is worked on.
+
+        Raises
+        ------
+        JobStopped
+            The service is stopping, or the job is being cancelled.
+        """
+        self._context.engine.check(self._job)
+        # Before the commit: it may succeed although its response is lost.
+        self._is_counted = True
+        with self._context.database.write() as session:
+            chunk = ChunkRepository(session).find(self._job, self._number)
+            if chunk is None or chunk.state == "done":
+                return True
+            if chunk.attempts >= MOST_ATTEMPTS:
+                log.warning(
+                    "chunk %d of %s %d ended its process %d times",
+                    *(self._number, *self._job, chunk.attempts),
+                )
+                _quarantine_cause(session, self._job, chunk)
+            if chunk.state == "quarantined":
+                return False
+            chunk.attempts += 1
+        return True
+
+    def forget(self, session: Session) -> None:
+        """Set the count to zero in a transaction that stores a part of the result."""
+        if not self._is_counted:
+            return
+        chunk = ChunkRepository(session).find(self._job, self._number)
+        if chunk is not None and chunk.state == "waiting":
+            chunk.attempts = 0
+            session.flush()
+        once_committed(session, self._forgotten)
+
+    def end(self) -> None:
+        """Set the count to zero after work that failed but did not end the process.
+
+        Otherwise this attempt would count as the death of a process. While the database
+        is unavailable, this is retried until the service stops.
+        """
+        while self._is_counted:
+            try:
+                with self._context.database.write() as session:
+                    self.forget(session)
+            except SQLAlchemyError as exc:
+                stops = self._context.engine.stopping.wait(_PAUSE_S)
+                if stops or not is_transient(exc):
+                    told = self._number, *self._job, in_a_line(exc)
+                    log.warning("cannot reset chunk %d of %s %d: %s", *told)
+                    return
+
+    def _forgotten(self) -> None:
+        self._is_counted = False
+
+
+def refuse(session: Session, job: Job, number: int, why: FilterError) -> None:
+    """Put a chunk into quarantine of which only frames are left that cannot be read."""
+    chunk = ChunkRepository(session).find(job, number)
+    if chunk is not None and chunk.state == "waiting":
+        chunk.error = {"code": why.kind, "detail": why.detail}
+        _quarantine(chunk)
+        session.flush()
+
+
+def quarantine_error(session: Session, job: Job) -> dict[str, str] | None:
+    """The error with which a job fails for what is in quarantine, which it names.
+
+    None if nothing is, or if other processes have stored all its results meanwhile.
+    """
+    chunks = ChunkRepository(session).quarantined(job)
+    detail = "; ".join(_in_words(session, job, chunks))
+    return {"code": "quarantined", "detail": detail} if detail else None
+
+
+def _in_words(session: Session, job: Job, chunks: Sequence[Chunk]) -> Iterator[str]:
+    """What ended processes, and which frames cannot be read."""
+    refused = [one for one in chunks if one.error]
+    reasons = dict.fromkeys(str(one.error["detail"]) for one in refused if one.error)
+    if what := _unfinished_in(session, job, [one for one in chunks if not one.error]):
+        yield (
+            f"{what} ended the process that worked on it {MOST_ATTEMPTS} times; "
+            "the log of the process may say why"
+        )
+    if what := _unfinished_in(session, job, refused):
+        yield f"{what} cannot be read: {'; '.join(reasons)}"
+
+
+def _unfinished_in(session: Session, job: Job, chunks: Sequence[Chunk]) -> str:
+    if not chunks:
+        return ""
+    kind = kind_of(job)
+    if chunks[0].number == FINAL_STEP:
+        return kind.final_step or ""
+    return kind.name_unfinished(session, open_job(session, kind.table, job.id), chunks)
+
+
+def _quarantine(chunk: Chunk) -> None:
+    chunk.state, chunk.finished_at = "quarantined", utc_now()
+
+
+def _quarantine_cause(session: Session, job: Job, chunk: Chunk) -> None:
+    """Put the frame at which the processes died into quarantine, or the whole chunk."""
+    kind, chunks = kind_of(job), ChunkRepository(session)
+    row = open_job(session, kind.table, job.id)
+    unfinished = kind.unfinished(session, row, chunk)
+    in_quarantine = {
+        frame_id
+        for one in chunks.quarantined(job)
+        for frame_id in kind.unfinished(session, row, one)
+    }
+    if (
+        len(unfinished) < 2
+        or frame_before(session, row.dataset_id, unfinished[0]) in in_quarantine
+    ):
+        _quarantine(chunk)
+    else:
+        _quarantine_first(session, job, chunk, unfinished)
+
+
+def _quarantine_first(
+    session: Session, job: Job, chunk: Chunk, unfinished: Sequence[int]
+) -> None:
+    """Make the first unfinished frame a chunk of its own; the chunk begins after it."""
+    frame_id = unfinished[0]
+    alone = PlannedChunk(frame_id, frame_id, 1)
+    (number,) = ChunkRepository(session).plan(job, [alone])
+    cause = session.get_one(Chunk, (*job, number))
+    cause.attempts, chunk.attempts = chunk.attempts, 0
+    chunk.first_frame_id, chunk.frames = frame_id + 1, len(unfinished) - 1
+    _quarantine(cause)
