@@ -14,7 +14,9 @@ from setuptools import setup
 from setuptools.command.build_py import build_py
 
 RESOURCES = {"static": "_static", "migrations": "_migrations"}
-NOT_SHIPPED = shutil.ignore_patterns("__pycache__", "*.py[co]", ".*", "*.d.ts", "node_modules")
+NOT_SHIPPED = shutil.ignore_patterns(
+    "__pycache__", "*.py[co]", ".*", "*.d.ts", "node_modules"
+)
 
 
 class BuildWithResources(build_py):
