@@ -149,8 +149,8 @@ def test_commands_that_import_the_service_are_those_of_the_contract():
 @pytest.mark.parametrize(
     ("sentence", "figure", "expected"),
     [
-        ("holds its lease for eight seconds at a time", LEASE_LASTS.total_seconds(), 8),
-        ("and renews it every two", RENEW_EVERY_S, 2),
+        ("that expires after eight seconds", LEASE_LASTS.total_seconds(), 8),
+        ("which happens every two seconds", RENEW_EVERY_S, 2),
         ("when its watchdog looks next, every two seconds", WATCHDOG_EVERY_S, 2),
         ("is tried three times", MOST_ATTEMPTS, 3),
         ("Evidence is stored four times a second", COMMIT_EVERY_S, 0.25),
