@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fastapi import Request, Response
+from fastapi import Response
 from sqlalchemy.orm import Session
 
 from app.access.audit import Act
@@ -26,10 +26,10 @@ from app.http.deps import (
     DatasetName,
     ReadSession,
     RowId,
-    WriteSession,
 )
 from app.http.pages import json_response
-from app.http.routing import ApiRouter, committed
+from app.http.routing import ApiRouter
+from app.http.transaction import WriteSession, commit_and_respond
 from app.measuring.queries import DatasetRepository
 from app.review import service as reviews
 from app.review.history import history
@@ -84,7 +84,6 @@ router = ApiRouter(prefix="/api/v1", tag="reviews")
 def create_review(
     box_id: RowId,
     body: ReviewIn,
-    request: Request,
     session: WriteSession,
     principal: CurrentPrincipal,
 ) -> Response:
@@ -96,13 +95,14 @@ def create_review(
         stale.current = describe_box(session, box_id)
         raise
     content = stored.model_dump_json()
-    return committed(request, Response(content, 201, media_type="application/json"))
+    return commit_and_respond(
+        session, Response(content, 201, media_type="application/json")
+    )
 
 
 @router.post("/reviews/bulk", status_code=201, response_model=ReviewBatch)
 def create_bulk_review(
     body: BulkIn,
-    request: Request,
     services: AppServices,
     audit: Audited,
 ) -> Response:
@@ -146,8 +146,8 @@ def create_bulk_review(
         stale=tuple(stored.stale),
     ).model_dump_json()
     headers = {"Location": f"/api/v1/review-batches/{stored.batch.id}"}
-    return committed(
-        request, Response(content, 201, headers, media_type="application/json")
+    return commit_and_respond(
+        audit.session, Response(content, 201, headers, media_type="application/json")
     )
 
 
@@ -207,7 +207,6 @@ def _boxes(
 @router.post("/review-batches/{batch_id}/undo", response_model=UndoneBatch)
 def undo_bulk_review(
     batch_id: RowId,
-    request: Request,
     services: AppServices,
     principal: CurrentPrincipal,
     audit: Audited,
@@ -233,4 +232,6 @@ def undo_bulk_review(
     )
     done = UndoneBatch(id=undo.id, undone=undone, skipped=tuple(skipped))
     content = done.model_dump_json()
-    return committed(request, Response(content, media_type="application/json"))
+    return commit_and_respond(
+        audit.session, Response(content, media_type="application/json")
+    )
