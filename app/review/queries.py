@@ -86,6 +86,53 @@ class UndoableBoxes(NamedTuple):
 
 _Answers: TypeAlias = "Select[int, int, str, str, str, int | None, datetime]"
 """Answers to be inserted; `_COLUMNS` names their columns."""
+_COLUMNS: Final = (
+    *("box_id", "revision", "verdict", "comment"),
+    *("reviewer", "batch_id", "created_at"),
+)
+"""Columns of `reviews`, in the order in which `_next_answers` selects them."""
+_UNIQUE: Final = ("box_id", "revision")
+_STATE: Final = (
+    *(Decision.box_id, Decision.dataset_id),
+    *(Decision.reason, Decision.review, Decision.revision),
+)
+_END_CLAIM: Final = delete(Claim).where(Claim.box_id == bindparam("box"))
+_END_CLAIMS_OF_BATCH: Final = delete(Claim).where(
+    Claim.box_id.in_(select(Review.box_id).where(Review.batch_id == bindparam("batch")))
+)
+
+
+def _next_answers(
+    box_ids: Sequence[int],
+    revision: int,
+    answer: Answer,
+    said: tuple[ColumnElement[str], ColumnElement[str]] | None = None,
+) -> _Answers:
+    """An answer on those of these boxes that have this revision, as their next one.
+
+    `said` are its verdict and comment, if they differ from box to box.
+    """
+    verdict, comment = said or (literal(answer.verdict), literal(answer.comment))
+    batch: BindParameter[int | None] = literal(answer.batch_id, Key)
+    return select(
+        Decision.box_id,
+        Decision.revision + 1,
+        verdict,
+        comment,
+        literal(answer.reviewer),
+        batch,
+        literal(answer.created_at, UtcDateTime()),
+    ).where(
+        Decision.box_id.in_(box_ids),
+        _of(answer.dataset_id),
+        Decision.revision == revision,
+    )
+
+
+def _of(dataset_id: int) -> ColumnElement[bool]:
+    # Written with `+ 0` so that the boxes are looked up by their ids alone, and not
+    # by an index on the dataset.
+    return Decision.dataset_id + 0 == dataset_id
 
 
 class ReviewRepository:
@@ -104,12 +151,20 @@ class ReviewRepository:
         return BoxState(*found)
 
     def answer_box(self, box_id: int, seen_revision: int, answer: Answer) -> bool:
-        """Store an answer on a box that still has the seen revision; else False."""
+        """Store an answer on a box, if it still has the seen revision; else False."""
         if not self._insert(_next_answers([box_id], seen_revision, answer)):
             return False
         self._session.connection().execute(_END_CLAIM, {"box": box_id})
         copy_answers(self._session, [box_id])
         return True
+
+    def _insert(self, answers: _Answers) -> int:
+        statement = upsert(self._session, Review).from_select(_COLUMNS, answers)
+        # Even if `decisions` were wrong, no revision of a box is stored twice.
+        unique = statement.on_conflict_do_nothing(index_elements=_UNIQUE)
+        told = unique.execution_options(preserve_rowcount=True)
+        stored: int = self._session.connection().execute(told).rowcount
+        return stored
 
     def states(self, dataset_id: int, box_ids: Iterable[int]) -> Iterator[BoxState]:
         """Those of these boxes that are current boxes of the dataset."""
@@ -136,7 +191,8 @@ class ReviewRepository:
             for seen in boxes
             for chunk in chunks(seen.box_ids)
         )
-        self._make_latest(batch)
+        if stored:
+            self._make_latest(batch)
         return stored
 
     def restore_answers(self, undo: ReviewBatch, boxes: Iterable[UndoableBoxes]) -> int:
@@ -161,15 +217,8 @@ class ReviewRepository:
             for undoable in boxes
             for chunk in chunks(undoable.box_ids)
         )
-        self._make_latest(undo)
-        return stored
-
-    def _insert(self, answers: _Answers) -> int:
-        statement = upsert(self._session, Review).from_select(_COLUMNS, answers)
-        # Even if `decisions` were wrong, no revision of a box is stored twice.
-        unique = statement.on_conflict_do_nothing(index_elements=_UNIQUE)
-        told = unique.execution_options(preserve_rowcount=True)
-        stored: int = self._session.connection().execute(told).rowcount
+        if stored:
+            self._make_latest(undo)
         return stored
 
     def _make_latest(self, batch: ReviewBatch) -> None:
@@ -237,60 +286,11 @@ class ReviewRepository:
         return Counter(who for (_, who), verdict in last.items() if verdict != "clear")
 
 
-_COLUMNS: Final = (
-    *("box_id", "revision", "verdict", "comment"),
-    *("reviewer", "batch_id", "created_at"),
-)
-"""Columns of `reviews`, in the order in which `_next_answers` selects them."""
-_UNIQUE: Final = ("box_id", "revision")
-_STATE: Final = (
-    *(Decision.box_id, Decision.dataset_id),
-    *(Decision.reason, Decision.review, Decision.revision),
-)
-_END_CLAIM: Final = delete(Claim).where(Claim.box_id == bindparam("box"))
-_END_CLAIMS_OF_BATCH: Final = delete(Claim).where(
-    Claim.box_id.in_(select(Review.box_id).where(Review.batch_id == bindparam("batch")))
-)
-
-
 def _answer_of(batch: ReviewBatch, comment: str = "") -> Answer:
     return Answer(
         *(batch.dataset_id, batch.verdict, comment),
         *(batch.reviewer, batch.created_at, batch.id),
     )
-
-
-def _next_answers(
-    box_ids: Sequence[int],
-    revision: int,
-    answer: Answer,
-    said: tuple[ColumnElement[str], ColumnElement[str]] | None = None,
-) -> _Answers:
-    """An answer on those of these boxes that have this revision, as their next one.
-
-    `said` are its verdict and comment, if they differ from box to box.
-    """
-    verdict, comment = said or (literal(answer.verdict), literal(answer.comment))
-    batch: BindParameter[int | None] = literal(answer.batch_id, Key)
-    return select(
-        Decision.box_id,
-        Decision.revision + 1,
-        verdict,
-        comment,
-        literal(answer.reviewer),
-        batch,
-        literal(answer.created_at, UtcDateTime()),
-    ).where(
-        Decision.box_id.in_(box_ids),
-        _of(answer.dataset_id),
-        Decision.revision == revision,
-    )
-
-
-def _of(dataset_id: int) -> ColumnElement[bool]:
-    # Written with `+ 0` so that the boxes are looked up by their ids alone, and not
-    # by an index on the dataset.
-    return Decision.dataset_id + 0 == dataset_id
 
 
 class ReviewBatches:
