@@ -32,9 +32,10 @@ from app.http.middleware import (
     RequestId,
     SecurityHeaders,
 )
-from app.http.routing import MAX_READS_PER_TOKEN, TokenPlaces, repeat_response
+from app.http.routing import MAX_READS_PER_TOKEN, TokenPlaces
 from app.http.static import content_security_policy
 from app.http.static import router as page_router
+from app.http.transaction import repeat_response
 from app.ingest.folder_routes import router as folders_router
 from app.ingest.routes import known_frames_router, upload_router
 from app.ingest.routes import router as batches_router

@@ -41,7 +41,8 @@ class Act(str, Enum):
 class AuditTrail:
     """Adds entries to the audit log in one transaction, for one actor.
 
-    An act and its entry are committed together, or neither is.
+    An act and its entry are committed together, or neither is. In a route (`Audited`),
+    `session` is the `WriteSession` of the request.
     """
 
     session: Session

@@ -24,7 +24,8 @@ from app.access.audit import AuditTrail
 from app.access.service import by_secret
 from app.db.base import utc_now
 from app.errors import Forbidden, Unauthorised
-from app.http.deps import WriteSession, current_principal, database_of, services_of
+from app.http.deps import current_principal, database_of, services_of
+from app.http.transaction import WriteSession
 from app.security import (
     SAFE_METHODS,
     Principal,

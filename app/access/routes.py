@@ -19,11 +19,11 @@ from app.http.deps import (
     CurrentPrincipal,
     ReadSession,
     RowId,
-    WriteSession,
     make_room,
 )
 from app.http.pages import Cursor, Limit, Newest, json_response, page_response
 from app.http.routing import ApiRouter, OpenRouter
+from app.http.transaction import WriteSession
 from app.security import Principal, comes_from_no_other_page
 from unghost.wire.access import (
     AuditEntry,

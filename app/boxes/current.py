@@ -1,11 +1,15 @@
-"""Current decisions and tallies: all functions that change them.
+"""Current decisions and tallies: the only functions that change them.
 
-`add` stores the decisions on new boxes, `answered` copies answers of people,
-`decided_again`, `measured_again` and `replace_tallies` store the result of a run, and
-`retire` removes a frame's boxes. Only `app.maintenance.removals` writes these tables as
-well: it deletes the rows of deleted datasets. Each function changes both tables, except
-those of a run, where `replace_tallies` follows the changes of the decisions. The
-classes at the end only read.
+`decisions` has a row for each current box. `tallies` counts these rows by class,
+reason, toss-up flag and answer, so both tables have to change together:
+
+- `copy_answers` and `copy_batch` (answers of people), `add` (new boxes) and `retire`
+  (the boxes of a former frame) change both.
+- `decided_again` (a run) changes decisions; its caller then calls `replace_tallies`.
+- `measured_again` (a run) changes only columns of decisions that tallies do not count.
+
+Only `app.maintenance.removals` writes these tables as well: it deletes the rows of
+deleted datasets. `DecisionRepository` and `TallyRepository`, at the end, only read.
 """
 
 from __future__ import annotations
@@ -56,6 +60,78 @@ class TallyKey(NamedTuple):
     review: str
 
 
+_TALLY: Final = ("dataset_id", *TallyKey._fields)
+"""Columns of `tallies`, apart from the number of boxes."""
+
+
+def copy_answers(session: Session, box_ids: Iterable[int]) -> None:
+    """Copy new answers on these boxes from `reviews` into decisions and tallies.
+
+    An answer is new if its revision is one above the revision of its box's decision.
+    """
+    for chunk in chunks(box_ids):
+        _copy(session, _ON_BOXES, {"boxes": chunk})
+
+
+def copy_batch(session: Session, batch_id: int) -> None:
+    """As `copy_answers`, for the answers of a bulk answer."""
+    _copy(session, _OF_BATCH, {"batch": batch_id})
+
+
+def _copy(
+    session: Session, which: ColumnElement[bool], values: Mapping[str, object]
+) -> None:
+    connection = session.connection()
+    # In this order: the tallies are computed from the decisions before the change.
+    connection.execute(_answers_into_tallies(connection.dialect.name, which), values)
+    connection.execute(_answers_into_decisions(which), values)
+
+
+# By box or by batch, not as "the newest answers": for those PostgreSQL would scan all
+# answers while its statistics are out of date.
+_ON_BOXES: Final = Review.box_id.in_(bindparam("boxes", expanding=True))
+_OF_BATCH: Final = Review.batch_id == bindparam("batch")
+
+
+# Here and below, statements are built once: every upload and every answer executes
+# them, and building one takes several times as long.
+@lru_cache
+def _answers_into_tallies(dialect: str, which: ColumnElement[bool]) -> Executable:
+    """Move answered boxes from the tallies of their old answers to those of the new."""
+    alike = (Decision.dataset_id, Decision.class_id, Decision.reason, Decision.toss_up)
+    before = func.coalesce(Decision.review, "").label("before")
+    now = case((Review.verdict == "clear", ""), else_=Review.verdict).label("now")
+    said = (
+        select(*alike, before, now, func.count().label("boxes"))
+        .join(Review, _is_next())
+        .where(which)
+        .group_by(*alike, before, now)
+        .cte("said")
+    )
+    kind = [said.c[column.name] for column in alike]
+    moved = union_all(
+        select(*kind, said.c.before.label("review"), (-said.c.boxes).label("boxes")),
+        select(*kind, said.c.now, said.c.boxes),
+    ).subquery()
+    tally, boxes = [moved.c[name] for name in _TALLY], func.sum(moved.c.boxes)
+    return _counted_in(
+        dialect, select(*tally, boxes).group_by(*tally).having(boxes != 0)
+    )
+
+
+@lru_cache
+def _answers_into_decisions(which: ColumnElement[bool]) -> Executable:
+    said = case((Review.verdict == "clear", null()), else_=Review.verdict)
+    rows = update(Decision).where(which, _is_next())
+    return rows.values(review=said, revision=Review.revision)
+
+
+def _is_next() -> ColumnElement[bool]:
+    """Condition: the answer directly follows the one that the decision has."""
+    follows = Review.revision == Decision.revision + 1
+    return and_(Decision.box_id == Review.box_id, follows)
+
+
 def add(
     session: Session, dataset_id: int, columns: Mapping[str, Sequence[object]]
 ) -> None:
@@ -72,35 +148,26 @@ def add(
     run_each(session, _counted_in(dialect), _tally_rows(dataset_id, counts))
 
 
-def answered(
-    session: Session, box_ids: Iterable[int] = (), *, batch_id: int | None = None
-) -> None:
-    """Copy new answers from `reviews` into `decisions` and the tallies.
-
-    They are the answers on `box_ids` or of the bulk answer `batch_id`, as far as their
-    revision is one above `decisions.revision` of their box.
-    """
-    if batch_id is None:
-        for chunk in chunks(box_ids):
-            _apply(session, _ON_BOXES, {"boxes": chunk})
-    else:
-        _apply(session, _OF_BATCH, {"batch": batch_id})
+def retire(session: Session, frame: Frame) -> None:
+    """Remove a frame's boxes from all lists and counts; its history stays."""
+    dialect = session.connection().dialect.name
+    run(session, _frame_out_of_tallies(dialect), frame_id=frame.id)
+    session.execute(delete(Decision).where(Decision.frame_id == frame.id))
+    FrameRepository(session).supersede(frame)
 
 
-def _apply(
-    session: Session, which: ColumnElement[bool], values: Mapping[str, object]
-) -> None:
-    """Count the chosen answers in the tallies, and copy them into the decisions."""
-    connection = session.connection()
-    # In this order: the tallies are computed from the decisions before the change.
-    connection.execute(_answers_as_tallies(connection.dialect.name, which), values)
-    connection.execute(_answers_as_latest(which), values)
-
-
-def _is_next() -> ColumnElement[bool]:
-    """Condition: the answer directly follows the one that the decision has."""
-    follows = Review.revision == Decision.revision + 1
-    return and_(Decision.box_id == Review.box_id, follows)
+@lru_cache
+def _frame_out_of_tallies(dialect: str) -> Executable:
+    review = func.coalesce(Decision.review, "")
+    alike = (
+        Decision.dataset_id,
+        Decision.class_id,
+        Decision.reason,
+        Decision.toss_up,
+        review,
+    )
+    rows = select(*alike, -func.count()).group_by(*alike)
+    return _counted_in(dialect, rows.where(Decision.frame_id == bindparam("frame_id")))
 
 
 def decided_again(
@@ -166,14 +233,6 @@ def replace_tallies(
     insert_rows(session, Tally, _tally_rows(dataset_id, counts))
 
 
-def retire(session: Session, frame: Frame) -> None:
-    """Remove a frame's boxes from all lists and counts; its history stays."""
-    dialect = session.connection().dialect.name
-    run(session, _frame_out_of_tallies(dialect), frame_id=frame.id)
-    session.execute(delete(Decision).where(Decision.frame_id == frame.id))
-    FrameRepository(session).supersede(frame)
-
-
 def _tally_rows(
     dataset_id: int, counts: Mapping[TallyKey, int]
 ) -> list[dict[str, int | str]]:
@@ -182,22 +241,6 @@ def _tally_rows(
         for key, boxes in counts.items()
         if boxes
     ]
-
-
-# Statements are built once: every upload and every answer executes them, and building
-# one takes several times as long.
-_TALLY: Final = ("dataset_id", *TallyKey._fields)
-# By box or by batch, not as "the newest answers": for those PostgreSQL would scan all
-# answers while its statistics are out of date.
-_ON_BOXES: Final = Review.box_id.in_(bindparam("boxes", expanding=True))
-_OF_BATCH: Final = Review.batch_id == bindparam("batch")
-
-
-@lru_cache
-def _answers_as_latest(which: ColumnElement[bool]) -> Executable:
-    said = case((Review.verdict == "clear", null()), else_=Review.verdict)
-    rows = update(Decision).where(which, _is_next())
-    return rows.values(review=said, revision=Review.revision)
 
 
 @lru_cache
@@ -209,44 +252,6 @@ def _counted_in(dialect: str, changes: Selectable | None = None) -> Executable:
     return statement.on_conflict_do_update(
         index_elements=_TALLY, set_={"boxes": Tally.boxes + statement.excluded.boxes}
     )
-
-
-@lru_cache
-def _answers_as_tallies(dialect: str, which: ColumnElement[bool]) -> Executable:
-    """Move answered boxes from the tallies of their old answers to those of the new."""
-    alike = (Decision.dataset_id, Decision.class_id, Decision.reason, Decision.toss_up)
-    before = func.coalesce(Decision.review, "").label("before")
-    now = case((Review.verdict == "clear", ""), else_=Review.verdict).label("now")
-    said = (
-        select(*alike, before, now, func.count().label("boxes"))
-        .join(Review, _is_next())
-        .where(which)
-        .group_by(*alike, before, now)
-        .cte("said")
-    )
-    kind = [said.c[column.name] for column in alike]
-    moved = union_all(
-        select(*kind, said.c.before.label("review"), (-said.c.boxes).label("boxes")),
-        select(*kind, said.c.now, said.c.boxes),
-    ).subquery()
-    tally, boxes = [moved.c[name] for name in _TALLY], func.sum(moved.c.boxes)
-    return _counted_in(
-        dialect, select(*tally, boxes).group_by(*tally).having(boxes != 0)
-    )
-
-
-@lru_cache
-def _frame_out_of_tallies(dialect: str) -> Executable:
-    review = func.coalesce(Decision.review, "")
-    alike = (
-        Decision.dataset_id,
-        Decision.class_id,
-        Decision.reason,
-        Decision.toss_up,
-        review,
-    )
-    rows = select(*alike, -func.count()).group_by(*alike)
-    return _counted_in(dialect, rows.where(Decision.frame_id == bindparam("frame_id")))
 
 
 class TallyRow(NamedTuple):

@@ -18,11 +18,11 @@ from app.http.deps import (
     AppServices,
     DatasetName,
     ReadSession,
-    WriteSession,
     make_room,
 )
 from app.http.pages import Cursor, Limit, Newest, accepted, page_response
 from app.http.routing import ApiRouter
+from app.http.transaction import WriteSession
 from app.measuring.active import DefaultConfig
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository, ProblemRepository

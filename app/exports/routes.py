@@ -27,11 +27,11 @@ from app.http.deps import (
     DatasetName,
     ReadSession,
     RowId,
-    WriteSession,
 )
 from app.http.files import RESUMABLE, file_of, file_response
 from app.http.pages import Newest, json_response
 from app.http.routing import ApiRouter, OpenRouter
+from app.http.transaction import WriteSession
 from app.jobs.service import cancel
 from app.jobs.stream import LastEventId, events_of, watch
 from app.measuring.queries import DatasetRepository

@@ -1,11 +1,13 @@
-"""Dependencies of routes: sessions, services, the caller, ids and names in paths."""
+"""Dependencies of routes: services, the caller, ids and names in paths, reading.
+
+The session of a route that writes is `WriteSession` in `app.http.transaction`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from typing import Annotated, Final, Protocol, TypeVar
 
-from anyio import CapacityLimiter, WouldBlock, fail_after, to_thread
 from fastapi import Depends, Path, Query, Request
 from fastapi.security import HTTPBearer
 from sqlalchemy.orm import Session
@@ -13,8 +15,7 @@ from sqlalchemy.orm import Session
 from app.context import ServiceContext
 from app.db.base import MAX_ID
 from app.db.engine import Database, once_committed
-from app.errors import DatabaseBusy, Forbidden
-from app.http.idempotency import claim_on_begin
+from app.errors import Forbidden
 from app.security import (
     Principal,
     includes,
@@ -35,7 +36,6 @@ and below its connections to the database. Uploads have a limit of their own, so
 people's answers need not wait for them."""
 MAX_FOLDERS: Final = 2
 """How many dropped folders are read at the same time, each by a child process."""
-WRITE_WAIT_S: Final = 30
 
 RowId = Annotated[int, Path(ge=1, le=MAX_ID)]
 """An id in a path; larger ones would overflow the database's integers."""
@@ -114,57 +114,6 @@ def read_session(request: Request) -> Iterator[Session]:
         yield session
 
 
-async def writers_turn(request: Request) -> AsyncIterator[None]:
-    """Limit how many requests write at the same time; the others wait without a thread.
-
-    Only one transaction writes at a time. If all threads waited for it, no thread would
-    be left to commit it.
-    """
-    places: CapacityLimiter = request.app.state.writers
-    try:
-        places.acquire_on_behalf_of_nowait(request)
-    except WouldBlock:
-        await _wait_for(places, request)
-    try:
-        yield
-    finally:
-        places.release_on_behalf_of(request)
-
-
-async def _wait_for(places: CapacityLimiter, request: Request) -> None:
-    try:
-        with fail_after(WRITE_WAIT_S):
-            await places.acquire_on_behalf_of(request)
-    except TimeoutError as exc:
-        raise DatabaseBusy("too many writes are waiting; try again") from exc
-
-
-WritersTurn = Annotated[None, Depends(writers_turn, scope="function")]
-
-
-async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[Session]:
-    """One transaction per request: committed on return, rolled back on an exception.
-
-    It begins with the route's first statement. A route may commit it in its own thread
-    (`app.http.routing.committed`); then nothing is left to commit here.
-    """
-    transaction = database_of(request).write(person=True)
-    session = transaction.__enter__()
-    request.state.write_session = session
-    repeatable = getattr(request.state, "repeatable", None)
-    if repeatable is not None:
-        claim_on_begin(session, repeatable)
-    try:
-        yield session
-    except BaseException as exc:
-        await _in_own_thread(transaction.__exit__, type(exc), exc, exc.__traceback__)
-        raise
-    if session.in_transaction():
-        await _in_own_thread(transaction.__exit__, None, None, None)
-    else:
-        transaction.__exit__(None, None, None)
-
-
 def make_room(services: ServiceContext, session: Session) -> None:
     """Release the disk reserve if the disk is too full to commit these deletes.
 
@@ -173,11 +122,6 @@ def make_room(services: ServiceContext, session: Session) -> None:
     """
     if Reserve(services.settings.data).give_up(DELETING_BYTES):
         once_committed(session, services.one(DeletionSignal).set)
-
-
-async def _in_own_thread(call: Callable[..., object], *args: object) -> None:
-    # Not one of the shared threads: all of them may be waiting for this transaction.
-    await to_thread.run_sync(call, *args, limiter=CapacityLimiter(1))
 
 
 ADMIN = Depends(admin)
@@ -206,8 +150,6 @@ AppServices = Annotated[ServiceContext, Depends(_inline(services_of))]
 AppDatabase = Annotated[Database, Depends(_inline(database_of))]
 CurrentPrincipal = Annotated[Principal, Depends(_inline(current_principal))]
 ReadSession = Annotated[Session, Depends(read_session, scope="function")]
-# scope="function": the transaction is committed before the response is sent.
-WriteSession = Annotated[Session, Depends(write_session, scope="function")]
 
 DatasetName = Annotated[str, Path(max_length=100)]
 FrameKey = Annotated[str, Path(max_length=2000)]

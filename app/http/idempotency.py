@@ -1,8 +1,9 @@
 """A POST that is sent twice with the same Idempotency-Key is executed once.
 
-The first statement of the request's own transaction claims the key, and the response is
-stored in the same transaction. Of two concurrent requests, the second waits for the
-first and then gets its response; if the first failed, the second is executed.
+The transaction of the request claims the key when it begins, and stores the response
+before it is committed (`app.http.transaction` calls both). Of two concurrent requests,
+the second waits for the first and then gets its response; if the first failed, the
+second is executed.
 """
 
 from __future__ import annotations
@@ -18,10 +19,16 @@ from typing import Final, NamedTuple
 from sqlalchemy import ColumnElement, Connection, delete, event, insert, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
+from starlette.responses import Response
 
 from app.db.base import utc_now
 from app.db.tables.access import IdempotencyKey
 from app.errors import BadRequest, IdempotencyKeyReuse
+
+_KEY: Final = re.compile(r"[\x21-\x7e]{1,200}")
+_STORED_HEADERS: Final = ("location", "etag")
+_LACKS_RESPONSE: Final = "request whose response is not stored"
+"""Key of `Session.info`: the `RepeatableRequest` until its response is stored."""
 
 
 class StoredResponse(NamedTuple):
@@ -32,6 +39,106 @@ class StoredResponse(NamedTuple):
     media_type: str
     headers: Mapping[str, str]
     body: bytes
+
+
+class RepeatedRequest(Exception):
+    """Raised in a repeated request, with the response of the first one."""
+
+    def __init__(self, response: StoredResponse) -> None:
+        super().__init__("this request is repeated")
+        self.response = response
+
+
+@dataclass(frozen=True)
+class RepeatableRequest:
+    """A request with an Idempotency-Key; equal digests mean equal requests.
+
+    `keep` is how long its response is stored.
+    """
+
+    token_id: int
+    key: str
+    digest: str
+    keep: timedelta
+
+
+def checked_key(key: str) -> str:
+    """The Idempotency-Key; BadRequest if it is malformed."""
+    if not _KEY.fullmatch(key):
+        raise BadRequest(
+            "Idempotency-Key must be 1 to 200 visible ASCII characters",
+            code="bad_idempotency_key",
+        )
+    return key
+
+
+def request_digest(*parts: bytes) -> str:
+    """SHA-256 over method, target, media type and body, each preceded by its length."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "big"))
+        digest.update(part)
+    return digest.hexdigest()
+
+
+def claim_on_begin(session: Session, request: RepeatableRequest) -> None:
+    """Claim the key when this session's transaction begins.
+
+    Not earlier: a request must hold no lock while it computes before it writes. If the
+    key is taken, the statement that begins the transaction raises `RepeatedRequest`, or
+    IdempotencyKeyReuse if the key was used for another request.
+    """
+    session.info[_LACKS_RESPONSE] = request
+
+    def claim(_session: Session, _transaction: object, connection: Connection) -> None:
+        _claim(connection, request)
+
+    event.listen(session, "after_begin", claim, once=True)
+
+
+def _claim(connection: Connection, request: RepeatableRequest) -> None:
+    keys = IdempotencyKeys(connection, request.token_id)
+    keys.release_if_older(request.key, utc_now() - request.keep)
+    if keys.claim(request.key, request.digest):
+        return
+    response = keys.stored(request.key)
+    if response.request_digest != request.digest:
+        raise IdempotencyKeyReuse(
+            f"Idempotency-Key {request.key!r} was used for another request"
+        )
+    raise RepeatedRequest(response)
+
+
+def lacks_response(session: Session) -> bool:
+    """Whether the session claims a key whose response is not stored yet."""
+    return _LACKS_RESPONSE in session.info
+
+
+def store_response(session: Session, response: Response) -> None:
+    """Store the response in the transaction that did the work, if it claims a key.
+
+    A response with a secret (``no-store``) is not stored; the key is deleted instead.
+    """
+    request: RepeatableRequest | None = session.info.pop(_LACKS_RESPONSE, None)
+    if request is None:
+        return
+    keys = IdempotencyKeys(session.connection(), request.token_id)
+    headers, body = response.headers, getattr(response, "body", None)
+    if not isinstance(body, bytes) or headers.get("cache-control") == "no-store":
+        keys.release(request.key)
+        return
+    kept = {name: headers[name] for name in _STORED_HEADERS if name in headers}
+    media_type = headers.get("content-type", "")
+    keys.store(
+        request.key,
+        StoredResponse(request.digest, response.status_code, media_type, kept, body),
+    )
+
+
+def forget_old_responses(session: Session, keep: timedelta) -> None:
+    """Delete responses that are older than `keep`."""
+    cutoff = utc_now() - keep
+    session.execute(delete(IdempotencyKey).where(IdempotencyKey.created_at < cutoff))
 
 
 class IdempotencyKeys:
@@ -106,105 +213,3 @@ class IdempotencyKeys:
 
     def _is(self, key: str) -> tuple[ColumnElement[bool], ...]:
         return (IdempotencyKey.token_id == self._token_id, IdempotencyKey.key == key)
-
-
-def forget_responses_before(connection: Connection, cutoff: datetime) -> None:
-    """Delete responses that were stored before a time."""
-    connection.execute(delete(IdempotencyKey).where(IdempotencyKey.created_at < cutoff))
-
-
-_KEY: Final = re.compile(r"[\x21-\x7e]{1,200}")
-_STORED_HEADERS: Final = ("location", "etag")
-
-
-class RepeatedRequest(Exception):
-    """Raised in a repeated request, with the response of the first one."""
-
-    def __init__(self, response: StoredResponse) -> None:
-        super().__init__("this request is repeated")
-        self.response = response
-
-
-@dataclass(frozen=True)
-class RepeatableRequest:
-    """A request with an Idempotency-Key; equal digests mean equal requests.
-
-    `keep` is how long its response is stored.
-    """
-
-    token_id: int
-    key: str
-    digest: str
-    keep: timedelta
-
-
-def checked_key(key: str) -> str:
-    """The Idempotency-Key; BadRequest if it is malformed."""
-    if not _KEY.fullmatch(key):
-        raise BadRequest(
-            "Idempotency-Key must be 1 to 200 visible ASCII characters",
-            code="bad_idempotency_key",
-        )
-    return key
-
-
-def request_digest(*parts: bytes) -> str:
-    """SHA-256 over method, target, media type and body, each preceded by its length."""
-    digest = hashlib.sha256()
-    for part in parts:
-        digest.update(len(part).to_bytes(8, "big"))
-        digest.update(part)
-    return digest.hexdigest()
-
-
-def claim_on_begin(session: Session, request: RepeatableRequest) -> None:
-    """Claim the key when this session's transaction begins.
-
-    Not earlier: a request must hold no lock while it computes before it writes.
-    """
-
-    def claim(_session: Session, _transaction: object, connection: Connection) -> None:
-        _claim(connection, request)
-
-    event.listen(session, "after_begin", claim, once=True)
-
-
-def _claim(connection: Connection, request: RepeatableRequest) -> None:
-    keys = IdempotencyKeys(connection, request.token_id)
-    keys.release_if_older(request.key, utc_now() - request.keep)
-    if keys.claim(request.key, request.digest):
-        return
-    response = keys.stored(request.key)
-    if response.request_digest != request.digest:
-        raise IdempotencyKeyReuse(
-            f"Idempotency-Key {request.key!r} was used for another request"
-        )
-    raise RepeatedRequest(response)
-
-
-def store_response(
-    session: Session,
-    request: RepeatableRequest,
-    *,
-    status: int,
-    headers: Mapping[str, str],
-    body: object,
-) -> None:
-    """Store the response in the transaction that did the work.
-
-    A response with a secret (``no-store``) is not stored; the key is deleted instead.
-    """
-    keys = IdempotencyKeys(session.connection(), request.token_id)
-    if not isinstance(body, bytes) or headers.get("cache-control") == "no-store":
-        keys.release(request.key)
-        return
-    kept = {name: headers[name] for name in _STORED_HEADERS if name in headers}
-    response = StoredResponse(
-        request.digest, status, headers.get("content-type", ""), kept, body
-    )
-    keys.store(request.key, response)
-
-
-def forget_old_responses(session: Session, keep: timedelta) -> None:
-    """Delete responses that are older than `keep`."""
-    forget_responses_before(session.connection(), utc_now() - keep)

@@ -1,19 +1,18 @@
-"""The router of all routes, which makes the checks that each of them needs.
+"""The router of all routes: what it checks of a request before it calls the endpoint.
 
 Before a body is read, it checks the caller's role, the size of the body, the query
-parameters and the media type. Around the endpoint it handles the Idempotency-Key.
+parameters and the media type. A POST with an Idempotency-Key is passed on to
+`app.http.transaction`, where the transaction of a route that writes is described.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Coroutine, Iterator
-from datetime import timedelta
-from functools import partial
 from typing import Final
 from weakref import WeakValueDictionary
 
-from anyio import CapacityLimiter, to_thread
+from anyio import CapacityLimiter
 from fastapi import APIRouter, Request, params
 from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute
@@ -24,16 +23,11 @@ from starlette.routing import Match
 from starlette.types import Receive, Scope, Send
 
 from app.errors import UnknownParameter, UnsupportedMedia
-from app.http.bodies import StrictRequest, run_off_loop
-from app.http.deps import BEARER, authorise, services_of, settings_of, write_session
-from app.http.idempotency import (
-    RepeatableRequest,
-    RepeatedRequest,
-    checked_key,
-    request_digest,
-    store_response,
-)
+from app.http.bodies import StrictRequest
+from app.http.deps import BEARER, authorise, services_of, settings_of
+from app.http.idempotency import checked_key
 from app.http.middleware import BODY_ALLOWANCE, MAX_UNASKED_BYTES, BodyAllowance
+from app.http.transaction import respond_once, write_session
 from app.incoming import HeldBytes, OpenBodies
 from app.security import SAFE_METHODS
 from unghost.wire.words import Role
@@ -224,9 +218,9 @@ class ApiRoute(OpenRoute):
     async def respond(self, endpoint: Handler, request: Request) -> Response:
         """Call the endpoint; a repeated request gets the response of the first one."""
         if request.method == "POST" and "idempotency-key" in request.headers:
-            checked_key(request.headers["idempotency-key"])
-            if is_repeatable(self) and not self.is_streamed:
-                return await _respond_once(endpoint, request)
+            key = checked_key(request.headers["idempotency-key"])
+            if not self.is_streamed and _uses(self.dependant, write_session):
+                return await respond_once(endpoint, request, key)
         if request.method in SAFE_METHODS:
             return await _call_limited(endpoint, request)
         return await endpoint(request)
@@ -305,74 +299,6 @@ class OpenRouter(APIRouter):
             route_class=OpenRoute,
             redirect_slashes=False,
         )
-
-
-def is_repeatable(route: APIRoute) -> bool:
-    """Whether the route is a POST that writes: its Idempotency-Key is honoured."""
-    return "POST" in (route.methods or ()) and _uses(route.dependant, write_session)
-
-
-async def repeat_response(_request: Request, exc: Exception) -> Response:
-    """The exception handler of `RepeatedRequest`: sends the stored response."""
-    if not isinstance(exc, RepeatedRequest):
-        raise exc
-    stored = exc.response
-    headers = {**stored.headers, "Idempotent-Replayed": "true"}
-    if stored.media_type:
-        headers["Content-Type"] = stored.media_type
-    return Response(stored.body, stored.status, headers)
-
-
-async def _respond_once(endpoint: Handler, request: Request) -> Response:
-    """Call the endpoint; its transaction claims the key and stores the response."""
-    url = request.url
-    about = (
-        request.method.encode(),
-        f"{url.path}?{url.query}".encode(),
-        request.headers.get("content-type", "").encode(),
-    )
-    body = await request.body()
-    digest = await run_off_loop(request, body, partial(request_digest, *about))
-    repeatable = RepeatableRequest(
-        request.state.principal.token_id,
-        checked_key(request.headers["idempotency-key"]),
-        digest,
-        timedelta(hours=settings_of(request).idempotency_hours),
-    )
-    request.state.repeatable = repeatable
-    response = await endpoint(request)
-    if request.state.repeatable is not None:
-        # In a thread of its own: all shared ones may be waiting for this transaction.
-        await to_thread.run_sync(
-            _store_response, request, response, limiter=CapacityLimiter(1)
-        )
-    return response
-
-
-def committed(request: Request, response: Response) -> Response:
-    """Commit the `WriteSession` of this request in this thread; returns the response.
-
-    For routes that are called very often: otherwise `write_session` commits later, in
-    another thread, and no other transaction can write until then.
-    """
-    _store_response(request, response)
-    request.state.write_session.commit()
-    return response
-
-
-def _store_response(request: Request, response: Response) -> None:
-    """Store the response in the request's transaction, if it has an Idempotency-Key."""
-    repeatable = getattr(request.state, "repeatable", None)
-    if repeatable is None:
-        return
-    store_response(
-        request.state.write_session,
-        repeatable,
-        status=response.status_code,
-        headers=response.headers,
-        body=getattr(response, "body", None),
-    )
-    request.state.repeatable = None
 
 
 def _refuse_unknown_parameters(request: Request, known: frozenset[str]) -> None:

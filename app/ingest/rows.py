@@ -37,7 +37,6 @@ from app.measuring.queries import (
     KeyRow,
     ProblemRepository,
 )
-from app.review.queries import AnswerRow
 from app.review.service import NewBox, carry_reviews
 from app.security import Principal
 from filter_core.decisions.record import decision_dicts
@@ -57,7 +56,7 @@ from unghost.wire.frames import FrameDetails
 class NewFrame(StoredFrame):
     """A frame that this upload has stored, with the content of its rows.
 
-    `carried` are the rows of answers that were carried over from the former revision.
+    `carried` are the answers that were carried over from the former revision.
     """
 
     ready: ReadyFrame
@@ -67,7 +66,7 @@ class NewFrame(StoredFrame):
     created_by: str
     created_at: datetime
     decisions: Decisions
-    carried: Sequence[AnswerRow] = ()
+    carried: Sequence[LatestReview] = ()
 
     @property
     def boxes(self) -> int:
@@ -279,7 +278,7 @@ def _carried(
     former: Frame,
     frame: NewFrame,
     class_ids: Mapping[str, int],
-) -> Sequence[AnswerRow]:
+) -> Sequence[LatestReview]:
     """Carry answers over and audit dropped ones; Forbidden if those are others'."""
     evidence = frame.ready.measured.evidence
     boxes = [
@@ -319,7 +318,7 @@ def _count(frames: Sequence[NewFrame]) -> None:
 
 def _details(frame: NewFrame) -> FrameDetails:
     measured = frame.ready.measured
-    answers = {row["box_id"]: row["verdict"] for row in frame.carried}
+    answers = {one.box_id: one.verdict for one in frame.carried}
     alike = tallies_of(
         zip(
             measured.evidence.class_index.tolist(),
@@ -349,17 +348,7 @@ def _decisions(frame: NewFrame) -> list[StoredDecision]:
     )
     row = frame.active.row
     decided = DecidedFrame(frame.frame_id, row.run_id, row.config_digest, facts.family)
-    carried = {
-        answer["box_id"]: LatestReview(
-            box_id=answer["box_id"],
-            revision=answer["revision"],
-            verdict=answer["verdict"],
-            comment=answer["comment"],
-            reviewer=answer["reviewer"],
-            batch_id=answer["batch_id"],
-        )
-        for answer in frame.carried
-    }
+    carried = {answer.box_id: answer for answer in frame.carried}
     masks = measured.evidence.accept_mask.tolist()
     return [
         stored_decision(decision, box_id, decided, mask, carried.get(box_id))

@@ -11,10 +11,10 @@ from app.http.deps import (
     CurrentPrincipal,
     DatasetName,
     ReadSession,
-    WriteSession,
 )
 from app.http.pages import accepted
 from app.http.routing import ApiRouter
+from app.http.transaction import WriteSession
 from app.measuring.queries import DatasetRepository
 from app.quality.service import evaluation, quality, request_evaluation
 from app.runs.service import described_run

@@ -1,16 +1,21 @@
 """SQL of answers, of bulk answers and of claims.
 
-`ReviewRepository` stores answers in three ways: on boxes in the state in which they
-were seen (one box or a hundred thousand), as an undo, or carried over to a new frame.
-Each inserts rows and then calls `boxes.current.answered` to update the decisions.
+`ReviewRepository` stores an answer on one box (`answer_box`), a bulk answer
+(`answer_boxes`), its undo (`restore_answers`), and answers that are carried over to a
+new frame (`carry_over`). Each of them
+
+1. inserts rows of `reviews`, with the next revision of their box,
+2. ends the claims on these boxes (a new frame has none),
+3. calls `copy_answers` or `copy_batch` of `app.boxes.current`, which update the boxes'
+   decisions.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
-from typing import Final, NamedTuple, TypeAlias, TypedDict
+from typing import Final, NamedTuple, TypeAlias
 
 from sqlalchemy import (
     CTE,
@@ -26,35 +31,20 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Session, aliased
 
-from app.boxes.current import answered
-from app.db.base import Key, UtcDateTime
+from app.boxes.current import copy_answers, copy_batch
+from app.boxes.queries import LatestReview
+from app.db.base import Key, UtcDateTime, utc_now
 from app.db.bulk import chunks, insert_rows, upsert
 from app.db.tables import Box, Claim, Dataset, Decision, Review, ReviewBatch
 from app.errors import NotFound
 from app.measuring.queries import is_deleted, is_there
 
 
-class SeenBoxes(NamedTuple):
-    """Boxes to answer, and the revision of all of them when a person saw them."""
+class BoxState(NamedTuple):
+    """A current box: the reason of its decision, and its latest answer.
 
-    box_ids: Sequence[int]
-    revision: int
-
-
-class StandingBoxes(NamedTuple):
-    """Boxes on which a batch is still in force, so that it can be undone on them.
-
-    No answer followed it, or all that followed were undone. `revision` is the boxes'
-    current revision, `before` that of the answer before the batch.
+    `review` is None if the box has no answer, or if the latest one cleared it.
     """
-
-    box_ids: Sequence[int]
-    revision: int
-    before: int
-
-
-class ReviewedBox(NamedTuple):
-    """A box before an answer on it is stored; `review` is the latest answer."""
 
     box_id: int
     dataset_id: int
@@ -63,38 +53,86 @@ class ReviewedBox(NamedTuple):
     revision: int
 
 
-class Signature(NamedTuple):
-    """Who answers boxes of a dataset, and when; `batch_id` is set for a bulk answer."""
+class Answer(NamedTuple):
+    """What a person says of one box of a dataset, or of many with a `batch_id`."""
 
     dataset_id: int
+    verdict: str
+    comment: str
     reviewer: str
-    at: datetime
+    created_at: datetime
     batch_id: int | None = None
+
+
+class SeenBoxes(NamedTuple):
+    """Boxes that all had the same revision when a person saw them."""
+
+    box_ids: Sequence[int]
+    revision: int
+
+
+class UndoableBoxes(NamedTuple):
+    """Boxes on which a bulk answer can be undone, because it is still in force.
+
+    No answer followed it, or all that followed were undone. All of these boxes are at
+    `revision` now. The answer that the undo repeats has the revision `before`; 0 means
+    that there was none.
+    """
+
+    box_ids: Sequence[int]
+    revision: int
+    before: int
 
 
 _Answers: TypeAlias = "Select[int, int, str, str, str, int | None, datetime]"
 """Answers to be inserted; `_COLUMNS` names their columns."""
+_COLUMNS: Final = (
+    *("box_id", "revision", "verdict", "comment"),
+    *("reviewer", "batch_id", "created_at"),
+)
+"""Columns of `reviews`, in the order in which `_next_answers` selects them."""
+_UNIQUE: Final = ("box_id", "revision")
+_STATE: Final = (
+    *(Decision.box_id, Decision.dataset_id),
+    *(Decision.reason, Decision.review, Decision.revision),
+)
+_END_CLAIM: Final = delete(Claim).where(Claim.box_id == bindparam("box"))
+_END_CLAIMS_OF_BATCH: Final = delete(Claim).where(
+    Claim.box_id.in_(select(Review.box_id).where(Review.batch_id == bindparam("batch")))
+)
 
 
-class AnswerRow(TypedDict):
-    """A row of `reviews` to be inserted."""
+def _next_answers(
+    box_ids: Sequence[int],
+    revision: int,
+    answer: Answer,
+    said: tuple[ColumnElement[str], ColumnElement[str]] | None = None,
+) -> _Answers:
+    """An answer on those of these boxes that have this revision, as their next one.
 
-    box_id: int
-    revision: int
-    verdict: str
-    comment: str
-    reviewer: str
-    batch_id: int | None
-    carried_from: int | None
-    created_at: datetime
+    `said` are its verdict and comment, if they differ from box to box.
+    """
+    verdict, comment = said or (literal(answer.verdict), literal(answer.comment))
+    batch: BindParameter[int | None] = literal(answer.batch_id, Key)
+    return select(
+        Decision.box_id,
+        Decision.revision + 1,
+        verdict,
+        comment,
+        literal(answer.reviewer),
+        batch,
+        literal(answer.created_at, UtcDateTime()),
+    ).where(
+        Decision.box_id.in_(box_ids),
+        _of(answer.dataset_id),
+        Decision.revision == revision,
+    )
 
 
-class AnsweredBox(NamedTuple):
-    """A box that has, or had, an answer."""
-
-    id: int
-    source_id: str
-    class_id: int
+def _of(dataset_id: int) -> ColumnElement[bool]:
+    # Written with `+ 0` so that the boxes are looked up by their ids alone, and not
+    # by an index on the dataset.
+    return Decision.dataset_id + 0 == dataset_id
 
 
 class ReviewRepository:
@@ -103,60 +141,22 @@ class ReviewRepository:
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def state(self, box_id: int) -> ReviewedBox:
+    def state(self, box_id: int) -> BoxState:
         """The current state of a box; raises NotFound if the box is not current."""
         rows = select(*_STATE).where(Decision.box_id == box_id)
         there = rows.join(Dataset, Dataset.id == Decision.dataset_id).where(is_there())
         found = self._session.execute(there).first()
         if found is None:
             raise NotFound("box", box_id)
-        return ReviewedBox(*found)
+        return BoxState(*found)
 
-    def states(self, dataset_id: int, box_ids: Iterable[int]) -> Iterator[ReviewedBox]:
-        """Those of these boxes that are current boxes of the dataset."""
-        for chunk in chunks(box_ids):
-            rows = select(*_STATE).where(Decision.box_id.in_(chunk), _of(dataset_id))
-            for row in self._session.execute(rows):
-                yield ReviewedBox(*row)
-
-    def answer(
-        self, boxes: Sequence[SeenBoxes], verdict: str, comment: str, by: Signature
-    ) -> int:
-        """Answer the boxes that still have the seen revision; returns how many."""
-        said = literal(verdict), literal(comment)
-        stored = sum(
-            self._insert(_answers(said, by, chunk, seen.revision))
-            for seen in boxes
-            for chunk in chunks(seen.box_ids)
-        )
-        self._make_latest((box_id for seen in boxes for box_id in seen.box_ids), by)
-        return stored
-
-    def answer_as_before(self, boxes: Sequence[StandingBoxes], by: Signature) -> int:
-        """Repeat the answers before a batch, unless others followed; how many."""
-        earlier = aliased(Review)
-        said = (
-            func.coalesce(earlier.verdict, "clear"),
-            func.coalesce(earlier.comment, ""),
-        )
-        stored = sum(
-            self._insert(
-                _answers(said, by, chunk, seen.revision).outerjoin(
-                    earlier,
-                    (earlier.box_id == Decision.box_id)
-                    & (earlier.revision == seen.before),
-                )
-            )
-            for seen in boxes
-            for chunk in chunks(seen.box_ids)
-        )
-        self._make_latest((box_id for seen in boxes for box_id in seen.box_ids), by)
-        return stored
-
-    def carry_over(self, rows: Sequence[AnswerRow]) -> None:
-        """Insert the first answers on new boxes, which have no claims."""
-        insert_rows(self._session, Review, rows)
-        answered(self._session, [row["box_id"] for row in rows])
+    def answer_box(self, box_id: int, seen_revision: int, answer: Answer) -> bool:
+        """Store an answer on a box, if it still has the seen revision; else False."""
+        if not self._insert(_next_answers([box_id], seen_revision, answer)):
+            return False
+        self._session.connection().execute(_END_CLAIM, {"box": box_id})
+        copy_answers(self._session, [box_id])
+        return True
 
     def _insert(self, answers: _Answers) -> int:
         statement = upsert(self._session, Review).from_select(_COLUMNS, answers)
@@ -166,34 +166,95 @@ class ReviewRepository:
         stored: int = self._session.connection().execute(told).rowcount
         return stored
 
-    def _make_latest(self, box_ids: Iterable[int], by: Signature) -> None:
-        """Make the inserted answers the latest ones, and end the claims on their boxes.
+    def states(self, dataset_id: int, box_ids: Iterable[int]) -> Iterator[BoxState]:
+        """Those of these boxes that are current boxes of the dataset."""
+        for chunk in chunks(box_ids):
+            rows = select(*_STATE).where(Decision.box_id.in_(chunk), _of(dataset_id))
+            for row in self._session.execute(rows):
+                yield BoxState(*row)
 
-        Answers of a bulk answer, maybe a hundred thousand, are selected by its id.
+    def answer_boxes(
+        self, batch: ReviewBatch, comment: str, boxes: Iterable[SeenBoxes]
+    ) -> int:
+        """Store a bulk answer on the boxes that still have the seen revision; how many.
+
+        Parameters
+        ----------
+        batch : ReviewBatch
+            The row of the bulk answer: its verdict, who gives it, and when.
+        comment : str
+        boxes : iterable of SeenBoxes
         """
-        connection = self._session.connection()
-        if by.batch_id is None:
-            ids = list(box_ids)
-            connection.execute(_END_CLAIMS, {"boxes": ids})
-            answered(self._session, ids)
-        else:
-            connection.execute(_END_CLAIMS_OF_BULK_ANSWER, {"batch": by.batch_id})
-            answered(self._session, batch_id=by.batch_id)
+        answer = _answer_of(batch, comment)
+        stored = sum(
+            self._insert(_next_answers(chunk, seen.revision, answer))
+            for seen in boxes
+            for chunk in chunks(seen.box_ids)
+        )
+        if stored:
+            self._make_latest(batch)
+        return stored
+
+    def restore_answers(self, undo: ReviewBatch, boxes: Iterable[UndoableBoxes]) -> int:
+        """Undo a bulk answer on the boxes that still have their revision; how many.
+
+        The answer before the bulk answer is repeated on each box. If there was none,
+        `clear` is stored, which is the verdict of `undo`, the row of the undo.
+        """
+        cleared, earlier = _answer_of(undo), aliased(Review)
+        said = (
+            func.coalesce(earlier.verdict, cleared.verdict),
+            func.coalesce(earlier.comment, cleared.comment),
+        )
+        stored = sum(
+            self._insert(
+                _next_answers(chunk, undoable.revision, cleared, said).outerjoin(
+                    earlier,
+                    (earlier.box_id == Decision.box_id)
+                    & (earlier.revision == undoable.before),
+                )
+            )
+            for undoable in boxes
+            for chunk in chunks(undoable.box_ids)
+        )
+        if stored:
+            self._make_latest(undo)
+        return stored
+
+    def _make_latest(self, batch: ReviewBatch) -> None:
+        """End the claims on the boxes of a bulk answer, and update their decisions.
+
+        Its boxes, maybe a hundred thousand, are selected by its id.
+        """
+        self._session.connection().execute(_END_CLAIMS_OF_BATCH, {"batch": batch.id})
+        copy_batch(self._session, batch.id)
+
+    def carry_over(self, answers: Mapping[int, LatestReview]) -> None:
+        """Insert answers on boxes of a new frame, which have no claims.
+
+        The keys are the boxes of the former frame whose answers these are.
+        """
+        rows = [
+            {**answer._asdict(), "carried_from": former, "created_at": utc_now()}
+            for former, answer in answers.items()
+        ]
+        insert_rows(self._session, Review, rows)
+        copy_answers(self._session, [answer.box_id for answer in answers.values()])
 
     def of_box(self, box_id: int) -> list[Review]:
         """All answers on a box, oldest first."""
         rows = select(Review).where(Review.box_id == box_id).order_by(Review.revision)
         return list(self._session.scalars(rows))
 
-    def answered_boxes(self, frame_id: int) -> list[AnsweredBox]:
-        """Boxes of a frame that have, or had, an answer."""
+    def once_answered(self, frame_id: int) -> list[tuple[int, str, int]]:
+        """Boxes of a frame that have, or had, an answer: id, source id and class id."""
         rows = (
             select(Box.id, Box.source_id, Box.class_id)
             .where(Box.frame_id == frame_id)
             .where(exists().where(Review.box_id == Box.id))
             .order_by(Box.id)
         )
-        return [AnsweredBox(*row) for row in self._session.execute(rows)]
+        return [(row[0], row[1], row[2]) for row in self._session.execute(rows)]
 
     def meant_by(self, box_ids: Iterable[int]) -> Counter[str]:
         """On how many boxes each person has an answer that they did not undo.
@@ -225,52 +286,11 @@ class ReviewRepository:
         return Counter(who for (_, who), verdict in last.items() if verdict != "clear")
 
 
-_COLUMNS: Final = (
-    *("box_id", "revision", "verdict", "comment"),
-    *("reviewer", "batch_id", "created_at"),
-)
-"""Columns of `reviews`, in the order in which `_answers` selects them."""
-_UNIQUE: Final = ("box_id", "revision")
-_STATE: Final = (
-    *(Decision.box_id, Decision.dataset_id),
-    *(Decision.reason, Decision.review, Decision.revision),
-)
-_END_CLAIMS: Final = delete(Claim).where(
-    Claim.box_id.in_(bindparam("boxes", expanding=True))
-)
-_END_CLAIMS_OF_BULK_ANSWER: Final = delete(Claim).where(
-    Claim.box_id.in_(select(Review.box_id).where(Review.batch_id == bindparam("batch")))
-)
-
-
-def _answers(
-    said: tuple[ColumnElement[str], ColumnElement[str]],
-    by: Signature,
-    box_ids: Sequence[int],
-    revision: int,
-) -> _Answers:
-    """The next answer on those of these boxes that still have this revision."""
-    verdict, comment = said
-    batch: BindParameter[int | None] = literal(by.batch_id, Key)
-    return select(
-        Decision.box_id,
-        Decision.revision + 1,
-        verdict,
-        comment,
-        literal(by.reviewer),
-        batch,
-        literal(by.at, UtcDateTime()),
-    ).where(
-        Decision.box_id.in_(box_ids),
-        _of(by.dataset_id),
-        Decision.revision == revision,
+def _answer_of(batch: ReviewBatch, comment: str = "") -> Answer:
+    return Answer(
+        *(batch.dataset_id, batch.verdict, comment),
+        *(batch.reviewer, batch.created_at, batch.id),
     )
-
-
-def _of(dataset_id: int) -> ColumnElement[bool]:
-    # Written with `+ 0` so that the boxes are looked up by their ids alone, and not
-    # by an index on the dataset.
-    return Decision.dataset_id + 0 == dataset_id
 
 
 class ReviewBatches:
@@ -279,8 +299,21 @@ class ReviewBatches:
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def add(self, batch: ReviewBatch) -> ReviewBatch:
-        """Insert a batch."""
+    def add(
+        self,
+        dataset_id: int,
+        verdict: str,
+        reviewer: str,
+        *,
+        undoes_id: int | None = None,
+    ) -> ReviewBatch:
+        """Insert a bulk answer, or with `undoes_id` the undo of one."""
+        batch = ReviewBatch(
+            dataset_id=dataset_id,
+            verdict=verdict,
+            reviewer=reviewer,
+            undoes_id=undoes_id,
+        )
         self._session.add(batch)
         self._session.flush()
         return batch
@@ -307,8 +340,8 @@ class ReviewBatches:
         rows = select(func.count()).where(Review.batch_id == batch_id)
         return self._session.scalar(rows) or 0
 
-    def standing(self, batch_id: int) -> list[StandingBoxes]:
-        """The boxes on which a batch is still in force, grouped by their revisions."""
+    def undoable(self, batch_id: int) -> list[UndoableBoxes]:
+        """The boxes on which a batch can be undone, grouped by their revisions."""
         standing = _standing(batch_id)
         rows = (
             select(standing.c.box_id, Decision.revision, standing.c.answered - 1)
@@ -318,7 +351,7 @@ class ReviewBatches:
         alike: dict[tuple[int, int], list[int]] = {}
         for box_id, revision, before in self._session.execute(rows):
             alike.setdefault((revision, before), []).append(box_id)
-        return [StandingBoxes(ids, *revisions) for revisions, ids in alike.items()]
+        return [UndoableBoxes(ids, *revisions) for revisions, ids in alike.items()]
 
 
 def _standing(batch_id: int) -> CTE:

@@ -1,254 +1,74 @@
-"""Answers of people: on one box or many, undone, or carried over to new frames.
+"""Stores a person's answer on one box, and carries answers over to a new frame.
 
-All are stored in the same way (`app.review.queries`). An answer contains the revision
-of the box that the person saw. If the box was answered since, a single answer is
-refused (StaleReview), and a bulk answer on listed boxes skips it. A bulk answer on all
-boxes of a filter is refused as a whole if one of them has changed (StaleSnapshot, in
-`routes`).
+How an answer on a box is stored:
+
+1. `create_review` (`routes`) passes the request to `review_box`, whose first statement
+   begins the transaction and waits for its turn.
+2. `review_box` reads the current state of the box (`ReviewRepository.state`).
+3. `ReviewRepository.answer_box` inserts the answer as a row of `reviews`, if the box
+   still has the revision that the person saw; if not, `review_box` raises StaleReview,
+   and the client gets the status 412.
+4. `answer_box` then ends the claim on the box and calls `copy_answers`
+   (`app.boxes.current`), which copies the answer to the decision of the box and moves
+   the box to another tally.
+5. `commit_and_respond` (`app.http.transaction`) commits, and only then is the stored
+   answer sent back.
+
+Answers on many boxes at once, and their undo, are in `bulk`.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from sqlalchemy.orm import Session
 
-from app.access.service import require_own
-from app.boxes.queries import FrameRepository, LatestAnswers
+from app.boxes.queries import FrameRepository, LatestAnswers, LatestReview
+from app.boxes.reader import describe_box
 from app.db.base import utc_now
 from app.db.engine import once_committed
-from app.db.tables import Dataset, Frame, ReviewBatch
-from app.errors import Conflict, StaleReview, TooLarge, Unprocessable
+from app.db.tables import Frame
+from app.errors import StaleReview
 from app.metrics import REVIEWS
-from app.review.queries import (
-    AnswerRow,
-    ReviewBatches,
-    ReviewRepository,
-    SeenBoxes,
-    Signature,
-    StandingBoxes,
-)
-from app.security import Principal
+from app.review.queries import Answer, ReviewRepository
 from app.verdicts import effective_verdict
 from filter_core.annotation.frame import GEOMETRIES
-from unghost.wire.boxes import Review
+from unghost.wire.boxes import Review, ReviewIn
 
 
-@dataclass(frozen=True)
-class Answer:
-    """A person's answer on a box; `verdict` is what the person says of it."""
-
-    verdict: str
-    comment: str
-    reviewer: str
-
-
-def review_box(
-    session: Session, box_id: int, answer: Answer, seen_revision: int
-) -> Review:
-    """Add one answer; StaleReview if the box was answered since it was seen."""
-    reviews = ReviewRepository(session)
-    box = reviews.state(box_id)
-    seen = SeenBoxes([box_id], seen_revision)
-    by = Signature(box.dataset_id, answer.reviewer, utc_now())
-    if not reviews.answer([seen], answer.verdict, answer.comment, by):
-        newest = LatestAnswers(session).of([box_id]).get(box_id)
-        found = 0 if newest is None else newest.revision
-        raise StaleReview(box_id=box_id, seen=seen_revision, found=found)
-    once_committed(session, partial(_count, answer.verdict, 1))
-    return Review(
-        box_id=box_id,
-        revision=seen_revision + 1,
-        verdict=answer.verdict,
-        reviewer=answer.reviewer,
-        comment=answer.comment,
-        created_at=by.at,
-        effective_verdict=effective_verdict(box.reason, answer.verdict),
-    )
-
-
-@dataclass(frozen=True)
-class ChosenBoxes:
-    """Boxes for a bulk answer, selected before waiting for the turn to write.
-
-    `boxes` are answered if they still have their revision then. `stale` were answered
-    since they were seen, `skipped` no longer exist or are of another dataset.
-    """
-
-    boxes: list[SeenBoxes]
-    stale: list[int]
-    skipped: list[int]
-
-    @property
-    def number(self) -> int:
-        """How many boxes the request selects."""
-        return self.expected + len(self.stale) + len(self.skipped)
-
-    @property
-    def expected(self) -> int:
-        """How many boxes are to be answered."""
-        return sum(len(seen.box_ids) for seen in self.boxes)
-
-
-@dataclass(frozen=True)
-class StoredBatch:
-    """A stored bulk answer, and the boxes that it left out.
-
-    `stale` were answered since they were seen, `skipped` no longer exist or are of
-    another dataset.
-    """
-
-    batch: ReviewBatch
-    answered: int
-    skipped: list[int]
-    stale: list[int]
-
-
-def review_many(
-    session: Session, dataset: Dataset, chosen: ChosenBoxes, answer: Answer
-) -> StoredBatch:
-    """Add one answer to many boxes, except those that have changed since seen."""
-    batches, reviews = ReviewBatches(session), ReviewRepository(session)
-    batch = batches.add(
-        ReviewBatch(
-            dataset_id=dataset.id, verdict=answer.verdict, reviewer=answer.reviewer
-        )
-    )
-    by = Signature(dataset.id, answer.reviewer, utc_now(), batch.id)
-    answered = reviews.answer(chosen.boxes, answer.verdict, answer.comment, by)
-    once_committed(session, partial(_count, answer.verdict, answered))
-    if answered == chosen.expected:
-        return StoredBatch(batch, answered, chosen.skipped, chosen.stale)
-    taken = {box_id for seen in chosen.boxes for box_id in seen.box_ids}
-    left = sorted(taken.difference(batches.boxes(batch.id)))
-    stale = {state.box_id for state in reviews.states(dataset.id, left)}
-    gone = [box_id for box_id in left if box_id not in stale]
-    return StoredBatch(
-        batch,
-        answered,
-        skipped=sorted([*chosen.skipped, *gone]),
-        stale=sorted([*chosen.stale, *stale]),
-    )
-
-
-def listed_boxes(
-    session: Session,
-    dataset: Dataset,
-    ids: Sequence[int],
-    seen: Sequence[int] | None,
-    limit: int,
-) -> ChosenBoxes:
-    """The boxes that a person listed, each once, and which have changed since seen.
-
-    Parameters
-    ----------
-    ids : sequence of int
-    seen : sequence of int, or None
-        The revision of each box, in the order of `ids`. None if they are unknown: then
-        only boxes without an answer are chosen.
-
-    Raises
-    ------
-    Unprocessable
-        There are more or fewer revisions than boxes, or two of one box.
-    TooLarge
-        There are more boxes than one bulk answer may change.
-    """
-    revision_of: dict[int, int | None] = dict.fromkeys(ids)
-    if seen is not None:
-        revision_of |= _seen_revisions(ids, seen)
-    if len(revision_of) > limit:
-        raise TooLarge(
-            f"{len(revision_of)} boxes, one bulk answer changes at most {limit}"
-        )
-    alike: dict[int, list[int]] = {}
-    stale: list[int] = []
-    for state in ReviewRepository(session).states(dataset.id, sorted(revision_of)):
-        expected = revision_of.pop(state.box_id)
-        is_stale = (
-            state.review is not None if expected is None else state.revision != expected
-        )
-        group = stale if is_stale else alike.setdefault(state.revision, [])
-        group.append(state.box_id)
-    boxes = [SeenBoxes(group, revision) for revision, group in alike.items()]
-    return ChosenBoxes(boxes, sorted(stale), sorted(revision_of))
-
-
-def _seen_revisions(ids: Sequence[int], seen: Sequence[int]) -> dict[int, int]:
-    if len(seen) != len(ids):
-        raise Unprocessable(
-            f"seen_revisions: expected one for each of {len(ids)} box_ids, "
-            f"found {len(seen)}"
-        )
-    revision_of: dict[int, int] = {}
-    for box_id, revision in zip(ids, seen, strict=True):
-        if revision_of.setdefault(box_id, revision) != revision:
-            raise Unprocessable(
-                f"seen_revisions: expected one revision of box {box_id}, found "
-                f"{revision_of[box_id]} and {revision}"
-            )
-    return revision_of
-
-
-def boxes_as_they_are(
-    session: Session, dataset: Dataset, ids: Sequence[int]
-) -> ChosenBoxes:
-    """Boxes that a person has seen in the current state of this session."""
-    alike: dict[int, list[int]] = {}
-    for state in ReviewRepository(session).states(dataset.id, ids):
-        alike.setdefault(state.revision, []).append(state.box_id)
-    boxes = [SeenBoxes(group, revision) for revision, group in alike.items()]
-    return ChosenBoxes(boxes, stale=[], skipped=[])
-
-
-def standing_boxes(session: Session, batch_id: int) -> list[StandingBoxes]:
-    """The answers that undoing a batch would undo; read before waiting to write."""
-    return ReviewBatches(session).standing(batch_id)
-
-
-def undo_batch(
-    session: Session, batch_id: int, standing: Sequence[StandingBoxes], by: Principal
-) -> tuple[ReviewBatch, int, list[int]]:
-    """Undo a batch: repeat the answers before it, except where someone answered since.
-
-    `standing` comes from `standing_boxes`. Boxes that were answered since then are left
-    out.
+def review_box(session: Session, box_id: int, given: ReviewIn, reviewer: str) -> Review:
+    """Store an answer on a box.
 
     Raises
     ------
     NotFound
-        There is no such batch.
-    Forbidden
-        It is another person's, and the caller is not an admin.
-    Conflict
-        It was undone already.
+        The box does not exist, or is not current.
+    StaleReview
+        The box was answered since the person saw it; contains its current decision.
     """
-    batches = ReviewBatches(session)
-    batch = batches.with_id(batch_id)
-    size = batches.size(batch_id)
-    answers = {batch.reviewer: size}
-    require_own(by, answers, f"undoing batch {batch_id}")
-    if batches.is_undone(batch_id):
-        raise Conflict(f"batch {batch_id} was undone already", code="already_undone")
-    undo = batches.add(
-        ReviewBatch(
-            dataset_id=batch.dataset_id,
-            verdict="clear",
-            undoes_id=batch_id,
-            reviewer=by.name,
+    reviews = ReviewRepository(session)
+    box = reviews.state(box_id)
+    answer = Answer(box.dataset_id, given.verdict, given.comment, reviewer, utc_now())
+    if not reviews.answer_box(box_id, given.seen_revision, answer):
+        newest = LatestAnswers(session).of([box_id]).get(box_id)
+        raise StaleReview(
+            box_id=box_id,
+            seen=given.seen_revision,
+            found=0 if newest is None else newest.revision,
+            current=describe_box(session, box_id),
         )
+    once_committed(session, lambda: REVIEWS.labels(answer.verdict).inc())
+    return Review(
+        box_id=box_id,
+        revision=given.seen_revision + 1,
+        verdict=given.verdict,
+        reviewer=reviewer,
+        comment=given.comment,
+        created_at=answer.created_at,
+        effective_verdict=effective_verdict(box.reason, given.verdict),
     )
-    signed = Signature(batch.dataset_id, by.name, utc_now(), undo.id)
-    undone = ReviewRepository(session).answer_as_before(standing, signed)
-    once_committed(session, partial(_count, "undo", undone))
-    if undone == size:
-        return undo, undone, []
-    skipped = set(batches.boxes(batch_id)).difference(batches.boxes(undo.id))
-    return undo, undone, sorted(skipped)
 
 
 class NewBox(NamedTuple):
@@ -262,13 +82,13 @@ class NewBox(NamedTuple):
 
 def carry_reviews(
     session: Session, old: Frame, boxes: Iterable[NewBox]
-) -> tuple[list[AnswerRow], Counter[str]]:
+) -> tuple[list[LatestReview], Counter[str]]:
     """Repeat the latest answers on boxes whose class and geometry are the same.
 
     Returns
     -------
-    carried : list of AnswerRow
-        The repeated answers.
+    carried : list of LatestReview
+        The repeated answers, each the first on its new box.
     set_aside : Counter of str
         How many answers are dropped, by reviewer: their boxes no longer exist, have
         changed, or have no answer in force. Answers that another person cleared or
@@ -276,44 +96,29 @@ def carry_reviews(
         by clearing them first. Answers that their author has undone do not count.
     """
     reviews = ReviewRepository(session)
-    answered = reviews.answered_boxes(old.id)
+    answered = reviews.once_answered(old.id)
     if not answered:
         return [], Counter()
-    latest = LatestAnswers(session).of(former.id for former in answered)
+    latest = LatestAnswers(session).of(box_id for box_id, _, _ in answered)
     new = {box.source_id: box for box in boxes}
     annotation = FrameRepository(session).with_id(old.id, annotation=True).annotation
-    carried: list[AnswerRow] = []
+    carried: dict[int, LatestReview] = {}
     left = []
-    for former in answered:
-        review, box = latest[former.id], new.get(former.source_id)
-        raw = annotation["boxes"][former.id - old.first_box_id]
+    for old_id, source_id, class_id in answered:
+        review, box = latest[old_id], new.get(source_id)
+        raw = annotation["boxes"][old_id - old.first_box_id]
         if (
             box is None
             or review.verdict == "clear"
-            or former.class_id != box.class_id
+            or class_id != box.class_id
             or _geometry(raw) != _geometry(box.raw)
         ):
-            left.append(former.id)
+            left.append(old_id)
             continue
-        carried.append(
-            {
-                "box_id": box.id,
-                "revision": 1,
-                "verdict": review.verdict,
-                "comment": review.comment,
-                "reviewer": review.reviewer,
-                "batch_id": None,
-                "carried_from": former.id,
-                "created_at": utc_now(),
-            }
-        )
+        carried[old_id] = review._replace(box_id=box.id, revision=1, batch_id=None)
     if carried:
         reviews.carry_over(carried)
-    return carried, reviews.meant_by(left)
-
-
-def _count(verdict: str, answers: int) -> None:
-    REVIEWS.labels(verdict).inc(answers)
+    return list(carried.values()), reviews.meant_by(left)
 
 
 def _geometry(raw: Mapping[str, object]) -> dict[str, object]:

@@ -18,7 +18,6 @@ from app.http.deps import (
     DatasetName,
     ReadSession,
     RowId,
-    WriteSession,
 )
 from app.http.pages import (
     Cursor,
@@ -29,6 +28,7 @@ from app.http.pages import (
     page_with_link,
 )
 from app.http.routing import ApiRouter, body_up_to
+from app.http.transaction import WriteSession
 from app.jobs.service import cancel
 from app.jobs.stream import LastEventId, events_of, watch
 from app.measuring.active import active_version, add_version, describe_version

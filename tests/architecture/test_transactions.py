@@ -9,8 +9,8 @@ from tests.support.sources import python_sources
 ENDS = {"commit", "rollback"}
 OPENS = {"read", "write", "write_beside"}
 ALLOWED = {
-    *("app/http/routing.py:committed", "app/jobs/service.py:interrupt"),
-    "app/datasets/service.py:remove_dataset",
+    "app/http/transaction.py:commit_and_respond",
+    *("app/jobs/service.py:interrupt", "app/datasets/service.py:remove_dataset"),
 }
 """Each says why."""
 LOOKS_AROUND = {"app.jobs.chunks", "app.jobs.queries"}

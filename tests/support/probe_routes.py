@@ -16,9 +16,10 @@ from sqlalchemy.exc import OperationalError
 
 from app import errors
 from app.db.tables.access import Token
-from app.http.deps import ADMIN, CurrentPrincipal, ReadSession, RowId, WriteSession
+from app.http.deps import ADMIN, CurrentPrincipal, ReadSession, RowId
 from app.http.files import file_response
 from app.http.routing import LARGE_BODY, ApiRouter, OpenRouter, body_up_to
+from app.http.transaction import WriteSession
 from app.storage import Blob
 from filter_core.errors import AnnotationError, AnnotationErrors
 

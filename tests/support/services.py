@@ -30,8 +30,9 @@ from app.measuring.active import active_version, config_of
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository
 from app.process.lifespan import running
-from app.review import service as reviews
+from app.review.bulk import review_many, undo_batch
 from app.review.history import history
+from app.review.service import review_box
 from app.runs.flips import PreviewLimits, preview
 from app.runs.queries import RunRepository
 from app.runs.service import RUNS, RunRequest, request_run
@@ -42,6 +43,7 @@ from tests.support import frames as scene
 from tests.support.databases import give_tables, settings_of
 from tests.support.statements import interrupted_at
 from tests.support.waiting import until
+from unghost.wire.boxes import BulkIn, ReviewIn
 
 FLIPS = "INSERT INTO flips "
 """A statement that begins like this is of the transaction that ends a run."""
@@ -137,24 +139,36 @@ class Street:
             frames.remove_frame(audit, self.by, self.row(session), key)
 
     def review(self, box_id: int, verdict: str) -> None:
+        seen = self.revisions([box_id]).get(box_id, 0)
+        given = ReviewIn.model_validate({"verdict": verdict, "seen_revision": seen})
         with self.context.database.write() as session:
-            seen = session.scalar(
-                select(Decision.revision).where(Decision.box_id == box_id)
-            )
-            answer = reviews.Answer(verdict, "", self.services.author)
-            reviews.review_box(session, box_id, answer, seen or 0)
+            review_box(session, box_id, given, self.services.author)
 
     def bulk(self, box_ids: Sequence[int], verdict: str) -> int:
-        answer = reviews.Answer(verdict, "", self.services.author)
+        """An answer on boxes as they are now; the id of the batch."""
+        seen = self.revisions(box_ids)
+        given = BulkIn.model_validate(
+            {
+                "dataset": self.name,
+                "verdict": verdict,
+                "box_ids": list(seen),
+                "seen_revisions": list(seen.values()),
+            }
+        )
         with self.context.database.write() as session:
-            dataset = self.row(session)
-            chosen = reviews.boxes_as_they_are(session, dataset, box_ids)
-            return reviews.review_many(session, dataset, chosen, answer).batch.id
+            return review_many(self.context, AuditTrail(session, self.by), given).id
+
+    def revisions(self, box_ids: Sequence[int]) -> dict[int, int]:
+        """The revision of each of these boxes that is current."""
+        rows = select(Decision.box_id, Decision.revision)
+        with self.context.database.read() as session:
+            found = session.execute(rows.where(Decision.box_id.in_(box_ids)))
+            return {row[0]: row[1] for row in found}
 
     def undo(self, batch_id: int) -> None:
         with self.context.database.write() as session:
-            standing = reviews.standing_boxes(session, batch_id)
-            reviews.undo_batch(session, batch_id, standing, self.by)
+            audit = AuditTrail(session, self.by)
+            undo_batch(self.context, audit, batch_id, self.by)
 
     def request(
         self, config: Mapping[str, Any], *, activate: bool = True, **reading: Any

@@ -12,12 +12,13 @@ from functools import partial
 import pytest
 
 from app.db.engine import Database
-from app.review.service import Answer, review_box
+from app.review.service import review_box
 from tests.support import frames as scene
 from tests.support.api import Api
 from tests.support.at_work import watched
 from tests.support.databases import url_of
 from tests.support.statements import statements_of
+from unghost.wire.boxes import ReviewIn
 
 PATIENCE_S = 20
 MANY = 60
@@ -63,7 +64,8 @@ def answer_past_the_turns(service, box_id: int, seen: int = 0) -> None:
         closing(Database(url_of(service.settings.data))) as other,
         other.write(person=True) as session,
     ):
-        review_box(session, box_id, Answer("unsure", "", "ada"), seen)
+        given = ReviewIn(verdict="unsure", seen_revision=seen)
+        review_box(session, box_id, given, "ada")
 
 
 def of_a_filter(api, name):

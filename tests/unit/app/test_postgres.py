@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from app.access.audit import AuditTrail
 from app.boxes.current import TallyRepository
 from app.boxes.filter import Selection, to_filter
 from app.boxes.orders import ORDERS, BoxPages
@@ -15,12 +16,13 @@ from app.exports.queries import ExportRepository
 from app.exports.service import ExportRequest, request_export
 from app.ingest.check import MAX_TEXT
 from app.ingest.queries import known_frames
-from app.review.service import listed_boxes
+from app.review.bulk import review_many
 from app.runs.flips import DiffPage, compared_runs, run_diff
 from filter_core.types import Reason
 from tests.support import frames as scene
 from tests.support.databases import empty_postgres
 from tests.support.services import Services, Street, running_services
+from unghost.wire.boxes import BulkIn
 
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
 
@@ -72,10 +74,14 @@ def test_stale_boxes_are_named_in_the_order_of_their_ids(services):
     for box_id in reversed(ids):
         street.review(box_id, "keep")
 
-    with services.context.database.read() as session:
-        chosen = listed_boxes(session, street.row(session), ids, [0] * len(ids), 100)
+    given = BulkIn(
+        dataset=street.name, verdict="keep", box_ids=ids, seen_revisions=[0] * len(ids)
+    )
+    with services.context.database.write() as session:
+        audit = AuditTrail(session, street.by)
+        stored = review_many(services.context, audit, given)
 
-    assert chosen.stale == ids
+    assert list(stored.stale) == ids
 
 
 @pytest.mark.parametrize("order", ORDERS)

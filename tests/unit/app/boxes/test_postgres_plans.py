@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from sqlalchemy.orm import Session
 
+from app.access.audit import AuditTrail
 from app.boxes.counts import count
 from app.boxes.current import TallyRepository
 from app.boxes.filter import Selection, to_filter
@@ -21,12 +22,14 @@ from app.context import ServiceContext
 from app.db.tables import Dataset
 from app.ingest.queries import known_frames
 from app.measuring.queries import DatasetRepository, frames_state, key_rows
+from app.review.bulk import review_many
 from app.review.queue import QueueRequest, next_boxes, remaining_boxes
-from app.review.service import Answer, boxes_as_they_are, review_box, review_many
+from app.review.service import review_box
 from benchmarks.million import BOXES_PER_FRAME, Wanted, make
 from tests.support.databases import migrated_postgres
 from tests.support.services import running_services
 from tests.support.statements import statements_of
+from unghost.wire.boxes import BulkIn, ReviewIn
 
 FRAMES = 4_000
 BOXES = BOXES_PER_FRAME * FRAMES
@@ -165,12 +168,12 @@ def test_an_answer_looks_at_no_other_answers(context, session, dataset):
     frames = FrameRepository(session)
     (frame,) = frames.page(FrameFilter(dataset.id), FramePage(True, False, None, 0))
     ids = list(range(frame.first_box_id, frame.first_box_id + BOXES // 2))
-    answer = Answer("keep", "", "ada")
+    many = BulkIn(dataset=NAME, verdict="keep", box_ids=ids)
+    one = ReviewIn(verdict="keep", seen_revision=0)
 
     with context.database.write() as writing:
-        chosen = boxes_as_they_are(writing, dataset, ids)
-        assert review_many(writing, dataset, chosen, answer).answered == len(ids)
-        check(writing, lambda: review_box(writing, ids[-1] + 1, answer, 0), most=50)
+        assert review_many(context, AuditTrail(writing), many).count == len(ids)
+        check(writing, lambda: review_box(writing, ids[-1] + 1, one, "ada"), most=50)
         writing.rollback()
 
 

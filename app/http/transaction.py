@@ -1,0 +1,156 @@
+"""The transaction of a request that writes: committed before the response is sent.
+
+A route that writes takes a `WriteSession`. Its transaction has four steps:
+
+1. It begins with the first statement of the route, which waits for its turn
+   (`app.db.turns`).
+2. If the request has an Idempotency-Key, beginning it claims the key. If an earlier
+   request has claimed the key already, this raises `RepeatedRequest`, and the client
+   gets the response of the earlier request (`repeat_response`).
+3. The route does its work. Its response is stored beside the key, if there is one.
+4. It is committed, and only then is the response sent. `write_session` commits after
+   the route has returned; a route that is called very often commits by itself, with
+   `commit_and_respond`.
+
+If any of this raises, everything is rolled back, the claim on the key too. The rows of
+keys are in `app.http.idempotency`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Awaitable, Callable
+from datetime import timedelta
+from functools import partial
+from typing import Annotated, Final, TypeVar
+
+from anyio import CapacityLimiter, WouldBlock, fail_after, to_thread
+from fastapi import Depends, Request, Response
+from sqlalchemy.orm import Session
+
+from app.errors import DatabaseBusy
+from app.http.bodies import run_off_loop
+from app.http.deps import database_of, settings_of
+from app.http.idempotency import (
+    RepeatableRequest,
+    RepeatedRequest,
+    claim_on_begin,
+    lacks_response,
+    request_digest,
+    store_response,
+)
+
+WRITE_WAIT_S: Final = 30
+_Result = TypeVar("_Result")
+
+
+async def writers_turn(request: Request) -> AsyncIterator[None]:
+    """Limit how many requests write at the same time; the others wait without a thread.
+
+    Only one transaction writes at a time. If all threads waited for it, no thread would
+    be left to commit it.
+    """
+    places: CapacityLimiter = request.app.state.writers
+    try:
+        places.acquire_on_behalf_of_nowait(request)
+    except WouldBlock:
+        await _wait_for(places, request)
+    try:
+        yield
+    finally:
+        places.release_on_behalf_of(request)
+
+
+async def _wait_for(places: CapacityLimiter, request: Request) -> None:
+    try:
+        with fail_after(WRITE_WAIT_S):
+            await places.acquire_on_behalf_of(request)
+    except TimeoutError as exc:
+        raise DatabaseBusy("too many writes are waiting; try again") from exc
+
+
+WritersTurn = Annotated[None, Depends(writers_turn, scope="function")]
+
+
+async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[Session]:
+    """The session of a route that writes: one transaction, described above.
+
+    It is committed when the route has returned, unless the route has done so itself,
+    and rolled back on an exception.
+    """
+    transaction = database_of(request).write(person=True)
+    session = transaction.__enter__()
+    request.state.write_session = session
+    repeatable: RepeatableRequest | None = getattr(request.state, "repeatable", None)
+    if repeatable is not None:
+        claim_on_begin(session, repeatable)
+    try:
+        yield session
+    except BaseException as exc:
+        await _in_own_thread(
+            partial(transaction.__exit__, type(exc), exc, exc.__traceback__)
+        )
+        raise
+    ended = partial(transaction.__exit__, None, None, None)
+    if session.in_transaction():
+        await _in_own_thread(ended)
+    else:
+        ended()
+
+
+# scope="function": the transaction is committed before the response is sent.
+WriteSession = Annotated[Session, Depends(write_session, scope="function")]
+
+
+def commit_and_respond(session: Session, response: Response) -> Response:
+    """Commit the `WriteSession` of a route, in the route's thread; return the response.
+
+    For routes that are called very often: otherwise `write_session` commits later, in
+    another thread, and no other transaction can write until then.
+    """
+    store_response(session, response)
+    session.commit()
+    return response
+
+
+async def respond_once(
+    endpoint: Callable[[Request], Awaitable[Response]], request: Request, key: str
+) -> Response:
+    """Call an endpoint that takes a `WriteSession`, for a request with this key."""
+    request.state.repeatable = await _repeatable(request, key)
+    response = await endpoint(request)
+    session: Session = request.state.write_session
+    if lacks_response(session):
+        await _in_own_thread(partial(store_response, session, response))
+    return response
+
+
+async def _repeatable(request: Request, key: str) -> RepeatableRequest:
+    url = request.url
+    about = (
+        request.method.encode(),
+        f"{url.path}?{url.query}".encode(),
+        request.headers.get("content-type", "").encode(),
+    )
+    body = await request.body()
+    return RepeatableRequest(
+        request.state.principal.token_id,
+        key,
+        await run_off_loop(request, body, partial(request_digest, *about)),
+        timedelta(hours=settings_of(request).idempotency_hours),
+    )
+
+
+async def repeat_response(_request: Request, exc: Exception) -> Response:
+    """The exception handler of `RepeatedRequest`: sends the stored response."""
+    if not isinstance(exc, RepeatedRequest):
+        raise exc
+    stored = exc.response
+    headers = {**stored.headers, "Idempotent-Replayed": "true"}
+    if stored.media_type:
+        headers["Content-Type"] = stored.media_type
+    return Response(stored.body, stored.status, headers)
+
+
+async def _in_own_thread(call: Callable[[], _Result]) -> _Result:
+    # Not one of the shared threads: all of them may be waiting for this transaction.
+    return await to_thread.run_sync(call, limiter=CapacityLimiter(1))

@@ -1,0 +1,271 @@
+"""Bulk answers: one answer on many boxes, and its undo.
+
+Both look up the boxes in a session that only reads, before they wait for their turn to
+write; others write meanwhile. When it is their turn, boxes that were answered in the
+meantime have another revision and are left out. For a bulk answer on a list of boxes
+they are reported (`stale`). One on all boxes of a filter is refused as a whole
+(StaleSnapshot), because the client does not know which boxes the filter selected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sqlalchemy.orm import Session
+
+from app.access.audit import Act, AuditTrail
+from app.access.service import require_own
+from app.boxes.filter import selection_of
+from app.boxes.snapshot import select_boxes
+from app.context import ServiceContext
+from app.db.engine import begin_as_work, once_committed
+from app.db.tables import Dataset
+from app.errors import Conflict, CountChanged, StaleSnapshot, TooLarge, Unprocessable
+from app.measuring.queries import DatasetRepository
+from app.metrics import REVIEWS
+from app.review.queries import ReviewBatches, ReviewRepository, SeenBoxes
+from app.security import Principal
+from unghost.wire.boxes import BulkIn, ReviewBatch, UndoneBatch
+
+
+def review_many(
+    services: ServiceContext, audit: AuditTrail, given: BulkIn
+) -> ReviewBatch:
+    """Store one answer on many boxes; the transaction of `audit` must not have begun.
+
+    Raises
+    ------
+    NotFound
+        There is no such dataset.
+    Unprocessable
+        `given` has neither `box_ids` nor `filter`, or both, or a wrong field for it.
+    TooLarge
+        There are more boxes than one bulk answer may change.
+    CountChanged
+        There are more or fewer boxes than `given.expected_count`.
+    StaleSnapshot
+        The boxes of the filter have changed since the snapshot.
+    """
+    try:
+        chosen = _choose(services, given)
+    finally:
+        # Also after an error: a repeated request finds its boxes changed by the first
+        # one, and beginning the transaction then raises `RepeatedRequest` instead.
+        begin_as_work(audit.session)
+    dataset = DatasetRepository(audit.session).named(given.dataset)
+    attempt = audit.session.begin_nested()
+    stored = _store(audit, dataset, given, chosen)
+    left = len(stored.skipped) + len(stored.stale)
+    if given.filter is not None and (left or dataset.active_run_id != chosen.run_id):
+        # Without the answers that were just stored, the filter is selected once more:
+        # this raises StaleSnapshot with the numbers of what others have changed.
+        attempt.rollback()
+        _boxes_of_filter(services, audit.session, dataset, given)
+        raise StaleSnapshot(
+            expected=chosen.number,
+            found=chosen.number,
+            changed=left,
+            current={"total": chosen.number, "snapshot": given.snapshot},
+        )
+    attempt.commit()
+    audit.note(
+        Act.ANSWERS_GIVEN,
+        stored.id,
+        dataset=dataset.name,
+        verdict=given.verdict,
+        answers=stored.count,
+        skipped=left,
+    )
+    return stored
+
+
+@dataclass(frozen=True)
+class _ChosenBoxes:
+    """Boxes for a bulk answer, and the run that decided them when they were looked up.
+
+    `boxes` are answered if they still have their revision when it is the turn to write.
+    `stale` were answered since they were seen, `skipped` do not exist or are of another
+    dataset.
+    """
+
+    run_id: int | None
+    boxes: list[SeenBoxes]
+    stale: list[int]
+    skipped: list[int]
+
+    @property
+    def to_answer(self) -> int:
+        """How many boxes are to be answered."""
+        return sum(len(seen.box_ids) for seen in self.boxes)
+
+    @property
+    def number(self) -> int:
+        """How many boxes the request selects."""
+        return self.to_answer + len(self.stale) + len(self.skipped)
+
+
+def _choose(services: ServiceContext, given: BulkIn) -> _ChosenBoxes:
+    """The boxes that a request selects, as far as they are as the person saw them."""
+    with services.database.read() as session:
+        dataset = DatasetRepository(session).named(given.dataset)
+        if (given.box_ids is None) == (given.filter is None):
+            raise Unprocessable(
+                "expected either box_ids or filter, found both or neither"
+            )
+        if given.box_ids is None:
+            what = "the filter selects"
+            chosen = _boxes_of_filter(services, session, dataset, given)
+        else:
+            what = "box_ids lists"
+            limit = services.settings.max_bulk_boxes
+            chosen = _listed_boxes(session, dataset, given, limit)
+    expected = given.expected_count
+    if expected is not None and expected != chosen.number:
+        raise CountChanged(what, found=chosen.number, expected=expected)
+    return chosen
+
+
+def _boxes_of_filter(
+    services: ServiceContext, session: Session, dataset: Dataset, given: BulkIn
+) -> _ChosenBoxes:
+    """All boxes of the filter; StaleSnapshot if they are not as in the snapshot."""
+    assert given.filter is not None
+    if given.snapshot is None or given.seen_revisions is not None:
+        raise Unprocessable(
+            "expected a filter with snapshot, which a list of its boxes contains "
+            "together with total for count=true, found it without snapshot or with "
+            "seen_revisions",
+        )
+    wanted = selection_of(given.filter)
+    ids = select_boxes(services, session, dataset, wanted, given.snapshot)
+    alike: dict[int, list[int]] = {}
+    for state in ReviewRepository(session).states(dataset.id, ids):
+        alike.setdefault(state.revision, []).append(state.box_id)
+    return _ChosenBoxes(dataset.active_run_id, _seen(alike), stale=[], skipped=[])
+
+
+def _listed_boxes(
+    session: Session, dataset: Dataset, given: BulkIn, limit: int
+) -> _ChosenBoxes:
+    """The boxes of `box_ids`, each once, and which have changed since they were seen.
+
+    Without `seen_revisions`, only boxes without an answer are to be answered.
+    """
+    assert given.box_ids is not None
+    if given.snapshot is not None:
+        raise Unprocessable(
+            "expected box_ids with seen_revisions, found them with snapshot, which "
+            "belongs to a filter"
+        )
+    ids, seen = given.box_ids, given.seen_revisions
+    revision_of: dict[int, int | None] = dict.fromkeys(ids)
+    if seen is not None:
+        revision_of |= _seen_revisions(ids, seen)
+    if len(revision_of) > limit:
+        raise TooLarge(
+            f"{len(revision_of)} boxes, one bulk answer changes at most {limit}"
+        )
+    alike: dict[int, list[int]] = {}
+    stale: list[int] = []
+    for state in ReviewRepository(session).states(dataset.id, sorted(revision_of)):
+        expected = revision_of.pop(state.box_id)
+        is_stale = (
+            state.review is not None if expected is None else state.revision != expected
+        )
+        group = stale if is_stale else alike.setdefault(state.revision, [])
+        group.append(state.box_id)
+    return _ChosenBoxes(
+        dataset.active_run_id, _seen(alike), sorted(stale), sorted(revision_of)
+    )
+
+
+def _seen_revisions(ids: Sequence[int], seen: Sequence[int]) -> dict[int, int]:
+    """The revision of each box; Unprocessable if one has none, or two."""
+    if len(seen) != len(ids):
+        raise Unprocessable(
+            f"seen_revisions: expected one for each of {len(ids)} box_ids, "
+            f"found {len(seen)}"
+        )
+    revision_of: dict[int, int] = {}
+    for box_id, revision in zip(ids, seen, strict=True):
+        if revision_of.setdefault(box_id, revision) != revision:
+            raise Unprocessable(
+                f"seen_revisions: expected one revision of box {box_id}, found "
+                f"{revision_of[box_id]} and {revision}"
+            )
+    return revision_of
+
+
+def _seen(alike: dict[int, list[int]]) -> list[SeenBoxes]:
+    """Boxes by revision, as `ReviewRepository.answer_boxes` takes them."""
+    return [SeenBoxes(ids, revision) for revision, ids in alike.items()]
+
+
+def _store(
+    audit: AuditTrail, dataset: Dataset, given: BulkIn, chosen: _ChosenBoxes
+) -> ReviewBatch:
+    """Store the answer on those of the chosen boxes that have not changed meanwhile."""
+    session, verdict = audit.session, given.verdict
+    batches, reviews = ReviewBatches(session), ReviewRepository(session)
+    batch = batches.add(dataset.id, verdict, audit.name)
+    answered = reviews.answer_boxes(batch, given.comment, chosen.boxes)
+    once_committed(session, lambda: REVIEWS.labels(verdict).inc(answered))
+    gone: set[int] = set()
+    stale: set[int] = set()
+    if answered != chosen.to_answer:
+        gone = {box_id for seen in chosen.boxes for box_id in seen.box_ids}
+        gone.difference_update(batches.boxes(batch.id))
+        stale = {state.box_id for state in reviews.states(dataset.id, sorted(gone))}
+        gone -= stale
+    return ReviewBatch(
+        id=batch.id,
+        dataset=dataset.name,
+        verdict=verdict,
+        count=answered,
+        skipped=tuple(sorted([*chosen.skipped, *gone])),
+        stale=tuple(sorted([*chosen.stale, *stale])),
+    )
+
+
+def undo_batch(
+    services: ServiceContext, audit: AuditTrail, batch_id: int, by: Principal
+) -> UndoneBatch:
+    """Undo a bulk answer: repeat the answers before it, unless others followed.
+
+    The transaction of `audit` must not have begun.
+
+    Raises
+    ------
+    NotFound
+        There is no such batch.
+    Forbidden
+        It is another person's, and the caller is not an admin.
+    Conflict
+        It was undone already.
+    """
+    with services.database.read() as looking:
+        undoable = ReviewBatches(looking).undoable(batch_id)
+    session = audit.session
+    begin_as_work(session)
+    batches = ReviewBatches(session)
+    batch = batches.with_id(batch_id)
+    size = batches.size(batch_id)
+    require_own(by, {batch.reviewer: size}, f"undoing batch {batch_id}")
+    if batches.is_undone(batch_id):
+        raise Conflict(f"batch {batch_id} was undone already", code="already_undone")
+    undo = batches.add(batch.dataset_id, "clear", by.name, undoes_id=batch_id)
+    undone = ReviewRepository(session).restore_answers(undo, undoable)
+    once_committed(session, lambda: REVIEWS.labels("undo").inc(undone))
+    skipped: set[int] = set()
+    if undone != size:
+        skipped = set(batches.boxes(batch_id)).difference(batches.boxes(undo.id))
+    audit.note(
+        Act.ANSWERS_UNDONE,
+        batch_id,
+        dataset=DatasetRepository(session).with_id(batch.dataset_id).name,
+        batch=undo.id,
+        answers=undone,
+        skipped=len(skipped),
+    )
+    return UndoneBatch(id=undo.id, undone=undone, skipped=tuple(sorted(skipped)))
