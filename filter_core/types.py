@@ -248,6 +248,9 @@ def _float_column(
     return {"column": NumberColumn(meaning, unit, "f8", np.nan, width, since=since)}
 
 
+_ALL: Final = slice(None)
+
+
 @dataclass(frozen=True)
 class Evidence:
     """Numbers measured for N boxes: no threshold, no verdict.
@@ -341,6 +344,16 @@ class Evidence:
 
     def __len__(self) -> int:
         return len(self.class_index)
+
+    def shown_match(self, rows: slice | IntArray = _ALL) -> FloatArray:
+        """(M,) percent: the match of some of the boxes (default: all) as it is output.
+
+        It is at most 100, which `match_percent` can exceed under profile ``carlasimu``,
+        and NaN for a box without counted pixels, where `match_percent` is 0.
+        """
+        match = np.minimum(self.match_percent[rows], 100.0)
+        match[self.box_pixels[rows] == 0] = np.nan
+        return match
 
     def take(self, rows: IntArray) -> Evidence:
         """Some of the boxes, by their `rows` (M,), in the order asked for."""

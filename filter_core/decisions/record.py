@@ -190,7 +190,7 @@ def decided_boxes(
         visible_xyxy=geometry.visible_xyxy,
         tight_xyxy=absent if channels is None else channels.tight_xyxy,
         distance=evidence.distance,
-        match_percent=_match_percent(evidence),
+        match_percent=evidence.shown_match(),
         occlusion=np.full(count, UNKNOWN_OCCLUSION)
         if channels is None
         else occlusion_levels(channels.nearer_percent),
@@ -263,7 +263,7 @@ def _composed(
             channel if has_tags or channel != SEMANTIC else None
             for channel, has_tags in zip(judged.channel, measured, strict=True)
         ],
-        "match_percent": floats_or_none(_match_percent(evidence)),
+        "match_percent": floats_or_none(evidence.shown_match()),
         "threshold": floats_or_none(decisions.threshold),
         "margin": floats_or_none(decisions.margin),
         "toss_up": decisions.toss_up.tolist(),
@@ -303,7 +303,7 @@ def _judgements(
         "reason": [Reason(code) for code in decisions.reason.tolist()],
         "class_name": class_names,
         "limits": [limits[name] for name in class_names],
-        "match_percent": floats_or_none(_match_percent(evidence)),
+        "match_percent": floats_or_none(evidence.shown_match()),
         "threshold": floats_or_none(decisions.threshold),
         "area_percent": floats_or_none(evidence.area_percent),
         "large": decisions.large.tolist(),
@@ -390,14 +390,6 @@ def _visible_pixels(channels: ChannelNumbers) -> IntArray:
     """(N,): the pixels of a box's instance, else those at its distance."""
     by_instance = channels.instance_pixels != NOT_MEASURED
     return np.where(by_instance, channels.instance_pixels, channels.depth_pixels)
-
-
-def _match_percent(evidence: Evidence) -> FloatArray:
-    # Under profile carlasimu the match can exceed 100. A box without pixels has no
-    # match: the stored 0 is shown as unknown.
-    match = np.minimum(evidence.match_percent, 100.0)
-    match[evidence.box_pixels == 0] = np.nan
-    return match
 
 
 _Rectangles: TypeAlias = list[list[float] | None]
