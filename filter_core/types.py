@@ -495,7 +495,8 @@ class Reason(IntEnum):
     before_channels : bool
         The rule needs no pixels, so that no channel overwrites its decision.
     in_image : bool
-        Something of the box is in the image, so that a person can judge it.
+        Something of the box is in the image, so that a person can judge it. The page's
+        queue lists the reasons of others by name: `static/js/queue/session.js`.
     """
 
     OUTSIDE_IMAGE = _ReasonRow(1, before_channels=True, in_image=False)
@@ -526,6 +527,7 @@ class Reason(IntEnum):
         in_image: bool = True,
     ) -> Reason:
         """The value is the number, which is stored and never changes its meaning."""
+        # The defaults are for type checkers, to which `Reason(5)` is a call of this.
         reason = int.__new__(cls, number)
         reason._value_ = number
         reason.label = get_args(ReasonLabel)[number - 1]

@@ -5,10 +5,11 @@ G. Weidl, "Improve Bounding Box in Carla Simulator", VEHITS 2024. `_rules` lists
 their order: for each reason, its condition. Rules of other evidence than the
 segmentation are in `channel_rules`, which `decide` applies afterwards.
 
-Thresholds belong into `_rules`, too. What a new reason needs is said at `Reason` in
-`filter_core/types.py`. A threshold of the match has also to be in
-`_thresholds_by_reason`, and in `app/boxes/filter.py`, where lists find the boxes around
-it in SQL (`ClassThresholds.sides` and `THRESHOLD_REASONS`; compared with `decide` by
+A new threshold is a key in `filter_core/config/filter.py`, and a comparison in `_rules`.
+What a new reason needs is said at `Reason` in `filter_core/types.py`. If the match is
+compared with the threshold, two more places need it: `_thresholds_by_reason`, and
+`app/boxes/filter.py`, where lists find the boxes around a threshold in SQL
+(`ClassThresholds.sides` and `THRESHOLD_REASONS`; compared with `decide` by
 `tests/unit/app/boxes/test_thresholds_in_sql.py`).
 """
 
