@@ -5,7 +5,7 @@ G. Weidl, "Improve Bounding Box in Carla Simulator", VEHITS 2024. `_rules` lists
 their order: for each reason, its condition. Rules of other evidence than the
 segmentation are in `channel_rules`, which `decide` applies afterwards.
 
-A new threshold is a key in `filter_core/config/filter.py`, and a comparison in `_rules`.
+A new threshold is a key in `filter_core/config/filter.py` and a comparison in `_rules`.
 What a new reason needs is said at `Reason` in `filter_core/types.py`. If the match is
 compared with the threshold, two more places need it: `_thresholds_by_reason`, and
 `app/boxes/filter.py`, where lists find the boxes around a threshold in SQL
