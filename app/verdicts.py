@@ -16,8 +16,6 @@ from app.db.tables import Decision
 from filter_core.types import Reason, Verdict
 from unghost.wire import words
 
-NOTHING_TO_SEE: Final = frozenset({Reason.OUTSIDE_IMAGE, Reason.DEGENERATE})
-"""Reasons of boxes that cannot be seen in the image, so that nobody can judge them."""
 _VERDICT_OF_ANSWER: Final[Mapping[str, Verdict]] = {
     "keep": Verdict.KEPT,
     "reject": Verdict.REJECTED,
@@ -85,10 +83,10 @@ def is_not_in_conflict() -> ColumnElement[bool]:
 def needs_review(reason: int, toss_up: bool, answer: str | None) -> bool:
     """Whether a box counts as `to_review`: no `keep` or `reject`, and an unsure filter.
 
-    The filter is unsure of boxes that it rejected because of their pixels, that it did
-    not measure, and that are toss-ups.
+    The filter is unsure of boxes that it rejected or did not measure, except those of
+    which nothing is in the image (`Reason.in_image`), and of toss-ups.
     """
-    if verdict_of(answer) is not None or Reason(reason) in NOTHING_TO_SEE:
+    if verdict_of(answer) is not None or not Reason(reason).in_image:
         return False
     return toss_up or Reason(reason) is not Reason.VISIBLE
 

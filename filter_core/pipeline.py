@@ -24,7 +24,8 @@ from filter_core.annotation.parsing import parse_annotation
 from filter_core.classes import class_of
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
-from filter_core.decisions.record import Decision, FrameFacts, decision_dicts
+from filter_core.decisions.explain import FrameFacts
+from filter_core.decisions.record import Decision, decision_dicts
 from filter_core.decisions.rules import decide
 from filter_core.errors import ImageSizeMismatch, SegmentationError
 from filter_core.evidence.channels import Sensors, measure_evidence

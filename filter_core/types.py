@@ -1,10 +1,17 @@
 """The data types of the library: arrays, boxes, evidence, decisions.
 
-`FrameBoxes` has the boxes of a frame before any pixel is read. `Evidence` has the
-numbers measured for them, and `ChannelNumbers` the part of it that is measured besides
-the segmentation. `Decisions` has the verdicts. Labels are written from `DecidedBoxes`,
-and tables of decisions from `DecisionColumns` as well. All of them store columns: row i
-is box i. There are no rules here.
+All of these store columns: row i is box i.
+
+- `FrameBoxes`: the boxes of a frame, before any pixel is read.
+- `Evidence`: the numbers measured for them. `ChannelNumbers` is the part of it that is
+  measured besides the segmentation.
+- `Decisions`: what `decide` makes of the evidence. A `Reason` is the rule that decided;
+  each belongs to one `Verdict`.
+- `DecidedBoxes`: boxes, reasons and people's answers, from which labels are written.
+- `DecisionColumns`: the columns that tables of decisions have besides these.
+
+One box as a dictionary with the keys of the API is a `Decision`, see
+`decisions/record.py`. There are no rules here.
 """
 
 from __future__ import annotations
@@ -12,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum, IntEnum
-from typing import Final, Literal, TypeAlias, TypedDict, get_args
+from typing import Final, Literal, NamedTuple, TypeAlias, TypedDict, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,24 +48,6 @@ ProjectionMode: TypeAlias = Literal["clipped", "naive"]
 
 VerdictName: TypeAlias = Literal["kept", "rejected", "unmeasured"]
 """The values of `Verdict`."""
-
-ReasonLabel: TypeAlias = Literal[
-    "outside_image",
-    "covers_image",
-    "degenerate",
-    "out_of_range",
-    "unmapped_class",
-    "no_segmentation",
-    "no_visible_pixels",
-    "large_below_threshold",
-    "below_threshold",
-    "explained_by_nearer",
-    "hidden_by_depth",
-    "hidden_by_instance",
-    "too_few_lidar_points",
-    "visible",
-]
-"""The names of reasons on the wire, in the order of `Reason`."""
 
 UNKNOWN_TAG: Final = 255
 """The tag of a pixel whose colour or number is no tag of its family."""
@@ -248,6 +237,9 @@ def _float_column(
     return {"column": NumberColumn(meaning, unit, "f8", np.nan, width, since=since)}
 
 
+_ALL: Final = slice(None)
+
+
 @dataclass(frozen=True)
 class Evidence:
     """Numbers measured for N boxes: no threshold, no verdict.
@@ -341,6 +333,16 @@ class Evidence:
 
     def __len__(self) -> int:
         return len(self.class_index)
+
+    def shown_match(self, rows: slice | IntArray = _ALL) -> FloatArray:
+        """(M,) percent: the match of some of the boxes (default: all) as it is output.
+
+        It is at most 100, which `match_percent` can exceed under profile ``carlasimu``,
+        and NaN for a box without counted pixels, where `match_percent` is 0.
+        """
+        match = np.minimum(self.match_percent[rows], 100.0)
+        match[self.box_pixels[rows] == 0] = np.nan
+        return match
 
     def take(self, rows: IntArray) -> Evidence:
         """Some of the boxes, by their `rows` (M,), in the order asked for."""
@@ -446,37 +448,97 @@ class Verdict(str, Enum):
     UNMEASURED = "unmeasured"
 
 
+ReasonLabel: TypeAlias = Literal[
+    "outside_image",
+    "covers_image",
+    "degenerate",
+    "out_of_range",
+    "unmapped_class",
+    "no_segmentation",
+    "no_visible_pixels",
+    "large_below_threshold",
+    "below_threshold",
+    "explained_by_nearer",
+    "hidden_by_depth",
+    "hidden_by_instance",
+    "too_few_lidar_points",
+    "visible",
+]
+"""The names of reasons on the wire, in the order of `Reason`."""
+
+
+class _ReasonRow(NamedTuple):
+    """The declaration of a reason; the attributes are those of `Reason`."""
+
+    number: int
+    verdict: Verdict = Verdict.REJECTED
+    before_channels: bool = False
+    in_image: bool = True
+
+
 class Reason(IntEnum):
-    """The rule that decided; the numbers are stored and never change their meaning."""
+    """The rule that decided a box: one row per reason, in the order of the rules.
 
-    OUTSIDE_IMAGE = 1
-    COVERS_IMAGE = 2
-    DEGENERATE = 3
-    OUT_OF_RANGE = 4
-    UNMAPPED_CLASS = 5
-    NO_SEGMENTATION = 6
-    NO_VISIBLE_PIXELS = 7
-    LARGE_BELOW_THRESHOLD = 8
-    BELOW_THRESHOLD = 9
-    EXPLAINED_BY_NEARER = 10
-    HIDDEN_BY_DEPTH = 11
-    HIDDEN_BY_INSTANCE = 12
-    TOO_FEW_LIDAR_POINTS = 13
-    VISIBLE = 14
+    A new reason needs, besides its row here and its name in `ReasonLabel`:
 
-    @property
-    def label(self) -> ReasonLabel:
-        """The reason's name on the wire, such as ``below_threshold``."""
-        return _LABELS[self - 1]
+    - its condition: `_rules` in `decisions/rules.py`, or for a kind of evidence its row
+      of `_CHANNELS` in `decisions/channel_rules.py`;
+    - its sentence: `_SENTENCES` in `decisions/explain.py`;
+    - its short label on the review page: `REASONS` in `static/js/boxes/wording.js`;
+    - in the service, a migration: the database checks the numbers.
 
-    @property
-    def verdict(self) -> Verdict:
-        """Each reason belongs to one verdict."""
-        return _VERDICTS[self]
+    Attributes
+    ----------
+    label : ReasonLabel
+        Its name on the wire, such as ``below_threshold``.
+    verdict : Verdict
+    before_channels : bool
+        The rule needs no pixels, so that no channel overwrites its decision.
+    in_image : bool
+        Something of the box is in the image, so that a person can judge it. The page's
+        queue lists the reasons of others by name: `static/js/queue/session.js`.
+    """
+
+    OUTSIDE_IMAGE = _ReasonRow(1, before_channels=True, in_image=False)
+    COVERS_IMAGE = _ReasonRow(2, before_channels=True)
+    DEGENERATE = _ReasonRow(3, before_channels=True, in_image=False)
+    OUT_OF_RANGE = _ReasonRow(4, before_channels=True)
+    UNMAPPED_CLASS = _ReasonRow(5, before_channels=True)
+    NO_SEGMENTATION = _ReasonRow(6, Verdict.UNMEASURED)
+    NO_VISIBLE_PIXELS = _ReasonRow(7)
+    LARGE_BELOW_THRESHOLD = _ReasonRow(8)
+    BELOW_THRESHOLD = _ReasonRow(9)
+    EXPLAINED_BY_NEARER = _ReasonRow(10)
+    HIDDEN_BY_DEPTH = _ReasonRow(11)
+    HIDDEN_BY_INSTANCE = _ReasonRow(12)
+    TOO_FEW_LIDAR_POINTS = _ReasonRow(13)
+    VISIBLE = _ReasonRow(14, Verdict.KEPT)
+
+    label: ReasonLabel
+    verdict: Verdict
+    before_channels: bool
+    in_image: bool
+
+    def __new__(
+        cls,
+        number: int,
+        verdict: Verdict = Verdict.REJECTED,
+        before_channels: bool = False,
+        in_image: bool = True,
+    ) -> Reason:
+        """The value is the number, which is stored and never changes its meaning."""
+        # The defaults are for type checkers, to which `Reason(5)` is a call of this.
+        reason = int.__new__(cls, number)
+        reason._value_ = number
+        reason.label = get_args(ReasonLabel)[number - 1]
+        reason.verdict = verdict
+        reason.before_channels = before_channels
+        reason.in_image = in_image
+        return reason
 
     @classmethod
     def from_label(cls, label: str) -> Reason:
-        """Inverse of `label`.
+        """The reason of this name.
 
         Raises
         ------
@@ -490,34 +552,29 @@ class Reason(IntEnum):
             raise ValueError(f"unknown reason {label!r}; known: {known}") from None
 
 
-# Sequences, because hashing an enum is slow and both are read several times for every
-# box that is shown.
-_LABELS: Final[tuple[ReasonLabel, ...]] = get_args(ReasonLabel)
-
-# Reasons count from 1, so index 0 is unused.
-_VERDICTS: Final = [
-    {
-        Reason.VISIBLE: Verdict.KEPT,
-        Reason.NO_SEGMENTATION: Verdict.UNMEASURED,
-    }.get(reason, Verdict.REJECTED)
-    for reason in (None, *Reason)
-]
+_REASONS: Final = tuple(Reason)
+"""By number less 1: for single boxes, because `Reason(number)` takes longer."""
 
 
 @dataclass(frozen=True)
 class Decisions:
-    """Verdicts for N boxes and the numbers that led to them.
+    """What `decide` gives for N boxes: reasons, and the numbers that led to them.
 
     Attributes
     ----------
     reason : (N,) uint8, `Reason`
+        The verdict follows from it.
     threshold : (N,) float64, percent; NaN where no threshold applied
-    margin : (N,) float64, ``match_percent - threshold``; NaN where none applied
+    margin : (N,) float64, percent; NaN where no threshold applied
+        ``match_percent - threshold``, with a match of at most 100.
     toss_up : (N,) bool
         The 95 % Wilson interval of the match contains the threshold.
     large : (N,) bool
         The box is large, and a threshold applied. Under profile ``carlasimu`` that can
         be the threshold for small boxes, which large boxes must pass as well.
+    channel : (N,) uint8
+        The channel that decided, as 1 + its position in `CHANNELS`
+        (`evidence_kinds.py`). 0: the rules of the segmentation decided.
     """
 
     reason: NDArray[np.uint8]
@@ -525,9 +582,15 @@ class Decisions:
     margin: FloatArray
     toss_up: BoolArray
     large: BoolArray
+    channel: NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.reason)
+
+    def __getitem__(self, rows: IntArray | BoolArray) -> Decisions:
+        """Some of the boxes."""
+        columns = {spec.name: getattr(self, spec.name)[rows] for spec in fields(self)}
+        return Decisions(**columns)
 
     def count(self, verdict: Verdict) -> int:
         """How many boxes have this verdict."""
@@ -541,9 +604,9 @@ VERDICTS: Final = tuple(Verdict)
 KEPT, REJECTED, UNMEASURED = (np.uint8(code) for code in range(len(VERDICTS)))
 
 VERDICT_OF_REASON: Final = np.array(
-    [VERDICTS.index(verdict) for verdict in _VERDICTS], np.uint8
+    [0, *(VERDICTS.index(reason.verdict) for reason in Reason)], np.uint8
 )
-"""The filter's verdict of each reason, as an index into `VERDICTS`."""
+"""The filter's verdict of each reason, as an index into `VERDICTS`; row 0 is unused."""
 
 
 class Answer(IntEnum):
@@ -657,11 +720,11 @@ class DecidedBoxes:
     def effective_verdict(self, row: int) -> VerdictName:
         """The effective verdict of one box, by its name on the wire."""
         answered = _VERDICT_OF_ANSWER[int(self.answer[row])]
-        return (answered or _VERDICTS[int(self.reason[row])]).value
+        return (answered or _REASONS[int(self.reason[row]) - 1].verdict).value
 
     def reason_label(self, row: int) -> ReasonLabel:
         """The reason of one box by its name on the wire."""
-        return _LABELS[int(self.reason[row]) - 1]
+        return _REASONS[int(self.reason[row]) - 1].label
 
 
 _DECIDED_COLUMNS: Final = tuple(

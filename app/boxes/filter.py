@@ -39,7 +39,11 @@ THRESHOLD_REASONS = (
     Reason.BELOW_THRESHOLD,
     Reason.LARGE_BELOW_THRESHOLD,
 )
-"""Reasons of decisions that have a margin."""
+"""Reasons of decisions that can have a margin.
+
+VISIBLE has none where a channel kept the box; such boxes are sorted and filtered by
+another distance, see `ClassThresholds`.
+"""
 
 
 @dataclass(frozen=True)

@@ -48,9 +48,9 @@ from app.measuring.queries import (
 from app.verdicts import with_answer
 from filter_core.classes import accepts
 from filter_core.config.filter import FilterConfig
+from filter_core.decisions.explain import FrameFacts
 from filter_core.decisions.record import (
     Decision,
-    FrameFacts,
     decided_boxes,
     decision_columns,
     decision_dicts,

@@ -70,7 +70,10 @@ def outcome(names: Sequence[str], table: IntArray) -> dict[str, object]:
 
 
 def flip_of(
-    ids: tuple[int, int], evidence: Evidence, row: int, reasons: tuple[int, int]
+    ids: tuple[int, int],
+    class_name: str,
+    match_percent: float | None,
+    reasons: tuple[int, int],
 ) -> Flip:
     """A box whose decision changes.
 
@@ -78,17 +81,17 @@ def flip_of(
     ----------
     ids : (int, int)
         The ids of the box and of its frame.
-    evidence : Evidence
-        The evidence of the second decision; `row` is the row of the box in it.
+    class_name : str
+    match_percent : float or None
+        As the second decision shows it (`Evidence.shown_match`).
     reasons : (int, int)
         Codes of `Reason` before and after.
     """
-    match = float(evidence.match_percent[row])
     return Flip(
         box_id=ids[0],
         frame_id=ids[1],
-        class_name=evidence.class_names[int(evidence.class_index[row])],
-        match_percent=None if match != match else match,
+        class_name=class_name,
+        match_percent=match_percent,
         before=_side(reasons[0]),
         after=_side(reasons[1]),
     )

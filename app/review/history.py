@@ -26,7 +26,7 @@ from app.measuring.queries import (
 from app.review.queries import ReviewRepository
 from app.runs.queries import RunRepository
 from filter_core.decisions.rules import decide
-from filter_core.types import Evidence, Reason
+from filter_core.types import Evidence, Reason, floats_or_none
 from unghost.wire.boxes import HistoryEntry
 
 
@@ -97,12 +97,11 @@ def _decision(
     )
     decided = decide(evidence, config_of(version))
     reason = Reason(int(decided.reason[0]))
-    match, threshold = float(evidence.match_percent[0]), float(decided.threshold[0])
     entry |= {
         "verdict": reason.verdict.value,
         "reason": reason.label,
-        "match_percent": None if match != match else match,
-        "threshold": None if threshold != threshold else threshold,
+        "match_percent": floats_or_none(evidence.shown_match())[0],
+        "threshold": floats_or_none(decided.threshold)[0],
     }
     return HistoryEntry(kind="decision", at=at, **entry, **more)
 

@@ -143,8 +143,8 @@ class Activation:
         decided_again(
             self._session,
             ids[changed],
-            _part(before, changed),
-            _part(after, changed),
+            before[changed],
+            after[changed],
             self._progress,
         )
         if measured_anew:
@@ -213,16 +213,6 @@ def _differs(before: Decisions, after: Decisions) -> BoolArray:
         | (before.large != after.large)
     )
     return different
-
-
-def _part(decisions: Decisions, rows: BoolArray) -> Decisions:
-    return Decisions(
-        reason=decisions.reason[rows],
-        threshold=decisions.threshold[rows],
-        margin=decisions.margin[rows],
-        toss_up=decisions.toss_up[rows],
-        large=decisions.large[rows],
-    )
 
 
 def _count_alike(

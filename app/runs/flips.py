@@ -54,6 +54,7 @@ from filter_core.types import (
     Evidence,
     FloatArray,
     IntArray,
+    floats_or_none,
 )
 from unghost.wire.datasets import Histogram
 from unghost.wire.runs import Diff, Flip, FlipCounts, Flips, Preview
@@ -196,9 +197,15 @@ class _Nearest:
             distance, box_id = self._after
             later = (distances > distance) | ((distances == distance) & (ids > box_id))
             order = order[later[order]]
+        order = order[: self._limit]
+        matches = floats_or_none(after.evidence.shown_match(rows[order]))
         listed = [
-            (float(distances[at]), int(ids[at]), _flip(before, after, int(flips[at])))
-            for at in order[: self._limit].tolist()
+            (
+                float(distances[at]),
+                int(ids[at]),
+                _flip(before, after, int(flips[at]), match),
+            )
+            for at, match in zip(order.tolist(), matches, strict=True)
         ]
         merged = sorted([*self.found, *listed], key=lambda flip: flip[:2])
         self.found = merged[: self._limit]
@@ -227,11 +234,12 @@ class _Decided:
         return places if self.rows is None else self.rows[places]
 
 
-def _flip(before: _Decided, after: _Decided, at: int) -> Flip:
+def _flip(before: _Decided, after: _Decided, at: int, match: float | None) -> Flip:
     row = at if after.rows is None else int(after.rows[at])
     ids = int(after.numbers.box_ids[row]), int(after.numbers.frame_ids[row])
     reasons = int(before.reasons[at]), int(after.reasons[at])
-    return flip_of(ids, after.evidence, row, reasons)
+    class_name = after.evidence.class_names[int(after.evidence.class_index[row])]
+    return flip_of(ids, class_name, match, reasons)
 
 
 @dataclass(frozen=True)

@@ -1,22 +1,39 @@
-"""The sentence that explains a decision, and the tags that hide a box."""
+"""The sentence that explains a decision, and the tags that hide a box.
+
+`explanations` makes the sentences of many boxes from their evidence and decisions:
+it collects the values of each box in an `ExplainedBox`, from which `explain` makes one
+sentence. There is one for each reason (`_SENTENCES`), or for each channel where a
+channel decided (`_CHANNEL_SENTENCES`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from filter_core.classes import accepts
-from filter_core.config.filter import ClassLimits
+from filter_core.classes import accepted_names, accepts
+from filter_core.config.filter import ClassLimits, FilterConfig
 from filter_core.decisions.channel_rules import (
-    ChannelJudgement,
-    any_of,
-    explain_channel,
+    channel_names,
+    compared_by_channels,
+    pixels_needed,
 )
+from filter_core.evidence_kinds import ChannelName
 from filter_core.segmentation.palettes import FAMILIES
-from filter_core.types import UNKNOWN_COLUMN, UNKNOWN_TAG, HiddenBy, Reason
+from filter_core.types import (
+    UNKNOWN_COLUMN,
+    UNKNOWN_TAG,
+    Decisions,
+    Evidence,
+    HiddenBy,
+    Reason,
+    Verdict,
+    floats_or_none,
+)
 
 _HIDES_NOTHING: Final = frozenset(
     {"Road", "RoadLine", "Sidewalk", "Ground", "Terrain", "Sky"}
@@ -26,8 +43,32 @@ _HIDES_NOTHING: Final = frozenset(
 _MOST_SHOWN: Final = 3
 
 
-class Judgement(NamedTuple):
-    """The values in the explanation of one box.
+@dataclass(frozen=True)
+class FrameFacts:
+    """The values that all decisions of one frame share.
+
+    Attributes
+    ----------
+    key : str
+    config : FilterConfig
+    family : str or None
+        The segmentation's tag family, None if there was none.
+    lossy : bool
+        The segmentation's colours were not exact.
+    names : mapping
+        Id and class of boxes, such as ``("217", "car")``, by their position in the
+        frame, for decisions that name the nearer box that explains another.
+    """
+
+    key: str
+    config: FilterConfig
+    family: str | None = None
+    lossy: bool = False
+    names: Mapping[int, tuple[str, str]] = field(default_factory=dict)
+
+
+class ExplainedBox(NamedTuple):
+    """One box with the values that its sentence can name.
 
     Attributes
     ----------
@@ -48,9 +89,17 @@ class Judgement(NamedTuple):
     as_carlasimu : bool
         Whether the match has to exceed the threshold (profile ``carlasimu``) or only
         to reach it (profile ``paper``).
-    channel : ChannelJudgement or None
-        The judgement of a channel; None if no channel judged the box. The reasons of
-        channels have no sentence without it.
+    channel : ChannelName or None
+        The channel that decided. None: no channel did, and the values below say
+        nothing. The reasons of channels have no sentence without it.
+    number : float
+        What the channel compared: pixels, points, or metres.
+    needed : float
+        The least number that keeps the box; for ``depth_center`` the greatest.
+    depth_gap : float or None, metres
+        See `ChannelNumbers`.
+    nearer : str or None
+        The nearer box that explains its pixels, as ``car 217``.
     """
 
     reason: Reason
@@ -66,13 +115,105 @@ class Judgement(NamedTuple):
     accepted: tuple[str, ...] = ()
     hidden_by: Sequence[HiddenBy] = ()
     as_carlasimu: bool = False
-    channel: ChannelJudgement | None = None
+    channel: ChannelName | None = None
+    number: float = 0
+    needed: float = 1
+    depth_gap: float | None = None
+    nearer: str | None = None
+
+
+def explanations(
+    frames: Sequence[FrameFacts],
+    evidence: Evidence,
+    decisions: Decisions,
+    hidden: Sequence[Sequence[HiddenBy]],
+) -> list[str]:
+    """Why each of N > 0 boxes was kept, rejected or not measured: one sentence each.
+
+    Parameters
+    ----------
+    frames : one for each of N boxes
+        All have the same `config`.
+    evidence : Evidence of N boxes
+    decisions : Decisions of N boxes
+        What `decide` gives for this evidence and configuration.
+    hidden : (N,)
+        What `hidden_by_all` gives for this evidence.
+    """
+    return list(map(explain, _explained(frames, evidence, decisions, hidden)))
+
+
+def _explained(
+    frames: Sequence[FrameFacts],
+    evidence: Evidence,
+    decisions: Decisions,
+    hidden: Sequence[Sequence[HiddenBy]],
+) -> Iterator[ExplainedBox]:
+    count, config = len(frames), frames[0].config
+    limits = [config.limits_of(name) for name in evidence.class_names]
+    classes = evidence.class_index.tolist()
+    numbers, needed = compared_by_channels(evidence, config, decisions)
+    channels, nearer = evidence.channels, nearer_boxes(frames, evidence)
+    gaps = [None] * count if channels is None else floats_or_none(channels.depth_gap)
+    columns: dict[str, Sequence[object]] = {
+        "reason": [Reason(code) for code in decisions.reason.tolist()],
+        "class_name": [evidence.class_names[index] for index in classes],
+        "limits": [limits[index] for index in classes],
+        "match_percent": floats_or_none(evidence.shown_match()),
+        "threshold": floats_or_none(decisions.threshold),
+        "area_percent": floats_or_none(evidence.area_percent),
+        "large": decisions.large.tolist(),
+        "matched_pixels": evidence.matched_pixels.tolist(),
+        "pixels_needed": pixels_needed(evidence, config).tolist(),
+        "distance": floats_or_none(evidence.distance),
+        "accepted": [
+            accepted_names(mask, frame.family) if frame.family else ()
+            for frame, mask in zip(frames, evidence.accept_mask.tolist(), strict=True)
+        ],
+        "hidden_by": hidden,
+        "as_carlasimu": [config.profile == "carlasimu"] * count,
+        "channel": channel_names(decisions),
+        "number": numbers.tolist(),
+        "needed": needed.tolist(),
+        "depth_gap": gaps,
+        "nearer": [box and f"{box[1]} {box[0]}" for box in nearer],
+    }
+    rows = zip(*(columns[name] for name in ExplainedBox._fields), strict=True)
+    return map(ExplainedBox._make, rows)
+
+
+def nearer_boxes(
+    frames: Sequence[FrameFacts], evidence: Evidence
+) -> list[tuple[str, str] | None]:
+    """Id and class of the nearer box that explains each of N boxes, if one does."""
+    if evidence.channels is None:
+        return [None] * len(frames)
+    positions = evidence.channels.explained_by.tolist()
+    return [
+        frame.names.get(position)
+        for frame, position in zip(frames, positions, strict=True)
+    ]
+
+
+def hidden_by_all(
+    frames: Sequence[FrameFacts], evidence: Evidence
+) -> list[list[HiddenBy]]:
+    """`hidden_by` of each of N boxes; nothing where no tags were counted."""
+    if evidence.tag_counts is None:
+        return [[] for _ in frames]
+    counts, masks = evidence.tag_counts.tolist(), evidence.accept_mask.tolist()
+    return [
+        [] if frame.family is None else hidden_by(of_tags, mask, frame.family)
+        for frame, of_tags, mask in zip(frames, counts, masks, strict=True)
+    ]
 
 
 def hidden_by(
     tag_counts: Sequence[int], accept_mask: int, family: str
 ) -> list[HiddenBy]:
     """The up to three commonest tags in a box that its class does not accept.
+
+    They are taken for what hides it: that they are nearer is not measured.
 
     Parameters
     ----------
@@ -113,12 +254,8 @@ def _hiding_tags(accept_mask: int, family: str) -> Mapping[int, tuple[int, str]]
     }
 
 
-def explain(judgement: Judgement) -> str:
+def explain(box: ExplainedBox) -> str:
     """Why a box was kept, rejected or not measured, in one sentence.
-
-    Parameters
-    ----------
-    judgement : Judgement
 
     Returns
     -------
@@ -127,11 +264,11 @@ def explain(judgement: Judgement) -> str:
         it is compared with, or past it: 9.96 % is never shown as the 10 % that are
         needed.
     """
-    if judgement.channel is not None:
-        sentence = explain_channel(judgement.channel)
+    if box.channel is not None:
+        sentence = _CHANNEL_SENTENCES[box.channel](box)
     else:
-        sentence = _SENTENCES[judgement.reason](judgement)
-    return f"{judgement.reason.verdict.value}: {sentence}"
+        sentence = _SENTENCES[box.reason](box)
+    return f"{box.reason.verdict.value}: {sentence}"
 
 
 def rounded_percent(value: float, against: float | None = None) -> str:
@@ -173,19 +310,26 @@ def _metres(value: float, limit: float) -> str:
     return f"{_rounded(value, 0, [limit])} m"
 
 
-def _outside(_: Judgement) -> str:
+def _any_of(names: Sequence[str]) -> str:
+    """Names for people: ``Car or Truck``."""
+    if len(names) < 2:
+        return names[0] if names else "of its class"
+    return f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def _outside(_: ExplainedBox) -> str:
     return "the box lies outside the image"
 
 
-def _covers(_: Judgement) -> str:
+def _covers(_: ExplainedBox) -> str:
     return "the box covers the whole image"
 
 
-def _degenerate(_: Judgement) -> str:
+def _degenerate(_: ExplainedBox) -> str:
     return "the box has no area inside the image"
 
 
-def _out_of_range(box: Judgement) -> str:
+def _out_of_range(box: ExplainedBox) -> str:
     distance = box.distance if box.distance is not None else float("nan")
     low, high = box.limits.min_distance, box.limits.max_distance
     if low is not None and distance < low:
@@ -197,16 +341,16 @@ def _out_of_range(box: Judgement) -> str:
     return f"it is {_metres(distance, limit)} away, {words} {limit:.15g} m are wanted"
 
 
-def _unmapped(box: Judgement) -> str:
+def _unmapped(box: ExplainedBox) -> str:
     return f"no tag is accepted for the class {box.class_name!r}"
 
 
-def _unmeasured(_: Judgement) -> str:
+def _unmeasured(_: ExplainedBox) -> str:
     return "there is no segmentation to measure with"
 
 
-def _no_visible_pixels(box: Judgement) -> str:
-    names = any_of(box.accepted)
+def _no_visible_pixels(box: ExplainedBox) -> str:
+    names = _any_of(box.accepted)
     found, needed = box.matched_pixels, box.pixels_needed
     if found == 0:
         return f"none of its pixels are {names}{_hiding(box)}"
@@ -216,32 +360,32 @@ def _no_visible_pixels(box: Judgement) -> str:
     )
 
 
-def _share(box: Judgement) -> str:
+def _share(box: ExplainedBox) -> str:
     match, threshold = box.match_percent, box.threshold
     if match is None or threshold is None:
-        return f"some of its pixels are {any_of(box.accepted)}"
+        return f"some of its pixels are {_any_of(box.accepted)}"
     large = ""
     if box.large and box.area_percent is not None:
         large = f"it covers {rounded_percent(box.area_percent)} of the image and "
     more = "more than " if box.as_carlasimu else ""
     return (
         f"{large}{rounded_percent(match, threshold)} of its pixels are "
-        f"{any_of(box.accepted)}, {more}{_exact_percent(threshold)} are needed"
+        f"{_any_of(box.accepted)}, {more}{_exact_percent(threshold)} are needed"
     )
 
 
-def _too_little(box: Judgement) -> str:
+def _too_little(box: ExplainedBox) -> str:
     return _share(box) + _hiding(box)
 
 
-def _hiding(box: Judgement) -> str:
+def _hiding(box: ExplainedBox) -> str:
     if not box.hidden_by:
         return ""
     first = box.hidden_by[0]
     return f"; {first['name']} covers {rounded_percent(first['percent'])}"
 
 
-_SENTENCES: Final[Mapping[Reason, Callable[[Judgement], str]]] = {
+_SENTENCES: Final[Mapping[Reason, Callable[[ExplainedBox], str]]] = {
     Reason.OUTSIDE_IMAGE: _outside,
     Reason.COVERS_IMAGE: _covers,
     Reason.DEGENERATE: _degenerate,
@@ -253,3 +397,86 @@ _SENTENCES: Final[Mapping[Reason, Callable[[Judgement], str]]] = {
     Reason.BELOW_THRESHOLD: _too_little,
     Reason.VISIBLE: _share,
 }
+"""The sentence of each reason, except those that only channels give."""
+
+
+def _ordered_words(box: ExplainedBox) -> str:
+    names = _any_of(box.accepted)
+    if _is_kept(box):
+        return f"{_many(box, f'of its {names} pixels')} not explained by nearer boxes"
+    some = f"{box.number:.0f} of its pixels {_is(box)}"
+    if box.nearer is not None:
+        left = f"; {some} left, {_needed(box)}" if box.number else ""
+        return f"explained by the nearer {box.nearer}{left}"
+    if box.number:
+        return f"only {some} {names}, {_needed(box)}"
+    return f"none of its pixels are {names}"
+
+
+def _depth_words(box: ExplainedBox) -> str:
+    names = _any_of(box.accepted)
+    at_its_own = f"{_many(box, f'of its {names} pixels')} at its own distance"
+    if _is_kept(box):
+        return at_its_own
+    if box.number:
+        return f"only {at_its_own}, {_needed(box)}"
+    if box.depth_gap is None:
+        return f"none of its pixels are {names}"
+    return f"all {names} pixels here are {_apart(box.depth_gap)} the box"
+
+
+def _center_words(box: ExplainedBox) -> str:
+    if _is_kept(box):
+        return "nothing nearer than the box is seen at its centre"
+    return f"what is seen at its centre is {_apart(box.number)} the box"
+
+
+def _instance_words(box: ExplainedBox) -> str:
+    if _is_kept(box):
+        return f"{_many(box, 'of the pixels of its own instance')} seen"
+    if box.number:
+        return (
+            f"only {_many(box, 'of the pixels of its instance')} seen, {_needed(box)}"
+        )
+    return "no instance in the image belongs to it"
+
+
+def _lidar_words(box: ExplainedBox) -> str:
+    s, lie = ("", "lies") if box.number == 1 else ("s", "lie")
+    points = f"LiDAR point{s} of {_any_of(box.accepted)} {lie} inside it"
+    if not _is_kept(box) and not box.number:
+        return f"no {points}, {_needed(box)}"
+    only = "" if _is_kept(box) else "only "
+    return f"{only}{box.number:,.0f} {points}, {_needed(box)}"
+
+
+def _is_kept(box: ExplainedBox) -> bool:
+    return box.reason.verdict is Verdict.KEPT
+
+
+def _many(box: ExplainedBox, of: str) -> str:
+    return f"{box.number:,.0f} {of} {_is(box)}"
+
+
+def _is(box: ExplainedBox) -> str:
+    return "is" if box.number == 1 else "are"
+
+
+def _needed(box: ExplainedBox) -> str:
+    return f"{box.needed:.0f} are needed"
+
+
+def _apart(gap: float) -> str:
+    where = "nearer than" if gap >= 0 else "behind"
+    metres = abs(gap)
+    return f"{metres:.0f} m {where}" if metres >= 10 else f"{metres:.1f} m {where}"
+
+
+_CHANNEL_SENTENCES: Final[Mapping[ChannelName, Callable[[ExplainedBox], str]]] = {
+    "ordered": _ordered_words,
+    "depth": _depth_words,
+    "depth_center": _center_words,
+    "instance": _instance_words,
+    "lidar": _lidar_words,
+}
+"""The sentence of each channel, whether it kept the box or rejected it."""

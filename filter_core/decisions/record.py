@@ -10,21 +10,18 @@ object is hidden and cut off, as label formats define it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from typing import Final, Literal, TypeAlias, TypedDict, cast
 
 import numpy as np
 
-from filter_core.classes import accepted_names
-from filter_core.config.filter import FilterConfig
-from filter_core.decisions.channel_rules import (
-    ChannelJudgement,
-    JudgedBy,
-    judged_by,
+from filter_core.decisions.channel_rules import channel_names
+from filter_core.decisions.explain import (
+    FrameFacts,
+    explanations,
+    hidden_by_all,
+    nearer_boxes,
 )
-from filter_core.decisions.explain import Judgement, explain, hidden_by
-from filter_core.decisions.rules import pixels_needed
 from filter_core.evidence_kinds import SEMANTIC, EvidenceName
 from filter_core.geometry.projection import BoxGeometry
 from filter_core.types import (
@@ -102,30 +99,6 @@ ids, the run and the review) are not in it.
 """
 
 
-@dataclass(frozen=True)
-class FrameFacts:
-    """The values that all decisions of one frame share.
-
-    Attributes
-    ----------
-    key : str
-    config : FilterConfig
-    family : str or None
-        The segmentation's tag family, None if there was none.
-    lossy : bool
-        The segmentation's colours were not exact.
-    names : mapping
-        Id and class of boxes, such as ``("217", "car")``, by their position in the
-        frame, for decisions that name the nearer box that explains another.
-    """
-
-    key: str
-    config: FilterConfig
-    family: str | None = None
-    lossy: bool = False
-    names: Mapping[int, tuple[str, str]] = field(default_factory=dict)
-
-
 def decision_dicts(
     frame: FrameFacts | Sequence[FrameFacts],
     ids: Sequence[str],
@@ -190,7 +163,7 @@ def decided_boxes(
         visible_xyxy=geometry.visible_xyxy,
         tight_xyxy=absent if channels is None else channels.tight_xyxy,
         distance=evidence.distance,
-        match_percent=_match_percent(evidence),
+        match_percent=evidence.shown_match(),
         occlusion=np.full(count, UNKNOWN_OCCLUSION)
         if channels is None
         else occlusion_levels(channels.nearer_percent),
@@ -221,9 +194,9 @@ def decision_columns(
         area_percent=evidence.area_percent,
         crowding=evidence.crowding,
         explained_by=[
-            nearer and nearer[0] for nearer in _nearer_boxes(frames, evidence)
+            nearer and nearer[0] for nearer in nearer_boxes(frames, evidence)
         ],
-        hidden_by=_tags_in_front(frames, evidence),
+        hidden_by=hidden_by_all(frames, evidence),
         reviewer=[None] * count,
         comment=[None] * count,
         config=frames[0].config.digest if frames else "",
@@ -239,17 +212,15 @@ def _composed(
 ) -> dict[str, Sequence[object]]:
     """The values of N > 0 decisions for each key of `Decision`, in the keys' order.
 
-    No other code defines the value of a key. (The service replaces `config`.)
+    The service replaces `config`. The history of a box (`app/review/history.py`) has
+    four of these keys, with the same values; no other code defines one of them.
     """
     count, config = len(ids), frames[0].config
     channels = evidence.channels
     if channels is None:
         channels = ChannelNumbers.absent(count)
     reasons = [Reason(code) for code in decisions.reason.tolist()]
-    hidden, nearer = _tags_in_front(frames, evidence), _nearer_boxes(frames, evidence)
-    judged = judged_by(evidence, config, decisions)
-    by_channels = _by_channels(frames, evidence, decisions, judged, nearer)
-    judgements = _judgements(frames, evidence, decisions, hidden, by_channels)
+    hidden, nearer = hidden_by_all(frames, evidence), nearer_boxes(frames, evidence)
     amodal, visible, edges = _projected(geometry, count)
     measured = evidence.measured.tolist()
     return {
@@ -258,12 +229,14 @@ def _composed(
         "class": _class_names(evidence),
         "verdict": [reason.verdict.value for reason in reasons],
         "reason": [reason.label for reason in reasons],
-        "explanation": list(map(explain, judgements)),
+        "explanation": explanations(frames, evidence, decisions, hidden),
         "evidence": [
-            channel if has_tags or channel != SEMANTIC else None
-            for channel, has_tags in zip(judged.channel, measured, strict=True)
+            channel or (SEMANTIC if has_tags else None)
+            for channel, has_tags in zip(
+                channel_names(decisions), measured, strict=True
+            )
         ],
-        "match_percent": floats_or_none(_match_percent(evidence)),
+        "match_percent": floats_or_none(evidence.shown_match()),
         "threshold": floats_or_none(decisions.threshold),
         "margin": floats_or_none(decisions.margin),
         "toss_up": decisions.toss_up.tolist(),
@@ -288,96 +261,6 @@ def _composed(
     }
 
 
-def _judgements(
-    frames: Sequence[FrameFacts],
-    evidence: Evidence,
-    decisions: Decisions,
-    hidden: Sequence[list[HiddenBy]],
-    by_channels: Sequence[ChannelJudgement | None],
-) -> Iterator[Judgement]:
-    """The values in the explanations of N > 0 boxes."""
-    config, class_names = frames[0].config, _class_names(evidence)
-    limits = {name: config.limits_of(name) for name in evidence.class_names}
-    masks = evidence.accept_mask.tolist()
-    columns: dict[str, Sequence[object]] = {
-        "reason": [Reason(code) for code in decisions.reason.tolist()],
-        "class_name": class_names,
-        "limits": [limits[name] for name in class_names],
-        "match_percent": floats_or_none(_match_percent(evidence)),
-        "threshold": floats_or_none(decisions.threshold),
-        "area_percent": floats_or_none(evidence.area_percent),
-        "large": decisions.large.tolist(),
-        "matched_pixels": evidence.matched_pixels.tolist(),
-        "pixels_needed": pixels_needed(evidence, config).tolist(),
-        "distance": floats_or_none(evidence.distance),
-        "accepted": list(map(_accepted, frames, masks)),
-        "hidden_by": hidden,
-        "as_carlasimu": [config.profile == "carlasimu"] * len(frames),
-        "channel": by_channels,
-    }
-    rows = zip(*(columns[name] for name in Judgement._fields), strict=True)
-    return map(Judgement._make, rows)
-
-
-def _by_channels(
-    frames: Sequence[FrameFacts],
-    evidence: Evidence,
-    decisions: Decisions,
-    judged: JudgedBy,
-    nearer: Sequence[tuple[str, str] | None],
-) -> list[ChannelJudgement | None]:
-    """The judgement of the channels on each of N boxes; None where none judged it."""
-    found: list[ChannelJudgement | None] = [None] * len(frames)
-    if evidence.channels is None:
-        return found
-    gaps = floats_or_none(evidence.channels.depth_gap)
-    reasons, masks = decisions.reason.tolist(), evidence.accept_mask.tolist()
-    numbers, needed = judged.number.tolist(), judged.needed.tolist()
-    for row, channel in enumerate(judged.channel):
-        if channel != SEMANTIC:
-            box = nearer[row]
-            found[row] = ChannelJudgement(
-                channel=channel,
-                kept=reasons[row] == Reason.VISIBLE,
-                number=numbers[row],
-                needed=needed[row],
-                depth_gap=gaps[row],
-                nearer=box and f"{box[1]} {box[0]}",
-                accepted=_accepted(frames[row], masks[row]),
-            )
-    return found
-
-
-def _accepted(frame: FrameFacts, accept_mask: int) -> tuple[str, ...]:
-    return accepted_names(accept_mask, frame.family) if frame.family else ()
-
-
-def _tags_in_front(
-    frames: Sequence[FrameFacts], evidence: Evidence
-) -> list[list[HiddenBy]]:
-    """The tags that hide each of N boxes; none where no tags were counted."""
-    if evidence.tag_counts is None:
-        return [[] for _ in frames]
-    counts, masks = evidence.tag_counts.tolist(), evidence.accept_mask.tolist()
-    return [
-        [] if frame.family is None else hidden_by(of_tags, mask, frame.family)
-        for frame, of_tags, mask in zip(frames, counts, masks, strict=True)
-    ]
-
-
-def _nearer_boxes(
-    frames: Sequence[FrameFacts], evidence: Evidence
-) -> list[tuple[str, str] | None]:
-    """Id and class of the nearer box that explains each of N boxes, if one does."""
-    if evidence.channels is None:
-        return [None] * len(frames)
-    positions = evidence.channels.explained_by.tolist()
-    return [
-        frame.names.get(position)
-        for frame, position in zip(frames, positions, strict=True)
-    ]
-
-
 def _class_names(evidence: Evidence) -> list[str]:
     return [evidence.class_names[index] for index in evidence.class_index.tolist()]
 
@@ -390,14 +273,6 @@ def _visible_pixels(channels: ChannelNumbers) -> IntArray:
     """(N,): the pixels of a box's instance, else those at its distance."""
     by_instance = channels.instance_pixels != NOT_MEASURED
     return np.where(by_instance, channels.instance_pixels, channels.depth_pixels)
-
-
-def _match_percent(evidence: Evidence) -> FloatArray:
-    # Under profile carlasimu the match can exceed 100. A box without pixels has no
-    # match: the stored 0 is shown as unknown.
-    match = np.minimum(evidence.match_percent, 100.0)
-    match[evidence.box_pixels == 0] = np.nan
-    return match
 
 
 _Rectangles: TypeAlias = list[list[float] | None]

@@ -1,13 +1,22 @@
 """Verdicts from evidence and a configuration: `decide`. Reads no pixel.
 
-The rules of the paper's Algorithm 2 are a table here. Rules of other evidence than the
+The rules are Algorithm 2 of the paper that the filter implements: M. Chaar, J. Raiyn,
+G. Weidl, "Improve Bounding Box in Carla Simulator", VEHITS 2024. `_rules` lists them in
+their order: for each reason, its condition. Rules of other evidence than the
 segmentation are in `channel_rules`, which `decide` applies afterwards.
+
+A new threshold is a key in `filter_core/config/keys.py` and a comparison in `_rules`.
+What a new reason needs is said at `Reason` in `filter_core/types.py`. If the match is
+compared with the threshold, two more places need it: `_thresholds_by_reason`, and
+`app/boxes/filter.py`, where lists find the boxes around a threshold in SQL
+(`ClassThresholds.sides` and `THRESHOLD_REASONS`; compared with `decide` by
+`tests/unit/app/boxes/test_thresholds_in_sql.py`).
 """
 
 from __future__ import annotations
 
-from enum import IntEnum
-from typing import Final, TypeAlias
+from collections.abc import Sequence
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +34,7 @@ from filter_core.types import (
 )
 
 Z95: Final = 1.959963984540054
-"""95 % of a normal distribution lie within as many standard deviations of its mean."""
+"""95 % of a normal distribution lie within so many standard deviations of its mean."""
 
 _BLOCK: Final = 1 << 15
 """Boxes per block: temporary arrays of 256 KiB stay in the processor's cache."""
@@ -33,90 +42,15 @@ _BLOCK: Final = 1 << 15
 _PerBox: TypeAlias = FloatArray | IntArray | np.float64 | np.int64
 """An array with one number per box, or one number if all classes share it."""
 
-
-class _Bit(IntEnum):
-    """The conditions of the rules, as bits; the lowest two hold the `BoxState`."""
-
-    OUT_OF_RANGE = 1 << 2
-    UNMAPPED = 1 << 3
-    UNMEASURED = 1 << 4
-    TOO_FEW_PIXELS = 1 << 5
-    FAILS_LARGE_THRESHOLD = 1 << 6
-    FAILS_SMALL_THRESHOLD = 1 << 7
-
-
-_STATE_BITS: Final = 0b11
-
-_RULES: Final = (
-    (Reason.OUTSIDE_IMAGE, _STATE_BITS, BoxState.OUTSIDE_IMAGE),
-    (Reason.COVERS_IMAGE, _STATE_BITS, BoxState.COVERS_IMAGE),
-    (Reason.DEGENERATE, _STATE_BITS, BoxState.DEGENERATE),
-    (Reason.OUT_OF_RANGE, _Bit.OUT_OF_RANGE, _Bit.OUT_OF_RANGE),
-    (Reason.UNMAPPED_CLASS, _Bit.UNMAPPED, _Bit.UNMAPPED),
-    (Reason.NO_SEGMENTATION, _Bit.UNMEASURED, _Bit.UNMEASURED),
-    (Reason.NO_VISIBLE_PIXELS, _Bit.TOO_FEW_PIXELS, _Bit.TOO_FEW_PIXELS),
-    (
-        Reason.LARGE_BELOW_THRESHOLD,
-        _Bit.FAILS_LARGE_THRESHOLD,
-        _Bit.FAILS_LARGE_THRESHOLD,
-    ),
-    (Reason.BELOW_THRESHOLD, _Bit.FAILS_SMALL_THRESHOLD, _Bit.FAILS_SMALL_THRESHOLD),
-    (Reason.VISIBLE, 0, 0),
-)
-"""Reason, mask, value, in the order of Algorithm 2.
-
-The first row with ``bits & mask == value`` decides. Lists repeat in SQL how thresholds
-decide, to find the boxes around a threshold: `ClassThresholds.sides` and
-`THRESHOLD_REASONS` in `app/boxes/filter.py`, which
-`tests/unit/app/boxes/test_thresholds_in_sql.py` compares. Labels on the page repeat
-only whether a match has to reach or to exceed its threshold
-(`static/js/boxes/wording.js`).
-"""
-
-_REASON_OF_BITS: Final = np.array(
-    [
-        next(reason for reason, mask, value in _RULES if bits & mask == value)
-        for bits in range(256)
-    ],
-    dtype=np.uint8,
-)
-"""The deciding rule of each of the 256 combinations of bits.
-
-Looking a box up here is faster than applying one mask per rule.
-"""
-
-_IF_LARGE: Final = 1 + max(Reason)
-"""The first row for large boxes in `_COLUMN_OF_REASON`; those of others are before."""
-
-_THRESHOLD_COLUMNS: Final = 4
-
-_SMALL_BOX, _LARGE_BOX, _KEPT_LARGE_BOX, _NO_THRESHOLD = range(_THRESHOLD_COLUMNS)
-"""Which threshold applied to a box: the columns of the table in `_Block._threshold`.
-
-The first three are `LimitsByClass.threshold_small_box`, `threshold_big_box` and
-`threshold_kept_large_box`.
-"""
-
-
-def _columns_of_reasons() -> NDArray[np.uint8]:
-    columns = np.full(2 * _IF_LARGE, _NO_THRESHOLD, dtype=np.uint8)
-    columns[Reason.BELOW_THRESHOLD] = _SMALL_BOX
-    columns[_IF_LARGE + Reason.BELOW_THRESHOLD] = _SMALL_BOX
-    columns[_IF_LARGE + Reason.LARGE_BELOW_THRESHOLD] = _LARGE_BOX
-    columns[Reason.VISIBLE] = _SMALL_BOX
-    columns[_IF_LARGE + Reason.VISIBLE] = _KEPT_LARGE_BOX
-    return columns
-
-
-_COLUMN_OF_REASON: Final = _columns_of_reasons()
-"""(2 * _IF_LARGE,) uint8: which threshold applied to a box.
-
-The index is the number of the box's reason, plus `_IF_LARGE` if the box is large.
-"""
+_Rule: TypeAlias = tuple[Reason, BoolArray]
+"""A reason, and (N,) bool: for which boxes its condition holds."""
 
 
 def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
-    """Decide each box by the first rule that matches it.
+    """Decide each box: by the first rule whose condition holds, or by a channel.
+
+    Where a channel of the configuration has a number for a box, its rule replaces the
+    decision, unless that was taken without pixels (`Reason.before_channels`).
 
     Parameters
     ----------
@@ -134,14 +68,12 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
     Notes
     -----
     O(N), without a loop over boxes. The 95 % Wilson interval of a share p of n pixels
-    contains a threshold t exactly if ``(p - t)^2 <= z^2 t (1 - t) / n`` [2]_, since the
+    contains a threshold t exactly if ``(p - t)^2 <= z^2 t (1 - t) / n`` [1]_, since the
     Wilson interval is the inverted score test; so the interval is never computed.
 
     References
     ----------
-    .. [1] M. Chaar, J. Raiyn, G. Weidl, "Improve Bounding Box in Carla Simulator",
-       VEHITS 2024, Algorithm 2.
-    .. [2] E. B. Wilson, "Probable inference, the law of succession, and statistical
+    .. [1] E. B. Wilson, "Probable inference, the law of succession, and statistical
        inference", JASA 22, 1927.
     """
     count = len(evidence)
@@ -151,134 +83,143 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
         margin=np.empty(count, np.float64),
         toss_up=np.empty(count, np.bool_),
         large=np.empty(count, np.bool_),
+        channel=np.zeros(count, np.uint8),
     )
     thresholds = config.thresholds_for(evidence.class_names)
-    as_carlasimu = config.profile == "carlasimu"
+    table = _thresholds_by_reason(thresholds)
+    limits = _Limits(thresholds, table, config.profile == "carlasimu")
     for start in range(0, count, _BLOCK):
-        rows = slice(start, start + _BLOCK)
-        _Block(evidence, thresholds, rows, as_carlasimu).write(decisions)
+        _decide_block(evidence, slice(start, start + _BLOCK), limits, decisions)
     apply_channels(evidence, config, decisions)
     return decisions
 
 
-def pixels_needed(evidence: Evidence, config: DecideConfig) -> IntArray:
-    """(N,) int64: the fewest pixels with an accepted tag that keep each of N boxes."""
-    thresholds = config.thresholds_for(evidence.class_names)
-    needed = np.empty(len(evidence), np.int64)
-    needed[:] = _pixels_needed(thresholds, evidence.class_index)
-    return needed
+class _Limits(NamedTuple):
+    """What boxes of K classes are compared with.
 
-
-def _pixels_needed(
-    thresholds: LimitsByClass, class_index: NDArray[np.int32]
-) -> _PerBox:
-    return _per_box(thresholds.min_visible_pixels, class_index)
-
-
-class _Block:
-    """A block of boxes, the range `rows` of the evidence, to be decided.
-
-    `as_carlasimu`: as under profile ``carlasimu``, which differs from ``paper`` in
-    three ways: a box of exactly the size `size_big_box` is large; a match equal to a
-    threshold fails; and large boxes must pass both thresholds.
+    Attributes
+    ----------
+    thresholds : LimitsByClass of K classes
+    by_reason : (2, K, 1 + max(Reason)) float64
+        See `_thresholds_by_reason`.
+    as_carlasimu : bool
+        Compare as under profile ``carlasimu``, which differs from ``paper`` here in
+        three ways (and in others where boxes are measured): a box of exactly the size
+        `size_big_box` is large; a match equal to a threshold fails; and large boxes
+        must pass both thresholds.
     """
 
-    def __init__(
-        self,
-        evidence: Evidence,
-        thresholds: LimitsByClass,
-        rows: slice,
-        as_carlasimu: bool,
-    ) -> None:
-        self.evidence, self.thresholds = evidence, thresholds
-        self.rows, self.as_carlasimu = rows, as_carlasimu
-        self.class_index = evidence.class_index[rows]
-        self.match = evidence.match_percent[rows]
+    thresholds: LimitsByClass
+    by_reason: FloatArray
+    as_carlasimu: bool
 
-    def write(self, decisions: Decisions) -> None:
-        """Decide the block and write the results into its rows of `decisions`."""
-        rows = self.rows
-        large = self._is_large()
-        reason = _REASON_OF_BITS.take(self._bits(large))
-        column = _COLUMN_OF_REASON.take(reason + large * np.uint8(_IF_LARGE))
-        threshold = self._threshold(column)
-        # Under carlasimu the match can exceed 100.
-        margin = np.minimum(self.match, 100.0) - threshold
-        decisions.reason[rows] = reason
-        decisions.threshold[rows] = threshold
-        decisions.margin[rows] = margin
-        decisions.toss_up[rows] = self._is_toss_up(threshold, margin)
-        decisions.large[rows] = large & (column != _NO_THRESHOLD)
 
-    def _bits(self, large: BoolArray) -> NDArray[np.uint8]:
-        evidence, thresholds, rows = self.evidence, self.thresholds, self.rows
-        fails_small_threshold = self._fails(thresholds.threshold_small_box)
-        # In carlasimu large boxes must pass the threshold for small ones too.
-        if not self.as_carlasimu:
-            fails_small_threshold &= ~large
-        fails_large_threshold = self._fails(thresholds.threshold_big_box) & large
-        bits: NDArray[np.uint8] = evidence.state[rows].copy()
-        for holds, bit in (
-            (self._is_out_of_range(), _Bit.OUT_OF_RANGE),
-            (evidence.accept_mask[rows] == 0, _Bit.UNMAPPED),
-            (~evidence.measured[rows], _Bit.UNMEASURED),
-            (self._has_too_few_pixels(), _Bit.TOO_FEW_PIXELS),
-            (fails_large_threshold, _Bit.FAILS_LARGE_THRESHOLD),
-            (fails_small_threshold, _Bit.FAILS_SMALL_THRESHOLD),
-        ):
-            bits |= holds.view(np.uint8) * np.uint8(bit)
-        return bits
+def _decide_block(
+    evidence: Evidence, rows: slice, limits: _Limits, decisions: Decisions
+) -> None:
+    """Decide the boxes in the range `rows`, and write the result into `decisions`."""
+    class_index, area = evidence.class_index[rows], evidence.area_percent[rows]
+    size = _per_box(limits.thresholds.size_big_box, class_index)
+    large = area >= size if limits.as_carlasimu else area > size
+    reason = _first_reason(_rules(evidence, rows, limits, large))
+    # by_reason[large, class_index, reason], in a form that takes a third of the time.
+    _, classes, reasons = limits.by_reason.shape
+    place = (large * np.int32(classes) + class_index) * np.int32(reasons) + reason
+    threshold = limits.by_reason.take(place)
+    # Under carlasimu the match can exceed 100.
+    margin = np.minimum(evidence.match_percent[rows], 100.0) - threshold
+    decisions.reason[rows] = reason
+    decisions.threshold[rows] = threshold
+    decisions.margin[rows] = margin
+    decisions.toss_up[rows] = _is_toss_up(threshold, margin, evidence.box_pixels[rows])
+    # Not every large box, only those that a threshold decided.
+    decisions.large[rows] = large & ~np.isnan(threshold)
 
-    def _threshold(self, column: NDArray[np.uint8]) -> FloatArray:
-        """Each box's threshold: from the row of its class and the given column."""
-        thresholds = self.thresholds
-        small, large = thresholds.threshold_small_box, thresholds.threshold_big_box
-        kept_large = thresholds.threshold_kept_large_box
-        none = np.full(len(small), np.nan)
-        table = np.column_stack([small, large, kept_large, none])
-        threshold: FloatArray = table.take(
-            self.class_index * _THRESHOLD_COLUMNS + column
-        )
-        return threshold
 
-    def _has_too_few_pixels(self) -> BoolArray:
-        needed = _pixels_needed(self.thresholds, self.class_index)
-        too_few: BoolArray = self.evidence.matched_pixels[self.rows] < needed
-        return too_few
+def _rules(
+    evidence: Evidence, rows: slice, limits: _Limits, large: BoolArray
+) -> Sequence[_Rule]:
+    """The rules in the order of Algorithm 2; a box for which none holds is visible.
 
-    def _is_out_of_range(self) -> BoolArray:
-        nearest, farthest = self.thresholds.min_distance, self.thresholds.max_distance
-        distance = self.evidence.distance[self.rows]
-        if np.isinf(nearest).all() and np.isinf(farthest).all():
-            return np.zeros(len(distance), np.bool_)
-        # An unknown distance (NaN) is never out of range.
-        out_of_range = distance < self._for_boxes(nearest)
-        out_of_range |= distance > self._for_boxes(farthest)
-        return out_of_range
+    Labels on the page repeat whether a match has to reach or to exceed its threshold
+    (`static/js/boxes/wording.js`).
+    """
+    thresholds, as_carlasimu = limits.thresholds, limits.as_carlasimu
+    class_index, match = evidence.class_index[rows], evidence.match_percent[rows]
+    small = _per_box(thresholds.threshold_small_box, class_index)
+    big = _per_box(thresholds.threshold_big_box, class_index)
+    needed = _per_box(thresholds.min_visible_pixels, class_index)
+    fails_big = match <= big if as_carlasimu else match < big
+    fails_small = match <= small if as_carlasimu else (match < small) & ~large
+    state = evidence.state[rows]
+    return (
+        (Reason.OUTSIDE_IMAGE, state == BoxState.OUTSIDE_IMAGE.value),
+        (Reason.COVERS_IMAGE, state == BoxState.COVERS_IMAGE.value),
+        (Reason.DEGENERATE, state == BoxState.DEGENERATE.value),
+        (Reason.OUT_OF_RANGE, _is_out_of_range(evidence, rows, thresholds)),
+        (Reason.UNMAPPED_CLASS, evidence.accept_mask[rows] == 0),
+        (Reason.NO_SEGMENTATION, ~evidence.measured[rows]),
+        (Reason.NO_VISIBLE_PIXELS, evidence.matched_pixels[rows] < needed),
+        (Reason.LARGE_BELOW_THRESHOLD, fails_big & large),
+        (Reason.BELOW_THRESHOLD, fails_small),
+    )
 
-    def _is_large(self) -> BoolArray:
-        area = self.evidence.area_percent[self.rows]
-        size = self._for_boxes(self.thresholds.size_big_box)
-        return area >= size if self.as_carlasimu else area > size
 
-    def _fails(self, per_class: FloatArray) -> BoolArray:
-        """Whether each box's match is too low for the threshold of its class."""
-        threshold = self._for_boxes(per_class)
-        if self.as_carlasimu:
-            return self.match <= threshold
-        return self.match < threshold
+def _thresholds_by_reason(thresholds: LimitsByClass) -> FloatArray:
+    """(2, K, 1 + max(Reason)) percent: the threshold that decides a box.
 
-    def _is_toss_up(self, threshold: FloatArray, margin: FloatArray) -> BoolArray:
-        spread = threshold * (100.0 - threshold)
-        spread *= Z95 * Z95
-        deviation = margin * margin
-        deviation *= self.evidence.box_pixels[self.rows]
-        # False where there is no threshold: NaN compares as False.
-        toss_up: BoolArray = deviation <= spread
-        return toss_up
+    By whether the box is large, its class and its reason; NaN: no threshold decides.
+    """
+    shape = 2, len(thresholds.threshold_small_box), 1 + max(Reason)
+    table = np.full(shape, np.nan)
+    of_others, of_large = table
+    of_others[:, Reason.BELOW_THRESHOLD] = thresholds.threshold_small_box
+    of_others[:, Reason.VISIBLE] = thresholds.threshold_small_box
+    of_large[:, Reason.BELOW_THRESHOLD] = thresholds.threshold_small_box
+    of_large[:, Reason.LARGE_BELOW_THRESHOLD] = thresholds.threshold_big_box
+    of_large[:, Reason.VISIBLE] = thresholds.threshold_kept_large_box
+    return table
 
-    def _for_boxes(self, per_class: FloatArray | IntArray) -> _PerBox:
-        return _per_box(per_class, self.class_index)
+
+def _first_reason(rules: Sequence[_Rule]) -> NDArray[np.uint8]:
+    """(N,) uint8: the reason of the first rule that holds for a box, else VISIBLE."""
+    # (R, N), 1 where a rule holds, else 0. The first rule has the highest rank, so that
+    # the highest rank of a box is that of the first rule that holds; 0 if none does.
+    # `np.select` takes twice as long.
+    ranks = np.array([holds for _, holds in rules]).view(np.uint8)
+    ranks *= np.arange(len(rules), 0, -1, dtype=np.uint8)[:, np.newaxis]
+    by_rank = [Reason.VISIBLE, *(reason for reason, _ in reversed(rules))]
+    reason: NDArray[np.uint8] = np.array(by_rank, np.uint8).take(ranks.max(axis=0))
+    return reason
+
+
+def _is_out_of_range(
+    evidence: Evidence, rows: slice, thresholds: LimitsByClass
+) -> BoolArray:
+    nearest, farthest = thresholds.min_distance, thresholds.max_distance
+    distance, class_index = evidence.distance[rows], evidence.class_index[rows]
+    if np.isinf(nearest).all() and np.isinf(farthest).all():
+        return np.zeros(len(distance), np.bool_)
+    # An unknown distance (NaN) is never out of range.
+    out_of_range = distance < _per_box(nearest, class_index)
+    out_of_range |= distance > _per_box(farthest, class_index)
+    return out_of_range
+
+
+def _is_toss_up(
+    threshold: FloatArray, margin: FloatArray, box_pixels: IntArray
+) -> BoolArray:
+    """(N,) bool: the Wilson interval of the match contains the threshold.
+
+    Both sides of the comparison in the notes of `decide` are in percent and multiplied
+    by `box_pixels`: their unit is percent squared, times pixels.
+    """
+    allowed = threshold * (100.0 - threshold)
+    allowed *= Z95 * Z95
+    found = margin * margin
+    found *= box_pixels
+    # False where there is no threshold: NaN compares as False.
+    return found <= allowed
 
 
 def _per_box(

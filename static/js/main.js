@@ -2,10 +2,10 @@
 // Puts the page together: app, boxes, answers, uploads, shell.
 
 import { createBoxes } from "./boxes/store.js";
-import { NO_TOKEN_LINKS } from "./boxes/wording.js";
 import { createApp } from "./core/app.js";
 import { h, render } from "./core/html.js";
 import { watchKeys } from "./core/keymap.js";
+import { NO_TOKEN_LINKS } from "./core/login.js";
 import { watchTheme } from "./core/prefs.js";
 import { loginOf } from "./core/router.js";
 import { createAnswers } from "./review/answers.js";

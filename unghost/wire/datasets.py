@@ -136,8 +136,9 @@ class FrameCounts(VerdictCounts, _OfBoxes):
     """Boxes of a frame: by the filter's verdict, and by what people said.
 
     `reviewed` boxes have a keep or a reject. `to_review` counts boxes that have neither
-    and of which the filter is not certain: rejected because of their pixels, not
-    measured, or toss-ups. The queue has all boxes without an answer.
+    and of which the filter is not certain: not measured, toss-ups, or rejected for any
+    reason but `outside_image` and `degenerate`. The queue has all boxes without an
+    answer.
     """
 
     reviewed: int

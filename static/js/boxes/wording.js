@@ -1,27 +1,31 @@
 // @ts-check
 // Texts for reasons, verdicts and numbers of a box, the same in all views.
+//
+// A decision comes with a sentence that explains it (`explanation`, composed in
+// filter_core/decisions/explain.py), which the inspector shows. It is too long for a label on an
+// image or a row of a list, so that the page words those itself, from the same numbers.
 
 import { exactPercentText, metresText, percentText, wholePercentText } from "../core/numbers.js";
 
 /** @typedef {import("./box.js").Decision} Decision */
 /** @typedef {import("./box.js").Verdict} Verdict */
 
-/** @type {Record<string, string>} */
+/** Short names of the reasons, in the order of the rules (`Reason` in filter_core/types.py). @type {Record<string, string>} */
 export const REASONS = {
-  visible: "visible",
-  below_threshold: "below threshold",
-  large_below_threshold: "large, below threshold",
-  no_visible_pixels: "too few visible pixels",
   outside_image: "outside the image",
   covers_image: "covers the image",
   degenerate: "no area",
   out_of_range: "out of range",
   unmapped_class: "class not mapped",
   no_segmentation: "not measured",
+  no_visible_pixels: "too few visible pixels",
+  large_below_threshold: "large, below threshold",
+  below_threshold: "below threshold",
   explained_by_nearer: "explained by a nearer box",
   hidden_by_depth: "hidden by depth",
   hidden_by_instance: "too few instance pixels",
   too_few_lidar_points: "too few LiDAR points",
+  visible: "visible",
 };
 
 /** In a blind review: in place of what the filter and others say. */
@@ -36,8 +40,6 @@ export const VERDICT_SIGN = { kept: "✓", rejected: "✕", unmeasured: "?", vei
 /** @type {Record<string, string>} */
 export const ANSWER_TEXT = { keep: "keep", reject: "reject", unsure: "unsure", clear: "removed the answer" };
 
-export const NO_TOKEN_LINKS = "Links with a token in them are no longer used. `unghost login` prints a new one.";
-
 /** "Car" or "Motorcycle + Rider". @param {Decision} box */
 export const acceptedText = (box) =>
   box.accepted_tags?.map(({ name }) => name).join(" + ") || box.class;
@@ -48,7 +50,7 @@ export const isByShare = ({ evidence }) => !evidence || evidence === "semantic";
 /** The share of matching pixels if it decided, else an empty text. @param {Decision} box */
 export const matchText = (box) => (isMeasured(box) && isByShare(box) ? shareText(box) : "");
 
-/** What the box's label says: "4.1 % Car < 10 % · hidden by Vegetation 71 %". @param {Decision} box */
+/** What the box's label says: "4.1 % Car < 10 % · hidden by Vegetation 71 %"; if a channel decided, the server's sentence. @param {Decision} box */
 export function labelText(box) {
   if (!isByShare(box)) return sentenceText(box);
   return [measureText(box), hiddenText(box)].filter(Boolean).join(" · ");

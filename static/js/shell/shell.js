@@ -1,11 +1,11 @@
 // @ts-check
 // The frame around every view: which view a route shows (most are loaded when first opened), messages, sign-in.
 
-import { NO_TOKEN_LINKS } from "../boxes/wording.js";
 import { useActions, useHead, useTask, useTitle, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon, Mark } from "../core/icons.js";
 import { HelpDialog } from "../core/keymap.js";
+import { NO_TOKEN_LINKS } from "../core/login.js";
 import { countOf } from "../core/numbers.js";
 import { Failure, Notice } from "../core/parts.js";
 import { linkTo, loginOf } from "../core/router.js";

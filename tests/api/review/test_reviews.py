@@ -9,6 +9,7 @@ import pytest
 from sqlalchemy import update
 
 from app.db.tables import Review, Run
+from tests.support import frames as scene
 from tests.support.api import BASE, Api
 
 
@@ -93,6 +94,31 @@ def test_history_is_told_in_the_order_in_which_it_was_stored(service, has_number
         one["run"] if one["kind"] == "decision" else one["verdict"] for one in items
     ]
     assert told[:-1] == [second, "unsure", "reject", first, "keep"]
+
+
+def test_the_history_of_a_box_shows_the_match_of_the_box(api):
+    """At most 100 %, and none of a box of which the mask leaves no pixel."""
+    mask = {"polygons": [[[0, 0], [16, 0], [16, 16], [0, 16]]]}
+    name = api.dataset(ignore_mask=mask)
+    boxes = [
+        {"id": "on the car", "class": "car", "xyxy": [20.9, 24.9, 39.1, 39.1]},
+        {"id": "masked", "class": "car", "xyxy": scene.IN_THE_SKY},
+    ]
+    api.stored(name, "0", {**scene.annotation(), "boxes": boxes})
+    api.run(name, {"profile": "carlasimu"})
+
+    shown = {box["id"]: box for box in api.boxes(name)}
+    told = {
+        key: api.json(f"/boxes/{box['box_id']}/history")["items"][0]
+        for key, box in shown.items()
+    }
+
+    assert shown["on the car"]["match_percent"] == 100
+    assert shown["masked"]["match_percent"] is None
+    for key in ("verdict", "reason", "match_percent", "threshold"):
+        assert {one: told[one][key] for one in told} == {
+            one: shown[one][key] for one in shown
+        }
 
 
 def test_a_stale_answer_is_412_with_what_there_is_now(api, ghosts):

@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from tests.support import frames as scene
 from tests.support.api import BASE
 
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
@@ -176,6 +177,37 @@ def test_a_preview_says_what_would_flip_and_writes_nothing(api, dataset):
     assert items[car]["after"] == unseen
     after = api.json(f"/datasets/{dataset}/runs"), api.json(f"/datasets/{dataset}")
     assert after == before
+
+
+@pytest.mark.parametrize(
+    ("mask", "active", "previewed", "match"),
+    [
+        pytest.param(
+            None,
+            {"profile": "carlasimu"},
+            {"profile": "carlasimu", "min_visible_pixels": 10**6},
+            100.0,
+            id="more than all",
+        ),
+        pytest.param(
+            {"polygons": [[[0, 0], [64, 0], [64, 48], [0, 48]]]},
+            {},
+            {"min_visible_pixels": 0, "threshold_small_box": 0},
+            None,
+            id="no pixel",
+        ),
+    ],
+)
+def test_a_flip_shows_the_match_of_the_box(api, mask, active, previewed, match):
+    name = api.dataset(ignore_mask=mask)
+    box = {"id": "real", "class": "car", "xyxy": [20.9, 24.9, 39.1, 39.1]}
+    api.stored(name, "a", {**scene.annotation(), "boxes": [box]})
+    api.run(name, active)
+
+    preview = api.post(f"/datasets/{name}/preview", {"config": previewed}).json()
+
+    assert [one["match_percent"] for one in api.boxes(name)] == [match]
+    assert [one["match_percent"] for one in preview["flips"]["items"]] == [match]
 
 
 def test_a_preview_that_needs_pixels_says_so(api, dataset):

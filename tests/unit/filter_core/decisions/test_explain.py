@@ -5,14 +5,13 @@ from __future__ import annotations
 import pytest
 
 from filter_core.config.filter import ClassLimits
-from filter_core.decisions.channel_rules import ChannelJudgement
 from filter_core.decisions.explain import (
-    Judgement,
+    ExplainedBox,
     explain,
     hidden_by,
     rounded_percent,
 )
-from filter_core.evidence_kinds import ChannelName
+from filter_core.evidence_kinds import CHANNELS, ChannelName
 from filter_core.types import N_TAGS, HiddenBy, Reason
 
 VEGETATION: HiddenBy = {"tag": 9, "name": "Vegetation", "percent": 71.2}
@@ -28,10 +27,10 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
 
 
 @pytest.mark.parametrize(
-    ("judgement", "sentence"),
+    ("box", "sentence"),
     [
         (
-            Judgement(
+            ExplainedBox(
                 Reason.BELOW_THRESHOLD,
                 "car",
                 match_percent=4.1,
@@ -43,13 +42,13 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
             "Vegetation covers 71 %",
         ),
         (
-            Judgement(
+            ExplainedBox(
                 Reason.VISIBLE, "car", match_percent=74, threshold=10, accepted=("Car",)
             ),
             "kept: 74 % of its pixels are Car, 10 % are needed",
         ),
         (
-            Judgement(
+            ExplainedBox(
                 Reason.LARGE_BELOW_THRESHOLD,
                 "van",
                 match_percent=41,
@@ -62,7 +61,7 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
             "Car or Truck, 50 % are needed",
         ),
         (
-            Judgement(
+            ExplainedBox(
                 Reason.BELOW_THRESHOLD,
                 "car",
                 match_percent=10,
@@ -73,7 +72,7 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
             "rejected: 10 % of its pixels are Car, more than 10 % are needed",
         ),
         (
-            Judgement(
+            ExplainedBox(
                 Reason.NO_VISIBLE_PIXELS,
                 "car",
                 matched_pixels=0,
@@ -83,7 +82,7 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
             "rejected: none of its pixels are Car; Vegetation covers 71 %",
         ),
         (
-            Judgement(
+            ExplainedBox(
                 Reason.NO_VISIBLE_PIXELS,
                 "car",
                 matched_pixels=1,
@@ -93,7 +92,7 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
             "rejected: only 1 of its pixels is Car, 5 are needed",
         ),
         (
-            Judgement(
+            ExplainedBox(
                 Reason.OUT_OF_RANGE,
                 "car",
                 distance=312.4,
@@ -102,7 +101,7 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
             "rejected: it is 312 m away, at most 200 m are wanted",
         ),
         (
-            Judgement(
+            ExplainedBox(
                 Reason.OUT_OF_RANGE,
                 "car",
                 distance=4.996,
@@ -111,29 +110,121 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
             "rejected: it is 4.996 m away, at least 5 m are wanted",
         ),
         (
-            Judgement(Reason.UNMAPPED_CLASS, "bike"),
+            ExplainedBox(Reason.UNMAPPED_CLASS, "bike"),
             "rejected: no tag is accepted for the class 'bike'",
         ),
         (
-            Judgement(Reason.NO_SEGMENTATION, "car"),
+            ExplainedBox(Reason.NO_SEGMENTATION, "car"),
             "unmeasured: there is no segmentation to measure with",
         ),
         (
-            Judgement(Reason.OUTSIDE_IMAGE, "car"),
+            ExplainedBox(Reason.OUTSIDE_IMAGE, "car"),
             "rejected: the box lies outside the image",
         ),
     ],
 )
-def test_a_decision_in_one_sentence(judgement, sentence):
-    assert explain(judgement) == sentence
+def test_a_decision_in_one_sentence(box, sentence):
+    assert explain(box) == sentence
+
+
+def said(channel, *, kept=False, **more):
+    reason = Reason.VISIBLE if kept else Reason.NO_VISIBLE_PIXELS
+    accepted = ("Car", "Truck")
+    sentence = explain(
+        ExplainedBox(reason, "car", accepted=accepted, channel=channel, **more)
+    )
+    return sentence.removeprefix(f"{reason.verdict.value}: ")
+
+
+@pytest.mark.parametrize(
+    ("sentence", "words"),
+    [
+        (
+            said("ordered", kept=True, number=1204, needed=3),
+            "1,204 of its Car or Truck pixels are not explained by nearer boxes",
+        ),
+        (
+            said("ordered", number=0, nearer="car 217"),
+            "explained by the nearer car 217",
+        ),
+        (
+            said("ordered", number=1, needed=3, nearer="car 217"),
+            "explained by the nearer car 217; 1 of its pixels is left, 3 are needed",
+        ),
+        (said("ordered", number=0), "none of its pixels are Car or Truck"),
+        (
+            said("ordered", number=2, needed=5),
+            "only 2 of its pixels are Car or Truck, 5 are needed",
+        ),
+        (
+            said("depth", kept=True, number=1),
+            "1 of its Car or Truck pixels is at its own distance",
+        ),
+        (
+            said("depth", number=0, depth_gap=12.3),
+            "all Car or Truck pixels here are 12 m nearer than the box",
+        ),
+        (
+            said("depth", number=0, depth_gap=-2.34),
+            "all Car or Truck pixels here are 2.3 m behind the box",
+        ),
+        (said("depth", number=0), "none of its pixels are Car or Truck"),
+        (
+            said("depth", number=2, needed=5, depth_gap=0.0),
+            "only 2 of its Car or Truck pixels are at its own distance, 5 are needed",
+        ),
+        (
+            said("depth_center", number=8.0),
+            "what is seen at its centre is 8.0 m nearer than the box",
+        ),
+        (
+            said("depth_center", kept=True, number=-3.0),
+            "nothing nearer than the box is seen at its centre",
+        ),
+        (said("instance", number=0), "no instance in the image belongs to it"),
+        (
+            said("instance", number=2, needed=5),
+            "only 2 of the pixels of its instance are seen, 5 are needed",
+        ),
+        (
+            said("instance", kept=True, number=412),
+            "412 of the pixels of its own instance are seen",
+        ),
+        (
+            said("lidar", number=0, needed=5),
+            "no LiDAR points of Car or Truck lie inside it, 5 are needed",
+        ),
+        (
+            said("lidar", number=1, needed=5),
+            "only 1 LiDAR point of Car or Truck lies inside it, 5 are needed",
+        ),
+        (
+            said("lidar", kept=True, number=51, needed=5),
+            "51 LiDAR points of Car or Truck lie inside it, 5 are needed",
+        ),
+        (
+            said("lidar", kept=True, number=0, needed=0),
+            "0 LiDAR points of Car or Truck lie inside it, 0 are needed",
+        ),
+        (
+            said("ordered", number=1204, needed=3000),
+            "only 1204 of its pixels are Car or Truck, 3000 are needed",
+        ),
+    ],
+)
+def test_a_channels_decision_in_one_sentence(sentence, words):
+    assert sentence == words
+
+
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_every_channel_has_a_sentence(channel):
+    assert said(channel, kept=True, number=0)
+    assert said(channel, number=0)
 
 
 @pytest.mark.parametrize("reason", list(Reason))
 def test_every_reason_has_a_sentence_that_begins_with_its_verdict(reason):
-    channel = CHANNEL_OF.get(reason)
-    said = None if channel is None else ChannelJudgement(channel, kept=False, number=0)
-
-    sentence = explain(Judgement(reason, "car", channel=said))
+    sentence = explain(ExplainedBox(reason, "car", channel=CHANNEL_OF.get(reason)))
 
     assert sentence.startswith(f"{reason.verdict.value}: ")
     assert "None" not in sentence
