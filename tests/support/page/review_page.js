@@ -30,3 +30,10 @@ export function reviewPage(storage = memoryStorage(), { tab = "t1", openTabs = a
   answers.boxes.hold(answers.boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2, verdict: "kept" }), decision({ box_id: 3 })]));
   return { app: /** @type {any} */ ({ ...core, ...answers }), said, offers };
 }
+
+/** From now on there is no room for more. @param {Storage} storage */
+export function fill(storage) {
+  storage.setItem = () => {
+    throw new DOMException("it is full", "QuotaExceededError");
+  };
+}
