@@ -6,7 +6,7 @@
 import { currentAnswer, seenRevision, withStored } from "../boxes/box.js";
 import { createValue } from "../core/observable.js";
 import { createBulkAnswers } from "./bulk.js";
-import { createOutbox } from "./outbox.js";
+import { createOutbox, isItemName } from "./outbox.js";
 import { createSender } from "./sender.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
@@ -84,8 +84,13 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     app.announcement.set(`${box.class} ${box.id}: answer undone`);
   }
 
-  // The sender's state changes with every change of the outbox.
-  sender.state.observe(() => boxes.layOver(outbox.lastAnswers()));
+  // Boxes are shown with the answers that are not stored yet. The sender's state changes whenever the outbox does.
+  let laidOver = outbox.lastAnswers();
+  boxes.layOver(laidOver);
+  sender.state.observe(() => {
+    laidOver = outbox.lastAnswers();
+    boxes.layOver(laidOver);
+  });
 
   sender.observe({
     onStored(stored) {
@@ -133,8 +138,15 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   /** How many answers in this browser do not say who gave them: an earlier version of the page has kept them. */
   const unowned = createValue(outbox.countUnowned());
   const countAgain = () => unowned.set(outbox.countUnowned());
-  // Another tab may have sent or discarded them.
-  addEventListener("storage", countAgain);
+
+  /** Another tab has changed the outbox. Boxes whose answer it has stored (or removed) are loaded again. */
+  async function followOtherTabs() {
+    countAgain();
+    const waiting = outbox.lastAnswers();
+    await boxes.loadAgain([...laidOver.keys()].filter((boxId) => !waiting.has(boxId) && boxes.get(boxId)));
+    sender.refresh();
+  }
+  addEventListener("storage", ({ key }) => isItemName(key) && void followOtherTabs());
 
   return {
     boxes,

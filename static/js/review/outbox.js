@@ -110,6 +110,12 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   /** The items of this person and this tab, in their order. */
   const items = () => storedItems(storage).filter((item) => item.tab === tab && item.person === who());
 
+  /** The items of this person in any tab, those of this tab last. */
+  function itemsOfAllTabs() {
+    const all = storedItems(storage).filter((item) => item.person === who());
+    return [...all.filter((item) => item.tab !== tab), ...all.filter((item) => item.tab === tab)];
+  }
+
   /** @param {OutboxItem[]} earlier */
   const orderAfter = (earlier) => Math.max(0, ...earlier.map((item) => item.order)) + 1;
 
@@ -118,17 +124,19 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
 
   return {
     items,
+    itemsOfAllTabs,
     remove,
 
     /**
-     * The last answer on each box. Bulk answers on a filter are left out: the page does not know which boxes they
-     * select.
+     * This person's last answer on each box, from whichever tab it is sent: a tab that is loaded again may find that
+     * another one has taken over its answers. Bulk answers on a filter are left out: the page does not know which boxes
+     * they select.
      * @returns {Map<number, AnswerWithComment>}
      */
     lastAnswers() {
       /** @type {Map<number, AnswerWithComment>} */
       const last = new Map();
-      for (const item of items()) {
+      for (const item of itemsOfAllTabs()) {
         if (isSingle(item)) last.set(item.boxId, { verdict: item.verdict, comment: item.comment });
         else item.boxIds?.forEach((boxId, i) => last.set(boxId, answerAt(item, i)));
       }
@@ -173,8 +181,8 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      remove(item);
       write({ ...item, key: newKey(), seenRevision: revision, ownRevision: undefined, attempted: false });
+      remove(item);
     },
 
     /**
@@ -272,6 +280,13 @@ function nameOf(item) {
 /** @param {OutboxItem} item */
 const textOf = (item) => JSON.stringify(renamed(item, STORED_FIELDS));
 
+/**
+ * Whether an item of the outbox may be stored under this name.
+ * @param {string | null} name  as of a storage event; null: all was removed
+ */
+export const isItemName = (name) =>
+  name === null || [ANSWER_PREFIX, BULK_PREFIX, UNDO_PREFIX].some((prefix) => name.startsWith(prefix));
+
 /** @param {Storage} storage @returns {OutboxItem[]} in their order */
 function storedItems(storage) {
   const names = Array.from({ length: storage.length }, (_, i) => storage.key(i) ?? "");
@@ -281,11 +296,10 @@ function storedItems(storage) {
 
 /** @param {string} name @param {string | null} text @returns {OutboxItem | null} null: it is no item */
 function parsed(name, text) {
-  const isAnswer = name.startsWith(ANSWER_PREFIX);
-  if (!isAnswer && !name.startsWith(BULK_PREFIX) && !name.startsWith(UNDO_PREFIX)) return null;
+  if (!isItemName(name)) return null;
   try {
     const item = JSON.parse(text ?? "");
-    if (isAnswer) return typeof item?.boxId === "number" ? item : null;
+    if (name.startsWith(ANSWER_PREFIX)) return typeof item?.boxId === "number" ? item : null;
     if (typeof item?.key !== "string" || typeof item.count !== "number") return null;
     // Bulk answers that an earlier version of the page has kept have no order: they go first.
     return { order: 0, ...renamed(item, FIELDS) };

@@ -74,11 +74,12 @@ const REQUESTS = {
 /**
  * @typedef {object} SenderState
  * @property {Phase} phase
- * @property {ReadonlySet<number>} waiting  boxes with an unsaved answer that was given on one box
- * @property {ReadonlySet<number>} waitingInBulk  boxes of bulk answers, and of their undos, that are not stored
- * @property {number} count  of the unsaved answers: of the boxes in `waiting`, and of those of each bulk item that is
- *   not set aside
- * @property {readonly OpenBulkItem[]} bulkItems
+ * @property {ReadonlySet<number>} waiting  boxes with an unsaved answer that was given on one box, in any tab
+ * @property {ReadonlySet<number>} waitingInBulk  boxes of bulk answers, and of their undos, that are not stored, of any
+ *   tab
+ * @property {number} count  of the answers that this tab has to send: boxes with an answer on one box, and the boxes of
+ *   each bulk item that is not set aside
+ * @property {readonly OpenBulkItem[]} bulkItems  of this tab
  */
 
 /**
@@ -108,16 +109,16 @@ export function createSender(outbox, requests = REQUESTS, later) {
 
   /** @param {Phase} phase @returns {SenderState} */
   function stateIn(phase) {
+    const ofAllTabs = outbox.itemsOfAllTabs();
     const items = outbox.items();
     const inTurn = items.filter(({ key }) => !setAside.has(key));
-    const bulk = items.filter(isBulk);
-    const waiting = new Set(items.filter(isSingle).map(({ boxId }) => boxId));
+    const bulkCount = inTurn.filter(isBulk).reduce((sum, { count }) => sum + count, 0);
     return {
       phase: inTurn.length > 0 ? phase : "saved",
-      waiting,
-      waitingInBulk: new Set(bulk.flatMap(({ boxIds = [] }) => boxIds)),
-      count: bulk.reduce((sum, { key, count }) => sum + (setAside.has(key) ? 0 : count), waiting.size),
-      bulkItems: bulk.map((item) => ({ item, ...bulkStateIn(phase, item) })),
+      waiting: boxesOf(ofAllTabs),
+      waitingInBulk: new Set(ofAllTabs.filter(isBulk).flatMap(({ boxIds = [] }) => boxIds)),
+      count: boxesOf(items).size + bulkCount,
+      bulkItems: items.filter(isBulk).map((item) => ({ item, ...bulkStateIn(phase, item) })),
     };
   }
 
@@ -332,6 +333,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
     state,
     resume,
 
+    /** Another tab has changed what is in the outbox. */
+    refresh: () => show(state.get().phase),
+
     /** @param {Partial<SenderEvents>} events */
     observe: (events) => void observers.push(events),
 
@@ -374,6 +378,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
 }
 
 /** @typedef {ReturnType<typeof createSender>} Sender */
+
+/** The boxes of the answers on one box. @param {readonly OutboxItem[]} items */
+const boxesOf = (items) => new Set(items.filter(isSingle).map(({ boxId }) => boxId));
 
 /**
  * The revision of each box that the person saw. None for a bulk item on a filter.

@@ -17,7 +17,9 @@ beforeEach(() => {
   ({ app, said } = reviewPage());
 });
 
-const answers = () => app.boxes.all([1, 2, 3]).map((/** @type {any} */ box) => box.review?.verdict ?? null);
+/** @param {any} app */
+const answersOf = (app) => app.boxes.all([1, 2, 3]).map((/** @type {any} */ box) => box.review?.verdict ?? null);
+const answers = () => answersOf(app);
 const undo = () => app.undo(() => {});
 const swept = () => new Promise((resolve) => setImmediate(resolve));
 
@@ -173,4 +175,22 @@ test("answers without a name can be discarded", () => {
   app.unowned.discard();
 
   assert.deepEqual([app.unowned.count.get(), storage.length, answers()], [0, 0, [null, null, null]]);
+});
+
+test("an answer that another tab sends is shown, and the box is loaded again when that tab has stored it", async () => {
+  const storage = memoryStorage();
+  const item = { key: "k", person: "ada", tab: "t2", order: 1, boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 0, attempted: true };
+  storage.setItem("unghost.outbox.v1.k", JSON.stringify(item));
+  const { app, storageChanged } = reviewPage(storage, { tab: "t1", openTabs: async () => new Set(["t1", "t2"]) });
+  await app.resume();
+  assert.deepEqual([answersOf(app), [...app.sender.state.get().waiting]], [["keep", null, null], [1]]);
+  assert.deepEqual([app.sender.state.get().phase, app.sender.state.get().count], ["saved", 0], "it is not this tab's");
+
+  const review = { verdict: "keep", reviewer: "ada", revision: 1, comment: "" };
+  globalThis.fetch = async () => Response.json(decision({ box_id: 1, revision: 1, review }));
+  storage.removeItem("unghost.outbox.v1.k");
+  storageChanged("unghost.outbox.v1.k");
+  await new Promise((resolve) => setTimeout(resolve, 20));
+
+  assert.deepEqual([app.boxes.get(1).review, [...app.sender.state.get().waiting]], [review, []]);
 });
