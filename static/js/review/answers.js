@@ -143,7 +143,9 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   async function followOtherTabs() {
     countAgain();
     const waiting = outbox.lastAnswers();
-    await boxes.loadAgain([...laidOver.keys()].filter((boxId) => !waiting.has(boxId) && boxes.get(boxId)));
+    const stored = boxes.all([...laidOver.keys()].filter((boxId) => !waiting.has(boxId)));
+    for (const { frame_id } of stored) changedFrame.set({ id: frame_id });
+    await boxes.loadAgain(stored.map(({ box_id }) => box_id));
     sender.refresh();
   }
   addEventListener("storage", ({ key }) => isItemName(key) && void followOtherTabs());

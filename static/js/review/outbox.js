@@ -107,14 +107,18 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   /** @param {OutboxItem} item */
   const remove = (item) => storage.removeItem(nameOf(item));
 
-  /** The items of this person and this tab, in their order. */
-  const items = () => storedItems(storage).filter((item) => item.tab === tab && item.person === who());
+  /** @param {OutboxItem} item */
+  const isOfThisTab = (item) => item.tab === tab;
 
-  /** The items of this person in any tab, those of this tab last. */
+  /** The items of this person in any tab, those of each tab in their order, and those of this tab last. */
   function itemsOfAllTabs() {
     const all = storedItems(storage).filter((item) => item.person === who());
-    return [...all.filter((item) => item.tab !== tab), ...all.filter((item) => item.tab === tab)];
+    const others = all.filter((item) => !isOfThisTab(item));
+    return others.length > 0 ? [...others, ...all.filter(isOfThisTab)] : all;
   }
+
+  /** The items of this person and this tab, in their order. */
+  const items = () => itemsOfAllTabs().filter(isOfThisTab);
 
   /** @param {OutboxItem[]} earlier */
   const orderAfter = (earlier) => Math.max(0, ...earlier.map((item) => item.order)) + 1;
@@ -125,6 +129,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   return {
     items,
     itemsOfAllTabs,
+    isOfThisTab,
     remove,
 
     /**
@@ -289,14 +294,13 @@ export const isItemName = (name) =>
 
 /** @param {Storage} storage @returns {OutboxItem[]} in their order */
 function storedItems(storage) {
-  const names = Array.from({ length: storage.length }, (_, i) => storage.key(i) ?? "");
+  const names = Array.from({ length: storage.length }, (_, i) => storage.key(i) ?? "").filter(isItemName);
   const items = names.flatMap((name) => parsed(name, storage.getItem(name)) ?? []);
   return items.sort((a, b) => a.order - b.order);
 }
 
 /** @param {string} name @param {string | null} text @returns {OutboxItem | null} null: it is no item */
 function parsed(name, text) {
-  if (!isItemName(name)) return null;
   try {
     const item = JSON.parse(text ?? "");
     if (name.startsWith(ANSWER_PREFIX)) return typeof item?.boxId === "number" ? item : null;

@@ -101,7 +101,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   let isRetryDue = false;
   /** The bulk answers that are set aside, by their keys. @type {Map<string, Pick<OpenBulkItem, "state" | "text">>} */
   const setAside = new Map();
-  /** The `order` of the last bulk answer on a filter, or of its undo, that this page has stored. */
+  /** The `order` of the last bulk answer on a filter, or undo of one, that was stored since the page was loaded. */
   let lastFilterOrder = 0;
 
   /** @type {import("../core/observable.js").Value<SenderState>} */
@@ -110,7 +110,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   /** @param {Phase} phase @returns {SenderState} */
   function stateIn(phase) {
     const ofAllTabs = outbox.itemsOfAllTabs();
-    const items = outbox.items();
+    const items = ofAllTabs.filter(outbox.isOfThisTab);
     const inTurn = items.filter(({ key }) => !setAside.has(key));
     const bulkCount = inTurn.filter(isBulk).reduce((sum, { count }) => sum + count, 0);
     return {
@@ -191,7 +191,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
 
     // 412: the box was answered since the person saw it.
     const current = error.problem.current ?? null;
-    if (current && isAnswerOfSamePerson(item, current)) return renew(item, current);
+    if (current && isConflictWithOneself(item, current)) return renew(item, current);
     return drop(item, ({ onConflict }) => onConflict?.(item, current));
   }
 
@@ -235,13 +235,13 @@ export function createSender(outbox, requests = REQUESTS, later) {
   }
 
   /**
-   * Whether the server has refused an answer because of an earlier answer of the same person. That can happen in two
-   * cases: the earlier one was stored after this one had been attempted (see `ownRevision`); or it was given to all
-   * boxes of a filter, or undone on them, and the page does not know which boxes a filter selects. (After an undo the
-   * box may have no answer.)
+   * Whether an answer was refused because of an earlier one of the same person, and not of somebody else. That happens
+   * in two cases: the earlier one was stored after this one had been attempted (see `ownRevision`); or it was given to
+   * all boxes of a filter, or undone on them, and the page does not know which boxes a filter selects. (After an undo
+   * the box may have no answer.)
    * @param {SingleAnswer} item @param {Decision} current
    */
-  function isAnswerOfSamePerson(item, current) {
+  function isConflictWithOneself(item, current) {
     if (seenRevision(current) === item.ownRevision) return true;
     const isAfterFilter = lastFilterOrder > 0 && item.order > lastFilterOrder;
     return isAfterFilter && (current.review?.reviewer ?? item.person) === item.person;
