@@ -1,5 +1,6 @@
 // @ts-check
-// A review session in the queue: its boxes, position, counts and pace. It is kept for a while when another view is opened.
+// A review session in the queue: its boxes, position, counts and pace. It is kept for a while when another view is
+// opened.
 
 import { answerOf, isUndecided } from "../boxes/box.js";
 import { listedOf, selectionOf } from "../boxes/filters.js";
@@ -96,7 +97,10 @@ export function createQueueSession(app, dataset, query) {
     supply.set({ state: "ready", error: null, isEnd: items.length === 0 || listed.length > 0 });
   }
 
-  /** Keep these boxes in the store as long as the session lasts. @param {readonly Decision[]} items @returns {number[]} their ids */
+  /**
+   * Keep these boxes in the store as long as the session lasts.
+   * @param {readonly Decision[]} items @returns {number[]} their ids
+   */
   function take(items) {
     const ids = boxes.receive(items);
     releases.push(boxes.hold(ids));

@@ -57,10 +57,10 @@ export function createBulkAnswers(toasts, { boxes, sender, steps, changedFrame, 
   function undo(step) {
     const { bulkKey = "", batchId = null, dataset, count = 0 } = step;
     const answeredSince = steps.boxesSince(step);
-    const restored = step.before.filter(({ boxId }) => !answeredSince.has(boxId));
-    const boxIds = restored.map(({ boxId }) => boxId);
+    const earlier = step.before.filter(({ boxId }) => !answeredSince.has(boxId));
+    const boxIds = earlier.map(({ boxId }) => boxId);
     const seenRevisions = boxIds.map((boxId) => seenRevision(boxes.get(boxId) ?? {}));
-    const before = restored.map(({ verdict, comment }) => ({ verdict, comment }));
+    const before = earlier.map(({ verdict, comment }) => ({ verdict, comment }));
     const areKnown = step.before.length > 0;
 
     toasts.dismiss(offers.get(bulkKey) ?? 0);
@@ -74,7 +74,7 @@ export function createBulkAnswers(toasts, { boxes, sender, steps, changedFrame, 
       steps.push(step);
     } else if (!undoing.has(bulkKey)) {
       // The bulk answer was discarded: see `onBulkDiscarded`.
-      restore(restored);
+      restore(earlier);
     }
   }
 
