@@ -8,8 +8,8 @@ import { watchKeys } from "./core/keymap.js";
 import { NO_TOKEN_LINKS } from "./core/login.js";
 import { watchTheme } from "./core/prefs.js";
 import { loginOf } from "./core/router.js";
+import { nameThisTab } from "./core/tab.js";
 import { createAnswers } from "./review/answers.js";
-import { nameThisTab } from "./review/outbox.js";
 import { Shell } from "./shell/shell.js";
 import { createUploads, uploadCalls } from "./upload/sender.js";
 

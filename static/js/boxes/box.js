@@ -3,8 +3,16 @@
 
 /** @typedef {import("../core/openapi.js").Decision} StoredDecision */
 /** @typedef {import("../core/openapi.js").Review["verdict"]} Answer  a person's answer; clear undoes it */
-/** @typedef {StoredDecision["verdict"] | "veiled"} Verdict  the filter's verdict; veiled: hidden until the person has answered, on this page only */
-/** @typedef {Omit<StoredDecision, "verdict" | "effective_verdict" | "reason"> & {verdict: Verdict, effective_verdict: Verdict, reason: StoredDecision["reason"] | "veiled"}} Decision  a box as the page may show it */
+/** @typedef {{verdict: Answer, comment: string}} AnswerWithComment */
+/**
+ * @typedef {StoredDecision["verdict"] | "veiled"} Verdict  the filter's verdict; veiled: hidden until the person has
+ *   answered, on this page only
+ */
+/**
+ * A box as the page may show it.
+ * @typedef {Omit<StoredDecision, "verdict" | "effective_verdict" | "reason">
+ *   & {verdict: Verdict, effective_verdict: Verdict, reason: StoredDecision["reason"] | "veiled"}} Decision
+ */
 /** @typedef {NonNullable<Decision["xyxy"]>} Xyxy  image px, half-open: x_min y_min x_max y_max */
 
 /** @param {Decision} box @returns {Exclude<Answer, "clear"> | null} the person's answer in force */
@@ -13,13 +21,20 @@ export function answerOf(box) {
   return verdict && verdict !== "clear" ? verdict : null;
 }
 
-/** The current answer on a box, in the form in which it is given; clear if there is none. @param {Decision} box @returns {{boxId: number, verdict: Answer, comment: string}} */
-export const answerTo = ({ box_id, review }) => ({ boxId: box_id, verdict: review?.verdict ?? "clear", comment: review?.comment ?? "" });
+/**
+ * The answer in force, in the form in which one is given; clear if there is none.
+ * @param {Decision} box @returns {AnswerWithComment & {boxId: number}}
+ */
+export const currentAnswer = ({ box_id, review }) =>
+  ({ boxId: box_id, verdict: review?.verdict ?? "clear", comment: review?.comment ?? "" });
 
 /** @param {Decision} box */
 export const isUndecided = (box) => answerOf(box) === null;
 
-/** The newest revision of the box that this page has seen; it is sent with an answer. @param {Partial<Pick<Decision, "revision" | "review">>} box */
+/**
+ * The newest revision of the box that this page has seen; it is sent with an answer.
+ * @param {Partial<Pick<Decision, "revision" | "review">>} box
+ */
 export const seenRevision = (box) => Math.max(box.revision ?? 0, box.review?.revision ?? 0);
 
 /** @param {Decision} box @param {Answer} answer @returns {Verdict} */
@@ -84,12 +99,14 @@ export function veiled(box) {
 const hasAnswer = (box) => answerOf(box) !== null;
 
 /**
- * What may be shown of a box. For an audit of answered boxes, `isOpen` tells which ones this
- * person has answered by now.
- * @param {Decision} box @param {boolean} isBlind the switch in the preferences @param {(box: Decision) => boolean} [isOpen]
+ * The box as it may be shown: veiled in a blind review until it is answered. For an audit of answered boxes, `isOpen`
+ * tells which ones this person has answered by now.
+ * @param {Decision} box
+ * @param {boolean} isBlind  the switch in the preferences
+ * @param {(box: Decision) => boolean} [isOpen]
  * @returns {Decision}
  */
-export const seen = (box, isBlind, isOpen = hasAnswer) => (isBlind && !isOpen(box) ? veiled(box) : box);
+export const asShown = (box, isBlind, isOpen = hasAnswer) => (isBlind && !isOpen(box) ? veiled(box) : box);
 
 /** @param {Decision} box */
 export const isVeiled = (box) => box.verdict === "veiled";

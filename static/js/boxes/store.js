@@ -1,12 +1,20 @@
 // @ts-check
 // All boxes that the page shows, each stored once: as the server last sent it, combined with answers not saved yet.
 
+import { get } from "../core/api.js";
 import { useValue } from "../core/hooks.js";
 import { useEffect, useLayoutEffect, useMemo, useState } from "../core/html.js";
-import { seen, seenRevision, withAnswer } from "./box.js";
+import { createValue } from "../core/observable.js";
+import { asShown, seenRevision, withAnswer } from "./box.js";
 
+/** @typedef {import("./box.js").AnswerWithComment} AnswerWithComment */
 /** @typedef {import("./box.js").Decision} Decision */
-/** @typedef {{verdict: import("./box.js").Answer, comment: string}} GivenAnswer */
+
+/** If more boxes than this have changed at the server, lists are read again in place of each box. */
+const MOST_LOADED = 20;
+
+/** For how many answers the boxes are held. */
+const MOST_ANSWERED = 500;
 
 /**
  * One store for the whole page. Lists hold ids; a box stays in memory as long as some list holds its id.
@@ -15,31 +23,36 @@ import { seen, seenRevision, withAnswer } from "./box.js";
 export function createBoxes() {
   /** Boxes as the server last sent them. @type {Map<number, Decision>} */
   const stored = new Map();
-  /** Answers that the server has not stored yet. @type {ReadonlyMap<number, GivenAnswer>} */
+  /** Answers that the server has not stored yet. @type {ReadonlyMap<number, AnswerWithComment>} */
   let unconfirmed = new Map();
   /** Both combined, made on request: the same object until something changes. @type {Map<number, Decision>} */
-  const shown = new Map();
+  const combined = new Map();
   /** How many lists hold an id. @type {Map<number, number>} */
   const holders = new Map();
+  /** The functions that release the boxes of `holdAnswered`, the oldest first. @type {(() => void)[]} */
+  const releases = [];
+  /** Increases when lists of boxes have to be read again. */
+  const reloads = createValue(0);
+  const reload = () => reloads.set(reloads.get() + 1);
   /** @type {Set<(changed: ReadonlySet<number>) => void>} */
   const observers = new Set();
 
   /** @param {ReadonlySet<number>} changed */
   function tell(changed) {
-    for (const id of changed) shown.delete(id);
+    for (const id of changed) combined.delete(id);
     // A copy: an observer may stop observing while it is notified.
     if (changed.size > 0) [...observers].forEach((notify) => notify(changed));
   }
 
   /** The box including the person's own answer. @param {number} id */
-  function get(id) {
-    const known = shown.get(id);
+  function getBox(id) {
+    const known = combined.get(id);
     if (known) return known;
     const box = stored.get(id);
     if (!box) return undefined;
     const answer = unconfirmed.get(id);
     const now = answer ? Object.freeze(withAnswer(box, answer.verdict, answer.comment)) : box;
-    shown.set(id, now);
+    combined.set(id, now);
     return now;
   }
 
@@ -48,31 +61,66 @@ export function createBoxes() {
     for (const id of ids) {
       if (holders.has(id)) continue;
       stored.delete(id);
-      shown.delete(id);
+      combined.delete(id);
     }
   }
 
+  /**
+   * Add boxes that the server sent. Hold their ids to keep them in the store.
+   * @param {readonly Decision[]} boxes @returns {number[]} their ids
+   */
+  function receive(boxes) {
+    /** @type {Set<number>} */
+    const changed = new Set();
+    for (const box of boxes) {
+      const known = stored.get(box.box_id);
+      if (known && (seenRevision(known) > seenRevision(box) || isSame(known, box))) continue;
+      stored.set(box.box_id, Object.freeze(box));
+      if (known) changed.add(box.box_id);
+    }
+    tell(changed);
+    return boxes.map(({ box_id }) => box_id);
+  }
+
+  /**
+   * Keep boxes in the store until they are released.
+   * @param {readonly number[]} ids @returns {() => void} release them
+   */
+  function hold(ids) {
+    const held = [...ids];
+    for (const id of held) holders.set(id, (holders.get(id) ?? 0) + 1);
+    return () => {
+      for (const id of held.splice(0)) {
+        const rest = (holders.get(id) ?? 1) - 1;
+        if (rest > 0) holders.set(id, rest);
+        else holders.delete(id);
+      }
+      // Not at once: a view may release boxes that the next view is about to hold.
+      queueMicrotask(() => sweep([...ids]));
+    };
+  }
+
   return {
-    get,
+    get: getBox,
+    receive,
+    hold,
+    reloads,
+    /** Lists of boxes have to be read again. */
+    reload,
 
     /** Those of these boxes that are in the store, in this order. @param {readonly number[]} ids */
-    all: (ids) => ids.flatMap((id) => get(id) ?? []),
+    all: (ids) => ids.flatMap((id) => getBox(id) ?? []),
 
-    /** Add boxes that the server sent. Hold their ids to keep them in the store. @param {readonly Decision[]} boxes @returns {number[]} their ids */
-    receive(boxes) {
-      /** @type {Set<number>} */
-      const changed = new Set();
-      for (const box of boxes) {
-        const known = stored.get(box.box_id);
-        if (known && (seenRevision(known) > seenRevision(box) || isSame(known, box))) continue;
-        stored.set(box.box_id, Object.freeze(box));
-        if (known) changed.add(box.box_id);
+    /** Load boxes again that somebody else may have answered. @param {readonly number[]} ids */
+    async loadAgain(ids) {
+      if (ids.length > MOST_LOADED) return reload();
+      for (const id of ids) {
+        const box = await get("/api/v1/boxes/{box_id}", { path: { box_id: id } }).catch(() => null);
+        if (box) receive([box]);
       }
-      tell(changed);
-      return boxes.map(({ box_id }) => box_id);
     },
 
-    /** Replace the set of answers that the server has not stored yet. @param {ReadonlyMap<number, GivenAnswer>} answers */
+    /** Set the answers that the server has not stored yet. @param {ReadonlyMap<number, AnswerWithComment>} answers */
     layOver(answers) {
       const touched = [...new Set([...unconfirmed.keys(), ...answers.keys()])];
       const changed = touched.filter((id) => !isSameAnswer(unconfirmed.get(id), answers.get(id)));
@@ -80,22 +128,20 @@ export function createBoxes() {
       tell(new Set(changed));
     },
 
-    /** Keep boxes in the store until they are released. @param {readonly number[]} ids @returns {() => void} release them */
-    hold(ids) {
-      const held = [...ids];
-      for (const id of held) holders.set(id, (holders.get(id) ?? 0) + 1);
-      return () => {
-        for (const id of held.splice(0)) {
-          const rest = (holders.get(id) ?? 1) - 1;
-          if (rest > 0) holders.set(id, rest);
-          else holders.delete(id);
-        }
-        // Not at once: a view may release boxes that the next view is about to hold.
-        queueMicrotask(() => sweep([...ids]));
-      };
+    /**
+     * Hold boxes that were just answered, for the next 500 answers. An earlier response with such a box may still be on
+     * its way. When it comes, `receive` drops it, as its revision is lower; it would not if the box had left the store.
+     * @param {readonly number[]} ids
+     */
+    holdAnswered(ids) {
+      releases.push(hold(ids));
+      if (releases.length > MOST_ANSWERED) releases.shift()?.();
     },
 
-    /** @param {(changed: ReadonlySet<number>) => void} notify  called with the ids of the boxes that changed @returns {() => void} stop observing */
+    /**
+     * @param {(changed: ReadonlySet<number>) => void} notify  called with the ids of the boxes that changed
+     * @returns {() => void} stop observing
+     */
     observe(notify) {
       observers.add(notify);
       return () => observers.delete(notify);
@@ -108,10 +154,13 @@ export function createBoxes() {
 /** @param {Decision} one @param {Decision} other */
 const isSame = (one, other) => one === other || JSON.stringify(one) === JSON.stringify(other);
 
-/** @param {GivenAnswer | undefined} one @param {GivenAnswer | undefined} other */
+/** @param {AnswerWithComment | undefined} one @param {AnswerWithComment | undefined} other */
 const isSameAnswer = (one, other) => one?.verdict === other?.verdict && one?.comment === other?.comment;
 
-/** The boxes with these ids; the component is drawn again when one of them changes. @param {Boxes} boxes @param {readonly number[]} ids */
+/**
+ * The boxes with these ids; the component is drawn again when one of them changes.
+ * @param {Boxes} boxes @param {readonly number[]} ids
+ */
 export function useBoxes(boxes, ids) {
   const [shown, setShown] = useState(() => boxes.all(ids));
   useEffect(() => {
@@ -122,15 +171,21 @@ export function useBoxes(boxes, ids) {
   return shown;
 }
 
-/** Put boxes into the store and hold them while the view is on the page. @param {Boxes} boxes @param {readonly Decision[]} came @returns {readonly number[]} their ids */
+/**
+ * Put boxes into the store and hold them while the view is on the page.
+ * @param {Boxes} boxes @param {readonly Decision[]} came @returns {readonly number[]} their ids
+ */
 export function useHeld(boxes, came) {
   const ids = useMemo(() => boxes.receive(came), [boxes, came]);
   useLayoutEffect(() => boxes.hold(ids), [boxes, ids]);
   return ids;
 }
 
-/** Boxes as they may be shown: veiled in a blind review until they are answered. @param {import("../core/app.js").App} app @param {readonly import("./box.js").Decision[]} boxes */
-export function useSeen(app, boxes) {
+/**
+ * Boxes as they may be shown: veiled in a blind review until they are answered.
+ * @param {import("../core/app.js").App} app @param {readonly Decision[]} boxes
+ */
+export function useAsShown(app, boxes) {
   const { blind } = useValue(app.prefs);
-  return useMemo(() => (blind ? boxes.map((box) => seen(box, true)) : boxes), [boxes, blind]);
+  return useMemo(() => (blind ? boxes.map((box) => asShown(box, true)) : boxes), [boxes, blind]);
 }

@@ -1,7 +1,7 @@
 // @ts-check
 // The cells of the grid. Only rows in or near the visible part are in the document.
 
-import { seen } from "../boxes/box.js";
+import { asShown } from "../boxes/box.js";
 import { Picture } from "../boxes/crops.js";
 import { AnswerSign, StrokeSwatch } from "../boxes/signs.js";
 import { matchText, reasonText, spokenText } from "../boxes/wording.js";
@@ -45,7 +45,7 @@ export function GridCells({ app, place, frameSize, actions }) {
 
   const [{ onPick, onOpen }] = useState(() => createPicking(place, actions));
   const rows = Array.from({ length: Math.max(0, sight.end - sight.first) }, (_, i) => sight.first + i);
-  const waiting = app.sender.waitingIds();
+  const waiting = app.sender.state.get().waitingInBulk;
   const focusId = pager.idAt(selection.focus);
   return html`<div class="grid-scroll" ref=${host} tabindex="0" role="grid" aria-label="Boxes" aria-multiselectable="true" data-known=${pager.known()}
     aria-rowcount=${layout.rows} aria-colcount=${layout.columns} aria-busy=${pager.known() === 0} aria-activedescendant=${focusId === undefined ? undefined : `cell-${focusId}`}>
@@ -65,7 +65,7 @@ function cellAt({ pager, selection }, index, isBlind) {
   const now = selection.get();
   const id = pager.idAt(index);
   const box = pager.at(index);
-  return { index, id, box: box && seen(box, isBlind), isSelected: id === undefined ? now.all : isSelected(now, id), isFocused: index === now.focus };
+  return { index, id, box: box && asShown(box, isBlind), isSelected: id === undefined ? now.all : isSelected(now, id), isFocused: index === now.focus };
 }
 
 /** @param {import("./layout.js").Rect} rect @param {number} shift */

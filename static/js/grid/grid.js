@@ -11,7 +11,7 @@ import { countOf, countText } from "../core/numbers.js";
 import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { GridBar } from "../review/answer_bar.js";
-import { isUndo } from "../review/outbox.js";
+import { isBulkUndo } from "../review/outbox.js";
 import { GridCells } from "./cells.js";
 import { leave, placeOf } from "./pager.js";
 import { allBut, everything, nothing, sizeOf, toggled } from "./selection.js";
@@ -57,9 +57,9 @@ function Boxes({ app, dataset, query, state, inAll, onQuery }) {
   latest.current = { place, query };
   const actions = useMemo(() => createGridActions(app, dataset, () => latest.current), [dataset]);
   useActions(app, actions.byName);
-  useEffect(() => app.bulkAnswers.reloads.observe(update), [update]);
+  useEffect(() => app.boxes.reloads.observe(update), [update]);
   // A list that was left may have been read before all this.
-  const now = state && `${state} ${app.bulkAnswers.reloads.get()}`;
+  const now = state && `${state} ${app.boxes.reloads.get()}`;
   useEffect(() => {
     if (!now) return;
     if (place.state && place.state !== now) update();
@@ -98,7 +98,7 @@ function usePager(app, { pager }) {
   useEffect(() => {
     const change = () => setVersion((n) => n + 1);
     const stop = pager.observe(change);
-    const stopUnsent = app.sender.open.observe(change);
+    const stopUnsent = app.sender.state.observe(change);
     pager.want(0, 1);
     change();
     return () => {
@@ -306,7 +306,7 @@ export function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll
   ${report && html`<${ReportLine} app=${app} report=${report} />`}`;
 }
 
-/** The boxes that an answer on many boxes, or its undo, did not change. @param {{app: App, report: import("../review/answers.js").Report}} props */
+/** The boxes that an answer on many boxes, or its undo, did not change. @param {{app: App, report: import("../review/bulk.js").Report}} props */
 function ReportLine({ app, report }) {
   const shown = report.boxes.slice(0, 12);
   return html`<div class="strip" role="status">
@@ -330,24 +330,25 @@ const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused
 
 /** Answers on many boxes, and undos of such answers, that the server has not stored, each with what the person can do about it. @param {{app: App, dataset: string}} props */
 export function UnsentBulkAnswers({ app, dataset }) {
-  const open = useValue(app.sender.open).filter(({ item, state }) => item.dataset === dataset && state !== "sending");
-  return open.map((one) => html`<${UnsentStrip} key=${one.item.key} app=${app} ...${one} />`);
+  const { bulkItems } = useValue(app.sender.state);
+  const unsent = bulkItems.filter(({ item, state }) => item.dataset === dataset && state !== "sending");
+  return unsent.map((one) => html`<${UnsentStrip} key=${one.item.key} app=${app} ...${one} />`);
 }
 
-/** @param {{app: App} & import("../review/outbox.js").OpenItem} props */
+/** @param {{app: App} & import("../review/sender.js").OpenBulkItem} props */
 function UnsentStrip({ app, item, state, text }) {
   /** The boxes that the filter selects by now, once the person has asked. */
   const [now, setNow] = useState(/** @type {Awaited<ReturnType<typeof countBoxes>> | null} */ (null));
-  const bulk = isUndo(item) ? null : item;
+  const bulk = isBulkUndo(item) ? null : item;
   const isChanged = bulk !== null && state === "changed";
   const what = `${bulk ? WILL[bulk.verdict] : "undo the answers on"} ${countOf(item.count, "box", "boxes")}`;
   const count = useTask(async () => {
     if (bulk) setNow(await countBoxes(bulk.dataset, bulk.filter ?? {}));
-    app.bulkAnswers.reloads.set(app.bulkAnswers.reloads.get() + 1);
+    app.boxes.reload();
   }, app.toasts.fail);
   const accept = () => {
     if (!bulk || !now) return;
-    app.sender.giveUp(bulk.key);
+    app.sender.discard(bulk.key);
     app.bulkAnswers.answerAll(bulk.dataset, bulk.verdict, bulk.filter ?? {}, now);
   };
   return html`<div class="strip strip--error" role="alert">
@@ -356,7 +357,7 @@ function UnsentStrip({ app, item, state, text }) {
     ${isChanged && !now && html`<button class="button button--small" disabled=${count.isBusy} onClick=${count.run}>Count again</button>`}
     ${bulk && isChanged && now && html`<button class="button button--small" onClick=${accept}>${capital(`${WILL[bulk.verdict]} all ${countText(now.total)}`)}</button>`}
     ${state === "waiting" && html`<button class="button button--small" onClick=${() => app.sender.retry(item.key)}>Send now</button>`}
-    ${bulk && html`<button class="button button--small button--quiet" onClick=${() => app.sender.giveUp(bulk.key)}>Discard</button>`}
+    ${bulk && html`<button class="button button--small button--quiet" onClick=${() => app.sender.discard(bulk.key)}>Discard</button>`}
   </div>`;
 }
 

@@ -32,14 +32,17 @@ export function joined(line, more) {
   return { ...line, ids: [...line.ids, ...more.filter((id) => !known.has(id))] };
 }
 
-/** After an answer on the current box, the next box without an answer is current. @param {Line} line @param {number} id @returns {Line} */
-export function answered(line, id) {
+/**
+ * After an answer on the current box, the next box without an answer is current.
+ * @param {Line} line @param {number} id @returns {Line}
+ */
+export function afterAnswer(line, id) {
   const done = { ...line, answered: new Set([...line.answered, id]) };
   return currentOf(line) === id ? nextOpen(done) : done;
 }
 
 /** The answer was undone: the box is current again. @param {Line} line @param {number} id @returns {Line} */
-export function takenBack(line, id) {
+export function afterUndo(line, id) {
   const rest = new Set(line.answered);
   rest.delete(id);
   const at = line.ids.indexOf(id);
@@ -65,8 +68,8 @@ export function lookedAt(line, id) {
 /** Put the skipped boxes after the answered ones, and make the first of them current. @param {Line} line @returns {Line} */
 export function skippedAgain(line) {
   const open = passed(line);
-  const seen = line.ids.slice(0, line.at).filter((id) => line.answered.has(id));
-  return { ...line, ids: [...seen, ...open, ...line.ids.slice(line.at)], at: seen.length };
+  const answered = line.ids.slice(0, line.at).filter((id) => line.answered.has(id));
+  return { ...line, ids: [...answered, ...open, ...line.ids.slice(line.at)], at: answered.length };
 }
 
 /** The newest boxes of the line, which the server is asked not to send again. @param {Line} line @param {number} most */

@@ -1,7 +1,7 @@
 // @ts-check
 // The queue view: stage, panel, and what is shown when there is no box.
 
-import { answerOf, seen } from "../boxes/box.js";
+import { answerOf, asShown } from "../boxes/box.js";
 import { cycleVerdict, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
 import { useBoxes } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
@@ -78,7 +78,7 @@ function SessionView({ app, session, query, isEmpty, onQuery }) {
   const isBlindNow = isBlind(query, prefs);
   const isHidden = box !== null && isBlindNow && !verdicts.has(box.box_id);
   /** What this session may show of a box. */
-  const see = useCallback((/** @type {import("../boxes/box.js").Decision} */ one) => seen(one, isBlindNow, ({ box_id }) => verdicts.has(box_id)), [isBlindNow, verdicts]);
+  const see = useCallback((/** @type {import("../boxes/box.js").Decision} */ one) => asShown(one, isBlindNow, ({ box_id }) => verdicts.has(box_id)), [isBlindNow, verdicts]);
   const shown = box && see(box);
   const isWaiting = box !== null && waiting.has(box.box_id);
 

@@ -1,12 +1,13 @@
 // @ts-check
-// A review session in the queue: its boxes, position, counts and pace. It is kept for a while when another view is opened.
+// A review session in the queue: its boxes, position, counts and pace. It is kept for a while when another view is
+// opened.
 
 import { answerOf, isUndecided } from "../boxes/box.js";
 import { listedOf, selectionOf } from "../boxes/filters.js";
 import { REASONS } from "../boxes/wording.js";
 import { ApiError, get, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
-import { EMPTY, ahead, answered, compared, inHand, joined, takenBack } from "./line.js";
+import { EMPTY, afterAnswer, afterUndo, ahead, compared, inHand, joined } from "./line.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../review/answers.js").ReviewApp} App */
@@ -30,7 +31,9 @@ export const ORDERS = /** @type {const} */ ([
 ]);
 
 /** All reasons except those of boxes outside the image or without an area, which nobody can judge by eye. */
-const LOOKABLE = Object.keys(REASONS).filter((reason) => reason !== "outside_image" && reason !== "degenerate").join(",");
+const LOOKABLE = Object.keys(REASONS)
+  .filter((reason) => reason !== "outside_image" && reason !== "degenerate")
+  .join(",");
 
 const BATCH = 12;
 const REFILL_BELOW = 6;
@@ -42,18 +45,21 @@ export const orderOf = (query) => ORDERS.find(({ value }) => value === query.ord
 /** @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query */
 export function createQueueSession(app, dataset, query) {
   const { boxes } = app;
-  /** @type {(() => void)[]} */
-  const held = [];
+  /** The functions that release the boxes of this session in the store. @type {(() => void)[]} */
+  const releases = [];
   const line = createValue(EMPTY);
   const counts = createValue(/** @type {Counts} */ ({ left: null, unsure: 0, elsewhere: 0 }));
   const supply = createValue(/** @type {Supply} */ ({ state: "loading", error: null, isEnd: false }));
   const comparisons = createValue(/** @type {readonly import("./line.js").Comparison[]} */ ([]));
   /** The times of the answers (ms), and the answers by box. */
-  const tally = createValue({ times: /** @type {number[]} */ ([]), verdicts: /** @type {ReadonlyMap<number, Answer>} */ (new Map()) });
+  const tally = createValue({
+    times: /** @type {number[]} */ ([]),
+    verdicts: /** @type {ReadonlyMap<number, Answer>} */ (new Map()),
+  });
   const order = orderOf(query);
   const listed = listedOf(query);
-  /** The answers and comments of this session, in their order. @type {{boxId: number, isTimed: boolean}[]} */
-  const given = [];
+  /** The answers and comments of this session, in their order. @type {{boxId: number, isComment: boolean}[]} */
+  const entries = [];
   let isAsking = false;
 
   async function refill() {
@@ -69,12 +75,18 @@ export function createQueueSession(app, dataset, query) {
     const before = new Set([...tally.get().verdicts.keys()].filter((id) => !waiting.has(id)));
     const exclude = [...new Set([...waiting, ...inHand(line.get(), MOST_EXCLUDED)])].slice(-MOST_EXCLUDED);
     const filters = { reason: LOOKABLE, ...selectionOf(query) };
-    const coming = listed.length > 0 ? listedBoxes(listed) : post("/api/v1/datasets/{dataset}/queue", { path: { dataset }, body: { order, filters, limit, exclude } });
+    const fromQueue = () =>
+      post("/api/v1/datasets/{dataset}/queue", { path: { dataset }, body: { order, filters, limit, exclude } });
+    const coming = listed.length > 0 ? listedBoxes(listed) : fromQueue();
     await coming.then((out) => receive(out, before), (error) => supply.set({ state: "error", error, isEnd: false }));
     isAsking = false;
   }
 
-  /** @param {Pick<import("../core/openapi.js").Queue, "remaining" | "unsure" | "claimed_by_others"> & {items: readonly Decision[]}} out @param {ReadonlySet<number>} before  boxes whose answers were stored before this was requested */
+  /**
+   * @param {Pick<import("../core/openapi.js").Queue, "remaining" | "unsure" | "claimed_by_others">
+   *   & {items: readonly Decision[]}} out
+   * @param {ReadonlySet<number>} before  boxes whose answers were stored before this was requested
+   */
   function receive({ items, remaining, unsure, claimed_by_others: elsewhere }, before) {
     line.set(joined(line.get(), take(items)));
     // The server may have counted some of the others before their answers were stored, and some after.
@@ -85,10 +97,13 @@ export function createQueueSession(app, dataset, query) {
     supply.set({ state: "ready", error: null, isEnd: items.length === 0 || listed.length > 0 });
   }
 
-  /** Keep these boxes in the store as long as the session lasts. @param {readonly Decision[]} items @returns {number[]} their ids */
+  /**
+   * Keep these boxes in the store as long as the session lasts.
+   * @param {readonly Decision[]} items @returns {number[]} their ids
+   */
   function take(items) {
     const ids = boxes.receive(items);
-    held.push(boxes.hold(ids));
+    releases.push(boxes.hold(ids));
     return ids;
   }
 
@@ -116,40 +131,50 @@ export function createQueueSession(app, dataset, query) {
       void refill();
     },
 
-    /** @param {Decision} box @param {Answer} verdict @param {string} comment @param {boolean} isBlindly @returns {boolean} false: there is no room for it */
+    /**
+     * Answer the current box, and go on to the next.
+     * @param {Decision} box @param {Answer} verdict @param {string} comment
+     * @param {boolean} isBlindly  the person did not see the filter's verdict
+     * @returns {boolean} false: there is no room for it
+     */
     answer(box, verdict, comment, isBlindly) {
       const comparison = isBlindly ? compared(box, verdict) : null;
       const isFirst = !tally.get().verdicts.has(box.box_id);
       if (!app.answer(box.box_id, verdict, comment)) return false;
-      given.push({ boxId: box.box_id, isTimed: true });
+      entries.push({ boxId: box.box_id, isComment: false });
       if (comparison) comparisons.set([...comparisons.get(), comparison]);
-      tally.set({ times: [...tally.get().times, Date.now()], verdicts: new Map([...tally.get().verdicts, [box.box_id, verdict]]) });
+      const { times, verdicts } = tally.get();
+      tally.set({ times: [...times, Date.now()], verdicts: new Map([...verdicts, [box.box_id, verdict]]) });
       if (isFirst) countDown(-1);
-      this.show(answered(line.get(), box.box_id));
+      this.show(afterAnswer(line.get(), box.box_id));
       return true;
     },
 
-    /** Save a comment without going on to the next box. @param {Decision} box @param {Answer} verdict @param {string} comment @returns {boolean} false: there is no room for it */
+    /**
+     * Save a comment without going on to the next box.
+     * @param {Decision} box @param {Answer} verdict @param {string} comment
+     * @returns {boolean} false: there is no room for it
+     */
     comment(box, verdict, comment) {
       const isGiven = app.answer(box.box_id, verdict, comment);
-      if (isGiven) given.push({ boxId: box.box_id, isTimed: false });
+      if (isGiven) entries.push({ boxId: box.box_id, isComment: true });
       return isGiven;
     },
 
     /** The last answer on a box was undone: the box is current again. @param {Decision} box */
     takenBack(box) {
       const { box_id: id } = box;
-      const at = given.findLastIndex(({ boxId }) => boxId === id);
-      const [undone] = at < 0 ? [] : given.splice(at, 1);
-      const before = given.some(({ boxId }) => boxId === id) ? answerOf(box) : null;
-      held.push(boxes.hold([id]));
+      const at = entries.findLastIndex(({ boxId }) => boxId === id);
+      const [undone] = at < 0 ? [] : entries.splice(at, 1);
+      const before = entries.some(({ boxId }) => boxId === id) ? answerOf(box) : null;
+      releases.push(boxes.hold([id]));
       comparisons.set(comparisons.get().filter(({ boxId }) => boxId !== id));
       const verdicts = new Map(tally.get().verdicts);
       const isCounted = verdicts.delete(id);
       if (isCounted && before) verdicts.set(id, before);
       else if (isCounted) countDown(1);
-      tally.set({ times: tally.get().times.slice(0, undone?.isTimed === false ? undefined : -1), verdicts });
-      line.set(takenBack(line.get(), id));
+      tally.set({ times: tally.get().times.slice(0, undone?.isComment ? undefined : -1), verdicts });
+      line.set(afterUndo(line.get(), id));
     },
 
     /** Ask for boxes again: others may have released theirs. */
@@ -165,39 +190,51 @@ export function createQueueSession(app, dataset, query) {
     },
 
     /** Release the boxes of this session. */
-    end: () => held.splice(0).forEach((giveBack) => giveBack()),
+    end: () => releases.splice(0).forEach((release) => release()),
   };
 }
 
 /** @typedef {ReturnType<typeof createQueueSession>} Session */
 
-/** @type {WeakMap<App, {key: string, session: Session, seen: number}>} */
+/**
+ * `shownAt`: when it was last shown (ms); Infinity while it is.
+ * @type {WeakMap<App, {key: string, session: Session, shownAt: number}>}
+ */
 const sessions = new WeakMap();
 
 /** After such a pause the claims have expired, and others may have answered: a new session begins. */
 const PAUSE_MS = 5 * 60_000;
 
-/** The session of these filters; the last one is continued after a short pause. @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query */
+/**
+ * The session of these filters; the last one is continued after a short pause.
+ * @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query
+ */
 export function sessionOf(app, dataset, query) {
   const key = JSON.stringify([dataset, orderOf(query), selectionOf(query), listedOf(query)]);
   const last = sessions.get(app);
-  if (last?.key === key && Date.now() - last.seen < PAUSE_MS) return last.session;
+  if (last?.key === key && Date.now() - last.shownAt < PAUSE_MS) return last.session;
   last?.session.end();
   const session = createQueueSession(app, dataset, query);
-  sessions.set(app, { key, session, seen: Date.now() });
+  sessions.set(app, { key, session, shownAt: Date.now() });
   return session;
 }
 
-/** Keep the session for as long as it is shown, and for a while from when it is left. @param {App} app @param {"shown" | "left"} now */
+/**
+ * Keep the session for as long as it is shown, and for a while from when it is left.
+ * @param {App} app @param {"shown" | "left"} now
+ */
 export function keepSession(app, now) {
   const last = sessions.get(app);
-  if (last) last.seen = now === "shown" ? Infinity : Date.now();
+  if (last) last.shownAt = now === "shown" ? Infinity : Date.now();
 }
 
 /** @param {number} id */
 const boxOf = (id) => get("/api/v1/boxes/{box_id}", { path: { box_id: id } });
 
-/** Boxes by their ids, without claiming them; those that no longer exist are left out. @param {readonly number[]} ids */
+/**
+ * Boxes by their ids, without claiming them; those that no longer exist are left out.
+ * @param {readonly number[]} ids
+ */
 async function listedBoxes(ids) {
   const found = await Promise.all(ids.map((id) => boxOf(id).catch(ignoreMissing)));
   const items = found.filter((box) => box !== null);

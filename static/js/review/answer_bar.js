@@ -61,7 +61,11 @@ export function GridBar({ app, selected, isAll, actions, onNone }) {
   </div>`;
 }
 
-/** Somebody else has answered first: their answer is kept, and this person can replace it. @param {{app: import("./answers.js").ReviewApp, box: Decision, item: import("./outbox.js").QueuedAnswer, isNamed?: boolean, children?: unknown}} props  `isNamed`: the box is not the one on show */
+/**
+ * Somebody else has answered first: their answer is kept, and this person can replace it.
+ * @param {{app: import("./answers.js").ReviewApp, box: Decision, item: import("./outbox.js").SingleAnswer,
+ *   isNamed?: boolean, children?: unknown}} props  `isNamed`: the box is not the one on show
+ */
 export function ConflictNotice({ app, box, item, isNamed = false, children }) {
   const { reviewer = "", verdict = "clear" } = box.review ?? {};
   const theirs = verdict === "clear" ? "removed the answer" : `answered ${verdict}`;

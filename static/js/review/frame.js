@@ -1,9 +1,9 @@
 // @ts-check
 // The view of one frame: the stage in the middle, the list of boxes on the left, the selected box on the right.
 
-import { isUndecided, seen } from "../boxes/box.js";
+import { asShown, isUndecided } from "../boxes/box.js";
 import { cycleVerdict, filtersOf, isShown, neighbour, nextUndecided, shownBoxes } from "../boxes/filters.js";
-import { useBoxes, useHeld, useSeen } from "../boxes/store.js";
+import { useBoxes, useHeld, useAsShown } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
 import { useActions, useHead, useLoaded, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
@@ -76,10 +76,14 @@ function FrameReview({ app, frame, media, query }) {
   }, [media, frame]);
   useArrival(app, actions, query);
 
-  const answered = useBoxes(app.boxes, ids);
-  const boxes = useSeen(app, answered);
+  const current = useBoxes(app.boxes, ids);
+  const boxes = useAsShown(app, current);
   const { waiting } = useValue(app.sender.state);
-  const shown = useMemo(() => boxes.filter((_, i) => isShown(/** @type {Decision} */ (answered[i]), query)), [boxes, ...Object.values(filtersOf(query)), Object.keys(filtersOf(query)).join()]);
+  const filters = filtersOf(query);
+  const shown = useMemo(
+    () => boxes.filter((_, i) => isShown(/** @type {Decision} */ (current[i]), query)),
+    [boxes, ...Object.values(filters), Object.keys(filters).join()],
+  );
   const selected = boxes.find(({ box_id }) => box_id === Number(query.box)) ?? null;
 
   return html`<main id="main" class="review" tabindex="-1" data-tab=${tab}>
@@ -171,7 +175,7 @@ export function createFrameActions(app, frame, ids, page) {
   function select(boxId) {
     const box = boxId === null || !known.has(boxId) ? undefined : app.boxes.get(boxId);
     app.router.replace(linkTo("frame", { id: frame.id }, { ...query(), box: box ? String(boxId) : "" }));
-    app.announcement.set(box ? spokenText(seen(box, app.prefs.get().blind)) : "");
+    app.announcement.set(box ? spokenText(asShown(box, app.prefs.get().blind)) : "");
   }
 
   /** @param {Answer} verdict @param {string} [comment] @returns {boolean} false: it was not given */

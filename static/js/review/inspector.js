@@ -32,9 +32,15 @@ export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentR
   </aside>`;
 }
 
-/** @param {{app: App, box: Decision, boxes: readonly Decision[], isWaiting: boolean, actions: import("./frame.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props */
+/**
+ * @param {{app: App, box: Decision, boxes: readonly Decision[], isWaiting: boolean,
+ *   actions: import("./frame.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props
+ */
 function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
   const mine = useValue(app.conflicts).get(box.box_id);
+  // The server keeps a comment as part of an answer only. On a box that has none, the comment comes with "unsure", which
+  // leaves the filter's verdict in force.
+  const saveComment = (/** @type {string} */ text) => actions.answer(answerOf(box) ?? "unsure", text);
   return html`
     <header class="inspector__head">
       <h2>${box.class} <span class="faint">${box.id}</span></h2>
@@ -45,7 +51,7 @@ function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
     <p class="inspector__sentence">${isVeiled(box) ? "Blind re-check: the filter's verdict is shown once you have answered." : unbroken(box.explanation || labelText(box))}</p>
     <${MatchBar} box=${box} />
     <${HiddenBy} box=${box} />
-    <${Comment} box=${box} onSave=${(/** @type {string} */ text) => actions.answer(answerOf(box) ?? "unsure", text)} fieldRef=${commentRef} />
+    <${Comment} box=${box} onSave=${saveComment} fieldRef=${commentRef} />
     <${Neighbours} boxes=${boxes} box=${box} onSelect=${actions.select} />
     <${Numbers} box=${box} />
     ${!isVeiled(box) && html`<${History} app=${app} box=${box} />`}`;
@@ -84,10 +90,10 @@ function MatchBar({ box }) {
 
 /** Another channel decided; the share of matching pixels is shown as a side note. @param {{box: Decision}} props */
 function OtherChannel({ box }) {
-  const { match_percent: match, visible_pixels: seen } = box;
+  const { match_percent: match, visible_pixels: visible } = box;
   return html`<div class="match match--other">
     <div class="match__text"><span>Decided by ${evidenceText(box.evidence ?? "")}</span>
-      ${typeof seen === "number" && html`<span class="num">${countOf(seen, "pixel")} seen</span>`}</div>
+      ${typeof visible === "number" && html`<span class="num">${countOf(visible, "pixel")} seen</span>`}</div>
     ${typeof match === "number" && html`<p class="match__note">${percentText(match)} of the box is ${acceptedText(box)}, which did not decide.</p>`}
   </div>`;
 }
@@ -179,7 +185,10 @@ export const typedComment = (boxId) => typed.get(boxId)?.trim();
 /** It went with an answer. @param {number} boxId */
 export const forgetTyped = (boxId) => void typed.delete(boxId);
 
-/** @param {{box: Decision, onSave: (text: string) => boolean, fieldRef: {current: HTMLTextAreaElement | null}}} props  `onSave`: whether there was room for it */
+/**
+ * @param {{box: Decision, onSave: (text: string) => boolean, fieldRef: {current: HTMLTextAreaElement | null}}} props
+ *   `onSave` returns whether the comment was given as part of an answer
+ */
 export function Comment({ box, onSave, fieldRef }) {
   const stored = box.review?.comment ?? "";
   const [text, show] = useState(/** @type {string | null} */ (typed.get(box.box_id) ?? null));

@@ -16,6 +16,10 @@ for (const name of ["locks", "clipboard"])
   Object.defineProperty(Navigator.prototype, name, { get: () => undefined });"""
 
 
+NOTHING_UNSENT = """() => !Object.keys(localStorage)
+  .some((name) => name.startsWith("unghost.outbox."))"""
+
+
 @pytest.fixture
 def ada(visit: Visit) -> Visitor:
     """Browsers trust pages of their own machine: what others lack is taken away."""
@@ -31,6 +35,31 @@ def test_answers_are_saved(scene: Scene, ada: Visitor):
     ada.press("x")
 
     ada.saved()
+    assert scene.review("ghost")["verdict"] == "reject"
+
+
+def test_a_tab_leaves_the_unsent_answers_of_an_open_one_and_sends_those_of_a_closed_one(
+    scene: Scene, ada: Visitor
+):
+    first = ada.page
+    first.route("**/reviews", lambda route: route.abort())
+    ada.open(scene.link("ghost"))
+    ada.press("x")
+    expect(first.locator(".savestate")).to_contain_text("offline")
+
+    second = Visitor(first.context.new_page(), ada.url)
+    second.page.add_init_script(NOT_SECURE)
+    second.open(scene.link("real"))
+    # Longer than it waits for the names of open tabs.
+    second.page.wait_for_timeout(1000)
+    second.press("x")
+    second.saved()
+    assert scene.revision("real") == 1
+    assert scene.revision("ghost") == 0
+
+    first.close()
+    second.page.evaluate("dispatchEvent(new Event('online'))")
+    second.page.wait_for_function(NOTHING_UNSENT)
     assert scene.review("ghost")["verdict"] == "reject"
 
 

@@ -216,6 +216,29 @@ def test_answers_of_a_closed_tab_are_sent_by_the_next_one(scene, visit):
     assert scene.review("ghost")["verdict"] == "keep"
 
 
+def test_answer_that_another_tab_sends_is_shown_before_and_after_it_is_stored(
+    scene, visit
+):
+    """As where a tab is loaded again, and another one has taken over its answers."""
+    first = visit(color_scheme="light")
+    first.page.route("**/reviews", lambda route: route.abort())
+    first.open(scene.link("ghost"))
+    first.press("a")
+    expect(saving(first.page)).to_contain_text("offline")
+
+    second = Visitor(first.page.context.new_page(), first.url)
+    second.open(scene.link("ghost"))
+
+    state = second.page.locator(".answerline__state")
+    expect(second.page.locator(".answerline")).to_contain_text("keep")
+    expect(state).to_have_text("not saved yet")
+    first.page.unroute("**/reviews")
+    first.page.get_by_role("button", name="Retry").click()
+    first.saved()
+    expect(second.page.locator(".answerline")).to_contain_text("keep by admin")
+    expect(state).to_have_text("saved")
+
+
 KEEP_WITHOUT_A_NAME = """(boxId) => localStorage.setItem("unghost.outbox.v1.k",
   JSON.stringify({ key: "k", tab: "before", order: 1, boxId, frameId: 1,
     attempted: false, verdict: "keep", comment: "", seenRevision: 0 }))"""

@@ -84,3 +84,36 @@ test("a box that nobody holds any more goes; one that is held again at once stay
 
   assert.deepEqual([1, 2].map((id) => boxes.get(id)?.box_id), [1, undefined]);
 });
+
+test("boxes that were just answered stay, so that an earlier response does not replace them", async () => {
+  const boxes = createBoxes();
+  const release = boxes.hold(boxes.receive([answered("keep", 2)]));
+  boxes.holdAnswered([1]);
+  release();
+  await swept();
+
+  boxes.receive([answered("reject", 1)]);
+  assert.equal(boxes.get(1)?.review?.verdict, "keep");
+  for (let i = 0; i < 500; i++) boxes.holdAnswered([2]);
+  await swept();
+
+  assert.equal(boxes.get(1), undefined);
+});
+
+test("few boxes are loaded again one by one; for many, lists are read again", async () => {
+  const boxes = createBoxes();
+  boxes.hold(boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2 })]));
+  /** @type {string[]} */
+  const asked = [];
+  globalThis.fetch = async (address) => {
+    asked.push(String(address).replace(/.*api/, ""));
+    return asked.length === 1 ? Response.json({}, { status: 503 }) : Response.json({ ...answered("keep", 1), box_id: 2 });
+  };
+
+  await boxes.loadAgain([1, 2]);
+  assert.deepEqual([asked, boxes.reloads.get()], [["/v1/boxes/1", "/v1/boxes/2"], 0]);
+  assert.deepEqual(boxes.all([1, 2]).map((box) => box.review?.verdict), [undefined, "keep"]);
+
+  await boxes.loadAgain(Array.from({ length: 21 }, (_, i) => i));
+  assert.deepEqual([asked.length, boxes.reloads.get()], [2, 1]);
+});

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { EMPTY, ahead, answered, compared, currentOf, inHand, isBlind, joined, lookedAt, nextOpen, paceOf, passed, skippedAgain, stepped, takenBack } from "../../../static/js/queue/line.js";
+import { EMPTY, afterAnswer, afterUndo, ahead, compared, currentOf, inHand, isBlind, joined, lookedAt, nextOpen, paceOf, passed, skippedAgain, stepped } from "../../../static/js/queue/line.js";
 import { decision } from "../../support/page/builders.js";
 
 const five = joined(EMPTY, [1, 2, 3, 4, 5]);
@@ -14,16 +14,16 @@ test("boxes join at the end, each once", () => {
 });
 
 test("an answer leads to the next box without one", () => {
-  const skipped = answered(stepped(five, 1), 2);
+  const skipped = afterAnswer(stepped(five, 1), 2);
 
   assert.equal(currentOf(skipped), 3);
   assert.deepEqual(passed(skipped), [1]);
   const back = stepped(stepped(skipped, -1), -1);
-  assert.equal(currentOf(answered(back, 1)), 3);
+  assert.equal(currentOf(afterAnswer(back, 1)), 3);
 });
 
 test("past the last there is nothing until more come", () => {
-  const done = [1, 2, 3, 4, 5].reduce(answered, five);
+  const done = [1, 2, 3, 4, 5].reduce(afterAnswer, five);
 
   assert.equal(currentOf(done), null);
   assert.equal(currentOf(stepped(done, 1)), null);
@@ -31,25 +31,25 @@ test("past the last there is nothing until more come", () => {
 });
 
 test("an answer on another box does not lead away from the current one", () => {
-  assert.equal(currentOf(answered(five, 4)), 1);
+  assert.equal(currentOf(afterAnswer(five, 4)), 1);
 });
 
 test("what is taken back is looked at again, even if it never was in the line", () => {
-  const two = answered(answered(five, 1), 2);
+  const two = afterAnswer(afterAnswer(five, 1), 2);
 
-  assert.equal(currentOf(takenBack(two, 1)), 1);
-  assert.deepEqual([...takenBack(two, 1).answered], [2]);
-  const strange = takenBack(two, 99);
+  assert.equal(currentOf(afterUndo(two, 1)), 1);
+  assert.deepEqual([...afterUndo(two, 1).answered], [2]);
+  const strange = afterUndo(two, 99);
   assert.equal(currentOf(strange), 99);
   assert.equal(currentOf(stepped(strange, 1)), 3);
 });
 
 test("what comes next leaves out what has an answer", () => {
-  assert.deepEqual(ahead(answered(five, 3), 2), [2, 4]);
+  assert.deepEqual(ahead(afterAnswer(five, 3), 2), [2, 4]);
 });
 
 test("those passed over come again", () => {
-  const end = stepped(stepped(answered(stepped(five, 1), 2), 1), 1);
+  const end = stepped(stepped(afterAnswer(stepped(five, 1), 2), 1), 1);
   const once = nextOpen(end);
 
   const anew = skippedAgain(once);

@@ -4,22 +4,22 @@ import { beforeEach, test } from "node:test";
 import { createBoxes } from "../../../static/js/boxes/store.js";
 import { createSteps } from "../../../static/js/review/answers.js";
 import { decision, memoryStorage } from "../../support/page/builders.js";
-import { reviewPage } from "../../support/page/review_page.js";
+import { fill, reviewPage } from "../../support/page/review_page.js";
 
 /** @type {any} */
 let app;
 /** @type {string[]} */
 let said;
-/** What the messages offer to do. @type {({run: () => void} | undefined)[]} */
-let offers;
 
 const OTHER = decision({ box_id: 99, frame_id: 12 });
 
 beforeEach(() => {
-  ({ app, said, offers } = reviewPage());
+  ({ app, said } = reviewPage());
 });
 
-const answers = () => app.boxes.all([1, 2, 3]).map((/** @type {any} */ box) => box.review?.verdict ?? null);
+/** @param {any} app */
+const answersOf = (app) => app.boxes.all([1, 2, 3]).map((/** @type {any} */ box) => box.review?.verdict ?? null);
+const answers = () => answersOf(app);
 const undo = () => app.undo(() => {});
 const swept = () => new Promise((resolve) => setImmediate(resolve));
 
@@ -60,13 +60,6 @@ for (const [what, id, give] of /** @type {[string, number | null, () => void][]}
   });
 }
 
-/** @param {Storage} storage */
-function fill(storage) {
-  storage.setItem = () => {
-    throw new DOMException("it is full", "QuotaExceededError");
-  };
-}
-
 test("where the browser has no room, an answer is not given, and that is said", () => {
   const storage = memoryStorage();
   ({ app, said } = reviewPage(storage));
@@ -81,21 +74,6 @@ test("where the browser has no room, an answer is not given, and that is said", 
   undo();
   assert.equal(said.length, 3);
   assert.deepEqual(answers(), ["keep", null, null], "nor undone");
-});
-
-test("where the browser has no room for the undo of a bulk answer, it can be asked for again", () => {
-  const storage = memoryStorage();
-  ({ app, said } = reviewPage(storage));
-  app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
-  const { setItem } = storage;
-  fill(storage);
-
-  undo();
-  assert.deepEqual([answers(), said.length], [["reject", "reject", null], 1]);
-  storage.setItem = setItem;
-  undo();
-
-  assert.deepEqual([answers(), said.length], [[null, null, null], 1]);
 });
 
 test("a tab takes over the answers of tabs that are closed by now, and of no other", async () => {
@@ -128,32 +106,6 @@ test("undo goes back over bulk answers and single answers in the order in which 
   undo();
   undo();
   assert.deepEqual([answers(), said], [[null, null, null], ["Nothing to undo."]]);
-});
-
-test("undo of a bulk answer that was not sent restores the boxes that were answered after it too", () => {
-  app.answer(3, "unsure");
-  app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
-  app.answer(1, "keep");
-  undo();
-  assert.deepEqual(answers(), ["reject", "reject", "unsure"]);
-  undo();
-  assert.deepEqual(answers(), [null, null, "unsure"]);
-});
-
-test("the undo of a bulk answer that is on its way is shown at once", () => {
-  app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
-  undo();
-  assert.deepEqual(answers(), [null, null, null]);
-});
-
-test("the undo of a bulk answer, asked for after a later answer, leaves that answer as it is", async () => {
-  globalThis.fetch = async () => Response.json({ id: 7, count: 2, skipped: [], stale: [] }, { status: 201 });
-  app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
-  await new Promise((resolve) => setTimeout(resolve, 20));
-  globalThis.fetch = () => new Promise(() => {});
-  app.answer(1, "keep");
-  offers.at(-1)?.run();
-  assert.deepEqual([answers(), said], [["keep", null, null], ["2 boxes rejected"]]);
 });
 
 test("steps are undone from the newest to the oldest, and hold their boxes until then", async () => {
@@ -223,4 +175,22 @@ test("answers without a name can be discarded", () => {
   app.unowned.discard();
 
   assert.deepEqual([app.unowned.count.get(), storage.length, answers()], [0, 0, [null, null, null]]);
+});
+
+test("an answer that another tab sends is shown, and the box is loaded again when that tab has stored it", async () => {
+  const storage = memoryStorage();
+  const item = { key: "k", person: "ada", tab: "t2", order: 1, boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 0, attempted: true };
+  storage.setItem("unghost.outbox.v1.k", JSON.stringify(item));
+  const { app, storageChanged } = reviewPage(storage, { tab: "t1", openTabs: async () => new Set(["t1", "t2"]) });
+  await app.resume();
+  assert.deepEqual([answersOf(app), [...app.sender.state.get().waiting]], [["keep", null, null], [1]]);
+  assert.deepEqual([app.sender.state.get().phase, app.sender.state.get().count], ["saved", 0], "it is not this tab's");
+
+  const review = { verdict: "keep", reviewer: "ada", revision: 1, comment: "" };
+  globalThis.fetch = async () => Response.json(decision({ box_id: 1, revision: 1, review }));
+  storage.removeItem("unghost.outbox.v1.k");
+  storageChanged("unghost.outbox.v1.k");
+  await new Promise((resolve) => setTimeout(resolve, 20));
+
+  assert.deepEqual([app.boxes.get(1).review, [...app.sender.state.get().waiting]], [review, []]);
 });

@@ -7,9 +7,14 @@ import { parseHash } from "../../../static/js/core/router.js";
 import { createAnswers } from "../../../static/js/review/answers.js";
 import { decision, memoryStorage } from "./builders.js";
 
-/** Frame 10 with the boxes 1 to 3; `said`: its messages, `offers`: what each offers to do. */
+/**
+ * Frame 10 with the boxes 1 to 3; `said`: its messages, `offers`: what each offers to do. Call `storageChanged` after
+ * another tab has changed what is stored under this name.
+ */
 export function reviewPage(storage = memoryStorage(), { tab = "t1", openTabs = async () => new Set() } = {}) {
-  globalThis.addEventListener ??= () => {};
+  /** @type {((event: {key: string}) => void)[]} */
+  const onStorage = [];
+  globalThis.addEventListener = (/** @type {string} */ name, /** @type {any} */ listener) => void (name === "storage" && onStorage.push(listener));
   globalThis.fetch = () => new Promise(() => {});
   /** @type {string[]} */
   const said = [];
@@ -28,5 +33,13 @@ export function reviewPage(storage = memoryStorage(), { tab = "t1", openTabs = a
   };
   const answers = createAnswers(/** @type {any} */ (core), createBoxes(), storage, { tab, openTabs });
   answers.boxes.hold(answers.boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2, verdict: "kept" }), decision({ box_id: 3 })]));
-  return { app: /** @type {any} */ ({ ...core, ...answers }), said, offers };
+  const storageChanged = (/** @type {string} */ key) => onStorage.forEach((notify) => notify({ key }));
+  return { app: /** @type {any} */ ({ ...core, ...answers }), said, offers, storageChanged };
+}
+
+/** From now on there is no room for more. @param {Storage} storage */
+export function fill(storage) {
+  storage.setItem = () => {
+    throw new DOMException("it is full", "QuotaExceededError");
+  };
 }

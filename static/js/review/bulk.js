@@ -1,0 +1,192 @@
+// @ts-check
+// Bulk answers, that is, one answer on many boxes: shown at once, reported when they are stored, undone as a whole.
+// Like answers on one box, they go through the outbox, and sender.js sends them.
+
+import { currentAnswer, seenRevision, withAnswer } from "../boxes/box.js";
+import { countOf } from "../core/numbers.js";
+import { createValue } from "../core/observable.js";
+import { randomId } from "../core/tab.js";
+
+/** @typedef {import("../boxes/box.js").Answer} Answer */
+/** @typedef {import("../boxes/box.js").AnswerWithComment} AnswerWithComment */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @typedef {import("./answers.js").Step} Step */
+/** @typedef {import("./outbox.js").NewBulkAnswer} NewBulkAnswer */
+/** @typedef {{text: string, boxes: readonly number[]}} Report  boxes that a bulk answer, or its undo, has left out */
+
+/** @type {Record<Answer, string>} */
+const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", clear: "without an answer again" };
+
+/**
+ * @typedef {object} AnswersPage  what bulk answers share with answers on one box
+ * @property {import("../boxes/store.js").Boxes} boxes
+ * @property {import("./sender.js").Sender} sender
+ * @property {import("./answers.js").Steps} steps
+ * @property {import("../core/observable.js").Value<{id: number | null}>} changedFrame
+ * @property {(box: Decision, answer: AnswerWithComment) => boolean} give  answers one box
+ */
+
+/** @param {import("../core/app.js").App["toasts"]} toasts @param {AnswersPage} page */
+export function createBulkAnswers(toasts, { boxes, sender, steps, changedFrame, give }) {
+  /** The messages that offer to undo a bulk answer, by its key. @type {Map<string, number>} */
+  const offers = new Map();
+  /** Those bulk answers whose undo is in the outbox, by their keys. @type {Map<string, Step>} */
+  const undoing = new Map();
+  const report = createValue(/** @type {Report | null} */ (null));
+
+  /** @param {NewBulkAnswer} bulk */
+  function answer(bulk) {
+    const key = randomId();
+    const before = boxes.all(bulk.boxIds ?? []).map(currentAnswer);
+    if (sender.addBulkAnswer(bulk, key)) pushStep(bulk, key, before);
+  }
+
+  /**
+   * From now on the bulk answer can be undone.
+   * @param {NewBulkAnswer} bulk @param {string} key
+   * @param {Step["before"]} [before]  not known of a bulk answer that was given before the page was loaded
+   */
+  function pushStep({ dataset, count }, key, before = []) {
+    /** @type {Step} */
+    const step = { before, dataset, bulkKey: key, batchId: null, count };
+    steps.push(step);
+    return step;
+  }
+
+  /** Undo a whole bulk answer, but for boxes that this person has answered since. @param {Step} step */
+  function undo(step) {
+    const { bulkKey = "", batchId = null, dataset, count = 0 } = step;
+    const answeredSince = steps.boxesSince(step);
+    const earlier = step.before.filter(({ boxId }) => !answeredSince.has(boxId));
+    const boxIds = earlier.map(({ boxId }) => boxId);
+    const seenRevisions = boxIds.map((boxId) => seenRevision(boxes.get(boxId) ?? {}));
+    const before = earlier.map(({ verdict, comment }) => ({ verdict, comment }));
+    const areKnown = step.before.length > 0;
+
+    toasts.dismiss(offers.get(bulkKey) ?? 0);
+    boxes.holdAnswered(boxIds);
+    undoing.set(bulkKey, step);
+    steps.drop(step);
+    const which = areKnown ? { boxIds, seenRevisions } : {};
+    const hasRoom = sender.addBulkUndo({ bulkKey, batchId, dataset, count, before, ...which });
+    if (!hasRoom) {
+      undoing.delete(bulkKey);
+      steps.push(step);
+    } else if (!undoing.has(bulkKey)) {
+      // The bulk answer was discarded: see `onBulkDiscarded`.
+      restore(earlier);
+    }
+  }
+
+  /**
+   * A bulk answer was discarded: answer its boxes as before where they do not have that answer again. They do not if
+   * this person has undone a later answer on them: that has given them the bulk answer's, as an answer of their own.
+   * @param {Step["before"]} before
+   */
+  function restore(before) {
+    for (const { boxId, verdict, comment } of before) {
+      const box = boxes.get(boxId);
+      const now = box && currentAnswer(box);
+      if (now && (now.verdict !== verdict || now.comment !== comment)) give(box, { verdict, comment });
+    }
+  }
+
+  /**
+   * The server has stored these answers.
+   * @param {readonly number[]} boxIds @param {(i: number) => AnswerWithComment} answerAt
+   * @param {readonly number[]} [seenRevisions]  of the boxes, before these answers
+   * @param {readonly number[]} [leftOut]  boxes whose answer it has not stored
+   */
+  function receive(boxIds, answerAt, seenRevisions = [], leftOut = []) {
+    const left = new Set(leftOut);
+    boxes.holdAnswered(boxIds);
+    boxes.receive(
+      boxIds.flatMap((boxId, i) => {
+        const box = left.has(boxId) ? undefined : boxes.get(boxId);
+        const { verdict, comment } = answerAt(i);
+        return box ? [withAnswer(box, verdict, comment, (seenRevisions[i] ?? 0) + 1)] : [];
+      }),
+    );
+    changedFrame.set({ id: null });
+  }
+
+  sender.observe({
+    onBulkStored(bulk, { id, skipped, stale }) {
+      const { key, verdict, boxIds = [], seenRevisions } = bulk;
+      const leftOut = [...stale, ...skipped];
+      const left = new Set(leftOut);
+      const step = undoing.get(key) ?? steps.ofBulkAnswer(key) ?? pushStep(bulk, key);
+      step.batchId = id;
+      step.before = step.before.filter(({ boxId }) => !left.has(boxId));
+      receive(boxIds, () => ({ verdict, comment: "" }), seenRevisions, leftOut);
+      if (bulk.filter) boxes.reload();
+      void boxes.loadAgain(stale);
+      const offer = undoing.has(key) ? undefined : { text: "Undo", run: () => steps.ofBulkAnswer(key) && undo(step) };
+      const count = countOf(bulk.count - leftOut.length, "box", "boxes");
+      offers.set(key, toasts.show(`${count} ${DONE[verdict]}`, { action: offer }));
+      report.set(reportOf(stale, skipped));
+    },
+
+    onBulkDiscarded({ key }) {
+      const step = steps.ofBulkAnswer(key);
+      if (step) steps.drop(step);
+      undoing.delete(key);
+    },
+
+    onUndoStored({ bulkKey, boxIds, seenRevisions, before }, { undone, skipped }) {
+      undoing.delete(bulkKey);
+      receive(boxIds ?? [], (i) => before[i] ?? { verdict: "clear", comment: "" }, seenRevisions, skipped);
+      if (!boxIds) boxes.reload();
+      toasts.show(`${countOf(undone, "answer")} undone`);
+      report.set(undoReportOf(skipped));
+    },
+
+    onUndoRefused({ bulkKey, boxIds = [] }, error) {
+      undoing.delete(bulkKey);
+      toasts.show(`Not undone: ${error.message}`, { kind: "error" });
+      void boxes.loadAgain(boxIds);
+    },
+  });
+
+  return {
+    report,
+    undo,
+
+    /**
+     * One answer on these boxes, shown at once.
+     * @param {string} dataset @param {Answer} verdict @param {readonly number[]} boxIds
+     * @param {ReadonlyMap<number, number>} revisions  as the person saw them
+     */
+    answer(dataset, verdict, boxIds, revisions) {
+      const seenRevisions = boxIds.map((id) => revisions.get(id) ?? 0);
+      answer({ dataset, verdict, boxIds: [...boxIds], seenRevisions, count: boxIds.length });
+    },
+
+    /**
+     * One answer on all boxes that a filter selected when the list was read.
+     * @param {string} dataset @param {Answer} verdict @param {import("./outbox.js").Filter} filter
+     * @param {{total: number, snapshot: string}} list
+     */
+    answerAll: (dataset, verdict, filter, { total, snapshot }) =>
+      answer({ dataset, verdict, filter, snapshot, count: total }),
+  };
+}
+
+/**
+ * The boxes that a bulk answer has left out, and why.
+ * @param {number[]} stale @param {number[]} skipped @returns {Report | null}
+ */
+function reportOf(stale, skipped) {
+  /** @param {readonly number[]} boxIds @param {string} why */
+  const line = ({ length }, why) => (length ? [`${countOf(length, "box was", "boxes were")} left out: ${why}.`] : []);
+  const lines = [...line(stale, "somebody has answered since"), ...line(skipped, "deleted or replaced meanwhile")];
+  return lines.length ? { text: lines.join(" "), boxes: [...stale, ...skipped] } : null;
+}
+
+/** The boxes that the undo of a bulk answer has left as they are. @param {number[]} skipped @returns {Report | null} */
+function undoReportOf(skipped) {
+  if (skipped.length === 0) return null;
+  const count = countOf(skipped.length, "answer was", "answers were");
+  const asIs = skipped.length === 1 ? "it is" : "they are";
+  return { text: `${count} left as ${asIs}: somebody has answered since.`, boxes: skipped };
+}

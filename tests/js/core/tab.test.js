@@ -1,0 +1,53 @@
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, test } from "node:test";
+
+import { nameThisTab } from "../../../static/js/core/tab.js";
+import { memoryStorage } from "../../support/page/builders.js";
+
+const { BroadcastChannel } = globalThis;
+/** @type {BroadcastChannel[]} */
+let channels;
+
+beforeEach(() => {
+  // As on a page that is not served securely: there are no locks.
+  Object.defineProperty(globalThis, "navigator", { value: {}, configurable: true });
+  channels = [];
+  globalThis.BroadcastChannel = class extends BroadcastChannel {
+    /** @param {string} name */
+    constructor(name) {
+      super(name);
+      channels.push(this);
+    }
+  };
+});
+
+afterEach(() => channels.forEach((channel) => channel.close()));
+
+/** A tab that is opened now; `close` ends it. */
+async function openTab(sessionStorage = memoryStorage()) {
+  Object.assign(globalThis, { sessionStorage });
+  const { tab, openTabs } = await nameThisTab();
+  const channel = channels.at(-1);
+  return { tab, openTabs, close: () => channel?.close() };
+}
+
+test("a tab that is loaded again keeps its name", async () => {
+  const storage = memoryStorage();
+  const before = await openTab(storage);
+  before.close();
+
+  assert.equal((await openTab(storage)).tab, before.tab);
+});
+
+test("without locks, a tab learns which others are open from themselves", async () => {
+  const first = await openTab();
+  const second = await openTab();
+  const third = await openTab();
+  third.close();
+
+  const [open, atTheSameTime] = await Promise.all([second.openTabs(), second.openTabs()]);
+
+  for (const tabs of [open, atTheSameTime, await first.openTabs()]) {
+    assert.deepEqual([first, second, third].map(({ tab }) => tabs.has(tab)), [true, true, false]);
+  }
+});

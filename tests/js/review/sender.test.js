@@ -1,0 +1,658 @@
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+
+import { ApiError, NoResponse } from "../../../static/js/core/api.js";
+import { createOutbox } from "../../../static/js/review/outbox.js";
+import { createSender } from "../../../static/js/review/sender.js";
+import { decision, memoryStorage } from "../../support/page/builders.js";
+
+/** @type {Storage} */
+let storage;
+/** Who is signed in. */
+let person = "ada";
+/** @type {import("../../../static/js/review/outbox.js").SingleAnswer[]} */
+let sent;
+/** What the server says next; nothing: it stores. @type {Error[]} */
+let refusals;
+/** @type {any[]} */
+let bulkAnswers;
+/** @type {any[]} */
+let undos;
+/** @type {Map<number, number>} */
+let revisions;
+/** @type {{run: () => void, ms: number}[]} */
+let timers;
+/** @type {any[]} */
+let told;
+
+beforeEach(() => {
+  storage = memoryStorage();
+  person = "ada";
+  sent = [];
+  bulkAnswers = [];
+  undos = [];
+  refusals = [];
+  revisions = new Map();
+  timers = [];
+  told = [];
+});
+
+/** @param {string} [tab] */
+function senderOf(tab = "t1") {
+  const outbox = createOutbox(storage, tab, () => person);
+  /** @type {any} */
+  const requests = {
+    answer: async (/** @type {any} */ item) => {
+      sent.push(item);
+      const refusal = refusals.shift();
+      if (refusal) throw refusal;
+      const { boxId, verdict, seenRevision } = item;
+      const found = revisions.get(boxId) ?? 0;
+      if (found !== seenRevision) {
+        const review = { verdict: "keep", reviewer: found === 9 ? "bo" : "ada", revision: found, comment: "" };
+        throw new ApiError(412, { current: decision({ box_id: boxId, revision: found, review }) }, null);
+      }
+      revisions.set(boxId, found + 1);
+      return { box_id: boxId, revision: found + 1, verdict, reviewer: "ada", effective_verdict: "kept" };
+    },
+    bulkAnswer: async (/** @type {any} */ bulk) => {
+      bulkAnswers.push(bulk);
+      const refusal = refusals.shift();
+      if (refusal) throw refusal;
+      if (bulk.filter) {
+        for (const id of [1, 2]) revisions.set(id, (revisions.get(id) ?? 0) + 1);
+        return { id: 7, count: 2, skipped: [], stale: [] };
+      }
+      const isStale = (/** @type {number} */ id, /** @type {number} */ i) => (revisions.get(id) ?? 0) !== bulk.seenRevisions[i];
+      const stale = bulk.boxIds.filter(isStale);
+      for (const id of bulk.boxIds) if (!stale.includes(id)) revisions.set(id, (revisions.get(id) ?? 0) + 1);
+      return { id: 7, count: bulk.boxIds.length, skipped: [], stale };
+    },
+    bulkUndo: async (/** @type {any} */ undo) => {
+      undos.push(undo);
+      const refusal = refusals.shift();
+      if (refusal) throw refusal;
+      const boxIds = undo.boxIds ?? [1, 2];
+      for (const id of boxIds) revisions.set(id, (revisions.get(id) ?? 0) + 1);
+      return { id: 8, undone: boxIds.length, skipped: [] };
+    },
+  };
+  const sender = createSender(outbox, requests, (run, ms) => void timers.push({ run, ms }));
+  sender.observe({
+    onStored: (stored) => told.push(["stored", stored.box_id, stored.revision]),
+    onConflict: (item, current) => told.push(["conflict", item.verdict, current?.review?.verdict]),
+    onRefused: (item, error) => told.push(["refused", item.verdict, error.message]),
+    onBulkStored: (_, { stale }) => told.push(["bulk stored", stale]),
+    onBulkDiscarded: () => told.push(["bulk discarded"]),
+    onUndoStored: (undo, { skipped }) => told.push(["undo stored", undo.batchId, skipped]),
+    onUndoRefused: (undo, error) => told.push(["undo refused", undo.batchId, error.message]),
+  });
+  return { outbox, sender };
+}
+
+/** An answer that has seen what the server last said of the box: nothing yet. @param {any} sender @param {number} boxId @param {any} verdict */
+const answer = (sender, boxId, verdict) => sender.addAnswer({ boxId, frameId: 10, verdict, comment: "", seenRevision: 0 });
+
+const settled = () => new Promise((resolve) => setImmediate(resolve));
+const verdicts = () => sent.map((item) => [item.boxId, item.verdict, item.seenRevision]);
+
+test("an answer is sent at once, with what was seen", async () => {
+  const { sender, outbox } = senderOf();
+  answer(sender, 1, "keep");
+  assert.equal(sender.state.get().phase, "saving");
+  await settled();
+  assert.deepEqual(verdicts(), [[1, "keep", 0]]);
+  assert.deepEqual(told, [["stored", 1, 1]]);
+  assert.deepEqual([sender.state.get().phase, outbox.items()], ["saved", []]);
+});
+
+test("a second answer waits for the first and has seen its revision", async () => {
+  const { sender } = senderOf();
+  answer(sender, 1, "keep");
+  answer(sender, 1, "reject");
+  await settled();
+  assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "reject", 1]]);
+  assert.deepEqual(told, [["stored", 1, 1], ["stored", 1, 2]]);
+});
+
+test("without a network answers wait, survive a reload, and are sent in order", async () => {
+  refusals = [new NoResponse("gone"), new NoResponse("gone")];
+  const { sender } = senderOf();
+  answer(sender, 1, "keep");
+  await settled();
+  answer(sender, 2, "reject");
+  await settled();
+  assert.deepEqual([sender.state.get().phase, sender.state.get().waiting.size], ["offline", 2]);
+
+  const reloaded = senderOf().sender;
+  sent = [];
+  await reloaded.resume();
+
+  assert.deepEqual(verdicts(), [[1, "keep", 0], [2, "reject", 0]]);
+  assert.equal(reloaded.state.get().phase, "saved");
+});
+
+test("an answer that may have arrived is repeated word for word, under the same key", async () => {
+  refusals = [new NoResponse("lost on the way back")];
+  const { sender } = senderOf();
+  answer(sender, 1, "keep");
+  await settled();
+  answer(sender, 1, "reject");
+  await settled();
+  assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "keep", 0], [1, "reject", 1]]);
+  assert.equal(sent[0]?.key, sent[1]?.key);
+  assert.notEqual(sent[1]?.key, sent[2]?.key);
+});
+
+test("an answer that may have arrived stays word for word when an earlier bulk answer is stored after all", async () => {
+  refusals = [new ApiError(409, { code: "stale_snapshot" }, null), new NoResponse("lost on the way there")];
+  const { sender } = senderOf();
+  answerMany(sender, "reject", [1], [0]);
+  await settled();
+  answer(sender, 1, "keep");
+  await settled();
+  await sender.retry(bulkAnswers[0].key);
+  assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "keep", 0], [1, "keep", 1]]);
+  assert.equal(sent[0]?.key, sent[1]?.key);
+  assert.notEqual(sent[1]?.key, sent[2]?.key);
+  assert.deepEqual(told, [["bulk stored", []], ["stored", 1, 2]]);
+});
+
+test("a bulk answer that may have arrived stays word for word when an earlier one is stored after all", async () => {
+  refusals = [new ApiError(409, { code: "stale_snapshot" }, null), new NoResponse("lost on the way there")];
+  const { sender } = senderOf();
+  answerMany(sender, "reject", [1], [0]);
+  await settled();
+  answerMany(sender, "keep", [1, 2], [0, 0]);
+  await settled();
+  await sender.retry(bulkAnswers[0].key);
+  assert.deepEqual(bulkAnswers.map(({ verdict, seenRevisions }) => [verdict, seenRevisions]), [["reject", [0]], ["keep", [0, 0]], ["reject", [0]], ["keep", [0, 0]]]);
+  assert.deepEqual(told, [["bulk stored", []], ["bulk stored", [1]]]);
+});
+
+test("answers that were never sent are replaced by the latest on that box", async () => {
+  refusals = [new ApiError(401, {}, null)];
+  const { sender, outbox } = senderOf();
+  answer(sender, 7, "keep");
+  await settled();
+  for (const verdict of ["keep", "reject", "unsure"]) answer(sender, 1, verdict);
+  assert.deepEqual(outbox.items().map((item) => [item.boxId, item.verdict]), [[7, "keep"], [1, "unsure"]]);
+});
+
+test("the pause between attempts grows, and any success resets it", async () => {
+  refusals = [new NoResponse(""), new NoResponse(""), new NoResponse("")];
+  const { sender } = senderOf();
+  answer(sender, 1, "keep");
+  for (let i = 0; i < 4; i++) {
+    await settled();
+    timers.at(-1)?.run();
+  }
+  await settled();
+  assert.deepEqual(timers.map((timer) => timer.ms), [1000, 2000, 4000]);
+  assert.equal(sender.state.get().phase, "saved");
+});
+
+test("a busy server is asked again when it says", async () => {
+  refusals = [new ApiError(503, {}, 7)];
+  const { sender } = senderOf();
+  answer(sender, 1, "keep");
+  await settled();
+  assert.deepEqual([timers[0]?.ms, sender.state.get().phase], [7000, "busy"]);
+});
+
+test("signed out, answers are kept and nothing is tried until somebody signs in", async () => {
+  refusals = [new ApiError(401, {}, null)];
+  const { sender } = senderOf();
+  answer(sender, 1, "keep");
+  await settled();
+  answer(sender, 2, "keep");
+  await settled();
+  assert.deepEqual([sent.length, sender.state.get().phase, timers.length], [1, "signed-out", 0]);
+  await sender.resume();
+  assert.deepEqual(verdicts().slice(1), [[1, "keep", 0], [2, "keep", 0]]);
+});
+
+test("an error that nobody knows ends nothing: the answer is sent again", async () => {
+  const { sender, outbox } = senderOf();
+  outbox.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 0 });
+  refusals = [new RangeError("a fault of the page")];
+
+  await assert.rejects(sender.resume(), RangeError);
+  assert.equal(sender.state.get().phase, "busy");
+  timers.at(-1)?.run();
+  await settled();
+
+  assert.deepEqual([sender.state.get().phase, outbox.items()], ["saved", []]);
+});
+
+test("a conflict is told with the other's answer, is not repeated, and does not stop the rest", async () => {
+  const theirs = decision({ review: { verdict: "reject", reviewer: "bo", revision: 3 } });
+  refusals = [new ApiError(412, { current: theirs }, null)];
+  const { sender } = senderOf();
+  answer(sender, 1, "keep");
+  answer(sender, 2, "keep");
+  await settled();
+  assert.deepEqual(told, [["conflict", "keep", "reject"], ["stored", 2, 1]]);
+  assert.equal(sender.state.get().phase, "saved");
+});
+
+test("what the server will never take is told and let go", async () => {
+  refusals = [new ApiError(403, { detail: "viewers cannot review" }, null)];
+  const { sender, outbox } = senderOf();
+  answer(sender, 1, "keep");
+  await settled();
+  assert.deepEqual(told, [["refused", "keep", "viewers cannot review"]]);
+  assert.deepEqual(outbox.items(), []);
+});
+
+test("an answer goes out under the name of who gave it, and under no other", async () => {
+  refusals = [new ApiError(401, {}, null)];
+  const { sender, outbox } = senderOf();
+  answer(sender, 1, "keep");
+  await settled();
+
+  person = "bo";
+  await sender.resume();
+  assert.deepEqual([sent.length, outbox.items()], [1, []]);
+  answer(sender, 2, "reject");
+  await settled();
+  assert.deepEqual(sent.map(({ boxId }) => boxId), [1, 2]);
+  assert.deepEqual([...outbox.countByPerson()], [["ada", 1]]);
+
+  person = "ada";
+  await sender.resume();
+  assert.deepEqual(sent.map(({ boxId }) => boxId), [1, 2, 1]);
+});
+
+test("a network that comes back while an attempt is still failing is not waited for", async () => {
+  const { sender } = senderOf();
+  refusals = [new NoResponse(new Error("down")), new NoResponse(new Error("down")), new NoResponse(new Error("down"))];
+  answer(sender, 1, "keep");
+  void sender.resume();
+  await settled();
+
+  assert.equal(timers.at(-1)?.ms, 0);
+  timers.at(-1)?.run();
+  await settled();
+  assert.equal(timers.at(-1)?.ms, 2000);
+});
+
+/** @param {any} sender @param {any} verdict @param {number[]} boxIds @param {number[]} seenRevisions */
+const answerMany = (sender, verdict, boxIds, seenRevisions) =>
+  sender.addBulkAnswer({ dataset: "d", verdict, boxIds, seenRevisions, count: boxIds.length });
+
+test("away from the server, an answer after a bulk answer is sent after it", async () => {
+  refusals = [new NoResponse("away"), new NoResponse("away")];
+  const { sender } = senderOf();
+  answerMany(sender, "reject", [1, 2], [0, 0]);
+  await settled();
+  answer(sender, 1, "keep");
+  await settled();
+
+  await sender.resume();
+
+  assert.deepEqual(told, [["bulk stored", []], ["stored", 1, 2]]);
+  assert.deepEqual([sender.state.get().phase, sender.state.get().bulkItems], ["saved", []]);
+});
+
+test("away from the server, a bulk answer is sent after the answers before it", async () => {
+  refusals = [new NoResponse("away"), new NoResponse("away")];
+  const { sender } = senderOf();
+  answer(sender, 1, "keep");
+  await settled();
+  answerMany(sender, "reject", [1, 2], [0, 0]);
+  await settled();
+  assert.deepEqual([sender.state.get().count, sender.state.get().bulkItems.map(({ state }) => state)], [3, ["waiting"]]);
+
+  await sender.resume();
+
+  assert.deepEqual(told, [["stored", 1, 1], ["bulk stored", []]]);
+});
+
+test("what an earlier version of the page has kept is sent and forgotten, its bulk answers, which had no order, first", async () => {
+  const kept = { person: "ada", tab: "closed", verdict: "keep" };
+  const old = {
+    "unghost.outbox.v1.k1": { ...kept, key: "k1", order: 1, boxId: 3, frameId: 10, comment: "", seenRevision: 0, attempted: true },
+    "unghost.bulk.v1.k2": { ...kept, key: "k2", dataset: "d", boxIds: [1, 2], seen: [0, 0], count: 2 },
+  };
+  for (const [name, item] of Object.entries(old)) storage.setItem(name, JSON.stringify(item));
+  const { sender } = senderOf();
+
+  sender.takeOver(new Set(["t1"]));
+  await sender.resume();
+  await settled();
+
+  assert.deepEqual(bulkAnswers.map(({ key, boxIds, seenRevisions }) => [key, boxIds, seenRevisions]), [["k2", [1, 2], [0, 0]]]);
+  assert.deepEqual(sent.map(({ key, boxId, verdict, seenRevision }) => [key, boxId, verdict, seenRevision]), [["k1", 3, "keep", 0]]);
+  assert.deepEqual(told, [["bulk stored", []], ["stored", 3, 1]]);
+  assert.equal(storage.length, 0);
+});
+
+test("an answer is not replaced by one that was given after a bulk answer on the box", async () => {
+  refusals = [new ApiError(401, {}, null)];
+  const { sender, outbox } = senderOf();
+  answer(sender, 7, "keep");
+  await settled();
+  answer(sender, 1, "keep");
+  answerMany(sender, "reject", [1], [0]);
+  answer(sender, 1, "unsure");
+
+  assert.deepEqual(outbox.items().map(({ verdict }) => verdict), ["keep", "keep", "reject", "unsure"]);
+  await sender.resume();
+  assert.deepEqual([...revisions], [[7, 1], [1, 3]]);
+});
+
+test("what rests on an answer that somebody was faster than overwrites nothing", async () => {
+  refusals = [new NoResponse("away"), new NoResponse("away")];
+  const { sender } = senderOf();
+  answer(sender, 1, "keep");
+  await settled();
+  answerMany(sender, "unsure", [1, 2], [0, 0]);
+  answer(sender, 1, "reject");
+  await settled();
+  revisions.set(1, 1); // another person's
+
+  await sender.resume();
+
+  assert.deepEqual(told.map((event) => event.slice(0, 2)), [["conflict", "keep"], ["bulk stored", [1]], ["conflict", "reject"]]);
+  assert.equal(revisions.get(1), 1);
+});
+
+test("a bulk answer that is given up takes nothing with it that was answered later", async () => {
+  refusals = [new ApiError(413, { detail: "too many" }, null)];
+  const { sender } = senderOf();
+  answerMany(sender, "reject", [1, 2], [0, 0]);
+  answer(sender, 1, "keep");
+  await settled();
+
+  assert.deepEqual(told, [["stored", 1, 1]]);
+  assert.deepEqual(sender.state.get().bulkItems.map(({ state }) => state), ["refused"]);
+  sender.discard(sender.state.get().bulkItems[0]?.item.key ?? "");
+  assert.deepEqual(sender.state.get().bulkItems, []);
+});
+
+test("an answer after one's own bulk answer on a filter meets nobody else", async () => {
+  refusals = [new NoResponse("away"), new NoResponse("away")];
+  const { sender } = senderOf();
+  sender.addBulkAnswer({ dataset: "d", verdict: "reject", filter: { class: "car" }, snapshot: "s", count: 2 });
+  await settled();
+  answer(sender, 1, "keep");
+  answer(sender, 3, "keep");
+  await settled();
+  revisions.set(3, 9); // another person's
+
+  await sender.resume();
+
+  assert.deepEqual(told.map((event) => event.slice(0, 3)), [["bulk stored", []], ["stored", 1, 2], ["conflict", "keep", "keep"]]);
+});
+
+/** The undos that are not stored: of which bulk answers, and why they wait. @param {any} sender */
+const openOf = (sender) => sender.state.get().bulkItems.map((/** @type {any} */ { item, state, text }) => [item.bulkKey, state, text]);
+
+/**
+ * The undo of a bulk answer that rejected boxes 1 and 2, which had no answer.
+ * @param {any} sender @param {string} bulkKey @param {{batchId?: number | null, seenRevisions?: number[]}} [some]
+ */
+function undoBulkAnswer(sender, bulkKey, { batchId = null, seenRevisions = [0, 0] } = {}) {
+  const before = [1, 2].map(() => ({ verdict: "clear", comment: "" }));
+  sender.addBulkUndo({ bulkKey, batchId, dataset: "d", boxIds: [1, 2], seenRevisions, before, count: 2 });
+}
+
+test("the undo of a bulk answer is sent after the answers before it, and answers after it have seen it", async () => {
+  revisions = new Map([[1, 1], [2, 1]]);
+  refusals = [new ApiError(503, {}, 7)];
+  const { sender, outbox } = senderOf();
+  answer(sender, 3, "keep");
+  await settled();
+  undoBulkAnswer(sender, "k0", { batchId: 7, seenRevisions: [1, 1] });
+  sender.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 1 });
+  assert.deepEqual(Object.fromEntries(outbox.lastAnswers()), { 1: { verdict: "keep", comment: "" }, 2: { verdict: "clear", comment: "" }, 3: { verdict: "keep", comment: "" } });
+
+  await sender.resume();
+  await settled();
+
+  assert.deepEqual(told, [["stored", 3, 1], ["undo stored", 7, []], ["stored", 1, 3]]);
+  assert.equal(storage.length, 0);
+});
+
+test("without a network the undo of a bulk answer waits, survives a reload, and is sent", async () => {
+  revisions = new Map([[1, 1], [2, 1]]);
+  refusals = [new NoResponse("away")];
+  const { sender } = senderOf();
+  undoBulkAnswer(sender, "k0", { batchId: 7, seenRevisions: [1, 1] });
+  await settled();
+  assert.deepEqual(openOf(sender), [["k0", "waiting", "the server does not answer"]]);
+
+  const next = senderOf().sender;
+  next.takeOver(new Set());
+  assert.deepEqual(openOf(next), [["k0", "waiting", "it was not sent before the page was closed"]]);
+  await next.retry(next.state.get().bulkItems[0]?.item.key ?? "");
+  assert.deepEqual(openOf(next), []);
+
+  assert.deepEqual(undos.map(({ batchId }) => batchId), [7, 7]);
+  assert.deepEqual([told, storage.length], [[["undo stored", 7, []]], 0]);
+});
+
+test("undoing a bulk answer that was not sent discards it", async () => {
+  refusals = [new ApiError(401, {}, null)];
+  const { sender, outbox } = senderOf();
+  answer(sender, 3, "keep");
+  await settled();
+  sender.addBulkAnswer({ dataset: "d", verdict: "reject", boxIds: [1, 2], seenRevisions: [0, 0], count: 2 }, "k1");
+  undoBulkAnswer(sender, "k1");
+
+  assert.deepEqual([outbox.items().map(({ boxId }) => boxId), told], [[3], [["bulk discarded"]]]);
+});
+
+test("the undo of a bulk answer that may have arrived waits until the bulk answer is stored", async () => {
+  refusals = [new NoResponse("away")];
+  const { sender, outbox } = senderOf();
+  sender.addBulkAnswer({ dataset: "d", verdict: "reject", boxIds: [1, 2], seenRevisions: [0, 0], count: 2 }, "k1");
+  await settled();
+  undoBulkAnswer(sender, "k1");
+  assert.deepEqual([...outbox.lastAnswers()].map(([id, { verdict }]) => [id, verdict]), [[1, "clear"], [2, "clear"]]);
+
+  await sender.resume();
+  await settled();
+
+  assert.deepEqual(told, [["bulk stored", []], ["undo stored", 7, []]]);
+  assert.deepEqual([undos[0].seenRevisions, [...revisions]], [[1, 1], [[1, 2], [2, 2]]]);
+});
+
+test("the undo of a bulk answer leaves out what the bulk answer has left out", async () => {
+  refusals = [new NoResponse("away")];
+  const { sender } = senderOf();
+  sender.addBulkAnswer({ dataset: "d", verdict: "reject", boxIds: [1, 2], seenRevisions: [0, 0], count: 2 }, "k1");
+  await settled();
+  revisions.set(1, 9); // another person's
+  undoBulkAnswer(sender, "k1");
+
+  await sender.resume();
+  await settled();
+
+  assert.deepEqual(undos.map(({ boxIds, seenRevisions, before }) => [boxIds, seenRevisions, before.length]), [[[2], [1], 1]]);
+});
+
+test("a bulk answer that is refused is forgotten together with its undo", async () => {
+  refusals = [new NoResponse("away"), new ApiError(413, { detail: "too many" }, null)];
+  const { sender } = senderOf();
+  sender.addBulkAnswer({ dataset: "d", verdict: "reject", boxIds: [1, 2], seenRevisions: [0, 0], count: 2 }, "k1");
+  await settled();
+  undoBulkAnswer(sender, "k1");
+  answer(sender, 1, "keep");
+
+  await sender.resume();
+  await settled();
+
+  assert.deepEqual(told, [["bulk discarded"], ["stored", 1, 1]]);
+  assert.deepEqual([undos, storage.length, sender.state.get().bulkItems], [[], 0, []]);
+});
+
+test("an undo that is refused is told, and stops nothing", async () => {
+  revisions = new Map([[1, 1], [2, 1]]);
+  refusals = [new ApiError(409, { code: "already_undone", detail: "was undone already" }, null)];
+  const { sender } = senderOf();
+  undoBulkAnswer(sender, "k0", { batchId: 7, seenRevisions: [1, 1] });
+  sender.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 1 });
+  await settled();
+
+  assert.deepEqual(told, [["undo refused", 7, "was undone already"], ["stored", 1, 2]]);
+});
+
+test("an answer after the undo of one's bulk answer on a filter meets nobody else", async () => {
+  revisions = new Map([[1, 1], [2, 1]]);
+  refusals = [new NoResponse("away")];
+  const { sender } = senderOf();
+  sender.addBulkUndo({ bulkKey: "k0", batchId: 7, dataset: "d", before: [], count: 2 });
+  sender.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 1 });
+  await settled();
+
+  await sender.resume();
+  await settled();
+
+  assert.deepEqual(told, [["undo stored", 7, []], ["stored", 1, 3]]);
+});
+
+test("discarding a refused bulk answer leaves alone what was answered on its boxes since", async () => {
+  refusals = [new ApiError(413, { detail: "too many" }, null)];
+  const { sender } = senderOf();
+  answerMany(sender, "reject", [1, 2], [0, 0]);
+  answer(sender, 1, "keep");
+  await settled();
+  refusals = [new NoResponse("away")];
+  sender.addAnswer({ boxId: 1, frameId: 10, verdict: "unsure", comment: "", seenRevision: 1 });
+  await settled();
+
+  sender.discard(sender.state.get().bulkItems[0]?.item.key ?? "");
+  await sender.resume();
+
+  assert.deepEqual(told, [["stored", 1, 1], ["bulk discarded"], ["stored", 1, 2]]);
+});
+
+/** A server that responds to bulk answers as it is told. */
+function bulkServer(responses, storage = memoryStorage(), tab = "t1", person = "ada") {
+  const sent = [];
+  const events = [];
+  let key = 0;
+  const requests = {
+    answer: async () => assert.fail("no answer on one box was given"),
+    bulkAnswer: async (/** @type {any} */ bulk) => {
+      sent.push(bulk);
+      const response = responses.shift() ?? { id: 7, count: bulk.count, skipped: [], stale: [] };
+      if (response instanceof Error) throw response;
+      return response;
+    },
+  };
+  const outbox = createOutbox(storage, tab, () => person, () => `k${++key}`);
+  const sender = createSender(outbox, requests, () => {});
+  sender.observe({
+    onBulkStored: (_, { id, skipped, stale }) => events.push(["stored", id, skipped, stale]),
+    onBulkDiscarded: (bulk) => events.push(["discarded", bulk.key]),
+  });
+  return { sender, sent, events, storage };
+}
+
+const MANY = { dataset: "d", verdict: /** @type {const} */ ("reject"), boxIds: [1, 2, 3], count: 3 };
+const tick = () => new Promise((done) => setTimeout(done));
+
+test("a bulk answer is sent once and forgotten when it is stored", async () => {
+  const { sender, sent, events, storage } = bulkServer([]);
+
+  sender.addBulkAnswer(MANY);
+  assert.deepEqual([...sender.state.get().waitingInBulk], [1, 2, 3]);
+  await tick();
+
+  assert.deepEqual(sent.map(({ boxIds }) => boxIds), [[1, 2, 3]]);
+  assert.deepEqual(events, [["stored", 7, [], []]]);
+  assert.deepEqual([sender.state.get().bulkItems, storage.length], [[], 0]);
+});
+
+for (const [name, error] of [
+  ["offline", new NoResponse(null)],
+  ["signed out", new ApiError(401, {}, null)],
+  ["busy", new ApiError(503, { detail: "busy" }, 1)],
+]) {
+  test(`a bulk answer that cannot be sent (${name}) waits, and goes again with the same key`, async () => {
+    const { sender, sent, events } = bulkServer([error]);
+    sender.addBulkAnswer(MANY);
+    await tick();
+    assert.deepEqual(sender.state.get().bulkItems.map(({ state }) => state), ["waiting"]);
+
+    sender.resume();
+    await tick();
+
+    assert.deepEqual(sent.map(({ key }) => key), ["k1", "k1"]);
+    assert.deepEqual(events, [["stored", 7, [], []]]);
+  });
+}
+
+test("a bulk answer survives its page, and goes on in the next one or in another tab", async () => {
+  const { sender, storage } = bulkServer([new NoResponse(null)]);
+  sender.addBulkAnswer(MANY);
+  await tick();
+
+  const same = bulkServer([], storage);
+  same.sender.takeOver(new Set(["t1"]));
+  assert.deepEqual(same.sender.state.get().bulkItems.map(({ item }) => item.key), ["k1"]);
+  const other = bulkServer([], storage, "t2");
+  assert.deepEqual(other.sender.state.get().bulkItems, []);
+  other.sender.takeOver(new Set(["t1"]));
+  assert.deepEqual(other.sender.state.get().bulkItems, []);
+  other.sender.takeOver(new Set());
+  other.sender.resume();
+  await tick();
+
+  assert.deepEqual(other.events, [["stored", 7, [], []]]);
+  assert.equal(storage.length, 0);
+});
+
+test("a bulk answer is sent under the name of who did it, and under no other", async () => {
+  const { sender, storage } = bulkServer([new ApiError(401, {}, null)]);
+  sender.addBulkAnswer(MANY);
+  await tick();
+
+  const bo = bulkServer([], storage, "t1", "bo");
+  bo.sender.takeOver(new Set());
+  bo.sender.resume();
+  await tick();
+  assert.deepEqual([bo.sent, bo.sender.state.get().bulkItems], [[], []]);
+
+  const ada = bulkServer([], storage);
+  ada.sender.takeOver(new Set());
+  ada.sender.resume();
+  await tick();
+  assert.deepEqual(ada.sent.map(({ key, person }) => [key, person]), [["k1", "ada"]]);
+});
+
+test("a bulk answer whose boxes have changed waits until the person decides", async () => {
+  const { sender, sent } = bulkServer([new ApiError(412, { code: "stale_snapshot", detail: "selects 4" }, null)]);
+  sender.addBulkAnswer({ dataset: "d", verdict: "keep", filter: { class: "car" }, snapshot: "s", count: 3 });
+  await tick();
+  assert.deepEqual(sender.state.get().bulkItems.map(({ state, text }) => [state, text]), [["changed", "selects 4"]]);
+
+  sender.resume();
+  await tick();
+
+  assert.equal(sent.length, 1);
+});
+
+test("boxes that somebody answered meanwhile are reported", async () => {
+  const { sender, events } = bulkServer([{ id: 7, count: 2, skipped: [], stale: [2] }]);
+
+  sender.addBulkAnswer({ ...MANY, seenRevisions: [0, 0, 0] });
+  await tick();
+
+  assert.deepEqual(events, [["stored", 7, [], [2]]]);
+});
+
+test("a refused bulk answer is shown until it is discarded", async () => {
+  const { sender, events, storage } = bulkServer([new ApiError(413, { detail: "too many" }, null)]);
+  sender.addBulkAnswer(MANY);
+  await tick();
+  assert.deepEqual(sender.state.get().bulkItems.map(({ state, text }) => [state, text]), [["refused", "too many"]]);
+
+  sender.discard("k1");
+
+  assert.deepEqual(events, [["discarded", "k1"]]);
+  assert.equal(storage.length, 0);
+});
