@@ -11,7 +11,7 @@ from app.jobs.leases import LEASE_LASTS
 
 ELSEWHERE = "another-machine/1/2/3"
 """The name of a process of which nobody here can tell whether it has ended."""
-WHO = "from app.jobs.processes import this_process; print(this_process())"
+WHO = "from app.jobs.leases import this_process; print(this_process())"
 
 
 def give(session, job, holder, lasts=LEASE_LASTS):

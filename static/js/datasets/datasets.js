@@ -3,13 +3,12 @@
 
 import { NearPicture } from "../boxes/crops.js";
 import { ReviewProgress, StrokeSwatch, VerdictBar } from "../boxes/signs.js";
-import { get } from "../core/api.js";
+import { get, url } from "../core/api.js";
 import { useHead, useLoaded, useValue } from "../core/hooks.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Command, Failure, Notice } from "../core/parts.js";
-import { thumbnailUrl } from "../core/pictures.js";
 import { linkTo } from "../core/router.js";
 import { UploadButtons } from "../upload/upload.js";
 
@@ -43,7 +42,7 @@ function Card({ app, dataset }) {
   const { name, description, counts, thumbnail_frame_id: thumbnail } = dataset;
   return html`<a class="card" href=${linkTo("frames", { dataset: name })}>
     <div class="card__picture">
-      ${thumbnail ? html`<${NearPicture} url=${thumbnailUrl(thumbnail)} />` : html`<${Icon} name="image" class="card__none" />`}
+      ${thumbnail ? html`<${NearPicture} url=${url("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: thumbnail } })} />` : html`<${Icon} name="image" class="card__none" />`}
     </div>
     <div class="card__body">
       <h2 class="card__title">${name}</h2>

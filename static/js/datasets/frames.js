@@ -5,13 +5,12 @@ import { NearPicture } from "../boxes/crops.js";
 import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
 import { FILTER_KEYS, filtersOf, selectionOf } from "../boxes/filters.js";
 import { VerdictBar } from "../boxes/signs.js";
-import { get } from "../core/api.js";
+import { get, url } from "../core/api.js";
 import { useHead, useLoaded, usePages, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, FailureLine, Notice } from "../core/parts.js";
-import { thumbnailUrl } from "../core/pictures.js";
 import { linkTo } from "../core/router.js";
 import { DatasetDialog } from "./settings.js";
 
@@ -97,7 +96,7 @@ function Thumb({ app, frame, query }) {
   const waiting = counts.to_review ? countOf(counts.to_review, "needs review", "need review") : !counts.boxes ? "no boxes" : counts.reviewed ? "reviewed" : "nothing to review";
   return html`<a class="thumb" href=${linkTo("frame", { id }, query)} title=${key}>
     <div class="thumb__picture">
-      ${has_image ? html`<${NearPicture} url=${thumbnailUrl(id)} />` : html`<${Icon} name="image" />`}
+      ${has_image ? html`<${NearPicture} url=${url("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: id } })} />` : html`<${Icon} name="image" />`}
       ${lossy && html`<span class="thumb__flag">lossy</span>`}
     </div>
     <div class="thumb__text"><span class="thumb__key">${key}</span><span class="faint num">${countText(counts.boxes)}</span></div>

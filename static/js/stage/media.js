@@ -1,9 +1,8 @@
 // @ts-check
 // Frames with their picture and segmentation, each loaded once for all who draw them, and some of them in advance.
 
-import { blob, get } from "../core/api.js";
+import { blob, get, url } from "../core/api.js";
 import { useEffect, useState } from "../core/html.js";
-import { fileUrl, imageAt, paintedUrl } from "../core/pictures.js";
 import { canvasOf, isPaintedAlready } from "./pixels.js";
 
 /** @typedef {import("../core/openapi.js").Frame} Frame */
@@ -74,6 +73,27 @@ export function createMedia() {
 }
 
 /** @typedef {ReturnType<typeof createMedia>} MediaCache */
+
+/** @param {Frame} frame @param {"image" | "segmentation"} kind */
+const fileUrl = ({ id, files }, kind) =>
+  files[kind]?.url ?? url("/api/v1/frames/{frame_id}/{kind}", { path: { frame_id: id, kind } });
+
+/** The segmentation painted in its palette, whatever its file's encoding. @param {number} frameId */
+const paintedUrl = (frameId) =>
+  url("/api/v1/frames/{frame_id}/overlay", { path: { frame_id: frameId }, query: { layer: "segmentation", boxes: "" } });
+
+/** A picture, decoded. @param {string} address @param {AbortSignal} [signal] */
+async function imageAt(address, signal) {
+  const image = new Image();
+  // By fetch, because an <img> sends no session. A decoded image no longer needs its address.
+  image.src = URL.createObjectURL(await blob(address, signal));
+  try {
+    await image.decode();
+  } finally {
+    URL.revokeObjectURL(image.src);
+  }
+  return image;
+}
 
 /** @param {number} frameId @returns {Media} */
 function mediaOf(frameId) {

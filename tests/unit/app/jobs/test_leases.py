@@ -18,6 +18,8 @@ from app.jobs.leases import (
     LeaseLost,
     Leases,
     Watchdog,
+    process_has_ended,
+    this_process,
 )
 from app.jobs.service import cancel
 from app.runs.queries import RunRepository
@@ -193,3 +195,17 @@ def test_leases_of_the_dead_go_with_their_jobs(services, write):
         left = [session.get(Lease, job) is not None for job in jobs]
         take_away(session, jobs[1])
     assert left == [False, True]
+
+
+def test_a_process_knows_itself_and_the_dead_from_the_living():
+    assert this_process() != this_process()
+    assert not process_has_ended(this_process())
+    assert process_has_ended(ended_process())
+    assert not process_has_ended(ELSEWHERE)
+    assert not process_has_ended("nonsense")
+
+
+def test_a_number_that_another_process_has_by_now_is_no_sign_of_life():
+    machine, pid, started, rest = this_process().split("/")
+
+    assert process_has_ended("/".join((machine, pid, str(int(started) - 1), rest)))
