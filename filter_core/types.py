@@ -477,15 +477,12 @@ class _ReasonRow(NamedTuple):
 
 
 class Reason(IntEnum):
-    """The rule that decided a box: one row per reason, in the order of the rules.
+    """The rule that decided a box: one row per reason, without gaps in the numbers.
 
-    A new reason needs, besides its row here and its name in `ReasonLabel`:
-
-    - its condition: `_rules` in `decisions/rules.py`, or for a kind of evidence its row
-      of `_CHANNELS` in `decisions/channel_rules.py`;
-    - its sentence: `_SENTENCES` in `decisions/explain.py`;
-    - its short label on the review page: `REASONS` in `static/js/boxes/wording.js`;
-    - in the service, a migration: the database checks the numbers.
+    10 to 13 are given by channels only. A box that a channel keeps is VISIBLE, like one
+    that reaches its threshold; `Decisions.channel` says which it was. A new reason
+    comes last, and its name last in `ReasonLabel`; "Add a rule or a reason" in
+    ARCHITECTURE.md has the other places.
 
     Attributes
     ----------
@@ -493,7 +490,7 @@ class Reason(IntEnum):
         Its name on the wire, such as ``below_threshold``.
     verdict : Verdict
     before_channels : bool
-        The rule needs no pixels, so that no channel overwrites its decision.
+        No channel overwrites its decision; it was made without pixels.
     in_image : bool
         Something of the box is in the image, so that a person can judge it. The page's
         queue lists the reasons of others by name: `static/js/queue/session.js`.
@@ -527,7 +524,8 @@ class Reason(IntEnum):
         in_image: bool = True,
     ) -> Reason:
         """The value is the number, which is stored and never changes its meaning."""
-        # The defaults are for type checkers, to which `Reason(5)` is a call of this.
+        # Called with the values of a `_ReasonRow`. The defaults are for type checkers,
+        # to which `Reason(5)` is a call of this.
         reason = int.__new__(cls, number)
         reason._value_ = number
         reason.label = get_args(ReasonLabel)[number - 1]

@@ -91,7 +91,7 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
         )
         raise
     ended = partial(transaction.__exit__, None, None, None)
-    if session.in_transaction():
+    if session.in_transaction():  # else the route has committed already
         await _in_own_thread(ended)
     else:
         ended()

@@ -11,7 +11,7 @@ anew.
 **Who counts** depends on which process works on the chunk:
 
 - A worker of a cluster: its driver is told that it died, and calls `count_death`. Every
-  death counts until the chunk is done.
+  death counts until the chunk is done, whatever it has stored.
 - The driver itself, which executes all chunks without workers, and every final step. If
   it dies, nobody is left to count. So it counts its attempt before it begins the chunk
   (`Attempt.begin`), and sets the count to zero when it stores a part of the result

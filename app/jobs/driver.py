@@ -51,7 +51,8 @@ class ChunkFailed(Exception):
 def drive_job(context: ServiceContext, job: Job) -> bool:
     """Drive one job to its end, from the start or from where a former driver left it.
 
-    Does nothing if another process drives it, or if another job has to end first.
+    Does nothing if another process drives it, or if another job has to end first: a
+    run that activates waits for earlier ones of its dataset (`RunJobs.may_begin`).
     Returns whether the job has ended, here or elsewhere.
     """
     with context.one(Leases).driving(context.database, job) as lease:
@@ -150,11 +151,11 @@ class JobDriver:
                 if not is_open(session, self.lease.job):
                     return
                 # New frames have been stored meanwhile, which have to be planned too.
-                row = self._row(session)
+                row = self._open_row(session)
 
     def _begin(self) -> JobRow:
         with self.context.database.write() as session:
-            row = self._row(session)
+            row = self._open_row(session)
             if not self.kind.may_begin(session, row):
                 raise JobStopped(self.lease.job)
             self.lease.take(session)
@@ -164,7 +165,8 @@ class JobDriver:
             session.flush()
             return row
 
-    def _row(self, session: Session) -> JobRow:
+    def _open_row(self, session: Session) -> JobRow:
+        """The job's row; raises JobStopped if the job has ended."""
         row: JobRow = open_job(session, self.kind.table, self.lease.job.id)
         return row
 
@@ -192,7 +194,7 @@ class JobDriver:
         """
         with self.context.database.write() as session:
             self.lease.require(session)
-            row = self._row(session)
+            row = self._open_row(session)
             ChunkRepository(session).plan_final_step(self.lease.job, row.total)
         self._check()
         outcome = work_in_driver(self.context, *self.lease.job, FINAL_STEP)
@@ -237,7 +239,7 @@ class JobDriver:
         self._planned.up_to = chunks[-1].last_frame_id
         with self.context.database.write() as session:
             self.lease.require(session)
-            self._row(session)
+            self._open_row(session)
             self._to_send.extend(ChunkRepository(session).plan(self.lease.job, chunks))
 
     def _take_ended(self) -> None:
@@ -287,7 +289,7 @@ class JobDriver:
 
     def _error_of(self, number: int) -> Mapping[str, object]:
         with self.context.database.read() as session:
-            self._row(session)
+            self._open_row(session)
             chunk = ChunkRepository(session).find(self.lease.job, number)
             return (chunk.error if chunk else None) or unexpected_error(self.lease.job)
 
@@ -304,7 +306,7 @@ class JobDriver:
         self.lease.check()
         if time.monotonic() - self._row_read_at >= READ_ROW_EVERY_S:
             with self.context.database.read() as session:
-                self._row(session)
+                self._open_row(session)
             self._row_read_at = time.monotonic()
 
     def _reconnect(self) -> None:

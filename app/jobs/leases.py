@@ -17,7 +17,7 @@ process drive each open job
 The new driver continues with what the database says (`JobDriver`).
 
 **A driver that is only slow** may lose its lease and not know. It notices when it
-renews the lease, plans chunks, counts an attempt of a worker, begins the final step or
+renews the lease, plans chunks, counts the death of a worker, begins the final step or
 lets the job fail: these require the lease. Storing results does not, so that a worker
 needs none. Instead, each transaction that stores results looks which of them are there
 already (`EvidenceRepository.lacking`), and ending a job requires that it is open
@@ -73,7 +73,7 @@ class LeaseLost(JobStopped):
 class JobLease:
     """The lease of one job, for the process `holder`.
 
-    The row goes away with the job. What becomes of it depends on how the driver ends:
+    What becomes of the row depends on how the driver ends:
 
     - The job has ended: `release` deletes the row.
     - The driver leaves an open job (a stop, a lost connection): `release` lets the
@@ -98,7 +98,8 @@ class JobLease:
             Another process drives the job.
         """
         now = _now(session)
-        # A process that is ending the job has locked this row: do not wait for it.
+        # A process that is ending the job has locked this row. Not to wait for it, the
+        # row is skipped then: adding another fails, and the lease counts as lost.
         lease = _locked(session, self.job, skip_locked=True)
         if lease is not None:
             if lease.holder != self._holder and not _is_void(lease, now):
@@ -107,7 +108,7 @@ class JobLease:
             session.flush()
         elif not self._add(session, now):
             raise LeaseLost(self.job)
-        once_committed(session, self._keep)
+        once_committed(session, self._start_renewing)
 
     def require(self, session: Session) -> None:
         """Lock the lease until this transaction ends, so that no other can take it.
@@ -158,7 +159,7 @@ class JobLease:
         lease = _locked(session, self.job)
         return lease if lease is not None and lease.holder == self._holder else None
 
-    def _keep(self) -> None:
+    def _start_renewing(self) -> None:
         if not self._is_taken:
             self._is_taken = True
             threading.Thread(target=self._renew, name="lease", daemon=True).start()

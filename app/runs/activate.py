@@ -70,7 +70,7 @@ def decide_all(task: Task[Run]) -> None:
         The run has ended, or is being cancelled.
     """
     context = task.context
-    # Loading a million numbers holds no lock; the transaction finds them cached.
+    # Only fills the cache, so that no lock is held while a million numbers are loaded.
     with context.database.read() as session:
         run = task.row(session)
         if context.one(ColumnCache).fits(session, run.dataset_id):

@@ -3,7 +3,7 @@
 To add a key, add a field to the class that fits:
 
 `ClassKeys`
-    A number that single classes can override. Most thresholds are one.
+    A number that single classes can override. Most thresholds belong here.
 `OnlyClassKeys`
     What only a class has: its accepted tags.
 `DecidingKeys`
@@ -62,10 +62,10 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
 
     The annotation of a key says which numbers: `NumberT` for any, `WholeNumberT` for
     `counted`, `NumberOrNullT` for `NEAREST_METRES` and `FARTHEST_METRES`. A key for the
-    smallest height of a box would be::
+    greatest crowding (`Evidence.crowding`) with which boxes are kept would be::
 
-        min_height: WholeNumberT = key(
-            counted("pixels"), 0, "Fewest rows of pixels that a box must have."
+        max_crowding: NumberT = key(
+            PERCENT, 100, "Largest share of a box that one other box may cover."
         )
 
     Three classes in `filter.py` have these keys. What stands for such a number there:
@@ -130,7 +130,8 @@ class OnlyClassKeys:
 class DecidingKeys:
     """The keys that verdicts depend on once everything is measured.
 
-    Some of them change what is measured as well: those have `needs_pixels`.
+    Some of them change what is measured as well: those have `needs_pixels`, since after
+    a change of them images are read again.
     """
 
     profile: Profile = key(

@@ -38,7 +38,9 @@ _BEFORE_CHANNELS: Final = np.array(
 def apply_channels(
     evidence: Evidence, config: DecideConfig, decisions: Decisions
 ) -> None:
-    """Overwrite the decisions of the boxes that a channel has a number for.
+    """Overwrite the decisions of boxes that a channel has a number for.
+
+    Those that were decided before channels (`Reason.before_channels`) stay.
 
     Parameters
     ----------
@@ -51,10 +53,10 @@ def apply_channels(
     if evidence.channels is None or config.evidence == SEMANTIC:
         return
     boxes = _boxes_of(evidence, evidence.channels, config)
-    undecided = ~_BEFORE_CHANNELS.take(decisions.reason)
+    open_to_channels = ~_BEFORE_CHANNELS.take(decisions.reason)
     for name in config.channels:
-        rows = np.flatnonzero(undecided & has_number(evidence, name))
-        undecided[rows] = False
+        rows = np.flatnonzero(open_to_channels & has_number(evidence, name))
+        open_to_channels[rows] = False
         channel = _CHANNELS[name]
         number, needed = channel.number(boxes.numbers), channel.needed(boxes)
         keeps = number <= needed if channel.at_most else number >= needed

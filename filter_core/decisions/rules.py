@@ -5,12 +5,10 @@ G. Weidl, "Improve Bounding Box in Carla Simulator", VEHITS 2024. `_rules` lists
 their order: for each reason, its condition. Rules of other evidence than the
 segmentation are in `channel_rules`, which `decide` applies afterwards.
 
-A new threshold is a key in `filter_core/config/keys.py` and a comparison in `_rules`.
-What a new reason needs is said at `Reason` in `filter_core/types.py`. If the match is
-compared with the threshold, two more places need it: `_thresholds_by_reason`, and
-`app/boxes/filter.py`, where lists find the boxes around a threshold in SQL
-(`ClassThresholds.sides` and `THRESHOLD_REASONS`; compared with `decide` by
-`tests/unit/app/boxes/test_thresholds_in_sql.py`).
+A new threshold is a key in `filter_core/config/keys.py`, a comparison in `_rules` (or
+in `channel_rules`), and its sentence in `explain`. "Add a key of a configuration" in
+ARCHITECTURE.md has the whole list, and what else is needed if the threshold is compared
+with the match; "Add a rule or a reason" has it for a new reason.
 """
 
 from __future__ import annotations
@@ -87,7 +85,7 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
     )
     thresholds = config.thresholds_for(evidence.class_names)
     table = _thresholds_by_reason(thresholds)
-    limits = _Limits(thresholds, table, config.profile == "carlasimu")
+    limits = _Limits(thresholds, table, config)
     for start in range(0, count, _BLOCK):
         _decide_block(evidence, slice(start, start + _BLOCK), limits, decisions)
     apply_channels(evidence, config, decisions)
@@ -102,16 +100,23 @@ class _Limits(NamedTuple):
     thresholds : LimitsByClass of K classes
     by_reason : (2, K, 1 + max(Reason)) float64
         See `_thresholds_by_reason`.
-    as_carlasimu : bool
-        Compare as under profile ``carlasimu``, which differs from ``paper`` here in
-        three ways (and in others where boxes are measured): a box of exactly the size
-        `size_big_box` is large; a match equal to a threshold fails; and large boxes
-        must pass both thresholds.
+    config : DecideConfig
+        For keys that no class can override.
     """
 
     thresholds: LimitsByClass
     by_reason: FloatArray
-    as_carlasimu: bool
+    config: DecideConfig
+
+    @property
+    def as_carlasimu(self) -> bool:
+        """Whether to compare as under profile ``carlasimu``.
+
+        It differs from ``paper`` here in three ways (and in others where boxes are
+        measured): a box of exactly the size `size_big_box` is large; a match equal to a
+        threshold fails; and large boxes must pass both thresholds.
+        """
+        return self.config.profile == "carlasimu"
 
 
 def _decide_block(
@@ -141,8 +146,8 @@ def _rules(
 ) -> Sequence[_Rule]:
     """The rules in the order of Algorithm 2; a box for which none holds is visible.
 
-    Labels on the page repeat whether a match has to reach or to exceed its threshold
-    (`static/js/boxes/wording.js`).
+    For a rejected box, the page's label repeats whether its match had to reach or to
+    exceed the threshold (`measureText` in `static/js/boxes/wording.js`).
     """
     thresholds, as_carlasimu = limits.thresholds, limits.as_carlasimu
     class_index, match = evidence.class_index[rows], evidence.match_percent[rows]
@@ -150,6 +155,7 @@ def _rules(
     big = _per_box(thresholds.threshold_big_box, class_index)
     needed = _per_box(thresholds.min_visible_pixels, class_index)
     fails_big = match <= big if as_carlasimu else match < big
+    # Under carlasimu large boxes must pass this threshold, too.
     fails_small = match <= small if as_carlasimu else (match < small) & ~large
     state = evidence.state[rows]
     return (

@@ -103,7 +103,8 @@ class Format:
 
     Its functions follow in the module, each with a decorator that stores it here:
     `recogniser` as `recognise`, `reader` as `read`, `writer` as `write`, `requirement`
-    as `require`. Functions that it does not have stay None.
+    as `require`. Functions that it does not have stay None. So a `Format` is complete
+    once its module has been imported.
 
     Attributes
     ----------

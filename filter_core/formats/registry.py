@@ -63,10 +63,7 @@ FORMATS: Final[Mapping[str, Format]] = {
 """By name, in the order in which they are offered."""
 
 EXPORT_FORMATS: Final = tuple(name for name, one in FORMATS.items() if one.write)
-"""The formats that `write_export` can write.
-
-Importing a format's module has stored its functions in its `Format`.
-"""
+"""The formats that `write_export` can write."""
 
 LAYOUTS: Final = ("auto", *(name for name, one in FORMATS.items() if one.read))
 """The formats that `read_source` can read, and ``auto``."""

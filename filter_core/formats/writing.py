@@ -157,12 +157,14 @@ class OutFrame:
 
 @dataclass(frozen=True)
 class ExportContext:
-    """The context of a writer.
+    """What the writer of one export is given.
 
     Attributes
     ----------
     sink : Sink
+        Called with the name of a file and its pieces, as bytes, to write the file.
     head : ExportHead
+        The dataset, its classes and where temporary files may be written.
     options : ExportOptions
     stack : ExitStack
         Closes what the writer opens.
@@ -193,8 +195,9 @@ class LabelWriter(Protocol):
     def labels(self, band: str, out: OutFrame) -> None:
         """One frame's labels.
 
-        Called with an empty `band` for each frame, and then once for each distance band
-        of the options, with its name and only the boxes that are near enough.
+        Called with all boxes and an empty `band` for each frame. A format with the
+        option `bands` is called again for each distance band, with its name and only
+        the boxes that are near enough.
         """
 
     def finish(self) -> None:
@@ -238,11 +241,11 @@ def write_labels(
         tally = stack.enter_context(ExportTally(head))
         context = ExportContext(sink, head, options, stack)
         writer = new_writer(context)
-        run = _LabelExport(context, writer, tally)
+        export = _LabelExport(context, writer, tally)
         for frame in frames:
-            run.write(frame)
+            export.write(frame)
         writer.finish()
-        return run.finish()
+        return export.finish()
 
 
 def split_of(key: str, map_name: str | None, share: float) -> str:

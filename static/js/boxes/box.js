@@ -2,7 +2,7 @@
 // How an answer changes a box, and what a blind review shows of a box before it is answered.
 
 /** @typedef {import("../core/openapi.js").Decision} StoredDecision */
-/** @typedef {import("../core/openapi.js").Review["verdict"]} Answer  a person's answer; clear undoes it */
+/** @typedef {import("../core/openapi.js").Review["verdict"]} Answer  a person's answer; clear removes it */
 /** @typedef {{verdict: Answer, comment: string}} AnswerWithComment */
 /**
  * @typedef {StoredDecision["verdict"] | "veiled"} Verdict  the filter's verdict; veiled: hidden until the person has

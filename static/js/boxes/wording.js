@@ -2,15 +2,15 @@
 // Texts for reasons, verdicts and numbers of a box, the same in all views.
 //
 // A decision comes with a sentence that explains it (`explanation`, composed in
-// filter_core/decisions/explain.py), which the inspector shows. It is too long for a label on an
-// image or a row of a list, so that the page words those itself, from the same numbers.
+// filter_core/decisions/explain.py), which the inspector shows. It is too long for a label on an image or a row of a
+// list, so the page words those itself, from the same numbers. Where a channel decided, it takes the sentence.
 
 import { exactPercentText, metresText, percentText, wholePercentText } from "../core/numbers.js";
 
 /** @typedef {import("./box.js").Decision} Decision */
 /** @typedef {import("./box.js").Verdict} Verdict */
 
-/** Short names of the reasons, in the order of the rules (`Reason` in filter_core/types.py). @type {Record<string, string>} */
+/** Short names of the reasons, in the order of `Reason` in filter_core/types.py. @type {Record<string, string>} */
 export const REASONS = {
   outside_image: "outside the image",
   covers_image: "covers the image",
@@ -44,7 +44,7 @@ export const ANSWER_TEXT = { keep: "keep", reject: "reject", unsure: "unsure", c
 export const acceptedText = (box) =>
   box.accepted_tags?.map(({ name }) => name).join(" + ") || box.class;
 
-/** Whether the share of matching pixels decided (or nothing did), and not another kind of evidence. @param {Decision} box */
+/** Whether no channel decided the box: the share of matching pixels did, or nothing was measured. @param {Decision} box */
 export const isByShare = ({ evidence }) => !evidence || evidence === "semantic";
 
 /** The share of matching pixels if it decided, else an empty text. @param {Decision} box */

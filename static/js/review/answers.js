@@ -123,7 +123,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
       toasts.show(text, { kind: "error" });
     },
 
-    // The session ends where it is refused. If another one has begun meanwhile, it is tried with that one.
+    // If somebody has signed in again while the refused request was under way, the answer is sent with the new session.
     onSignedOut: () => void (app.isSignedIn.get() && resume()),
   });
 

@@ -157,7 +157,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       const earlier = items();
       const last = earlier.findLast((item) => mayAnswer(item, answer.boxId));
       if (last && isSingle(last) && !last.attempted) {
-        // It has seen the revision that the earlier answer had seen: what the page shows since is that answer.
+        // The revision stays that of the earlier answer: since then, the page only shows an answer that is not stored.
         write({ ...last, key: newKey(), verdict: answer.verdict, comment: answer.comment });
         remove(last);
         return;

@@ -96,7 +96,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   /** The item that is being sent, until it is known what becomes of it. @type {OutboxItem | null} */
   let sending = null;
   /** Why the items wait; empty if the last one was stored or refused. */
-  let delay = "";
+  let waitingBecause = "";
   /** If the request that is under way fails, send the item again at once: `resume` was called meanwhile. */
   let isRetryDue = false;
   /** The bulk answers that are set aside, by their keys. @type {Map<string, Pick<OpenBulkItem, "state" | "text">>} */
@@ -127,7 +127,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
     const aside = setAside.get(key);
     if (aside) return aside;
     const isSending = phase === "saving" && sending?.key === key;
-    return delay && !isSending ? { state: "waiting", text: delay } : { state: "sending", text: "" };
+    return waitingBecause && !isSending ? { state: "waiting", text: waitingBecause } : { state: "sending", text: "" };
   }
 
   /** @param {Phase} phase */
@@ -142,10 +142,10 @@ export function createSender(outbox, requests = REQUESTS, later) {
       for (sending = next(); sending; sending = next()) {
         show("saving");
         if (!(await deliver(sending))) return;
-        delay = "";
+        waitingBecause = "";
         retries.reset();
       }
-      delay = "";
+      waitingBecause = "";
       show("saved");
     } finally {
       sending = null;
@@ -197,7 +197,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
 
   /** @param {Phase} phase @param {string} text  why @param {number | null} [seconds]  as the server has asked */
   function waitAndRetry(phase, text, seconds = null) {
-    delay = text;
+    waitingBecause = text;
     show(phase);
     retries.wait(() => void drain(), isRetryDue ? 0 : seconds);
     isRetryDue = false;
@@ -211,7 +211,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   }
 
   function waitForSignIn() {
-    delay = "you are signed out";
+    waitingBecause = "you are signed out";
     show("signed-out");
     tell(({ onSignedOut }) => onSignedOut?.());
     return false;
@@ -220,6 +220,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   /** @param {SingleAnswer | BulkUndo} item @param {(observer: Partial<SenderEvents>) => void} notify */
   function drop(item, notify) {
     outbox.remove(item);
+    // Later items may have been given the revision that this one would have made.
     outbox.setSeenRevisions(item, revisionsSeenBy(item));
     tell(notify);
     return true;
@@ -371,7 +372,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
      */
     takeOver(openTabs) {
       outbox.takeOver(openTabs);
-      if (!sending) delay ||= "it was not sent before the page was closed";
+      if (!sending) waitingBecause ||= "it was not sent before the page was closed";
       show(state.get().phase);
     },
   };

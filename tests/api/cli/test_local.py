@@ -46,7 +46,8 @@ def test_an_interrupted_filter_says_so_and_leaves_no_half_file(unghost, tmp_path
     manifest.write_text(manifest.read_text() * 20_000)
 
     with unghost.running("filter", folder, "-o", "out/all.jsonl") as process:
-        while not (tmp_path / "out").is_dir() or not any((tmp_path / "out").iterdir()):
+        # Until it has written something, and so is in the middle of its work.
+        while not any(part.stat().st_size for part in tmp_path.glob("out/*.part")):
             assert process.poll() is None
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=60)
