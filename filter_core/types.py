@@ -479,10 +479,10 @@ class _ReasonRow(NamedTuple):
 class Reason(IntEnum):
     """The rule that decided a box: one row per reason, without gaps in the numbers.
 
-    10 to 13 are given by channels only. A box that a channel keeps is VISIBLE, like one
-    that reaches its threshold; `Decisions.channel` says which it was. A new reason
-    comes last, and its name last in `ReasonLabel`; "Add a rule or a reason" in
-    ARCHITECTURE.md has the other places.
+    Only channels give 10 to 13, and the channel ``ordered`` gives 7 as well. A box that
+    a channel keeps is VISIBLE, like one that reaches its threshold; `Decisions.channel`
+    says which it was. A new reason comes last, and its name last in `ReasonLabel`; "Add
+    a rule or a reason" in ARCHITECTURE.md has the other places.
 
     Attributes
     ----------

@@ -177,7 +177,8 @@ class JobDriver:
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
-            # Quarantined frames must not be planned again, with another number.
+            # Frames that are in a chunk already, waiting or in quarantine, must not be
+            # planned again. Without such a chunk all frames that lack a result are.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:

@@ -56,7 +56,8 @@ WholeNumberT = TypeVar("WholeNumberT")
 NumberOrNullT = TypeVar("NumberOrNullT")
 
 
-@dataclass(frozen=True, kw_only=True)
+# Without comparison, which arrays do not have; configurations define their own.
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     """The keys that single classes can override; all of them are numbers.
 

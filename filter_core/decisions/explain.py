@@ -91,7 +91,7 @@ class ExplainedBox(NamedTuple):
         to reach it (profile ``paper``).
     channel : ChannelName or None
         The channel that decided. None: no channel did, and the values below say
-        nothing. The reasons of channels have no sentence without it.
+        nothing. Reasons that only channels give cannot be explained then.
     number : float
         What the channel compared: pixels, points, or metres.
     needed : float

@@ -80,7 +80,7 @@ function measureText(box) {
       return isMeasured(box) ? `${shareText(box)} ${tags}${thresholdText(box, "≥")}` : "visible";
     case "below_threshold":
     case "large_below_threshold":
-      // In profile carlasimu, a match equal to the threshold is too low.
+      // A box that is rejected at exactly its threshold was decided under profile carlasimu, where that is too low.
       return `${shareText(box)} ${tags}${thresholdText(box, box.match_percent === box.threshold ? "≤" : "<")}`;
     case "no_visible_pixels":
       return box.matched_pixels ? `too few ${tags.replaceAll(" + ", " or ")} pixels` : `no ${tags.replaceAll(" + ", " or ")} pixel`;

@@ -87,9 +87,9 @@ export function createRouter() {
       location.hash = hash;
     },
 
-    /** Same view, other details: no new entry in the history. @param {string} hash */
+    /** Same view, other details: no new entry in the history. A view that was left changes nothing. @param {string} hash */
     replace(hash) {
-      if (hash === location.hash) return;
+      if (hash === location.hash || parseHash(hash).name !== parseHash(location.hash).name) return;
       history.replaceState(history.state, "", hash);
       read();
     },

@@ -85,12 +85,8 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   }
 
   // Boxes are shown with the answers that are not stored yet. The sender's state changes whenever the outbox does.
-  let laidOver = outbox.lastAnswers();
-  boxes.layOver(laidOver);
-  sender.state.observe(() => {
-    laidOver = outbox.lastAnswers();
-    boxes.layOver(laidOver);
-  });
+  boxes.layOver(outbox.lastAnswers());
+  sender.state.observe(() => boxes.layOver(outbox.lastAnswers()));
 
   sender.observe({
     onStored(stored) {
@@ -139,11 +135,14 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   const unowned = createValue(outbox.countUnowned());
   const countAgain = () => unowned.set(outbox.countUnowned());
 
+  let waitingElsewhere = outbox.boxesOfOtherTabs();
+
   /** Another tab has changed the outbox. Boxes whose answer it has stored (or removed) are loaded again. */
   async function followOtherTabs() {
     countAgain();
     const waiting = outbox.lastAnswers();
-    const stored = boxes.all([...laidOver.keys()].filter((boxId) => !waiting.has(boxId)));
+    const stored = boxes.all([...waitingElsewhere].filter((boxId) => !waiting.has(boxId)));
+    waitingElsewhere = outbox.boxesOfOtherTabs();
     for (const { frame_id } of stored) changedFrame.set({ id: frame_id });
     await boxes.loadAgain(stored.map(({ box_id }) => box_id));
     sender.refresh();

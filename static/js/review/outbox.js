@@ -132,6 +132,14 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     isOfThisTab,
     remove,
 
+    /** Boxes with an answer of this person that another tab has to send. */
+    boxesOfOtherTabs: () =>
+      new Set(
+        itemsOfAllTabs()
+          .filter((item) => !isOfThisTab(item))
+          .flatMap((item) => (isSingle(item) ? [item.boxId] : (item.boxIds ?? []))),
+      ),
+
     /**
      * This person's last answer on each box, from whichever tab it is sent: a tab that is loaded again may find that
      * another one has taken over its answers. Bulk answers on a filter are left out: the page does not know which boxes
@@ -186,8 +194,9 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      write({ ...item, key: newKey(), seenRevision: revision, ownRevision: undefined, attempted: false });
+      // Removed first: the browser may have no room for it twice.
       remove(item);
+      write({ ...item, key: newKey(), seenRevision: revision, ownRevision: undefined, attempted: false });
     },
 
     /**

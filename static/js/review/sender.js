@@ -220,7 +220,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   /** @param {SingleAnswer | BulkUndo} item @param {(observer: Partial<SenderEvents>) => void} notify */
   function drop(item, notify) {
     outbox.remove(item);
-    // Later items may have been given the revision that this one would have made.
+    // Later items count as having seen what this one had seen. If it was renewed, that is newer than what they have.
     outbox.setSeenRevisions(item, revisionsSeenBy(item));
     tell(notify);
     return true;

@@ -199,6 +199,19 @@ def test_a_number_typed_in_a_menu_counts_although_the_menu_closes_at_once(many, 
     assert "match_min=1" in page.url
 
 
+def test_a_number_that_is_typed_does_not_hold_back_who_goes_back(many, ada):
+    page = ada.open(f"#/datasets/{many.dataset}/frames")
+    expect(page.locator("a.thumb").first).to_be_visible()
+    opened(ada, many)
+    page.get_by_role("button", name="More").click()
+    page.get_by_label("Match, at least").fill("1")
+
+    page.evaluate("history.back()")
+
+    expect(page.locator("a.thumb").first).to_be_visible()
+    assert page.url.endswith(f"#/datasets/{many.dataset}/frames")
+
+
 def test_blind_re_check_hides_verdicts_of_boxes_without_an_answer(many, ada):
     crowds.review(many, many.box_id("b1"), "keep")
     page = opened(ada, many)

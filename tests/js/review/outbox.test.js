@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { createOutbox } from "../../../static/js/review/outbox.js";
+import { createOutbox, isSingle } from "../../../static/js/review/outbox.js";
 import { memoryStorage } from "../../support/page/builders.js";
 
 /** @type {Storage} */
@@ -106,4 +106,19 @@ test("what other versions of the page have kept is read, and what this one keeps
   for (const [name, item] of Object.entries(texts)) {
     assert.deepEqual(JSON.parse(storage.getItem(name) ?? ""), { ...item, tab: "t2" });
   }
+});
+
+test("an answer is renewed where the browser has room for it once", () => {
+  const { setItem } = storage;
+  storage.setItem = (name, value) => {
+    if (storage.getItem(name) === null && storage.length > 0) throw new DOMException("it is full", "QuotaExceededError");
+    setItem.call(storage, name, value);
+  };
+  const outbox = createOutbox(storage, "t1", () => person);
+  outbox.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 0 });
+  const [item] = outbox.items().filter(isSingle);
+
+  if (item) outbox.renew(item, 7);
+
+  assert.deepEqual(outbox.items().map((one) => isSingle(one) && one.seenRevision), [7]);
 });

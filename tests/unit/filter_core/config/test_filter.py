@@ -501,3 +501,11 @@ def test_the_pointer_to_a_long_key_says_that_it_goes_on():
         FilterConfig.from_mapping({"a/" + "x" * 100: 1})
 
     assert caught.value.pointer == "/a~1" + "x" * 78 + "…"
+
+
+def test_limits_of_several_classes_are_compared_by_identity():
+    limits = FilterConfig().thresholds_for(["car", "van"])
+    others = FilterConfig(min_distance=3).thresholds_for(["car", "van"])
+
+    assert {limits, others} == {others, limits}
+    assert limits != others
