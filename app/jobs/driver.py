@@ -100,7 +100,7 @@ def _fail(
 class _Planned:
     """How far the frames of a job are divided into chunks."""
 
-    frames_per_chunk: int
+    frames_per_chunk: int = 0
     up_to: int = 0
     """The id of the last frame that is in a chunk."""
     is_complete: bool = False
@@ -124,7 +124,7 @@ class JobDriver:
     context: ServiceContext
     lease: JobLease
     kind: AnyKind
-    _planned: _Planned = field(default_factory=lambda: _Planned(0))
+    _planned: _Planned = field(default_factory=_Planned)
     _to_send: deque[int] = field(default_factory=deque)
     _suspects: deque[int] = field(default_factory=deque)
     _in_flight: dict[Future[str], int] = field(default_factory=dict)

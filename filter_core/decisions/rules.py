@@ -191,7 +191,7 @@ def _first_reason(rules: Sequence[_Rule]) -> NDArray[np.uint8]:
     """(N,) uint8: the reason of the first rule that holds for a box, else VISIBLE."""
     # (R, N), 1 where a rule holds, else 0. The first rule has the highest rank, so that
     # the highest rank of a box is that of the first rule that holds; 0 if none does.
-    # `np.select` takes twice as long.
+    # `np.select` takes ten times as long.
     ranks = np.array([holds for _, holds in rules]).view(np.uint8)
     ranks *= np.arange(len(rules), 0, -1, dtype=np.uint8)[:, np.newaxis]
     by_rank = [Reason.VISIBLE, *(reason for reason, _ in reversed(rules))]

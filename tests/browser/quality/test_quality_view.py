@@ -14,7 +14,7 @@ from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import applied_config, car_at
 from tests.support.page.windows import Visitor
 
-pytestmark = [pytest.mark.browser, pytest.mark.long]
+pytestmark = pytest.mark.browser
 
 # The filter keeps from 10 % on, people from 5 % on: they differ about 6 and 8.
 SHARES = (1, 2, 3, 6, 8, 20, 40, 60, 80)
