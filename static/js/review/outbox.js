@@ -4,6 +4,13 @@
 //
 // An item of the outbox is an answer on one box, a bulk answer (one answer on many boxes), or the undo of a bulk
 // answer. (The undo of an answer on one box is one more answer on it.) Each tab sends its own items, in their order.
+// A bulk answer that the server has refused is kept apart (`refused`) until the person sends it again or discards it.
+//
+// An item has the revision of each of its boxes that the person saw. Two rules keep these right while items wait:
+//
+// 1. While an item waits, the page shows its answer on its boxes, and not what others have answered meanwhile. So an
+//    item that is added behind it on the same box has seen what the first one had seen (`add`).
+// 2. When an item is stored, its boxes have the next revision, and the items behind it have seen that (`finish`).
 
 import { randomId } from "../core/tab.js";
 
@@ -23,13 +30,12 @@ import { randomId } from "../core/tab.js";
  * @property {string} comment
  * @property {number} seenRevision  the box's revision that the person saw
  * @property {boolean} attempted  it may have reached the server: a retry must send exactly the same
- * @property {number} [ownRevision]  the box's revision after an earlier item of this person, if that was stored when
- *   this answer had been attempted already. An example, of a box at revision 0:
- *   1. A bulk answer (seen revision 0) is refused, and set aside until the person decides.
- *   2. This answer (seen revision 0) is sent, and no response comes. It may be stored.
- *   3. The bulk answer is sent again and stored: the box is at revision 1, which becomes this answer's `ownRevision`.
- *   4. This answer is sent again, and must be the same: seen revision 0. The server refuses it, as the box is at
- *      revision 1. That is `ownRevision`, so nobody else has answered: it is sent as a new answer (seen revision 1).
+ */
+
+/**
+ * @typedef {object} Refusal  why the server has refused a bulk answer
+ * @property {"changed" | "refused"} state  `changed`: other boxes match the filter than the person saw
+ * @property {string} text
  */
 
 /**
@@ -46,6 +52,7 @@ import { randomId } from "../core/tab.js";
  * @property {string} [snapshot]  with `filter`: identifies the state of the list that the person saw
  * @property {number} count  of boxes
  * @property {boolean} [attempted]  it may have reached the server: a retry must send exactly the same
+ * @property {Refusal} [refusal]  if it was refused
  */
 
 /**
@@ -65,8 +72,8 @@ import { randomId } from "../core/tab.js";
 
 /** @typedef {BulkAnswer | BulkUndo} BulkItem */
 /** @typedef {SingleAnswer | BulkItem} OutboxItem */
-/** @typedef {Omit<SingleAnswer, "key" | "tab" | "person" | "order" | "attempted" | "ownRevision">} NewAnswer */
-/** @typedef {Omit<BulkAnswer, "key" | "tab" | "person" | "order" | "attempted">} NewBulkAnswer */
+/** @typedef {Omit<SingleAnswer, "key" | "tab" | "person" | "order" | "attempted">} NewAnswer */
+/** @typedef {Omit<BulkAnswer, "key" | "tab" | "person" | "order" | "attempted" | "refusal">} NewBulkAnswer */
 /** @typedef {Omit<BulkUndo, "key" | "tab" | "person" | "order">} NewBulkUndo */
 
 /** @param {OutboxItem} item @returns {item is SingleAnswer} */
@@ -81,6 +88,9 @@ export const isBulk = (item) => !isSingle(item);
 /** @param {OutboxItem} item @returns {item is BulkAnswer} */
 export const isBulkAnswer = (item) => isBulk(item) && !isBulkUndo(item);
 
+/** @param {OutboxItem} item */
+const isRefused = (item) => isBulkAnswer(item) && item.refusal !== undefined;
+
 /** How many answers it is. @param {OutboxItem} item */
 const sizeOf = (item) => (isSingle(item) ? 1 : item.count);
 
@@ -92,6 +102,28 @@ const sizeOf = (item) => (isSingle(item) ? 1 : item.count);
 function mayAnswer(item, boxId) {
   if (isSingle(item)) return item.boxId === boxId;
   return item.boxIds === undefined || item.boxIds.includes(boxId);
+}
+
+/**
+ * The revision of each box of an item that the person saw. None for a bulk item on a filter.
+ * @param {OutboxItem} item @returns {[boxId: number, revision: number][]}
+ */
+function seenBy(item) {
+  if (isSingle(item)) return [[item.boxId, item.seenRevision]];
+  return (item.boxIds ?? []).map((boxId, i) => [boxId, item.seenRevisions?.[i] ?? 0]);
+}
+
+/**
+ * The item as if the person had seen these revisions of its boxes.
+ * @template {OutboxItem} T
+ * @param {T} item @param {ReadonlyMap<number, number>} revisions  by box; boxes that are missing stay as they are
+ * @returns {T}
+ */
+function withSeen(item, revisions) {
+  if (isSingle(item)) return { ...item, seenRevision: revisions.get(item.boxId) ?? item.seenRevision };
+  const { boxIds = [], seenRevisions } = item;
+  if (!seenRevisions || !boxIds.some((boxId) => revisions.has(boxId))) return item;
+  return { ...item, seenRevisions: seenRevisions.map((seen, i) => revisions.get(boxIds[i] ?? 0) ?? seen) };
 }
 
 /**
@@ -110,18 +142,25 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   /** @param {OutboxItem} item */
   const isOfThisTab = (item) => item.tab === tab;
 
-  /** The items of this person in any tab, those of each tab in their order, and those of this tab last. */
+  /** The items of this person in any tab, those of each tab in their order, and those of this tab last; none refused. */
   function itemsOfAllTabs() {
-    const all = storedItems(storage).filter((item) => item.person === who());
+    const all = storedItems(storage).filter((item) => item.person === who() && !isRefused(item));
     const others = all.filter((item) => !isOfThisTab(item));
     return others.length > 0 ? [...others, ...all.filter(isOfThisTab)] : all;
   }
 
-  /** The items of this person and this tab, in their order. */
+  /** The items of this person and this tab that are to be sent, in their order. */
   const items = () => itemsOfAllTabs().filter(isOfThisTab);
 
-  /** @param {OutboxItem[]} earlier */
-  const orderAfter = (earlier) => Math.max(0, ...earlier.map((item) => item.order)) + 1;
+  /** The refused bulk answers of this person and this tab. */
+  const refused = () =>
+    storedItems(storage).filter((item) => item.person === who() && isOfThisTab(item) && isRefused(item)).filter(isBulkAnswer);
+
+  /** A place behind all items of this tab, whoever gave them. */
+  const nextOrder = () => Math.max(0, ...storedItems(storage).filter(isOfThisTab).map(({ order }) => order)) + 1;
+
+  /** Add an item, which has seen what those before it had seen: see rule 1. @param {OutboxItem} item */
+  const add = (item) => write(withSeen(item, new Map(items().flatMap(seenBy))));
 
   /** Items that an earlier version of the page has kept without the person who gave them. */
   const unowned = () => storedItems(storage).filter((item) => !item.person);
@@ -129,6 +168,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   return {
     items,
     itemsOfAllTabs,
+    refused,
     isOfThisTab,
     remove,
 
@@ -162,26 +202,21 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {NewAnswer} answer
      */
     addAnswer(answer) {
-      const earlier = items();
-      const last = earlier.findLast((item) => mayAnswer(item, answer.boxId));
-      if (last && isSingle(last) && !last.attempted) {
-        // The revision stays that of the earlier answer: since then, the page only shows an answer that is not stored.
-        write({ ...last, key: newKey(), verdict: answer.verdict, comment: answer.comment });
-        remove(last);
-        return;
-      }
-      write({ ...answer, key: newKey(), person: who(), tab, order: orderAfter(earlier), attempted: false });
+      const last = items().findLast((item) => mayAnswer(item, answer.boxId));
+      const replaced = last && isSingle(last) && !last.attempted ? last : null;
+      add({ ...answer, key: newKey(), person: who(), tab, order: replaced?.order ?? nextOrder(), attempted: false });
+      if (replaced) remove(replaced);
     },
 
     /** @param {NewBulkAnswer} bulk @param {string} [key] */
     addBulkAnswer: (bulk, key = newKey()) =>
-      write({ ...bulk, key, person: who(), tab, order: orderAfter(items()), attempted: false }),
+      add({ ...bulk, key, person: who(), tab, order: nextOrder(), attempted: false }),
 
     /** @param {NewBulkUndo} undo */
-    addBulkUndo: (undo) => write({ ...undo, key: newKey(), person: who(), tab, order: orderAfter(items()) }),
+    addBulkUndo: (undo) => add({ ...undo, key: newKey(), person: who(), tab, order: nextOrder() }),
 
     /** @param {string} key @returns {BulkAnswer | undefined} */
-    bulkAnswer: (key) => items().filter(isBulkAnswer).find((bulk) => bulk.key === key),
+    bulkAnswer: (key) => [...items().filter(isBulkAnswer), ...refused()].find((bulk) => bulk.key === key),
 
     /** The undo of this bulk answer, if there is one. @param {string} key */
     undoOf: (key) => items().filter(isBulkUndo).find((undo) => undo.bulkKey === key),
@@ -190,34 +225,38 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     markAttempted: (item) => write({ ...item, attempted: true }),
 
     /**
-     * Send an answer as a new one, which has seen this revision. The server has not stored it as it was.
+     * Remove an item that is stored now. The items behind it have seen the revisions that it has made: see rule 2.
+     * @param {OutboxItem} stored @param {readonly number[]} [leftOut]  boxes that a bulk item did not change
+     */
+    finish(stored, leftOut = []) {
+      remove(stored);
+      const revisions = new Map(seenBy(stored).map(([boxId, seen]) => [boxId, seen + 1]));
+      for (const boxId of leftOut) revisions.delete(boxId);
+      for (const item of items()) {
+        const isFixed = "attempted" in item && item.attempted;
+        const seen = item.order > stored.order && !isFixed ? withSeen(item, revisions) : item;
+        if (seen !== item) write(seen);
+      }
+    },
+
+    /**
+     * Make an answer a new one, which has seen this revision. The server has not stored it as it was.
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
       // Removed first: the browser may have no room for it twice.
       remove(item);
-      write({ ...item, key: newKey(), seenRevision: revision, ownRevision: undefined, attempted: false });
+      write({ ...item, key: newKey(), seenRevision: revision, attempted: false });
     },
 
+    /** Note that the server has refused a bulk answer. @param {BulkAnswer} bulk @param {Refusal} refusal */
+    refuse: (bulk, refusal) => write({ ...bulk, attempted: true, refusal }),
+
     /**
-     * Note in the items after `earlier` that this person has seen these revisions. An attempted item must be sent again
-     * as it was: if it is an answer on one box, the revision becomes its `ownRevision`; a bulk answer is left as it is.
-     * @param {OutboxItem} earlier @param {ReadonlyMap<number, number>} revisions  by box
+     * Have a refused bulk answer sent again as it was, behind all others.
+     * @param {BulkAnswer} bulk
      */
-    setSeenRevisions(earlier, revisions) {
-      for (const item of items()) {
-        if (item.order <= earlier.order) continue;
-        if (isSingle(item)) {
-          const revision = revisions.get(item.boxId);
-          if (revision !== undefined) write({ ...item, [item.attempted ? "ownRevision" : "seenRevision"]: revision });
-          continue;
-        }
-        const { boxIds = [], seenRevisions } = item;
-        const isFixed = isBulkAnswer(item) && item.attempted;
-        if (!seenRevisions || isFixed || !boxIds.some((boxId) => revisions.has(boxId))) continue;
-        write({ ...item, seenRevisions: seenRevisions.map((seen, i) => revisions.get(boxIds[i] ?? 0) ?? seen) });
-      }
-    },
+    putLast: (bulk) => write({ ...bulk, refusal: undefined, order: nextOrder() }),
 
     /**
      * A bulk answer was stored: put the server's id into its undo, and remove the boxes that it has left out.
@@ -234,9 +273,14 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       write({ ...undo, ...boxes, batchId, before: rest(before) });
     },
 
-    /** Take over the items of closed tabs, of all people. @param {import("../core/tab.js").OpenTabs} openTabs */
+    /**
+     * Take over the items of closed tabs, of all people, and put them behind those of this tab.
+     * @param {import("../core/tab.js").OpenTabs} openTabs
+     */
     takeOver(openTabs) {
-      for (const item of storedItems(storage)) if (item.tab !== tab && !openTabs.has(item.tab)) write({ ...item, tab });
+      for (const item of storedItems(storage)) {
+        if (item.tab !== tab && !openTabs.has(item.tab)) write({ ...item, tab, order: nextOrder() });
+      }
     },
 
     /** How many answers of each person are kept in this browser, by any tab. @returns {Map<string, number>} */

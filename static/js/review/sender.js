@@ -1,6 +1,6 @@
 // @ts-check
 // Sends what is in the outbox, one item at a time, the oldest first. Each waits until those before it are stored or
-// refused; a refused bulk answer is passed over until the person decides. `afterError` says what each refusal means.
+// refused; a refused bulk answer is passed over until the person decides. `afterError` says what each error means.
 
 import { seenRevision } from "../boxes/box.js";
 import { ApiError, NoResponse, createRetries, post } from "../core/api.js";
@@ -66,8 +66,7 @@ const REQUESTS = {
 /**
  * @typedef {object} OpenBulkItem  a bulk answer, or the undo of one, that is not stored
  * @property {BulkItem} item
- * @property {"sending" | "waiting" | "changed" | "refused"} state  `changed` and `refused` bulk answers are set aside
- *   until the person decides; `changed`: other boxes match the filter than the person saw
+ * @property {"sending" | "waiting" | import("./outbox.js").Refusal["state"]} state
  * @property {string} text  why it is not stored
  */
 
@@ -78,8 +77,8 @@ const REQUESTS = {
  * @property {ReadonlySet<number>} waitingInBulk  boxes of bulk answers, and of their undos, that are not stored, of any
  *   tab
  * @property {number} count  of the answers that this tab has to send: boxes with an answer on one box, and the boxes of
- *   each bulk item that is not set aside
- * @property {readonly OpenBulkItem[]} bulkItems  of this tab
+ *   each bulk item
+ * @property {readonly OpenBulkItem[]} bulkItems  of this tab, with the refused ones
  */
 
 /**
@@ -99,10 +98,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
   let waitingBecause = "";
   /** If the request that is under way fails, send the item again at once: `resume` was called meanwhile. */
   let isRetryDue = false;
-  /** The bulk answers that are set aside, by their keys. @type {Map<string, Pick<OpenBulkItem, "state" | "text">>} */
-  const setAside = new Map();
   /** The `order` of the last bulk answer on a filter, or undo of one, that was stored since the page was loaded. */
-  let lastFilterOrder = 0;
+  let lastFilterOrder = Infinity;
 
   /** @type {import("../core/observable.js").Value<SenderState>} */
   const state = createValue(stateIn("saved"));
@@ -111,29 +108,28 @@ export function createSender(outbox, requests = REQUESTS, later) {
   function stateIn(phase) {
     const ofAllTabs = outbox.itemsOfAllTabs();
     const items = ofAllTabs.filter(outbox.isOfThisTab);
-    const inTurn = items.filter(({ key }) => !setAside.has(key));
-    const bulkCount = inTurn.filter(isBulk).reduce((sum, { count }) => sum + count, 0);
+    const bulkItems = items.filter(isBulk);
+    const bulkCount = bulkItems.reduce((sum, { count }) => sum + count, 0);
     return {
-      phase: inTurn.length > 0 ? phase : "saved",
+      phase: items.length > 0 ? phase : "saved",
       waiting: boxesOf(ofAllTabs),
       waitingInBulk: new Set(ofAllTabs.filter(isBulk).flatMap(({ boxIds = [] }) => boxIds)),
       count: boxesOf(items).size + bulkCount,
-      bulkItems: items.filter(isBulk).map((item) => ({ item, ...bulkStateIn(phase, item) })),
+      bulkItems: [...outbox.refused(), ...bulkItems].map((item) => ({ item, ...bulkStateIn(phase, item) })),
     };
   }
 
   /** @param {Phase} phase @param {BulkItem} item @returns {Pick<OpenBulkItem, "state" | "text">} */
-  function bulkStateIn(phase, { key }) {
-    const aside = setAside.get(key);
-    if (aside) return aside;
-    const isSending = phase === "saving" && sending?.key === key;
+  function bulkStateIn(phase, item) {
+    if (isBulkAnswer(item) && item.refusal) return item.refusal;
+    const isSending = phase === "saving" && sending?.key === item.key;
     return waitingBecause && !isSending ? { state: "waiting", text: waitingBecause } : { state: "sending", text: "" };
   }
 
   /** @param {Phase} phase */
   const show = (phase) => state.set(stateIn(phase));
 
-  const next = () => outbox.items().find(({ key }) => !setAside.has(key)) ?? null;
+  const next = () => outbox.items()[0] ?? null;
 
   /** Send everything, until something has to wait. */
   async function drain() {
@@ -168,8 +164,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   async function sendAnswer(item) {
     outbox.markAttempted(item);
     const stored = await requests.answer(item);
-    outbox.remove(item);
-    outbox.setSeenRevisions(item, new Map([[item.boxId, stored.revision]]));
+    outbox.finish(item);
     tell(({ onStored }) => onStored?.(stored));
   }
 
@@ -185,13 +180,13 @@ export function createSender(outbox, requests = REQUESTS, later) {
     if (error.status === 401) return waitForSignIn();
 
     // The server has refused this item, and the next one is sent.
-    if (isBulkAnswer(item)) return putAside(item, error); // stays: the person decides
+    if (isBulkAnswer(item)) return passOver(item, error); // stays: the person decides
     if (isBulkUndo(item)) return drop(item, ({ onUndoRefused }) => onUndoRefused?.(item, error));
     if (error.status !== 412) return drop(item, ({ onRefused }) => onRefused?.(item, error));
 
     // 412: the box was answered since the person saw it.
     const current = error.problem.current ?? null;
-    if (current && isConflictWithOneself(item, current)) return renew(item, current);
+    if (current && isOwnAnswer(item, current)) return renew(item, current);
     return drop(item, ({ onConflict }) => onConflict?.(item, current));
   }
 
@@ -220,32 +215,25 @@ export function createSender(outbox, requests = REQUESTS, later) {
   /** @param {SingleAnswer | BulkUndo} item @param {(observer: Partial<SenderEvents>) => void} notify */
   function drop(item, notify) {
     outbox.remove(item);
-    // Later items count as having seen what this one had seen. If it was renewed, that is newer than what they have.
-    outbox.setSeenRevisions(item, revisionsSeenBy(item));
     tell(notify);
     return true;
   }
 
   /**
-   * Nobody else has answered the box: send the answer again, as a new one.
+   * Whether the answer that the box got since the person saw it is this person's own. That happens after a bulk answer
+   * on a filter, or its undo: the page does not know which boxes a filter selects. (After an undo the box may have no
+   * answer.)
    * @param {SingleAnswer} item @param {Decision} current
    */
+  function isOwnAnswer(item, current) {
+    if (item.order < lastFilterOrder) return false;
+    return current.review === null || current.review.reviewer === item.person;
+  }
+
+  /** Nobody else has answered the box: send the answer as a new one. @param {SingleAnswer} item @param {Decision} current */
   function renew(item, current) {
     outbox.renew(item, seenRevision(current));
     return true;
-  }
-
-  /**
-   * Whether an answer was refused because of an earlier one of the same person, and not of somebody else. That happens
-   * in two cases: the earlier one was stored after this one had been attempted (see `ownRevision`); or it was given to
-   * all boxes of a filter, or undone on them, and the page does not know which boxes a filter selects. (After an undo
-   * the box may have no answer.)
-   * @param {SingleAnswer} item @param {Decision} current
-   */
-  function isConflictWithOneself(item, current) {
-    if (seenRevision(current) === item.ownRevision) return true;
-    const isAfterFilter = lastFilterOrder > 0 && item.order > lastFilterOrder;
-    return isAfterFilter && (current.review?.reviewer ?? item.person) === item.person;
   }
 
   /**
@@ -279,40 +267,31 @@ export function createSender(outbox, requests = REQUESTS, later) {
   async function sendBulkAnswer(bulk) {
     outbox.markAttempted(bulk);
     const stored = await requests.bulkAnswer(bulk);
-    outbox.remove(bulk);
-    outbox.completeUndo(bulk, stored.id, [...stored.stale, ...stored.skipped]);
-    setRevisionsAfter(bulk, stored.stale);
+    const leftOut = [...stored.stale, ...stored.skipped];
+    finishBulk(bulk, leftOut);
+    outbox.completeUndo(bulk, stored.id, leftOut);
     tell(({ onBulkStored }) => onBulkStored?.(bulk, stored));
   }
 
   /** @param {BulkUndo} undo */
   async function sendBulkUndo(undo) {
     const stored = await requests.bulkUndo(undo);
-    outbox.remove(undo);
-    setRevisionsAfter(undo, stored.skipped);
+    finishBulk(undo, stored.skipped);
     tell(({ onUndoStored }) => onUndoStored?.(undo, stored));
   }
 
-  /**
-   * A bulk item was stored: later items have seen the revisions that its boxes have now.
-   * @param {BulkItem} item @param {readonly number[]} leftOut
-   */
-  function setRevisionsAfter(item, leftOut) {
+  /** @param {BulkItem} item @param {readonly number[]} leftOut */
+  function finishBulk(item, leftOut) {
     if (!item.boxIds) lastFilterOrder = item.order;
-    const revisions = revisionsSeenBy(item);
-    for (const boxId of leftOut) revisions.delete(boxId);
-    for (const [boxId, seen] of revisions) revisions.set(boxId, seen + 1);
-    outbox.setSeenRevisions(item, revisions);
+    outbox.finish(item, leftOut);
   }
 
   /**
    * Pass over a bulk answer until the person decides; if it was to be undone, there is nothing to decide.
    * @param {BulkAnswer} bulk @param {ApiError} error
    */
-  function putAside(bulk, error) {
-    const isChanged = error.problem.code === "stale_snapshot";
-    setAside.set(bulk.key, { state: isChanged ? "changed" : "refused", text: error.message });
-    outbox.setSeenRevisions(bulk, revisionsSeenBy(bulk));
+  function passOver(bulk, error) {
+    outbox.refuse(bulk, { state: error.problem.code === "stale_snapshot" ? "changed" : "refused", text: error.message });
     if (outbox.undoOf(bulk.key)) discard(bulk.key);
     return true;
   }
@@ -324,8 +303,6 @@ export function createSender(outbox, requests = REQUESTS, later) {
     const undo = outbox.undoOf(key);
     if (undo) outbox.remove(undo);
     outbox.remove(bulk);
-    // If it was set aside, later items got their revisions then, and people may have answered the boxes since.
-    if (!setAside.delete(key)) outbox.setSeenRevisions(bulk, revisionsSeenBy(bulk));
     show(state.get().phase);
     tell(({ onBulkDiscarded }) => onBulkDiscarded?.(bulk));
   }
@@ -352,14 +329,15 @@ export function createSender(outbox, requests = REQUESTS, later) {
      */
     addBulkUndo(undo) {
       const bulk = outbox.bulkAnswer(undo.bulkKey);
-      if (!bulk || (bulk.attempted && !setAside.has(bulk.key))) return put(() => outbox.addBulkUndo(undo));
+      if (!bulk || (bulk.attempted && !bulk.refusal)) return put(() => outbox.addBulkUndo(undo));
       discard(bulk.key);
       return true;
     },
 
-    /** Send a bulk item again that was set aside or is waiting. @param {string} key */
-    retry(key) {
-      setAside.delete(key);
+    /** Send a refused bulk answer again, after all other items. @param {string} key */
+    sendAgain(key) {
+      const bulk = outbox.bulkAnswer(key);
+      if (bulk) outbox.putLast(bulk);
       return resume();
     },
 
@@ -382,12 +360,3 @@ export function createSender(outbox, requests = REQUESTS, later) {
 
 /** The boxes of the answers on one box. @param {readonly OutboxItem[]} items */
 const boxesOf = (items) => new Set(items.filter(isSingle).map(({ boxId }) => boxId));
-
-/**
- * The revision of each box that the person saw. None for a bulk item on a filter.
- * @param {OutboxItem} item @returns {Map<number, number>}
- */
-function revisionsSeenBy(item) {
-  if (isSingle(item)) return new Map([[item.boxId, item.seenRevision]]);
-  return new Map(item.boxIds?.map((boxId, i) => [boxId, item.seenRevisions?.[i] ?? 0]));
-}

@@ -155,6 +155,33 @@ def test_an_answer_that_waits_while_its_bulk_answer_is_undone_is_kept(many, ada,
     assert answers(many) == {"b1": "keep"}
 
 
+def test_refused_bulk_answer_waits_for_the_person_who_sends_it_again(many, ada, page):
+    forbidden = {
+        "status": 403,
+        "title": "forbidden",
+        "detail": "viewers answer nothing",
+    }
+    page.route(
+        "**/reviews/bulk", lambda route: route.fulfill(status=403, json=forbidden)
+    )
+    select(page, 0, 2)
+    ada.press("x")
+    expect(strip(page)).to_contain_text(
+        "Refused: reject 3 boxes. Viewers answer nothing."
+    )
+    expect(page.locator(".sign--reject")).to_have_count(0)
+    page.unroute("**/reviews/bulk")
+
+    page.reload()
+    expect(strip(page)).to_contain_text("Refused: reject 3 boxes.")
+    assert answers(many) == {}
+    strip(page).get_by_role("button", name="Send again").click()
+
+    expect(toast(page)).to_contain_text("3 boxes rejected")
+    expect(strip(page)).to_have_count(0)
+    assert set(answers(many).values()) == {"reject"}
+
+
 def test_bar_answers_and_says_what_it_will_do(many, page):
     select(page, 4, 9)
     bar = page.get_by_role("toolbar", name="Answer for the selected boxes")

@@ -144,30 +144,45 @@ test("an answer that may have arrived is repeated word for word, under the same 
   assert.notEqual(sent[1]?.key, sent[2]?.key);
 });
 
-test("an answer that may have arrived stays word for word when an earlier bulk answer is stored after all", async () => {
-  refusals = [new ApiError(409, { code: "stale_snapshot" }, null), new NoResponse("lost on the way there")];
+test("a refused bulk answer that is sent again goes last, word for word, and leaves out what was answered since", async () => {
+  refusals = [new ApiError(413, { detail: "too many" }, null), new NoResponse("lost on the way there")];
   const { sender } = senderOf();
-  answerMany(sender, "reject", [1], [0]);
+  answerMany(sender, "reject", [1, 2], [0, 0]);
   await settled();
   answer(sender, 1, "keep");
   await settled();
-  await sender.retry(bulkAnswers[0].key);
-  assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "keep", 0], [1, "keep", 1]]);
-  assert.equal(sent[0]?.key, sent[1]?.key);
-  assert.notEqual(sent[1]?.key, sent[2]?.key);
-  assert.deepEqual(told, [["bulk stored", []], ["stored", 1, 2]]);
+  await sender.sendAgain(bulkAnswers[0].key);
+  assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "keep", 0]]);
+  assert.deepEqual(bulkAnswers.map(({ key, seenRevisions }) => [key === bulkAnswers[0].key, seenRevisions]), [[true, [0, 0]], [true, [0, 0]]]);
+  assert.deepEqual(told, [["stored", 1, 1], ["bulk stored", [1]]]);
 });
 
-test("a bulk answer that may have arrived stays word for word when an earlier one is stored after all", async () => {
-  refusals = [new ApiError(409, { code: "stale_snapshot" }, null), new NoResponse("lost on the way there")];
+test("a refused bulk answer is not sent again by itself, not even when the page is loaded again", async () => {
+  refusals = [new ApiError(413, { detail: "too many" }, null)];
   const { sender } = senderOf();
-  answerMany(sender, "reject", [1], [0]);
+  answerMany(sender, "reject", [1, 2], [0, 0]);
   await settled();
-  answerMany(sender, "keep", [1, 2], [0, 0]);
+
+  const { sender: reloaded, outbox } = senderOf();
+  await reloaded.resume();
+
+  assert.equal(bulkAnswers.length, 1);
+  const { phase, count, bulkItems } = reloaded.state.get();
+  assert.deepEqual([phase, count, bulkItems.map(({ state, text }) => [state, text])], ["saved", 0, [["refused", "too many"]]]);
+  assert.equal(outbox.lastAnswers().size, 0);
+});
+
+test("what others answer while an own answer is shown on a box is not overwritten unseen", async () => {
+  refusals = [new NoResponse("away")];
+  const { sender } = senderOf();
+  answerMany(sender, "reject", [1, 2], [0, 0]);
   await settled();
-  await sender.retry(bulkAnswers[0].key);
-  assert.deepEqual(bulkAnswers.map(({ verdict, seenRevisions }) => [verdict, seenRevisions]), [["reject", [0]], ["keep", [0, 0]], ["reject", [0]], ["keep", [0, 0]]]);
-  assert.deepEqual(told, [["bulk stored", []], ["bulk stored", [1]]]);
+  revisions.set(1, 9); // another person's, which the page has loaded, but not shown
+  sender.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 9 });
+
+  await settled();
+
+  assert.deepEqual(told, [["bulk stored", [1]], ["conflict", "keep", "keep"]]);
 });
 
 test("answers that were never sent are replaced by the latest on that box", async () => {
@@ -426,7 +441,7 @@ test("without a network the undo of a bulk answer waits, survives a reload, and 
   const next = senderOf().sender;
   next.takeOver(new Set());
   assert.deepEqual(openOf(next), [["k0", "waiting", "it was not sent before the page was closed"]]);
-  await next.retry(next.state.get().bulkItems[0]?.item.key ?? "");
+  await next.resume();
   assert.deepEqual(openOf(next), []);
 
   assert.deepEqual(undos.map(({ batchId }) => batchId), [7, 7]);
