@@ -98,32 +98,37 @@ _OF_BATCH: Final = Review.batch_id == bindparam("batch")
 @lru_cache
 def _answers_into_tallies(dialect: str, which: ColumnElement[bool]) -> Executable:
     """Move answered boxes from the tallies of their old answers to those of the new."""
-    alike = (Decision.dataset_id, Decision.class_id, Decision.reason, Decision.toss_up)
-    before = func.coalesce(Decision.review, "").label("before")
-    now = case((Review.verdict == "clear", ""), else_=Review.verdict).label("now")
-    said = (
-        select(*alike, before, now, func.count().label("boxes"))
+    unchanged = (
+        *(Decision.dataset_id, Decision.class_id),
+        *(Decision.reason, Decision.toss_up),
+    )
+    old = func.coalesce(Decision.review, "").label("old")
+    new = case((Review.verdict == "clear", ""), else_=Review.verdict).label("new")
+    # How many boxes get the answer `new` instead of `old`, for each tally of `old`.
+    answered = (
+        select(*unchanged, old, new, func.count().label("boxes"))
         .join(Review, _is_next())
         .where(which)
-        .group_by(*alike, before, now)
-        .cte("said")
+        .group_by(*unchanged, old, new)
+        .cte("answered")
     )
-    kind = [said.c[column.name] for column in alike]
-    moved = union_all(
-        select(*kind, said.c.before.label("review"), (-said.c.boxes).label("boxes")),
-        select(*kind, said.c.now, said.c.boxes),
+    same, boxes = [answered.c[column.name] for column in unchanged], answered.c.boxes
+    changes = union_all(
+        select(*same, answered.c.old.label("review"), (-boxes).label("boxes")),
+        select(*same, answered.c.new, boxes),
     ).subquery()
-    tally, boxes = [moved.c[name] for name in _TALLY], func.sum(moved.c.boxes)
+    tally, change = [changes.c[name] for name in _TALLY], func.sum(changes.c.boxes)
     return _counted_in(
-        dialect, select(*tally, boxes).group_by(*tally).having(boxes != 0)
+        dialect, select(*tally, change).group_by(*tally).having(change != 0)
     )
 
 
 @lru_cache
 def _answers_into_decisions(which: ColumnElement[bool]) -> Executable:
-    said = case((Review.verdict == "clear", null()), else_=Review.verdict)
+    """Give answered boxes their new answers and revisions."""
+    new = case((Review.verdict == "clear", null()), else_=Review.verdict)
     rows = update(Decision).where(which, _is_next())
-    return rows.values(review=said, revision=Review.revision)
+    return rows.values(review=new, revision=Review.revision)
 
 
 def _is_next() -> ColumnElement[bool]:

@@ -100,7 +100,7 @@ class ClassThresholds:
         yield Side(Reason.LARGE_BELOW_THRESHOLD, True, self.large, -1)
         if self.kept_large > self.large:
             yield Side(Reason.BELOW_THRESHOLD, True, self.small, -1)
-        if self.by_channels:
+        if self.by_channels:  # boxes that a channel kept although their match is lower
             yield Side(Reason.VISIBLE, False, self.small, -1)
 
 
@@ -216,14 +216,14 @@ def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilte
     config = config_of(active_version(session, dataset))
     limits = config.thresholds_for(list(classes))
     thresholds = tuple(
-        ClassThresholds(*one, by_channels=bool(config.channels))
-        for one in zip(
-            classes.values(),
-            limits.threshold_small_box.tolist(),
-            limits.threshold_big_box.tolist(),
-            limits.threshold_kept_large_box.tolist(),
-            strict=True,
+        ClassThresholds(
+            class_id=class_id,
+            small=float(limits.threshold_small_box[row]),
+            large=float(limits.threshold_big_box[row]),
+            kept_large=float(limits.threshold_kept_large_box[row]),
+            by_channels=bool(config.channels),
         )
+        for row, class_id in enumerate(classes.values())
     )
     return BoxFilter(
         dataset_id=dataset.id,

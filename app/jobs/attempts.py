@@ -15,8 +15,9 @@ anew.
 - The driver itself, which executes all chunks without workers, and every final step. If
   it dies, nobody is left to count. So it counts its attempt before it begins the chunk
   (`Attempt.begin`), and sets the count to zero when it stores a part of the result
-  (`Attempt.forget`) or when its work ends in any other way (`Attempt.end`). The next
-  driver finds in the row how many processes in a row have died and stored nothing.
+  (`Attempt.forget`) or when its work ends in any other way (`Attempt.end`); these
+  three are called in `app.jobs.work`. The next driver finds in the row how many
+  processes in a row have died and stored nothing.
 
 So the count is the number of dead processes, and one more while a driver works on the
 chunk itself.

@@ -34,6 +34,9 @@ from filter_core.errors import FilterError
 
 WAIT_S: Final = 0.1
 """How long the driver waits for a chunk to end before its other checks."""
+_GIVEN_BACK: Final = (RETURNED, UNWANTED)
+"""Outcomes of chunks that are not done: the process that worked on it was stopping or
+had no database (RETURNED), or found that the job has ended (UNWANTED)."""
 LONGEST_PAUSE_S: Final = 8.0
 """The longest pause between two attempts to connect to the engine."""
 
@@ -201,7 +204,9 @@ class JobDriver:
         outcome = work_in_driver(self.context, *self.lease.job, FINAL_STEP)
         if outcome == QUARANTINED:
             self._check_quarantine()
-        self._has_ended(FINAL_STEP, outcome)
+        self._raise_failure(FINAL_STEP, outcome)
+        if outcome in _GIVEN_BACK:
+            self._wait_after_return()
 
     def _send(self, row: JobRow) -> bool:
         """Submit chunks while there is room; False once nothing is left."""
@@ -255,15 +260,17 @@ class JobDriver:
             except EngineAway:
                 self._send_again(number)
             else:
-                if self._has_ended(number, outcome):
-                    self._drop_suspect(number)
-                else:
+                self._raise_failure(number, outcome)
+                if outcome in _GIVEN_BACK:
+                    self._wait_after_return()
                     self._send_again(number)
+                else:
+                    self._drop_suspect(number)
         if not self.context.engine.is_connected():
             self._reconnect()
 
-    def _has_ended(self, number: int, outcome: str) -> bool:
-        """Whether a chunk needs no more work; raises ChunkFailed if its job fails."""
+    def _raise_failure(self, number: int, outcome: str) -> None:
+        """Raise ChunkFailed if the outcome of a chunk lets its job fail."""
         if outcome == FAILED:
             raise ChunkFailed(self._error_of(number))
         if outcome == ELSEWHERE:
@@ -272,13 +279,12 @@ class JobDriver:
                 "UNGHOST_DATABASE_URL"
             )
             raise ChunkFailed({"code": "worker_elsewhere", "detail": detail})
-        if outcome in (RETURNED, UNWANTED):
-            # The job may have ended: read its row now.
-            self._row_read_at = 0.0
-            self._check()
-            self.context.engine.stopping.wait(WAIT_S)
-            return False
-        return True
+
+    def _wait_after_return(self) -> None:
+        """Wait a moment after a chunk was given back, unless the job has ended."""
+        self._row_read_at = 0.0  # read the job's row now
+        self._check()
+        self.context.engine.stopping.wait(WAIT_S)
 
     def _send_again(self, number: int) -> None:
         if number not in self._suspects:

@@ -174,14 +174,14 @@ def _ignore(_session: Session) -> None:
 class Task(Generic[Row]):
     """One chunk of a job, as it is passed to a kind's `work` and `finish`.
 
-    `on_stored` is called in each transaction that stores a part of the result.
+    `on_progress` is called in each transaction in which the chunk gets further.
     """
 
     context: ServiceContext
     kind: JobKind[Row]
     job: Job
     number: int
-    on_stored: Callable[[Session], None] = _ignore
+    on_progress: Callable[[Session], None] = _ignore
     _is_over: threading.Event = field(default_factory=threading.Event)
     _row_read_at: float = field(default_factory=time.monotonic)
     _told_at: float = field(default_factory=time.monotonic)
@@ -214,9 +214,12 @@ class Task(Generic[Row]):
         """
         self.context.engine.check_wanted(self.job)
 
-    def stored(self, session: Session) -> None:
-        """Call `on_stored`: this transaction stores a part of the result."""
-        self.on_stored(session)
+    def got_further(self, session: Session) -> None:
+        """Say that this transaction stores results or plans more work.
+
+        So a process that dies afterwards does not count as one that got nowhere.
+        """
+        self.on_progress(session)
 
     def report(self, done: int) -> None:
         """Publish how many frames are done, for clients that watch.

@@ -42,7 +42,7 @@ def work_in_driver(context: ServiceContext, kind: str, job_id: int, number: int)
     """
     task = _task(context, Job(kind, job_id), number)
     attempt = Attempt(context, task.job, number)
-    task.on_stored = attempt.forget
+    task.on_progress = attempt.forget
     outcome = _outcome(task, lambda: _do(task) if attempt.begin() else QUARANTINED)
     if outcome not in (DONE, QUARANTINED):
         attempt.end()

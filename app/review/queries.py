@@ -108,9 +108,10 @@ def _next_answers(
     answer: Answer,
     said: tuple[ColumnElement[str], ColumnElement[str]] | None = None,
 ) -> _Answers:
-    """An answer on those of these boxes that have this revision, as their next one.
+    """SELECT the next answer of those of these boxes that are at this revision.
 
-    `said` are its verdict and comment, if they differ from box to box.
+    `said` are its verdict and comment, if they differ from box to box. A box at another
+    revision was answered meanwhile: it gives no row.
     """
     verdict, comment = said or (literal(answer.verdict), literal(answer.comment))
     batch: BindParameter[int | None] = literal(answer.batch_id, Key)
@@ -151,14 +152,20 @@ class ReviewRepository:
         return BoxState(*found)
 
     def answer_box(self, box_id: int, seen_revision: int, answer: Answer) -> bool:
-        """Store an answer on a box, if it still has the seen revision; else False."""
-        if not self._insert(_next_answers([box_id], seen_revision, answer)):
+        """Store an answer on a box, if it still has the seen revision; else False.
+
+        The revision is compared by the INSERT itself (`_next_answers`), so of two
+        people who answer the box at the same time, only one is stored.
+        """
+        rows = self._insert(_next_answers([box_id], seen_revision, answer))
+        if rows == 0:
             return False
         self._session.connection().execute(_END_CLAIM, {"box": box_id})
         copy_answers(self._session, [box_id])
         return True
 
     def _insert(self, answers: _Answers) -> int:
+        """Insert what the SELECT gives into `reviews`; how many rows that were."""
         statement = upsert(self._session, Review).from_select(_COLUMNS, answers)
         # Even if `decisions` were wrong, no revision of a box is stored twice.
         unique = statement.on_conflict_do_nothing(index_elements=_UNIQUE)

@@ -83,7 +83,7 @@ def decide_all(task: Task[Run]) -> None:
             task.end_job(session)
         else:
             # There are new frames to measure; earlier attempts no longer count.
-            task.stored(session)
+            task.got_further(session)
 
 
 def _decide_and_store(

@@ -181,6 +181,7 @@ def _thresholds_by_reason(thresholds: LimitsByClass) -> FloatArray:
     of_others, of_large = table
     of_others[:, Reason.BELOW_THRESHOLD] = thresholds.threshold_small_box
     of_others[:, Reason.VISIBLE] = thresholds.threshold_small_box
+    # Only under carlasimu, where large boxes must pass both thresholds.
     of_large[:, Reason.BELOW_THRESHOLD] = thresholds.threshold_small_box
     of_large[:, Reason.LARGE_BELOW_THRESHOLD] = thresholds.threshold_big_box
     of_large[:, Reason.VISIBLE] = thresholds.threshold_kept_large_box
