@@ -1,7 +1,7 @@
 // @ts-check
 // All boxes that the page shows, each stored once: as the server last sent it, combined with answers not saved yet.
 
-import { get } from "../core/api.js";
+import { ApiError, createRetries, get } from "../core/api.js";
 import { useValue } from "../core/hooks.js";
 import { useEffect, useLayoutEffect, useMemo, useState } from "../core/html.js";
 import { createValue } from "../core/observable.js";
@@ -10,7 +10,7 @@ import { asShown, seenRevision, withAnswer } from "./box.js";
 /** @typedef {import("./box.js").AnswerWithComment} AnswerWithComment */
 /** @typedef {import("./box.js").Decision} Decision */
 
-/** If more boxes than this have changed at the server, lists are read again in place of each box. */
+/** If more boxes than this have changed at the server, the grid reads its list again in place of their frames. */
 const MOST_LOADED = 20;
 
 /** For how many answers the boxes are held. */
@@ -19,13 +19,16 @@ const MOST_ANSWERED = 500;
 /**
  * One store for the whole page. Lists hold ids; a box stays in memory as long as some list holds its id.
  * Of two versions of a box the higher revision wins; with equal revisions, the one received later.
+ * @param {import("../core/api.js").Later} [later]
  */
-export function createBoxes() {
+export function createBoxes(later) {
   /** Boxes as the server last sent them. @type {Map<number, Decision>} */
   const stored = new Map();
   /** Answers that the server has not stored yet. @type {ReadonlyMap<number, AnswerWithComment>} */
   let unconfirmed = new Map();
-  /** Both combined, made on request: the same object until something changes. @type {Map<number, Decision>} */
+  /** Answers that another tab has sent, shown until their boxes have come. @type {Map<number, AnswerWithComment>} */
+  const sentElsewhere = new Map();
+  /** All combined, made on request: the same object until something changes. @type {Map<number, Decision>} */
   const combined = new Map();
   /** How many lists hold an id. @type {Map<number, number>} */
   const holders = new Map();
@@ -50,7 +53,7 @@ export function createBoxes() {
     if (known) return known;
     const box = stored.get(id);
     if (!box) return undefined;
-    const answer = unconfirmed.get(id);
+    const answer = unconfirmed.get(id) ?? sentElsewhere.get(id);
     const now = answer ? Object.freeze(withAnswer(box, answer.verdict, answer.comment)) : box;
     combined.set(id, now);
     return now;
@@ -61,6 +64,7 @@ export function createBoxes() {
     for (const id of ids) {
       if (holders.has(id)) continue;
       stored.delete(id);
+      sentElsewhere.delete(id);
       combined.delete(id);
     }
   }
@@ -76,6 +80,7 @@ export function createBoxes() {
       const known = stored.get(box.box_id);
       if (known && (seenRevision(known) > seenRevision(box) || isSame(known, box))) continue;
       stored.set(box.box_id, Object.freeze(box));
+      sentElsewhere.delete(box.box_id);
       if (known) changed.add(box.box_id);
     }
     tell(changed);
@@ -111,12 +116,36 @@ export function createBoxes() {
     /** Those of these boxes that are in the store, in this order. @param {readonly number[]} ids */
     all: (ids) => ids.flatMap((id) => getBox(id) ?? []),
 
-    /** Load boxes again that somebody else may have answered. @param {readonly number[]} ids */
+    /**
+     * Load boxes again that somebody else may have answered, each frame of theirs once.
+     * @param {readonly number[]} ids
+     */
     async loadAgain(ids) {
-      if (ids.length > MOST_LOADED) return reload();
+      if (ids.length > MOST_LOADED) {
+        reload();
+        // The grid has released the boxes of its list: those that no other list holds go, and are not loaded.
+        await null;
+      }
+      /** @type {Map<number, number[]>} */
+      const frames = new Map();
+      for (const { box_id, frame_id } of ids.flatMap((id) => stored.get(id) ?? [])) {
+        frames.set(frame_id, [...(frames.get(frame_id) ?? []), box_id]);
+      }
+      for (const [frameId, boxIds] of frames) {
+        const boxes = await boxesNow(frameId, later);
+        receive(boxes.filter(({ box_id }) => stored.has(box_id)));
+        tell(new Set(boxIds.filter((id) => sentElsewhere.delete(id))));
+      }
+    },
+
+    /**
+     * Another tab has sent the answers on these boxes: show them until `loadAgain` has loaded the boxes.
+     * @param {readonly number[]} ids
+     */
+    showUntilLoaded(ids) {
       for (const id of ids) {
-        const box = await get("/api/v1/boxes/{box_id}", { path: { box_id: id } }).catch(() => null);
-        if (box) receive([box]);
+        const answer = unconfirmed.get(id);
+        if (answer) sentElsewhere.set(id, answer);
       }
     },
 
@@ -150,6 +179,25 @@ export function createBoxes() {
 }
 
 /** @typedef {ReturnType<typeof createBoxes>} Boxes */
+
+/**
+ * The boxes of a frame as they are now; none if it is gone. A server that does not answer is asked again later.
+ * @param {number} frameId @param {import("../core/api.js").Later} [later] @returns {Promise<readonly Decision[]>}
+ */
+async function boxesNow(frameId, later) {
+  const retries = createRetries(later);
+  for (;;) {
+    try {
+      return (await get("/api/v1/frames/{frame_id}", { path: { frame_id: frameId } })).boxes;
+    } catch (error) {
+      // After a 401 somebody may sign in again.
+      const isRefusal = error instanceof ApiError && !error.isTemporary && error.status !== 401;
+      if (isRefusal) return [];
+      const seconds = error instanceof ApiError ? error.retryAfterS : null;
+      await new Promise((resolve) => retries.wait(() => resolve(null), seconds));
+    }
+  }
+}
 
 /** @param {Decision} one @param {Decision} other */
 const isSame = (one, other) => one === other || JSON.stringify(one) === JSON.stringify(other);

@@ -137,17 +137,22 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
   let waitingElsewhere = outbox.boxesOfOtherTabs();
 
-  /** Another tab has changed the outbox. Boxes whose answer it has stored (or removed) are loaded again. */
-  async function followOtherTabs() {
+  /**
+   * Another tab has changed the outbox. Boxes whose answer it has stored (or removed) are loaded again, and are shown
+   * with that answer until they come.
+   */
+  function followOtherTabs() {
     countAgain();
     const waiting = outbox.lastAnswers();
-    const stored = boxes.all([...waitingElsewhere].filter((boxId) => !waiting.has(boxId)));
+    const sent = boxes.all([...waitingElsewhere].filter((boxId) => !waiting.has(boxId)));
+    const boxIds = sent.map(({ box_id }) => box_id);
     waitingElsewhere = outbox.boxesOfOtherTabs();
-    for (const { frame_id } of stored) changedFrame.set({ id: frame_id });
-    await boxes.loadAgain(stored.map(({ box_id }) => box_id));
+    for (const { frame_id } of sent) changedFrame.set({ id: frame_id });
+    boxes.showUntilLoaded(boxIds);
+    void boxes.loadAgain(boxIds);
     sender.refresh();
   }
-  addEventListener("storage", ({ key }) => isItemName(key) && void followOtherTabs());
+  addEventListener("storage", ({ key }) => isItemName(key) && followOtherTabs());
 
   return {
     boxes,

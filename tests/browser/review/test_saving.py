@@ -7,7 +7,7 @@ import re
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.support.page import scenes
+from tests.support.page import crowds, scenes
 from tests.support.page.scenes import Scene
 from tests.support.page.windows import Visit, Visitor, lose_session
 
@@ -237,6 +237,53 @@ def test_answer_that_another_tab_sends_is_shown_before_and_after_it_is_stored(
     first.saved()
     expect(second.page.locator(".answerline")).to_contain_text("keep by admin")
     expect(state).to_have_text("saved")
+
+
+@pytest.mark.parametrize("view", ["frame", "queue"])
+def test_bulk_answer_of_another_tab_is_shown_when_it_is_stored(make_scene, visit, view):
+    """The view showed each of more than 20 boxes as it was before."""
+    scene = make_scene(boxes=crowds.crowd(24))
+    first = visit(color_scheme="light")
+    first.page.route("**/reviews/bulk", lambda route: route.abort())
+    first.open(crowds.grid(scene))
+    crowds.cell(first.page, 0).click()
+    crowds.cell(first.page, 23).click(modifiers=["Shift"])
+    first.press("a")
+    expect(saving(first.page)).to_contain_text("offline")
+    second = Visitor(first.page.context.new_page(), first.url)
+    ids = ",".join(str(box["box_id"]) for box in scene.frame["boxes"])
+    links = {"frame": scene.link("b0"), "queue": crowds.queue(scene, boxes=ids)}
+    second.open(links[view])
+    answer = second.page.locator(".answerline")
+    expect(answer).to_contain_text("keep")
+
+    first.page.unroute("**/reviews/bulk")
+    first.page.evaluate("dispatchEvent(new Event('online'))")
+
+    first.saved()
+    expect(answer).to_contain_text("keep by admin")
+
+
+def test_answer_of_another_tab_stays_while_the_server_does_not_answer(scene, visit):
+    first = visit(color_scheme="light")
+    second = Visitor(first.page.context.new_page(), first.url)
+    second.open(scene.link("ghost"))
+    answer = second.page.locator(".answerline")
+    first.page.route("**/reviews", lambda route: route.abort())
+    first.open(scene.link("ghost"))
+    first.press("a")
+    expect(answer).to_contain_text("keep")
+    second.page.route(re.compile(r"/(frames|boxes)/\d+$"), lambda route: route.abort())
+
+    first.page.unroute("**/reviews")
+    first.page.evaluate("dispatchEvent(new Event('online'))")
+    first.saved()
+    second.page.wait_for_event("requestfailed")
+
+    expect(second.page.locator(".answerline__state")).to_have_text("saved")
+    expect(answer).to_contain_text("keep")
+    second.page.unroute_all()
+    expect(answer).to_contain_text("keep by admin")
 
 
 KEEP_WITHOUT_A_NAME = """(boxId) => localStorage.setItem("unghost.outbox.v1.k",

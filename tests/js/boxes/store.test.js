@@ -100,20 +100,74 @@ test("boxes that were just answered stay, so that an earlier response does not r
   assert.equal(boxes.get(1), undefined);
 });
 
-test("few boxes are loaded again one by one; for many, lists are read again", async () => {
-  const boxes = createBoxes();
-  boxes.hold(boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2 })]));
+/** The server has these frames. @param {Record<number, any[]>} frames @returns {string[]} what it is asked for */
+function serve(frames) {
   /** @type {string[]} */
   const asked = [];
   globalThis.fetch = async (address) => {
-    asked.push(String(address).replace(/.*api/, ""));
-    return asked.length === 1 ? Response.json({}, { status: 503 }) : Response.json({ ...answered("keep", 1), box_id: 2 });
+    const id = Number(asked[asked.push(String(address).replace(/.*api.v1/, "")) - 1]?.split("/").at(-1));
+    return frames[id] ? Response.json({ id, boxes: frames[id] }) : Response.json({}, { status: 404 });
+  };
+  return asked;
+}
+
+test("boxes are loaded again with their frames, those in the store and no others", async () => {
+  const boxes = createBoxes();
+  boxes.hold(boxes.receive([1, 2, 3].map((id) => decision({ box_id: id, frame_id: id === 3 ? 11 : 10 }))));
+  const asked = serve({ 10: [1, 2, 4].map((id) => ({ ...answered("keep", 1), box_id: id })) });
+
+  await boxes.loadAgain([3, 1, 2]);
+
+  assert.deepEqual([asked, boxes.reloads.get()], [["/frames/11", "/frames/10"], 0], "the first of them is deleted");
+  assert.deepEqual([1, 2, 3].map((id) => boxes.get(id)?.review?.verdict), ["keep", "keep", undefined]);
+  assert.equal(boxes.get(4), undefined);
+});
+
+test("of many boxes, the grid's list is read again, and those that it does not hold are loaded", async () => {
+  const boxes = createBoxes();
+  const ids = Array.from({ length: 21 }, (_, i) => i);
+  const giveBack = boxes.hold(boxes.receive(ids.map((id) => decision({ box_id: id, frame_id: id }))));
+  boxes.hold([7]);
+  boxes.reloads.observe(giveBack);
+  const asked = serve({ 7: [{ ...answered("keep", 1), box_id: 7, frame_id: 7 }] });
+
+  await boxes.loadAgain(ids);
+
+  assert.deepEqual([boxes.reloads.get(), asked, boxes.get(7)?.review?.verdict], [1, ["/frames/7"], "keep"]);
+});
+
+test("an answer is shown until its box has come, however often the server has to be asked", async () => {
+  /** @type {(string | undefined)[]} */
+  const shown = [];
+  const look = () => shown.push(boxes.get(1)?.review?.verdict);
+  const boxes = createBoxes((again) => (look(), setImmediate(again)));
+  boxes.hold(boxes.receive([decision(), decision({ box_id: 2 })]));
+  const keep = { verdict: /** @type {const} */ ("keep"), comment: "" };
+  boxes.layOver(new Map([[1, keep], [2, keep]]));
+  const statuses = [503, 401, 0];
+  globalThis.fetch = async () => {
+    const status = statuses.shift();
+    if (status === 0) throw new TypeError("offline");
+    return status ? Response.json({}, { status }) : Response.json({ id: 10, boxes: [answered("reject", 1), decision({ box_id: 2 })] });
   };
 
+  boxes.showUntilLoaded([1, 2]);
+  boxes.layOver(new Map());
   await boxes.loadAgain([1, 2]);
-  assert.deepEqual([asked, boxes.reloads.get()], [["/v1/boxes/1", "/v1/boxes/2"], 0]);
-  assert.deepEqual(boxes.all([1, 2]).map((box) => box.review?.verdict), [undefined, "keep"]);
 
-  await boxes.loadAgain(Array.from({ length: 21 }, (_, i) => i));
-  assert.deepEqual([asked.length, boxes.reloads.get()], [2, 1]);
+  assert.deepEqual([shown, statuses], [["keep", "keep", "keep"], []]);
+  assert.deepEqual([1, 2].map((id) => boxes.get(id)?.review?.verdict), ["reject", undefined]);
+});
+
+test("an answer that is shown until its box comes gives way to a newer one", async () => {
+  const boxes = createBoxes(() => {});
+  boxes.hold(boxes.receive([decision()]));
+  boxes.layOver(new Map([[1, { verdict: "keep", comment: "" }]]));
+  boxes.showUntilLoaded([1]);
+  boxes.layOver(new Map());
+  assert.equal(boxes.get(1)?.review?.verdict, "keep");
+
+  boxes.receive([answered("reject", 1)]);
+
+  assert.equal(boxes.get(1)?.review?.verdict, "reject");
 });

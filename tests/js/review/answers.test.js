@@ -187,7 +187,7 @@ test("an answer that another tab sends is shown, and the box is loaded again whe
   assert.deepEqual([app.sender.state.get().phase, app.sender.state.get().count], ["saved", 0], "it is not this tab's");
 
   const review = { verdict: "keep", reviewer: "ada", revision: 1, comment: "" };
-  globalThis.fetch = async () => Response.json(decision({ box_id: 1, revision: 1, review }));
+  globalThis.fetch = async () => Response.json({ id: 10, boxes: [decision({ box_id: 1, revision: 1, review })] });
   storage.removeItem("unghost.outbox.v1.k");
   storageChanged("unghost.outbox.v1.k");
   await new Promise((resolve) => setTimeout(resolve, 20));
