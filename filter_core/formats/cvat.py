@@ -46,11 +46,11 @@ class CvatWriter:
         self._images = context.spool()
 
     def image(self, out: OutFrame) -> str:
-        """The name of a frame's image in the export."""
+        """The path of a frame's image in the export; CVAT wants its name alone."""
         return f"images/{out.stem}{out.suffix}"
 
     def labels(self, band: str, out: OutFrame) -> None:
-        """One image with its boxes."""
+        """One image with its boxes; `band` is empty, as CVAT has no distance bands."""
         width, height = out.frame.wh
         head = attributes(
             id=out.number,
