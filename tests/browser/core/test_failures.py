@@ -11,7 +11,7 @@ from playwright.sync_api import Page, Route, expect
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import car_at
-from tests.support.page.windows import Visitor
+from tests.support.page.windows import Visitor, route_loaded
 
 pytestmark = pytest.mark.browser
 
@@ -97,7 +97,7 @@ def test_history_that_cannot_be_loaded_is_not_that_of_the_last_box(ada, street):
     items = ada.page.locator(".history__item")
     expect(items.first).to_be_visible()
 
-    ada.page.route(re.compile("/history"), refuse)
+    route_loaded(ada.page, re.compile("/history"), refuse)
     ada.press("j")
 
     expect(ada.page.get_by_role("alert")).to_contain_text(DETAIL)
@@ -110,7 +110,7 @@ def test_a_comparison_that_cannot_be_loaded_is_not_the_one_before(ada, street):
     of_instances = channels.get_by_text("Only the segmentation has been measured.")
     expect(of_instances).to_be_visible()
 
-    ada.page.route(re.compile(r"/evaluations\?.*truth=people"), refuse)
+    route_loaded(ada.page, re.compile(r"/evaluations\?.*truth=people"), refuse)
     channels.get_by_role("button", name="People").click()
 
     expect(channels.get_by_role("alert")).to_contain_text(DETAIL)

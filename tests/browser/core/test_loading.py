@@ -7,6 +7,8 @@ import re
 import pytest
 from playwright.sync_api import expect
 
+from tests.support.page.windows import route_loaded
+
 pytestmark = pytest.mark.browser
 
 LOADED = "() => performance.getEntriesByType('resource').map(({ name }) => name)"
@@ -42,7 +44,7 @@ def test_first_view_asks_for_little(scene, ada, view):
 def test_late_view_has_its_styles_before_it_is_drawn(scene, ada):
     page = ada.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
-    page.route("**/review.css", lambda route: route.abort())
+    route_loaded(page, "**/review.css", lambda route: route.abort())
     page.locator("a.thumb").click()
     expect(page.get_by_role("alert")).to_contain_text("styles of this view")
 
@@ -56,7 +58,7 @@ def test_late_view_has_its_styles_before_it_is_drawn(scene, ada):
 
 def test_view_that_cannot_be_loaded_says_so_and_comes_when_asked_again(scene, ada):
     page = ada.open(f"#/datasets/{scene.dataset}/frames")
-    page.route("**/review/frame.js", lambda route: route.abort())
+    route_loaded(page, "**/review/frame.js", lambda route: route.abort())
     page.locator("a.thumb").click()
     expect(page.get_by_role("alert")).to_be_visible()
 

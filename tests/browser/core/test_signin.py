@@ -228,12 +228,12 @@ def change_token(server, token, to):
 def test_a_refusal_of_the_session_before_does_not_end_the_new_one(scene, visit, server):
     ada = visit(sign_in=False)
     page = ada.page
-    page.goto(server.login_link)
-    ada.open(scene.link("ghost"))
     held: list[Route] = []
     page.route(
         "**/reviews", lambda route: route.continue_() if held else held.append(route)
     )
+    page.goto(server.login_link)
+    ada.open(scene.link("ghost"))
     ada.press("a")
     until(lambda: page.evaluate("1") and held)
     before = kept_session(page)["session"]

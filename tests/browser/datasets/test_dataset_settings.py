@@ -7,7 +7,7 @@ from playwright.sync_api import Page, expect
 
 from tests.support.page import scenes
 from tests.support.page.scenes import Scene
-from tests.support.page.windows import Visitor
+from tests.support.page.windows import Visitor, route_loaded
 from unghost.wire.datasets import DatasetPatch
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
@@ -68,7 +68,8 @@ def test_settings_offer_what_the_api_takes(scene, ada):
 def test_reading_that_is_refused_is_said_and_nothing_changes(scene, ada):
     page = opened(ada, scene)
     problem = {"title": "Conflict", "detail": "a run is going on", "status": 409}
-    page.route(
+    route_loaded(
+        page,
         f"**/datasets/{scene.dataset}",
         lambda route: route.fulfill(status=409, json=problem),
     )

@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect
 from tests.support.page import crowds
 from tests.support.page.crowds import answers, cell, grid, selected
 from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.windows import Visit, Visitor
+from tests.support.page.windows import Visit, Visitor, route_loaded
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
 
@@ -141,7 +141,7 @@ def test_an_answer_that_waits_while_its_bulk_answer_is_undone_is_kept(many, ada,
     select(page, 0, 2)
     ada.press("x")
     expect(toast(page)).to_contain_text("3 boxes rejected")
-    page.route("**/reviews/bulk", lambda route: route.abort())
+    route_loaded(page, "**/reviews/bulk", lambda route: route.abort())
     cell(page, 1).click()
     ada.press("a")
     expect(strip(page)).to_contain_text("Not sent yet")
@@ -317,7 +317,7 @@ def test_a_bulk_answer_given_offline_says_so_and_is_sent_when_the_network_is_bac
 
 
 def test_a_bulk_answer_may_be_sent_again_or_discarded_by_hand(many, ada, page):
-    page.route("**/reviews/bulk", lambda route: route.abort())
+    route_loaded(page, "**/reviews/bulk", lambda route: route.abort())
     select(page, 0, 2)
     ada.press("x")
     strip(page).get_by_role("button", name="Discard").click()

@@ -12,7 +12,7 @@ from tests.support import plain_http
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import applied_config, car_at
-from tests.support.page.windows import Visitor
+from tests.support.page.windows import Visitor, route_loaded
 
 pytestmark = pytest.mark.browser
 
@@ -195,7 +195,9 @@ def test_suggestions_of_another_target_that_do_not_come_leave_none_behind(
     ada, answered
 ):
     page = quality_page(ada, answered)
-    page.route("**/quality?*target=recall*", lambda route: route.fulfill(status=500))
+    route_loaded(
+        page, "**/quality?*target=recall*", lambda route: route.fulfill(status=500)
+    )
     page.get_by_role("button", name="Keep 99 %").click()
 
     expect(page.locator("main")).to_contain_text("Try again")

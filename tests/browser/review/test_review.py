@@ -9,7 +9,7 @@ from playwright.sync_api import Route, expect
 
 from tests.support.page.scenes import CAR, Scene, get
 from tests.support.page.stage import after_drawing, point
-from tests.support.page.windows import FILL, Visitor
+from tests.support.page.windows import FILL, Visitor, route_loaded
 
 pytestmark = pytest.mark.browser
 
@@ -222,7 +222,7 @@ def test_history_that_is_loading_has_its_place_and_flashes_nothing(scene, ada):
     ada.open(scene.link("ghost"))
     history = ada.page.locator(".history")
     expect(history.locator(".history__item")).to_have_count(1)
-    ada.page.route("**/history", lambda route: held.append(route))
+    route_loaded(ada.page, "**/history", lambda route: held.append(route))
 
     ada.press("j")
 

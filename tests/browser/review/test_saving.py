@@ -178,8 +178,8 @@ def test_a_tab_opened_later_keeps_its_unsent_answers(scene, visit):
     first = visit(color_scheme="light")
     first.open(scene.link("real"))
     second = Visitor(first.page.context.new_page(), first.url)
-    second.open(scene.link("ghost"))
     second.page.route("**/reviews", lambda route: route.abort())
+    second.open(scene.link("ghost"))
     second.press("a")
     expect(saving(second.page)).to_contain_text("offline")
 

@@ -12,7 +12,7 @@ from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import keys_of
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import applied_config, car_at, column, dragged
-from tests.support.page.windows import PHONE, Visitor
+from tests.support.page.windows import PHONE, Visitor, route_loaded
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
@@ -408,7 +408,7 @@ def test_the_save_dialog_says_nothing_of_another_configuration(street, ada):
     field = page.locator("input[aria-label='Threshold of all classes']")
     field.fill("60")
     expect(page.locator('[data-figure="lost"] .figure__value')).to_have_text("2")
-    page.route("**/preview", lambda route: route.fulfill(status=503, body="{}"))
+    route_loaded(page, "**/preview", lambda route: route.fulfill(status=503, body="{}"))
     field.fill("90")
     expect(page.get_by_role("alert")).to_be_visible()
 

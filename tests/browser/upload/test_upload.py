@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import Locator, Page, Route, expect
 
 from tests.support.page import scenes
-from tests.support.page.windows import Visitor, lose_session
+from tests.support.page.windows import Visitor, lose_session, route_loaded
 from tests.support.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -131,7 +131,7 @@ def test_nothing_is_sent_before_one_knows_whether_the_dataset_is_there(scene, ad
     page = ada.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
     held: list[Route] = []
-    page.route("**/api/v1/datasets?*", lambda route: held.append(route))
+    route_loaded(page, "**/api/v1/datasets?*", lambda route: held.append(route))
     page.evaluate(DROP, encoded({"9.png": scenes.picture()}))
     button = page.get_by_role("button", name="Upload 1 frame")
 
@@ -242,12 +242,12 @@ def test_images_beside_labels_that_nobody_can_read_can_be_taken_alone(scene, ada
 
 def test_a_server_that_is_away_is_asked_again_and_reading_can_be_cancelled(town, ada):
     page = ada.open("#/datasets")
-    page.route("**/api/v1/folders?*", lambda route: route.abort())
+    route_loaded(page, "**/api/v1/folders?*", lambda route: route.abort())
     page.get_by_label("Upload a folder").last.set_input_files(town)
     expect(page.get_by_role("alert")).to_contain_text("The server does not answer")
     page.unroute("**/api/v1/folders?*")
     held: list[Route] = []
-    page.route("**/api/v1/folders?*", lambda route: held.append(route))
+    route_loaded(page, "**/api/v1/folders?*", lambda route: held.append(route))
 
     page.get_by_role("button", name="Try again").click()
     expect(page.locator(".upload__reading")).to_contain_text("is reading 12 files")
@@ -277,7 +277,7 @@ def test_refused_frames_are_listed_and_tried_again(town, ada):
 
 def test_upload_waits_while_the_server_is_away_and_goes_on(town, ada, api):
     page = pick(ada, town)
-    page.route(re.compile("/frames/"), lambda route: route.abort())
+    route_loaded(page, re.compile("/frames/"), lambda route: route.abort())
     expect_phase = expect(page.locator(".upload-panel h2"))
     page.route("**/api/v1/datasets", lambda route: route.continue_())
 
@@ -293,7 +293,7 @@ def test_upload_waits_while_the_server_is_away_and_goes_on(town, ada, api):
 def test_paused_and_cancelled_uploads_send_nothing_more(town, ada, api):
     page = pick(ada, town)
     held: list[Route] = []
-    page.route(re.compile("/frames/"), lambda route: held.append(route))
+    route_loaded(page, re.compile("/frames/"), lambda route: held.append(route))
     send(page)
     page.get_by_role("button", name="Pause").click()
     expect(page.locator(".upload-panel h2")).to_contain_text("Paused")
@@ -309,7 +309,7 @@ def test_upload_goes_on_from_view_to_view_and_across_a_sign_in(town, ada, server
     # The list of datasets has been loaded.
     expect(upload_button(page)).to_be_enabled()
     lose_session(page)
-    page.route("**/api/v1/datasets", lambda route: made(route, server))
+    route_loaded(page, "**/api/v1/datasets", lambda route: made(route, server))
 
     send(page)
     page.get_by_label("Token or login link").fill(server.token)

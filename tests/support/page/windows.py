@@ -13,6 +13,7 @@ from playwright.sync_api import (
     Browser,
     BrowserContext,
     Page,
+    Route,
     StorageState,
     ViewportSize,
     expect,
@@ -73,6 +74,7 @@ class Visitor:
 
 
 Visit = Callable[..., Visitor]
+RouteHandler = Callable[[Route], object]
 
 
 def kept_session(page: Page) -> Any:
@@ -90,6 +92,26 @@ def lose_session(page: Page) -> None:
         }""",
         SESSION_KEY,
     )
+
+
+# Answered by the server with 200, and by its route with 204.
+IS_ROUTED = "/healthz?routed"
+ASK_UNTIL_ROUTED = """async (address) => {
+  while ((await fetch(address)).status !== 204);
+}"""
+
+
+def route_loaded(page: Page, url: str | re.Pattern[str], handler: RouteHandler) -> None:
+    """Route what a document asks for that is loaded already, from now on.
+
+    `page.route` returns before a loaded document knows of its first route: what a busy
+    one asks for meanwhile goes past it. A document that is loaded later knows it from
+    the start.
+    """
+    page.route(f"**{IS_ROUTED}", lambda route: route.fulfill(status=204))
+    page.route(url, handler)
+    page.evaluate(ASK_UNTIL_ROUTED, IS_ROUTED)
+    page.unroute(f"**{IS_ROUTED}")
 
 
 FILL = """() => {
