@@ -6,7 +6,7 @@ import re
 
 import httpx
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from tests.support.page import crowds
 from tests.support.page.crowds import answers, cell, grid, selected
@@ -156,14 +156,12 @@ def test_an_answer_that_waits_while_its_bulk_answer_is_undone_is_kept(many, ada,
 
 
 def test_refused_bulk_answer_waits_for_the_person_who_sends_it_again(many, ada, page):
-    forbidden = {
-        "status": 403,
-        "title": "forbidden",
-        "detail": "viewers answer nothing",
-    }
-    page.route(
-        "**/reviews/bulk", lambda route: route.fulfill(status=403, json=forbidden)
-    )
+    problem = {"status": 403, "detail": "viewers answer nothing"}
+
+    def forbid(route: Route) -> None:
+        route.fulfill(status=403, json=problem)
+
+    route_loaded(page, "**/reviews/bulk", forbid)
     select(page, 0, 2)
     ada.press("x")
     expect(strip(page)).to_contain_text(

@@ -14,7 +14,7 @@ from benchmarks.bench_runs import opened
 from benchmarks.million import NAME, fill
 from tests.support.page import crowds
 from tests.support.page.crowds import cell
-from tests.support.page.windows import WIDE
+from tests.support.page.windows import WIDE, route_loaded
 from tests.support.servers import RunningServer
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
@@ -94,7 +94,7 @@ def test_a_jump_ahead_arrives(page):
 
 
 def test_places_that_are_not_read_yet_are_shown_and_filled_in(page):
-    page.route("**/api/v1/boxes?**cursor**", lambda route: None)
+    route_loaded(page, "**/api/v1/boxes?**cursor**", lambda route: None)
     scroll_to(page, 0.02)
     expect(page.locator(".cell__none.shimmer").first).to_be_visible()
     expect(page.locator(".cell").first).to_have_accessible_name("Loading")
@@ -115,7 +115,7 @@ def test_crops_are_asked_for_a_few_at_a_time_and_cancelled_when_scrolled_past(pa
             under_way.add(request.url)
             most.append(len(under_way))
 
-    page.route("**/crop?**", lambda route: None)
+    route_loaded(page, "**/crop?**", lambda route: None)
     page.on("request", begun)
     page.on("requestfailed", lambda request: under_way.discard(request.url))
     scroll_to(page, 0.0005)

@@ -9,7 +9,7 @@ from playwright.sync_api import Page, expect
 
 from tests.support.page import crowds, scenes
 from tests.support.page.scenes import Scene
-from tests.support.page.windows import Visit, Visitor, lose_session
+from tests.support.page.windows import Visit, Visitor, lose_session, route_loaded
 
 pytestmark = pytest.mark.browser
 
@@ -273,7 +273,8 @@ def test_answer_of_another_tab_stays_while_the_server_does_not_answer(scene, vis
     first.open(scene.link("ghost"))
     first.press("a")
     expect(answer).to_contain_text("keep")
-    second.page.route(re.compile(r"/(frames|boxes)/\d+$"), lambda route: route.abort())
+    boxes = re.compile(r"/(frames|boxes)/\d+$")
+    route_loaded(second.page, boxes, lambda route: route.abort())
 
     first.page.unroute("**/reviews")
     first.page.evaluate("dispatchEvent(new Event('online'))")
