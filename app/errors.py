@@ -150,7 +150,7 @@ class StaleRevision(AppError):
 
 
 class StaleReview(StaleRevision):
-    """Someone else has reviewed the box since; `current` is its decision now."""
+    """The box was answered since the person saw it; `current` is its decision now."""
 
     code = "stale_review"
 

@@ -81,9 +81,9 @@ class ClassThresholds:
     A large box has to reach `large` and, under the profile `carlasimu`, `small` as
     well: `kept_large` is the higher one of those that apply.
 
-    If `by_channels` is true, channels judge boxes regardless of their match, and
-    `decisions` does not record which boxes. Lists sort and filter boxes that a channel
-    kept by how far their match is from `small`, above or below.
+    If `by_channels` is true, channels judge boxes regardless of their match, and the
+    table `decisions` has no column that says which boxes. Lists sort and filter boxes
+    that a channel kept by how far their match is from `small`, above or below.
     """
 
     class_id: int
@@ -98,7 +98,9 @@ class ClassThresholds:
         yield Side(Reason.BELOW_THRESHOLD, False, self.small, -1)
         yield Side(Reason.VISIBLE, True, self.kept_large, 1)
         yield Side(Reason.LARGE_BELOW_THRESHOLD, True, self.large, -1)
-        if self.kept_large > self.large:
+        if (
+            self.kept_large > self.large
+        ):  # under carlasimu: `small` has to be reached too
             yield Side(Reason.BELOW_THRESHOLD, True, self.small, -1)
         if self.by_channels:  # boxes that a channel kept although their match is lower
             yield Side(Reason.VISIBLE, False, self.small, -1)
@@ -214,7 +216,7 @@ def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilte
     """The filter; BadRequest names a value that is not known."""
     classes = DatasetRepository(session).classes(dataset.id)
     config = config_of(active_version(session, dataset))
-    limits = config.thresholds_for(list(classes))
+    limits = config.limits_by_class(list(classes))
     thresholds = tuple(
         ClassThresholds(
             class_id=class_id,

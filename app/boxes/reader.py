@@ -451,7 +451,8 @@ class StoredBoxes:
             position = int(channels.explained_by[row])
             frame_id = self.rows.frame_ids[row]
             box_id = self.frames[frame_id].first_box_id + position
-            place = self._place[row] - self.rows.box_ids[row] + box_id
+            # A frame's boxes follow each other in `_records`, as their ids do.
+            place = self._place[row] + box_id - self.rows.box_ids[row]
             class_name = class_of[int(class_ids[place])]
             found[box_id] = ExplainingBox(frame_id, position, box_id, class_name)
         return list(found.values())

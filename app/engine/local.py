@@ -86,8 +86,8 @@ class LocalEngine:
                 if self.stopping.is_set() and future.cancel():
                     continue
                 yield future.result()
-                for item in () if self.stopping.is_set() else islice(source, 1):
-                    waiting.append(self.start(work, item))
+                if not self.stopping.is_set():
+                    waiting.extend(self.start(work, item) for item in islice(source, 1))
         finally:
             # If the caller stops early, the remaining items are not needed.
             for future in waiting:

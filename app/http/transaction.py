@@ -91,9 +91,9 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
         )
         raise
     ended = partial(transaction.__exit__, None, None, None)
-    if session.in_transaction():  # else the route has committed already
+    if session.in_transaction():
         await _in_own_thread(ended)
-    else:
+    else:  # the route has committed; this calls what waits for that (`once_committed`)
         ended()
 
 

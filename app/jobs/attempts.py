@@ -15,20 +15,17 @@ anew.
 - The driver itself, which executes all chunks without workers, and every final step. If
   it dies, nobody is left to count. So it counts its attempt before it begins the chunk
   (`Attempt.begin`), and sets the count to zero when it stores a part of the result
-  (`Attempt.forget`) or when its work ends in any other way (`Attempt.end`); these
+  (`Attempt.reset`) or when its work ends in any other way (`Attempt.end`); these
   three are called in `app.jobs.work`. The next driver finds in the row how many
   processes in a row have died and stored nothing.
 
-So the count is the number of dead processes, and one more while a driver works on the
-chunk itself.
-
-**How the next attempt differs:**
+**How the next attempt differs**, with the count in the row during the attempt:
 
 | attempt | by a worker | by the driver |
 |---|---|---|
-| first | whole chunk | whole chunk |
-| second | whole chunk, alone | frame by frame |
-| third | frame by frame, alone | frame by frame |
+| first | 0: whole chunk | 1: whole chunk |
+| second | 1: whole chunk, alone | 2: frame by frame |
+| third | 2: frame by frame, alone | 3: frame by frame |
 | then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
@@ -77,8 +74,7 @@ log = logging.getLogger(__name__)
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether each frame has to be stored before the next one begins.
 
-    For the process that works on the chunk. In a worker this is the third attempt; in
-    the driver, whose own attempt is counted as well, the second.
+    From the third attempt of workers on, and from the second of a driver.
     """
     return chunk.attempts > 1
 
@@ -108,6 +104,7 @@ class Attempt:
     def begin(self) -> bool:
         """Count the attempt; False if the chunk is in quarantine.
 
+        True also for a chunk that is done or gone, which the work itself finds out.
         After too many attempts the chunk is put there, or only the frame that is the
         cause: then the rest of the chunk is worked on.
 
@@ -134,7 +131,7 @@ class Attempt:
             chunk.attempts += 1
         return True
 
-    def forget(self, session: Session) -> None:
+    def reset(self, session: Session) -> None:
         """Set the count to zero in a transaction that stores a part of the result."""
         if not self._is_counted:
             return
@@ -142,7 +139,7 @@ class Attempt:
         if chunk is not None and chunk.state == "waiting":
             chunk.attempts = 0
             session.flush()
-        once_committed(session, self._forgotten)
+        once_committed(session, self._not_counted)
 
     def end(self) -> None:
         """Set the count to zero after work that failed but did not end the process.
@@ -153,7 +150,7 @@ class Attempt:
         while self._is_counted:
             try:
                 with self._context.database.write() as session:
-                    self.forget(session)
+                    self.reset(session)
             except SQLAlchemyError as exc:
                 stops = self._context.engine.stopping.wait(_PAUSE_S)
                 if stops or not is_transient(exc):
@@ -161,7 +158,7 @@ class Attempt:
                     log.warning("cannot reset chunk %d of %s %d: %s", *told)
                     return
 
-    def _forgotten(self) -> None:
+    def _not_counted(self) -> None:
         self._is_counted = False
 
 

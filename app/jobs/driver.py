@@ -35,7 +35,7 @@ from filter_core.errors import FilterError
 WAIT_S: Final = 0.1
 """How long the driver waits for a chunk to end before its other checks."""
 _GIVEN_BACK: Final = (RETURNED, UNWANTED)
-"""Outcomes of chunks that are not done: the process that worked on it was stopping or
+"""Outcomes of a chunk that is not done: the process that worked on it was stopping or
 had no database (RETURNED), or found that the job has ended (UNWANTED)."""
 LONGEST_PAUSE_S: Final = 8.0
 """The longest pause between two attempts to connect to the engine."""
@@ -181,7 +181,7 @@ class JobDriver:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
             # Frames that are in a chunk already, waiting or in quarantine, must not be
-            # planned again. Without such a chunk all frames that lack a result are.
+            # planned again. Without such a chunk, planning starts at the first frame.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:
@@ -231,8 +231,8 @@ class JobDriver:
         here = partial(work_in_driver, self.context)
         engine = self.context.engine
         future = engine.start_chunk(here, self.lease.job, number)
-        if not self._suspects:  # a suspect remains one until it has ended
-            self._to_send.popleft()
+        if number not in self._suspects:  # a suspect remains one until it has ended
+            self._to_send.remove(number)
         self._in_flight[future] = number
 
     def _plan(self, row: JobRow, most: int) -> None:

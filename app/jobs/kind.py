@@ -167,21 +167,22 @@ def all_open_jobs(session: Session, dataset_id: int | None = None) -> list[Job]:
 
 
 def _ignore(_session: Session) -> None:
-    """Do nothing: only the driver resets its attempts (`app.jobs.attempts`)."""
+    """Do nothing: a worker counts no attempts (`app.jobs.attempts`)."""
 
 
 @dataclass
 class Task(Generic[Row]):
     """One chunk of a job, as it is passed to a kind's `work` and `finish`.
 
-    `on_progress` is called in each transaction in which the chunk gets further.
+    `reset_attempts` is called in each transaction that stores results or plans more
+    work: a process that dies afterwards has not died without getting further.
     """
 
     context: ServiceContext
     kind: JobKind[Row]
     job: Job
     number: int
-    on_progress: Callable[[Session], None] = _ignore
+    reset_attempts: Callable[[Session], None] = _ignore
     _is_over: threading.Event = field(default_factory=threading.Event)
     _row_read_at: float = field(default_factory=time.monotonic)
     _told_at: float = field(default_factory=time.monotonic)
@@ -213,13 +214,6 @@ class Task(Generic[Row]):
         So frames that are measured by then are still stored.
         """
         self.context.engine.check_wanted(self.job)
-
-    def got_further(self, session: Session) -> None:
-        """Say that this transaction stores results or plans more work.
-
-        So a process that dies afterwards does not count as one that got nowhere.
-        """
-        self.on_progress(session)
 
     def report(self, done: int) -> None:
         """Publish how many frames are done, for clients that watch.
@@ -269,7 +263,8 @@ class Task(Generic[Row]):
         with self.context.database.read() as session:
             if self.number != FINAL_STEP:
                 self.row(session)
-            # A cancellation waits for the final step's transaction before the row.
+            # A cancellation cannot change the job's row before the final step's
+            # transaction has ended. So it deletes the row of the step (its chunk).
             elif not ChunkRepository(session).has_final_step(self.job):
                 raise JobStopped(self.job)
 

@@ -99,7 +99,7 @@ class JobLease:
         """
         now = _now(session)
         # A process that is ending the job has locked this row. Not to wait for it, the
-        # row is skipped then: adding another fails, and the lease counts as lost.
+        # row is skipped then; `_add` cannot add another, so the lease counts as lost.
         lease = _locked(session, self.job, skip_locked=True)
         if lease is not None:
             if lease.holder != self._holder and not _is_void(lease, now):

@@ -42,8 +42,9 @@ def work_in_driver(context: ServiceContext, kind: str, job_id: int, number: int)
     """
     task = _task(context, Job(kind, job_id), number)
     attempt = Attempt(context, task.job, number)
-    task.on_progress = attempt.forget
+    task.reset_attempts = attempt.reset
     outcome = _outcome(task, lambda: _do(task) if attempt.begin() else QUARANTINED)
+    # A chunk that is done or in quarantine is not begun again: its count is of no use.
     if outcome not in (DONE, QUARANTINED):
         attempt.end()
     return outcome

@@ -121,7 +121,7 @@ def histogram(
     names: Sequence[str], counts: IntArray, config: FilterConfig
 ) -> Histogram:
     """The counts of classes that occur, with the thresholds of a configuration."""
-    limits = config.thresholds_for(names).threshold_small_box
+    limits = config.limits_by_class(names).threshold_small_box
     occurs = np.flatnonzero(counts.sum(axis=1)).tolist()
     return Histogram(
         edges=np.linspace(0.0, _MAX_PERCENT, counts.shape[1] + 1).tolist(),

@@ -83,7 +83,7 @@ def decide_all(task: Task[Run]) -> None:
             task.end_job(session)
         else:
             # There are new frames to measure; earlier attempts no longer count.
-            task.got_further(session)
+            task.reset_attempts(session)
 
 
 def _decide_and_store(
@@ -155,6 +155,7 @@ class Activation:
         """Count all boxes, which is cheaper and safer than counting changes."""
         if not len(numbers):
             return
+        # The reviewed boxes of this part; all ids are in order.
         ends = np.searchsorted(self._reviewed, numbers.box_ids[[0, -1]] + [0, 1])
         here = slice(*ends.tolist())
         at = np.searchsorted(numbers.box_ids, self._reviewed[here])
@@ -179,21 +180,26 @@ class _Progress:
     task: Task[Run]
     total: int
     boxes: int
-    _before: int = 0
-    _part: int = 0
-    _rows: int = 0
+    _boxes_before: int = 0
+    _boxes_in_part: int = 0
+    _rows_in_part: int = 0
     _written: int = 0
 
     def begin(self, boxes: int, rows: int) -> None:
         """Begin a part of `boxes` boxes, for which `rows` rows are to be written."""
-        self._before, self._part = self._before + self._part, boxes
-        self._rows, self._written = rows, 0
+        self._boxes_before, self._boxes_in_part = (
+            self._boxes_before + self._boxes_in_part,
+            boxes,
+        )
+        self._rows_in_part, self._written = rows, 0
         self(0)
 
     def __call__(self, rows: int) -> None:
         self.task.check()
         self._written += rows
-        boxes = self._before + self._part * self._written // max(self._rows, 1)
+        boxes = self._boxes_before + self._boxes_in_part * self._written // max(
+            self._rows_in_part, 1
+        )
         self.task.report(self.total * boxes // max(self.boxes, 1))
 
 

@@ -240,7 +240,7 @@ class _CommitBuffer:
                     note_problem(session, scope.dataset_id, one.key, one.damage)
             run.done = min(run.total, run.done + len(new))
             if new:
-                self._task.got_further(session)
+                self._task.reset_attempts(session)
             if is_whole and self._refusal is not None:
                 refuse(session, self._task.job, self._task.number, self._refusal)
             elif is_whole:

@@ -152,7 +152,8 @@ class RunJobs:
         missing = EvidenceRepository(session).count_unmeasured(
             row.dataset_id, row.measurement_id or 0
         )
-        if missing:  # else `done` counts the frames that are decided, from zero
+        # If nothing is to be measured, `done` counts the frames that are decided.
+        if missing:
             row.done = max(row.done, row.total - missing)
 
     def plan(

@@ -243,9 +243,9 @@ class DecideConfig(DecidingKeys, ClassLimits):
         """The values for one class: its overrides, and the global values."""
         return _limits_of(self, class_name)
 
-    def thresholds_for(self, class_names: Iterable[str]) -> LimitsByClass:
+    def limits_by_class(self, class_names: Iterable[str]) -> LimitsByClass:
         """The values for each of K classes, in the order given."""
-        return _thresholds_for(self, tuple(class_names))
+        return _limits_by_class(self, tuple(class_names))
 
 
 _Config = TypeVar("_Config", bound=DecideConfig)
@@ -376,7 +376,7 @@ def _limits_of(config: DecideConfig, class_name: str) -> ClassLimits:
 
 # Cached: called for every frame, mostly with the classes of the frame before.
 @lru_cache(maxsize=256)
-def _thresholds_for(config: DecideConfig, names: tuple[str, ...]) -> LimitsByClass:
+def _limits_by_class(config: DecideConfig, names: tuple[str, ...]) -> LimitsByClass:
     limits = [config.limits_of(name) for name in names]
     arrays = {
         name: allowed.array([getattr(one, name) for one in limits])

@@ -107,7 +107,7 @@ def channel_names(decisions: Decisions) -> list[ChannelName | None]:
 
 def pixels_needed(evidence: Evidence, config: DecideConfig) -> IntArray:
     """(N,) int64: the key `min_visible_pixels`, as it applies to each of N boxes."""
-    by_class = config.thresholds_for(evidence.class_names).min_visible_pixels
+    by_class = config.limits_by_class(evidence.class_names).min_visible_pixels
     needed: IntArray = by_class[evidence.class_index]
     return needed
 

@@ -403,7 +403,9 @@ _SENTENCES: Final[Mapping[Reason, Callable[[ExplainedBox], str]]] = {
 def _ordered_words(box: ExplainedBox) -> str:
     names = _any_of(box.accepted)
     if _is_kept(box):
-        return f"{_many(box, f'of its {names} pixels')} not explained by nearer boxes"
+        return (
+            f"{_counted(box, f'of its {names} pixels')} not explained by nearer boxes"
+        )
     some = f"{box.number:.0f} of its pixels {_is(box)}"
     if box.nearer is not None:
         left = f"; {some} left, {_needed(box)}" if box.number else ""
@@ -415,7 +417,7 @@ def _ordered_words(box: ExplainedBox) -> str:
 
 def _depth_words(box: ExplainedBox) -> str:
     names = _any_of(box.accepted)
-    at_its_own = f"{_many(box, f'of its {names} pixels')} at its own distance"
+    at_its_own = f"{_counted(box, f'of its {names} pixels')} at its own distance"
     if _is_kept(box):
         return at_its_own
     if box.number:
@@ -433,11 +435,10 @@ def _center_words(box: ExplainedBox) -> str:
 
 def _instance_words(box: ExplainedBox) -> str:
     if _is_kept(box):
-        return f"{_many(box, 'of the pixels of its own instance')} seen"
+        return f"{_counted(box, 'of the pixels of its own instance')} seen"
     if box.number:
-        return (
-            f"only {_many(box, 'of the pixels of its instance')} seen, {_needed(box)}"
-        )
+        of_instance = _counted(box, "of the pixels of its instance")
+        return f"only {of_instance} seen, {_needed(box)}"
     return "no instance in the image belongs to it"
 
 
@@ -454,7 +455,8 @@ def _is_kept(box: ExplainedBox) -> bool:
     return box.reason.verdict is Verdict.KEPT
 
 
-def _many(box: ExplainedBox, of: str) -> str:
+def _counted(box: ExplainedBox, of: str) -> str:
+    """Number, noun and verb, such as ``3 of its Car pixels are``."""
     return f"{box.number:,.0f} {of} {_is(box)}"
 
 
@@ -463,7 +465,7 @@ def _is(box: ExplainedBox) -> str:
 
 
 def _needed(box: ExplainedBox) -> str:
-    return f"{box.needed:.0f} are needed"
+    return f"{box.needed:.0f} {'is' if box.needed == 1 else 'are'} needed"
 
 
 def _apart(gap: float) -> str:

@@ -230,6 +230,7 @@ def _composed(
         "verdict": [reason.verdict.value for reason in reasons],
         "reason": [reason.label for reason in reasons],
         "explanation": explanations(frames, evidence, decisions, hidden),
+        # The kind of evidence that decided, as the key `evidence` names it.
         "evidence": [
             channel or (SEMANTIC if has_tags else None)
             for channel, has_tags in zip(

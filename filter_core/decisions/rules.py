@@ -14,7 +14,7 @@ with the match; "Add a rule or a reason" has it for a new reason.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,54 +83,31 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
         large=np.empty(count, np.bool_),
         channel=np.zeros(count, np.uint8),
     )
-    thresholds = config.thresholds_for(evidence.class_names)
-    table = _thresholds_by_reason(thresholds)
-    limits = _Limits(thresholds, table, config)
+    limits = config.limits_by_class(evidence.class_names)
+    thresholds = _threshold_by_reason(limits)
     for start in range(0, count, _BLOCK):
-        _decide_block(evidence, slice(start, start + _BLOCK), limits, decisions)
+        rows = slice(start, start + _BLOCK)
+        _decide_block(evidence, rows, limits, thresholds, decisions)
     apply_channels(evidence, config, decisions)
     return decisions
 
 
-class _Limits(NamedTuple):
-    """What boxes of K classes are compared with.
-
-    Attributes
-    ----------
-    thresholds : LimitsByClass of K classes
-    by_reason : (2, K, 1 + max(Reason)) float64
-        See `_thresholds_by_reason`.
-    config : DecideConfig
-        For keys that no class can override.
-    """
-
-    thresholds: LimitsByClass
-    by_reason: FloatArray
-    config: DecideConfig
-
-    @property
-    def as_carlasimu(self) -> bool:
-        """Whether to compare as under profile ``carlasimu``.
-
-        It differs from ``paper`` here in three ways (and in others where boxes are
-        measured): a box of exactly the size `size_big_box` is large; a match equal to a
-        threshold fails; and large boxes must pass both thresholds.
-        """
-        return self.config.profile == "carlasimu"
-
-
 def _decide_block(
-    evidence: Evidence, rows: slice, limits: _Limits, decisions: Decisions
+    evidence: Evidence,
+    rows: slice,
+    limits: LimitsByClass,
+    thresholds: FloatArray,
+    decisions: Decisions,
 ) -> None:
     """Decide the boxes in the range `rows`, and write the result into `decisions`."""
     class_index, area = evidence.class_index[rows], evidence.area_percent[rows]
-    size = _per_box(limits.thresholds.size_big_box, class_index)
-    large = area >= size if limits.as_carlasimu else area > size
+    size = _per_box(limits.size_big_box, class_index)
+    large = area >= size if _as_carlasimu(limits) else area > size
     reason = _first_reason(_rules(evidence, rows, limits, large))
-    # by_reason[large, class_index, reason], in a form that takes a third of the time.
-    _, classes, reasons = limits.by_reason.shape
+    # thresholds[large, class_index, reason], in a form that takes a third of the time.
+    _, classes, reasons = thresholds.shape
     place = (large * np.int32(classes) + class_index) * np.int32(reasons) + reason
-    threshold = limits.by_reason.take(place)
+    threshold = thresholds.take(place)
     # Under carlasimu the match can exceed 100.
     margin = np.minimum(evidence.match_percent[rows], 100.0) - threshold
     decisions.reason[rows] = reason
@@ -141,50 +118,61 @@ def _decide_block(
     decisions.large[rows] = large & ~np.isnan(threshold)
 
 
+def _as_carlasimu(limits: LimitsByClass) -> bool:
+    """Whether to compare as under profile ``carlasimu``.
+
+    It differs from ``paper`` here in three ways (and in others where boxes are
+    measured): a box of exactly the size `size_big_box` is large; a match equal to a
+    threshold fails; and large boxes must pass both thresholds.
+    """
+    return limits.profile == "carlasimu"
+
+
 def _rules(
-    evidence: Evidence, rows: slice, limits: _Limits, large: BoolArray
+    evidence: Evidence, rows: slice, limits: LimitsByClass, large: BoolArray
 ) -> Sequence[_Rule]:
     """The rules in the order of Algorithm 2; a box for which none holds is visible.
 
     For a rejected box, the page's label repeats whether its match had to reach or to
     exceed the threshold (`measureText` in `static/js/boxes/wording.js`).
     """
-    thresholds, as_carlasimu = limits.thresholds, limits.as_carlasimu
     class_index, match = evidence.class_index[rows], evidence.match_percent[rows]
-    small = _per_box(thresholds.threshold_small_box, class_index)
-    big = _per_box(thresholds.threshold_big_box, class_index)
-    needed = _per_box(thresholds.min_visible_pixels, class_index)
-    fails_big = match <= big if as_carlasimu else match < big
-    # Under carlasimu large boxes must pass this threshold, too.
-    fails_small = match <= small if as_carlasimu else (match < small) & ~large
+    small = _per_box(limits.threshold_small_box, class_index)
+    big = _per_box(limits.threshold_big_box, class_index)
+    needed = _per_box(limits.min_visible_pixels, class_index)
+    if _as_carlasimu(limits):
+        fails_big, fails_small = (match <= big) & large, match <= small
+    else:
+        fails_big, fails_small = (match < big) & large, (match < small) & ~large
     state = evidence.state[rows]
     return (
         (Reason.OUTSIDE_IMAGE, state == BoxState.OUTSIDE_IMAGE.value),
         (Reason.COVERS_IMAGE, state == BoxState.COVERS_IMAGE.value),
         (Reason.DEGENERATE, state == BoxState.DEGENERATE.value),
-        (Reason.OUT_OF_RANGE, _is_out_of_range(evidence, rows, thresholds)),
+        (Reason.OUT_OF_RANGE, _is_out_of_range(evidence, rows, limits)),
         (Reason.UNMAPPED_CLASS, evidence.accept_mask[rows] == 0),
         (Reason.NO_SEGMENTATION, ~evidence.measured[rows]),
         (Reason.NO_VISIBLE_PIXELS, evidence.matched_pixels[rows] < needed),
-        (Reason.LARGE_BELOW_THRESHOLD, fails_big & large),
+        (Reason.LARGE_BELOW_THRESHOLD, fails_big),
         (Reason.BELOW_THRESHOLD, fails_small),
     )
 
 
-def _thresholds_by_reason(thresholds: LimitsByClass) -> FloatArray:
+def _threshold_by_reason(limits: LimitsByClass) -> FloatArray:
     """(2, K, 1 + max(Reason)) percent: the threshold that decides a box.
 
     By whether the box is large, its class and its reason; NaN: no threshold decides.
     """
-    shape = 2, len(thresholds.threshold_small_box), 1 + max(Reason)
+    shape = 2, len(limits.threshold_small_box), 1 + max(Reason)
     table = np.full(shape, np.nan)
     of_others, of_large = table
-    of_others[:, Reason.BELOW_THRESHOLD] = thresholds.threshold_small_box
-    of_others[:, Reason.VISIBLE] = thresholds.threshold_small_box
-    # Only under carlasimu, where large boxes must pass both thresholds.
-    of_large[:, Reason.BELOW_THRESHOLD] = thresholds.threshold_small_box
-    of_large[:, Reason.LARGE_BELOW_THRESHOLD] = thresholds.threshold_big_box
-    of_large[:, Reason.VISIBLE] = thresholds.threshold_kept_large_box
+    of_others[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
+    of_others[:, Reason.VISIBLE] = limits.threshold_small_box
+    # Only under carlasimu, where large boxes must pass both thresholds: there the one
+    # of kept large boxes is the higher of both.
+    of_large[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
+    of_large[:, Reason.LARGE_BELOW_THRESHOLD] = limits.threshold_big_box
+    of_large[:, Reason.VISIBLE] = limits.threshold_kept_large_box
     return table
 
 
@@ -201,9 +189,9 @@ def _first_reason(rules: Sequence[_Rule]) -> NDArray[np.uint8]:
 
 
 def _is_out_of_range(
-    evidence: Evidence, rows: slice, thresholds: LimitsByClass
+    evidence: Evidence, rows: slice, limits: LimitsByClass
 ) -> BoolArray:
-    nearest, farthest = thresholds.min_distance, thresholds.max_distance
+    nearest, farthest = limits.min_distance, limits.max_distance
     distance, class_index = evidence.distance[rows], evidence.class_index[rows]
     if np.isinf(nearest).all() and np.isinf(farthest).all():
         return np.zeros(len(distance), np.bool_)

@@ -403,7 +403,7 @@ def suggest_per_class(
     """
     if config.evidence != "semantic":
         return []
-    present = config.thresholds_for(list(classes)).threshold_small_box.tolist()
+    present = config.limits_by_class(list(classes)).threshold_small_box.tolist()
     suggestions = []
     for (name, key), current in zip(classes.items(), present, strict=True):
         mine = judged.where(judged.class_key == key)

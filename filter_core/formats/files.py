@@ -74,21 +74,21 @@ class FileNames:
     def stem(self, key: str) -> str:
         """The stem of one more frame."""
         stem = file_stem(key.replace("/", _IN_PLACE_OF_SLASH) if self._flat else key)
-        if self._is_taken(stem):
+        if not self._take(stem):
             digest = hashlib.sha256(key.encode("utf-8", "surrogatepass")).hexdigest()
             folder, slash, name = stem.rpartition("/")
             stem = f"{folder}{slash}{name[:_MAX_PART_BYTES]}%~{digest[:16]}"
-            self._is_taken(stem)
+            self._take(stem)
         return stem
 
-    def _is_taken(self, stem: str) -> bool:
-        """Whether the name was used before; from now on it is."""
+    def _take(self, stem: str) -> bool:
+        """Take a name; False if it was taken before."""
         alike = unicodedata.normalize("NFKC", stem.casefold()).casefold()
         digest = hashlib.sha256(alike.encode("utf-8", "surrogatepass")).digest()
         mark = int.from_bytes(digest[:8], "big")
-        taken = mark in self._taken
+        is_new = mark not in self._taken
         self._taken.add(mark)
-        return taken
+        return is_new
 
 
 @contextmanager

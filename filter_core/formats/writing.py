@@ -367,9 +367,9 @@ class _BoxChooser:
         whole, used = _rectangles(boxes, options.boxes)
         inside = clipped(np.where(np.isnan(whole), 0.0, whole), frame.wh)
         placed = np.minimum(*(inside[:, 2:] - inside[:, :2]).T) >= _LEAST_SIDE
-        out = wanted & (placed | self._traits.can_hold_unplaced)
+        written = wanted & (placed | self._traits.can_hold_unplaced)
         ignored = ignorable & placed & (options.rejected == "dontcare")
-        row = np.flatnonzero(out | ignored)
+        row = np.flatnonzero(written | ignored)
         chosen = LabelBoxes(
             row=row,
             class_number=class_number[row],
@@ -377,16 +377,16 @@ class _BoxChooser:
             cut=_cut(frame, row),
             ignored=ignored[row],
         )
-        self._tally.written(class_number[out], used[out].tolist())
+        self._tally.written(class_number[written], used[written].tolist())
         cut = np.zeros(len(boxes), np.bool_)
         cut[row] = chosen.cut > 0
-        changed = np.flatnonzero(cut | ~out)
+        changed = np.flatnonzero(cut | ~written)
         self._tally.changed(
             frame,
             class_number[changed].tolist(),
             [
                 Change(each, "clipped", "beyond_image")
-                if out[each]
+                if written[each]
                 else Change(
                     each,
                     "dontcare" if ignored[each] else "dropped",
@@ -433,8 +433,8 @@ class _BoxChooser:
         return "rejected_by_person" if by_person else boxes.reason_label(row)
 
 
-def _rectangles(boxes: DecidedBoxes, which: str) -> tuple[BoxesXYXY, NDArray[np.str_]]:
-    """(N, 4): the requested rectangles, or else the visible ones; and their names (N,).
+def _rectangles(boxes: DecidedBoxes, kind: str) -> tuple[BoxesXYXY, NDArray[np.str_]]:
+    """(N, 4): rectangles of this kind, or else the visible ones; and their kinds (N,).
 
     NaN rows and empty names where there is none.
     """
@@ -442,10 +442,10 @@ def _rectangles(boxes: DecidedBoxes, which: str) -> tuple[BoxesXYXY, NDArray[np.
         "visible": (boxes.xyxy,),
         "amodal": (boxes.amodal_xyxy, boxes.xyxy),
         "tight": (boxes.tight_xyxy, boxes.visible_xyxy, boxes.xyxy),
-    }[which]
+    }[kind]
     xyxy, *others = columns
     known = ~np.isnan(xyxy[:, 0])
-    used = np.where(known, which, "")
+    used = np.where(known, kind, "")
     for other in others:
         found = ~known & ~np.isnan(other[:, 0])
         xyxy = np.where(found[:, None], other, xyxy)
@@ -457,19 +457,20 @@ def _rectangles(boxes: DecidedBoxes, which: str) -> tuple[BoxesXYXY, NDArray[np.
 def _cut(frame: ExportFrame, row: IntArray) -> FloatArray:
     """(M,): shares of whole rectangles beyond the image; above 0 if anything is.
 
-    The annotation is only read for boxes that end at the border: a box that was clamped
-    to the image ends there.
+    The whole rectangle of a 3D box is its projection. That of a 2D box is in the
+    annotation, which is only read for boxes that end at the border of the image: a box
+    that was clamped to the image ends there.
     """
     boxes, (width, height) = frame.boxes, frame.wh
     whole, corrected = boxes.amodal_xyxy[row], boxes.xyxy[row]
-    given = np.isnan(whole[:, 0])
+    is_2d = np.isnan(whole[:, 0])
     x_min, y_min, x_max, y_max = corrected.T
-    within = (x_min > 0) & (y_min > 0) & (x_max < width) & (y_max < height)
+    is_within = (x_min > 0) & (y_min > 0) & (x_max < width) & (y_max < height)
     cut = np.zeros(len(row))
-    asked = np.flatnonzero(given & ~within)
-    if len(asked):
-        whole[asked] = frame.given.rectangles(row[asked].tolist())
-    beyond = np.flatnonzero(~(given & within))
+    annotated = np.flatnonzero(is_2d & ~is_within)
+    if len(annotated):
+        whole[annotated] = frame.given.rectangles(row[annotated].tolist())
+    beyond = np.flatnonzero(~is_2d | ~is_within)
     if not len(beyond):
         return cut
     whole = whole[beyond]

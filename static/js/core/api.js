@@ -70,7 +70,8 @@ export class ApiError extends Error {
 
   /** May the same request succeed later? */
   get isTemporary() {
-    return this.status === 429 || this.status >= 500;
+    // 408: the server did not get the request in time.
+    return this.status === 408 || this.status === 429 || this.status >= 500;
   }
 }
 

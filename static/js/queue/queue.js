@@ -180,7 +180,7 @@ export function createQueueActions(app, session, page) {
     show,
 
     /** A comment on a box that has no answer flags it as unsure, and stays. @param {Answer} verdict @param {string} comment @returns {boolean} false: it was not given */
-    answer(verdict, comment) {
+    saveComment(verdict, comment) {
       const box = current();
       return box !== null && session.comment(box, answerOf(box) ?? verdict, comment);
     },

@@ -89,7 +89,8 @@ export function createQueueSession(app, dataset, query) {
    */
   function receive({ items, remaining, unsure, claimed_by_others: elsewhere }, before) {
     line.set(joined(line.get(), take(items)));
-    // The server may have counted some of the others before their answers were stored, and some after.
+    // `remaining` may count boxes that were answered after the request, or not: it is known within `least` and
+    // `remaining`, and what the page has counted down itself is kept if it lies between them.
     const since = order === "audit" ? 0 : [...tally.get().verdicts.keys()].filter((id) => !before.has(id)).length;
     const least = Math.max(0, remaining - since);
     const left = Math.min(Math.max(counts.get().left ?? least, least), remaining);

@@ -102,7 +102,8 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
       // The view of this box shows the conflict itself, and so does the queue.
       const { name, query } = app.router.route.get();
       if (name === "queue" || query.box === String(item.boxId)) return;
-      toasts.show(`Somebody else has answered a box first. Your answer (${item.verdict}) was not saved.`, {
+      const who = current?.review?.reviewer || "Somebody else";
+      toasts.show(`${who} has answered a box first. Your answer (${item.verdict}) was not saved.`, {
         kind: "error",
         action: { text: "Show box", href: `#/frames/${item.frameId}?box=${item.boxId}` },
       });

@@ -65,17 +65,12 @@ export function createBulkAnswers(toasts, { boxes, sender, steps, changedFrame, 
 
     toasts.dismiss(offers.get(bulkKey) ?? 0);
     boxes.holdAnswered(boxIds);
-    undoing.set(bulkKey, step);
-    steps.drop(step);
     const which = areKnown ? { boxIds, seenRevisions } : {};
-    const hasRoom = sender.addBulkUndo({ bulkKey, batchId, dataset, count, before, ...which });
-    if (!hasRoom) {
-      undoing.delete(bulkKey);
-      steps.push(step);
-    } else if (!undoing.has(bulkKey)) {
-      // The bulk answer was discarded: see `onBulkDiscarded`.
-      restore(earlier);
-    }
+    const outcome = sender.addBulkUndo({ bulkKey, batchId, dataset, count, before, ...which });
+    if (outcome === "full") return;
+    steps.drop(step);
+    if (outcome === "added") undoing.set(bulkKey, step);
+    else restore(earlier);
   }
 
   /**

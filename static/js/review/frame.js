@@ -228,7 +228,7 @@ export function createFrameActions(app, frame, ids, page) {
 
   return {
     select,
-    answer,
+    saveComment: answer,
 
     /** The id of the box that the address asks for by a word (first, last, undecided). @param {string} which @returns {number | null} */
     resolve(which) {

@@ -40,7 +40,7 @@ function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
   const mine = useValue(app.conflicts).get(box.box_id);
   // The server keeps a comment as part of an answer only. On a box that has none, the comment comes with "unsure", which
   // leaves the filter's verdict in force.
-  const saveComment = (/** @type {string} */ text) => actions.answer(answerOf(box) ?? "unsure", text);
+  const saveComment = (/** @type {string} */ text) => actions.saveComment(answerOf(box) ?? "unsure", text);
   return html`
     <header class="inspector__head">
       <h2>${box.class} <span class="faint">${box.id}</span></h2>
@@ -258,8 +258,8 @@ function ReviewLine({ item }) {
 function DecisionLine({ item }) {
   const { verdict, reason, match_percent: match, threshold, run } = item;
   // Without a threshold the share decided nothing.
-  const isByShare = typeof match === "number" && typeof threshold === "number";
-  const numbers = isByShare ? ` · ${percentText(match, threshold)} of ${exactPercentText(threshold)}` : "";
+  const hasThreshold = typeof match === "number" && typeof threshold === "number";
+  const numbers = hasThreshold ? ` · ${percentText(match, threshold)} of ${exactPercentText(threshold)}` : "";
   return html`<span class="sign sign--filter"><${Icon} name="filter" /></span>
     <div><p>Run ${run}: ${verdict ? html`<b>${verdict}</b>, ${reasonText(reason ?? "")}${unbroken(numbers)}` : "its measurements are no longer stored"} <${When} at=${item.at} /></p></div>`;
 }

@@ -9,8 +9,8 @@
 // An item has the revision of each of its boxes that the person saw. Two rules keep these right while items wait:
 //
 // 1. While an item waits, the page shows its answer on its boxes, and not what others have answered meanwhile. So an
-//    item that is added behind it on the same box has seen what the first one had seen (`add`).
-// 2. When an item is stored, its boxes have the next revision, and the items behind it have seen that (`finish`).
+//    item that is added behind it on the same box gets the seen revision of the first one (`add`).
+// 2. When an item is stored, its boxes are at the next revision. The items behind it get that one (`finish`).
 
 import { randomId } from "../core/tab.js";
 
@@ -159,8 +159,11 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   /** A place behind all items of this tab, whoever gave them. */
   const nextOrder = () => Math.max(0, ...storedItems(storage).filter(isOfThisTab).map(({ order }) => order)) + 1;
 
-  /** Add an item, which has seen what those before it had seen: see rule 1. @param {OutboxItem} item */
-  const add = (item) => write(withSeen(item, new Map(items().flatMap(seenBy))));
+  /** Of each box the revision that the last item on it has seen. */
+  const lastSeen = () => new Map(items().flatMap(seenBy));
+
+  /** Add an item, which has seen what the last one on each of its boxes had seen: see rule 1. @param {OutboxItem} item */
+  const add = (item) => write(withSeen(item, lastSeen()));
 
   /** Items that an earlier version of the page has kept without the person who gave them. */
   const unowned = () => storedItems(storage).filter((item) => !item.person);

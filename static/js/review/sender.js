@@ -50,8 +50,8 @@ const REQUESTS = {
 /**
  * @typedef {object} SenderEvents
  * @property {(stored: StoredReview) => void} onStored
- * @property {(item: SingleAnswer, current: Decision | null) => void} onConflict  somebody else has answered the box
- *   since this person saw it; `current`: the box as it is now
+ * @property {(item: SingleAnswer, current: Decision | null) => void} onConflict  the box was answered elsewhere since
+ *   this person saw it; `current`: the box as it is now
  * @property {(item: SingleAnswer, error: Error) => void} onRefused  the server will never store it
  * @property {(bulk: BulkAnswer, stored: BulkStored) => void} onBulkStored
  * @property {(bulk: BulkAnswer) => void} onBulkDiscarded
@@ -98,8 +98,12 @@ export function createSender(outbox, requests = REQUESTS, later) {
   let waitingBecause = "";
   /** If the request that is under way fails, send the item again at once: `resume` was called meanwhile. */
   let isRetryDue = false;
-  /** The `order` of the last bulk answer on a filter, or undo of one, that was stored since the page was loaded. */
-  let lastFilterOrder = Infinity;
+  /**
+   * The `order` of the last bulk answer on a filter, or undo of one, that was stored since the page was loaded; null:
+   * there was none.
+   * @type {number | null}
+   */
+  let lastFilterOrder = null;
 
   /** @type {import("../core/observable.js").Value<SenderState>} */
   const state = createValue(stateIn("saved"));
@@ -139,12 +143,14 @@ export function createSender(outbox, requests = REQUESTS, later) {
         show("saving");
         if (!(await deliver(sending))) return;
         waitingBecause = "";
+        isRetryDue = false;
         retries.reset();
       }
       waitingBecause = "";
       show("saved");
     } finally {
       sending = null;
+      isRetryDue = false;
     }
   }
 
@@ -195,11 +201,10 @@ export function createSender(outbox, requests = REQUESTS, later) {
     waitingBecause = text;
     show(phase);
     retries.wait(() => void drain(), isRetryDue ? 0 : seconds);
-    isRetryDue = false;
     return false;
   }
 
-  /** A fault of this page: the item is sent again all the same. @param {unknown} error @returns {never} */
+  /** A fault of this page: the item is sent again all the same, and the fault is thrown, to be reported. @param {unknown} error @returns {never} */
   function waitAfterFault(error) {
     waitAndRetry("busy", error instanceof Error ? error.message : String(error));
     throw error;
@@ -226,7 +231,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
    * @param {SingleAnswer} item @param {Decision} current
    */
   function isOwnAnswer(item, current) {
-    if (item.order < lastFilterOrder) return false;
+    if (lastFilterOrder === null || item.order < lastFilterOrder) return false;
     return current.review === null || current.review.reviewer === item.person;
   }
 
@@ -250,7 +255,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
     }
     const { phase } = state.get();
     show(phase === "saved" ? "saving" : phase);
-    if (phase !== "signed-out") void drain();
+    if (phase !== "signed-out" && phase !== "busy") void drain();
     return true;
   }
 
@@ -325,13 +330,14 @@ export function createSender(outbox, requests = REQUESTS, later) {
 
     /**
      * Undo a bulk answer. If the server cannot have stored it, it is discarded; else its undo is put into the outbox.
-     * @param {import("./outbox.js").NewBulkUndo} undo @returns {boolean} as `addAnswer`
+     * @param {import("./outbox.js").NewBulkUndo} undo
+     * @returns {"discarded" | "added" | "full"}  full: this browser has no room for it
      */
     addBulkUndo(undo) {
       const bulk = outbox.bulkAnswer(undo.bulkKey);
-      if (!bulk || (bulk.attempted && !bulk.refusal)) return put(() => outbox.addBulkUndo(undo));
+      if (!bulk || (bulk.attempted && !bulk.refusal)) return put(() => outbox.addBulkUndo(undo)) ? "added" : "full";
       discard(bulk.key);
-      return true;
+      return "discarded";
     },
 
     /** Send a refused bulk answer again, after all other items. @param {string} key */

@@ -215,6 +215,40 @@ test("a busy server is asked again when it says", async () => {
   assert.deepEqual([timers[0]?.ms, sender.state.get().phase], [7000, "busy"]);
 });
 
+test("a new answer does not make a busy server be asked before it said", async () => {
+  refusals = [new ApiError(503, {}, 7)];
+  const { sender } = senderOf();
+  answer(sender, 1, "keep");
+  await settled();
+  answer(sender, 2, "keep");
+  await settled();
+  assert.equal(sent.length, 1);
+  timers[0]?.run();
+  await settled();
+  assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "keep", 0], [2, "keep", 0]]);
+});
+
+test("an answer that the server did not get in time is sent again", async () => {
+  refusals = [new ApiError(408, { code: "request_timeout" }, null)];
+  const { sender } = senderOf();
+  answer(sender, 1, "keep");
+  await settled();
+  timers[0]?.run();
+  await settled();
+  assert.deepEqual(told, [["stored", 1, 1]]);
+});
+
+test("a network that came back while a request succeeded does not hurry a later one", async () => {
+  const { sender } = senderOf();
+  answer(sender, 1, "keep");
+  void sender.resume();
+  await settled();
+  refusals = [new ApiError(503, {}, 7)];
+  answer(sender, 2, "keep");
+  await settled();
+  assert.equal(timers.at(-1)?.ms, 7000);
+});
+
 test("signed out, answers are kept and nothing is tried until somebody signs in", async () => {
   refusals = [new ApiError(401, {}, null)];
   const { sender } = senderOf();

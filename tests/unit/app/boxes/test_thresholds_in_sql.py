@@ -99,7 +99,7 @@ class Stored:
         self.numbers = DatasetColumns(
             (0, 0), True, self.ids, self.ids, class_ids, evidence
         )
-        limits = config.thresholds_for(CLASSES)
+        limits = config.limits_by_class(CLASSES)
         self.thresholds = tuple(
             ClassThresholds(*one, by_channels=bool(config.channels))
             for one in zip(

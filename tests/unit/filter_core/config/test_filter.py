@@ -51,7 +51,7 @@ def test_lists_of_keys_begin_with_the_profile_and_what_classes_can_override():
 
 
 def test_what_classes_can_override_is_numbers():
-    """Otherwise arrays of values by class (`thresholds_for`) would lack a key."""
+    """Otherwise arrays of values by class (`limits_by_class`) would lack a key."""
     allowed = {name: key.allowed for name, key in keys_of(ClassKeys).items()}
 
     assert {
@@ -265,7 +265,7 @@ def test_a_class_can_lift_a_limit_that_all_others_have():
         {"max_distance": 50, "classes": {"traffic_light": {"max_distance": None}}}
     )
 
-    limits = config.thresholds_for(["car", "street_light"])
+    limits = config.limits_by_class(["car", "street_light"])
 
     np.testing.assert_array_equal(limits.max_distance, [50, np.inf])
     assert config.as_dict()["classes"] == {"traffic_light": {"max_distance": None}}
@@ -276,7 +276,7 @@ def test_thresholds_are_a_class_s_own_or_the_common_ones():
         {"classes": {"van": {"threshold_small_box": 2, "min_visible_pixels": 7}}}
     )
 
-    limits = config.thresholds_for(["car", "van"])
+    limits = config.limits_by_class(["car", "van"])
 
     assert limits.threshold_small_box.tolist() == [10, 2]
     assert limits.min_visible_pixels.tolist() == [1, 7]
@@ -296,7 +296,7 @@ def test_a_large_box_needs_the_higher_threshold_where_it_must_pass_both(
         {"profile": profile, "classes": {"van": {"threshold_small_box": 60}}}
     )
 
-    limits = config.thresholds_for(["car", "van"])
+    limits = config.limits_by_class(["car", "van"])
 
     assert limits.threshold_kept_large_box.tolist() == needed
 
@@ -353,7 +353,8 @@ def test_a_configuration_says_which_channels_it_decides_by(evidence, channels):
 
 def other_than(default, allowed):
     if isinstance(allowed, NumberRange):
-        return (default or 0) + 4
+        more = (default or 0) + 4
+        return more if more <= allowed.high else default - 4
     return next(word for word in reversed(allowed.words) if word != default)
 
 
@@ -504,8 +505,8 @@ def test_the_pointer_to_a_long_key_says_that_it_goes_on():
 
 
 def test_limits_of_several_classes_are_compared_by_identity():
-    limits = FilterConfig().thresholds_for(["car", "van"])
-    others = FilterConfig(min_distance=3).thresholds_for(["car", "van"])
+    limits = FilterConfig().limits_by_class(["car", "van"])
+    others = FilterConfig(min_distance=3).limits_by_class(["car", "van"])
 
     assert {limits, others} == {others, limits}
     assert limits != others

@@ -191,6 +191,10 @@ def said(channel, *, kept=False, **more):
             "412 of the pixels of its own instance are seen",
         ),
         (
+            said("lidar", number=0, needed=1),
+            "no LiDAR points of Car or Truck lie inside it, 1 is needed",
+        ),
+        (
             said("lidar", number=0, needed=5),
             "no LiDAR points of Car or Truck lie inside it, 5 are needed",
         ),
