@@ -17,6 +17,12 @@ const MOST_LOADED = 20;
 const MOST_ANSWERED = 500;
 
 /**
+ * @typedef {object} StoredAnswer  an answer that the server has stored
+ * @property {number} revision  of its box, now
+ * @property {(box: Decision) => Decision} given  the box with the answer
+ */
+
+/**
  * One store for the whole page. Lists hold ids; a box stays in memory as long as some list holds its id.
  * Of two versions of a box the higher revision wins; with equal revisions, the one received later.
  * @param {import("../core/api.js").Later} [later]
@@ -28,6 +34,12 @@ export function createBoxes(later) {
   let unconfirmed = new Map();
   /** Answers that another tab has sent, shown until their boxes have come. @type {Map<number, AnswerWithComment>} */
   const sentElsewhere = new Map();
+  /**
+   * Stored answers on boxes that were not in the store then. A list that was requested before may bring such a box
+   * without its answer.
+   * @type {Map<number, StoredAnswer>}
+   */
+  const early = new Map();
   /** All combined, made on request: the same object until something changes. @type {Map<number, Decision>} */
   const combined = new Map();
   /** How many lists hold an id. @type {Map<number, number>} */
@@ -76,7 +88,9 @@ export function createBoxes(later) {
   function receive(boxes) {
     /** @type {Set<number>} */
     const changed = new Set();
-    for (const box of boxes) {
+    for (const sent of boxes) {
+      const answer = early.get(sent.box_id);
+      const box = answer && seenRevision(sent) < answer.revision ? answer.given(sent) : sent;
       const known = stored.get(box.box_id);
       if (known && (seenRevision(known) > seenRevision(box) || isSame(known, box))) continue;
       stored.set(box.box_id, Object.freeze(box));
@@ -147,6 +161,18 @@ export function createBoxes(later) {
         const answer = unconfirmed.get(id);
         if (answer) sentElsewhere.set(id, answer);
       }
+    },
+
+    /** The server has stored answers on these boxes. @param {ReadonlyMap<number, StoredAnswer>} answers  by box */
+    receiveAnswers(answers) {
+      receive(
+        [...answers].flatMap(([id, answer]) => {
+          const box = stored.get(id);
+          if (!box) early.set(id, answer);
+          return box ? [answer.given(box)] : [];
+        }),
+      );
+      for (const id of [...early.keys()].slice(0, -MOST_ANSWERED)) early.delete(id);
     },
 
     /** Set the answers that the server has not stored yet. @param {ReadonlyMap<number, AnswerWithComment>} answers */

@@ -357,7 +357,7 @@ function UnsentStrip({ app, item, state, text }) {
     ${isChanged && !now && html`<button class="button button--small" disabled=${count.isBusy} onClick=${count.run}>Count again</button>`}
     ${bulk && isChanged && now && html`<button class="button button--small" onClick=${accept}>${capital(`${WILL[bulk.verdict]} all ${countText(now.total)}`)}</button>`}
     ${state === "waiting" && html`<button class="button button--small" onClick=${app.sender.resume}>Send now</button>`}
-    ${state === "refused" && html`<button class="button button--small" onClick=${() => app.sender.sendAgain(item.key)}>Send again</button>`}
+    ${bulk && state === "refused" && html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk)}>Send again</button>`}
     ${bulk && html`<button class="button button--small button--quiet" onClick=${() => app.sender.discard(bulk.key)}>Discard</button>`}
   </div>`;
 }

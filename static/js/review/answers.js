@@ -64,7 +64,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     return true;
   }
 
-  const bulkAnswers = createBulkAnswers(toasts, { boxes, sender, steps, changedFrame, give });
+  const bulkAnswers = createBulkAnswers(app, { boxes, sender, steps, changedFrame, give });
 
   /**
    * Undo what this person did last. For an answer on one box, the earlier answer is given again.
@@ -90,9 +90,9 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
   sender.observe({
     onStored(stored) {
-      const box = boxes.get(stored.box_id);
-      changedFrame.set({ id: box?.frame_id ?? null });
-      if (box) boxes.receive([withStored(box, stored)]);
+      const { box_id: boxId, revision } = stored;
+      changedFrame.set({ id: boxes.get(boxId)?.frame_id ?? null });
+      boxes.receiveAnswers(new Map([[boxId, { revision, given: (box) => withStored(box, stored) }]]));
     },
 
     onConflict(item, current) {

@@ -5,6 +5,7 @@
 import { currentAnswer, seenRevision, withAnswer } from "../boxes/box.js";
 import { countOf } from "../core/numbers.js";
 import { createValue } from "../core/observable.js";
+import { linkTo } from "../core/router.js";
 import { randomId } from "../core/tab.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
@@ -26,8 +27,8 @@ const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", cl
  * @property {(box: Decision, answer: AnswerWithComment) => boolean} give  answers one box
  */
 
-/** @param {import("../core/app.js").App["toasts"]} toasts @param {AnswersPage} page */
-export function createBulkAnswers(toasts, { boxes, sender, steps, changedFrame, give }) {
+/** @param {import("../core/app.js").App} app @param {AnswersPage} page */
+export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, steps, changedFrame, give }) {
   /** The messages that offer to undo a bulk answer, by its key. @type {Map<string, number>} */
   const offers = new Map();
   /** Those bulk answers whose undo is in the outbox, by their keys. @type {Map<string, Step>} */
@@ -74,16 +75,45 @@ export function createBulkAnswers(toasts, { boxes, sender, steps, changedFrame, 
   }
 
   /**
-   * A bulk answer was discarded: answer its boxes as before where they do not have that answer again. They do not if
-   * this person has undone a later answer on them: that has given them the bulk answer's, as an answer of their own.
+   * A bulk answer was discarded: answer its boxes as before where this person's own answer is not that one again. It is
+   * not if they have undone a later answer: that has given the box the bulk answer's, as an answer of its own.
    * @param {Step["before"]} before
    */
   function restore(before) {
     for (const { boxId, verdict, comment } of before) {
       const box = boxes.get(boxId);
-      const now = box && currentAnswer(box);
-      if (now && (now.verdict !== verdict || now.comment !== comment)) give(box, { verdict, comment });
+      if (!box?.review || (box.review.reviewer && box.review.reviewer !== owner())) continue;
+      const now = currentAnswer(box);
+      if (now.verdict !== verdict || now.comment !== comment) give(box, { verdict, comment });
     }
+  }
+
+  /**
+   * Give a refused bulk answer again, on those of its boxes that were not answered since.
+   * @param {import("./outbox.js").BulkAnswer} bulk
+   */
+  function answerAgain({ key, dataset, verdict, boxIds, seenRevisions = [], filter, snapshot, count }) {
+    sender.discard(key);
+    if (!boxIds) return answer({ dataset, verdict, filter, snapshot, count });
+    const { waiting, waitingInBulk } = sender.state.get();
+    const seen = new Map(boxIds.map((boxId, i) => [boxId, seenRevisions[i] ?? 0]));
+    const unanswered = boxIds.filter((boxId) => {
+      const box = boxes.get(boxId);
+      const isAsSeen = !box || seenRevision(box) === seen.get(boxId);
+      return isAsSeen && !waiting.has(boxId) && !waitingInBulk.has(boxId);
+    });
+    if (unanswered.length > 0) answerBoxes(dataset, verdict, unanswered, seen);
+    else toasts.show("All of these boxes were answered since.");
+  }
+
+  /**
+   * One answer on these boxes, shown at once.
+   * @param {string} dataset @param {Answer} verdict @param {readonly number[]} boxIds
+   * @param {ReadonlyMap<number, number>} revisions  as the person saw them
+   */
+  function answerBoxes(dataset, verdict, boxIds, revisions) {
+    const seenRevisions = boxIds.map((id) => revisions.get(id) ?? 0);
+    answer({ dataset, verdict, boxIds: [...boxIds], seenRevisions, count: boxIds.length });
   }
 
   /**
@@ -95,13 +125,14 @@ export function createBulkAnswers(toasts, { boxes, sender, steps, changedFrame, 
   function receive(boxIds, answerAt, seenRevisions = [], leftOut = []) {
     const left = new Set(leftOut);
     boxes.holdAnswered(boxIds);
-    boxes.receive(
-      boxIds.flatMap((boxId, i) => {
-        const box = left.has(boxId) ? undefined : boxes.get(boxId);
-        const { verdict, comment } = answerAt(i);
-        return box ? [withAnswer(box, verdict, comment, (seenRevisions[i] ?? 0) + 1)] : [];
-      }),
-    );
+    /** @type {Map<number, import("../boxes/store.js").StoredAnswer>} */
+    const stored = new Map();
+    boxIds.forEach((boxId, i) => {
+      const { verdict, comment } = answerAt(i);
+      const revision = (seenRevisions[i] ?? 0) + 1;
+      if (!left.has(boxId)) stored.set(boxId, { revision, given: (box) => withAnswer(box, verdict, comment, revision) });
+    });
+    boxes.receiveAnswers(stored);
     changedFrame.set({ id: null });
   }
 
@@ -120,6 +151,12 @@ export function createBulkAnswers(toasts, { boxes, sender, steps, changedFrame, 
       const count = countOf(bulk.count - leftOut.length, "box", "boxes");
       offers.set(key, toasts.show(`${count} ${DONE[verdict]}`, { action: offer }));
       report.set(reportOf(stale, skipped));
+    },
+
+    onBulkRefused({ dataset, count }, error) {
+      if (router.route.get().name === "grid") return; // the grid shows it itself
+      const action = { text: "Show", href: linkTo("grid", { dataset }) };
+      toasts.show(`${countOf(count, "answer")} not saved: ${error.message}`, { kind: "error", action });
     },
 
     onBulkDiscarded({ key }) {
@@ -146,16 +183,8 @@ export function createBulkAnswers(toasts, { boxes, sender, steps, changedFrame, 
   return {
     report,
     undo,
-
-    /**
-     * One answer on these boxes, shown at once.
-     * @param {string} dataset @param {Answer} verdict @param {readonly number[]} boxIds
-     * @param {ReadonlyMap<number, number>} revisions  as the person saw them
-     */
-    answer(dataset, verdict, boxIds, revisions) {
-      const seenRevisions = boxIds.map((id) => revisions.get(id) ?? 0);
-      answer({ dataset, verdict, boxIds: [...boxIds], seenRevisions, count: boxIds.length });
-    },
+    answerAgain,
+    answer: answerBoxes,
 
     /**
      * One answer on all boxes that a filter selected when the list was read.

@@ -4,7 +4,6 @@
 //
 // An item of the outbox is an answer on one box, a bulk answer (one answer on many boxes), or the undo of a bulk
 // answer. (The undo of an answer on one box is one more answer on it.) Each tab sends its own items, in their order.
-// A bulk answer that the server has refused is kept apart (`refused`) until the person sends it again or discards it.
 //
 // An item has the revision of each of its boxes that the person saw. Two rules keep these right while items wait:
 //
@@ -23,19 +22,13 @@ import { randomId } from "../core/tab.js";
  * @property {string} key  also the Idempotency-Key
  * @property {string} person  who gave it: it is sent under no other name
  * @property {string} tab  the id of the tab that sends it
- * @property {number} order  its place among the items of its tab: the lowest is sent first
+ * @property {number} order  about when it was given, in milliseconds since 1970: the lowest is sent first
  * @property {number} boxId
  * @property {number} frameId
  * @property {Answer} verdict
  * @property {string} comment
  * @property {number} seenRevision  the box's revision that the person saw
  * @property {boolean} attempted  it may have reached the server: a retry must send exactly the same
- */
-
-/**
- * @typedef {object} Refusal  why the server has refused a bulk answer
- * @property {"changed" | "refused"} state  `changed`: other boxes match the filter than the person saw
- * @property {string} text
  */
 
 /**
@@ -52,7 +45,6 @@ import { randomId } from "../core/tab.js";
  * @property {string} [snapshot]  with `filter`: identifies the state of the list that the person saw
  * @property {number} count  of boxes
  * @property {boolean} [attempted]  it may have reached the server: a retry must send exactly the same
- * @property {Refusal} [refusal]  if it was refused
  */
 
 /**
@@ -73,7 +65,7 @@ import { randomId } from "../core/tab.js";
 /** @typedef {BulkAnswer | BulkUndo} BulkItem */
 /** @typedef {SingleAnswer | BulkItem} OutboxItem */
 /** @typedef {Omit<SingleAnswer, "key" | "tab" | "person" | "order" | "attempted">} NewAnswer */
-/** @typedef {Omit<BulkAnswer, "key" | "tab" | "person" | "order" | "attempted" | "refusal">} NewBulkAnswer */
+/** @typedef {Omit<BulkAnswer, "key" | "tab" | "person" | "order" | "attempted">} NewBulkAnswer */
 /** @typedef {Omit<BulkUndo, "key" | "tab" | "person" | "order">} NewBulkUndo */
 
 /** @param {OutboxItem} item @returns {item is SingleAnswer} */
@@ -87,9 +79,6 @@ export const isBulk = (item) => !isSingle(item);
 
 /** @param {OutboxItem} item @returns {item is BulkAnswer} */
 export const isBulkAnswer = (item) => isBulk(item) && !isBulkUndo(item);
-
-/** @param {OutboxItem} item */
-const isRefused = (item) => isBulkAnswer(item) && item.refusal !== undefined;
 
 /** How many answers it is. @param {OutboxItem} item */
 const sizeOf = (item) => (isSingle(item) ? 1 : item.count);
@@ -142,25 +131,18 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   /** @param {OutboxItem} item */
   const isOfThisTab = (item) => item.tab === tab;
 
-  /** The items of this person in any tab, those of each tab in their order, and those of this tab last; none refused. */
-  function itemsOfAllTabs() {
-    const all = storedItems(storage).filter((item) => item.person === who() && !isRefused(item));
-    const others = all.filter((item) => !isOfThisTab(item));
-    return others.length > 0 ? [...others, ...all.filter(isOfThisTab)] : all;
-  }
+  /** The items of this person in any tab, in their order. */
+  const itemsOfAllTabs = () => storedItems(storage).filter((item) => item.person === who());
 
-  /** The items of this person and this tab that are to be sent, in their order. */
+  /** The items of this person and this tab, in their order. */
   const items = () => itemsOfAllTabs().filter(isOfThisTab);
 
-  /** The refused bulk answers of this person and this tab. */
-  const refused = () =>
-    storedItems(storage).filter((item) => item.person === who() && isOfThisTab(item) && isRefused(item)).filter(isBulkAnswer);
-
-  /** A place behind all items of this tab, whoever gave them. */
-  const nextOrder = () => Math.max(0, ...storedItems(storage).filter(isOfThisTab).map(({ order }) => order)) + 1;
+  /** Now, or just after the last item of this tab. */
+  const nextOrder = () =>
+    Math.max(Date.now(), ...storedItems(storage).flatMap((item) => (isOfThisTab(item) ? item.order + 1 : [])));
 
   /** Of each box the revision that the last item on it has seen. */
-  const lastSeen = () => new Map(items().flatMap(seenBy));
+  const lastSeen = () => new Map(itemsOfAllTabs().flatMap(seenBy));
 
   /** Add an item, which has seen what the last one on each of its boxes had seen: see rule 1. @param {OutboxItem} item */
   const add = (item) => write(withSeen(item, lastSeen()));
@@ -171,7 +153,6 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   return {
     items,
     itemsOfAllTabs,
-    refused,
     isOfThisTab,
     remove,
 
@@ -219,7 +200,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     addBulkUndo: (undo) => add({ ...undo, key: newKey(), person: who(), tab, order: nextOrder() }),
 
     /** @param {string} key @returns {BulkAnswer | undefined} */
-    bulkAnswer: (key) => [...items().filter(isBulkAnswer), ...refused()].find((bulk) => bulk.key === key),
+    bulkAnswer: (key) => items().filter(isBulkAnswer).find((bulk) => bulk.key === key),
 
     /** The undo of this bulk answer, if there is one. @param {string} key */
     undoOf: (key) => items().filter(isBulkUndo).find((undo) => undo.bulkKey === key),
@@ -252,15 +233,6 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       write({ ...item, key: newKey(), seenRevision: revision, attempted: false });
     },
 
-    /** Note that the server has refused a bulk answer. @param {BulkAnswer} bulk @param {Refusal} refusal */
-    refuse: (bulk, refusal) => write({ ...bulk, attempted: true, refusal }),
-
-    /**
-     * Have a refused bulk answer sent again as it was, behind all others.
-     * @param {BulkAnswer} bulk
-     */
-    putLast: (bulk) => write({ ...bulk, refusal: undefined, order: nextOrder() }),
-
     /**
      * A bulk answer was stored: put the server's id into its undo, and remove the boxes that it has left out.
      * @param {BulkAnswer} bulk @param {number} batchId @param {readonly number[]} leftOut
@@ -276,14 +248,9 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       write({ ...undo, ...boxes, batchId, before: rest(before) });
     },
 
-    /**
-     * Take over the items of closed tabs, of all people, and put them behind those of this tab.
-     * @param {import("../core/tab.js").OpenTabs} openTabs
-     */
+    /** Take over the items of closed tabs, of all people. @param {import("../core/tab.js").OpenTabs} openTabs */
     takeOver(openTabs) {
-      for (const item of storedItems(storage)) {
-        if (item.tab !== tab && !openTabs.has(item.tab)) write({ ...item, tab, order: nextOrder() });
-      }
+      for (const item of storedItems(storage)) if (item.tab !== tab && !openTabs.has(item.tab)) write({ ...item, tab });
     },
 
     /** How many answers of each person are kept in this browser, by any tab. @returns {Map<string, number>} */

@@ -1,6 +1,6 @@
 // @ts-check
 // Sends what is in the outbox, one item at a time, the oldest first. Each waits until those before it are stored or
-// refused; a refused bulk answer is passed over until the person decides. `afterError` says what each error means.
+// refused. `afterError` says what each error means.
 
 import { seenRevision } from "../boxes/box.js";
 import { ApiError, NoResponse, createRetries, post } from "../core/api.js";
@@ -54,6 +54,7 @@ const REQUESTS = {
  *   this person saw it; `current`: the box as it is now
  * @property {(item: SingleAnswer, error: Error) => void} onRefused  the server will never store it
  * @property {(bulk: BulkAnswer, stored: BulkStored) => void} onBulkStored
+ * @property {(bulk: BulkAnswer, error: Error) => void} onBulkRefused
  * @property {(bulk: BulkAnswer) => void} onBulkDiscarded
  * @property {(undo: BulkUndo, stored: UndoStored) => void} onUndoStored
  * @property {(undo: BulkUndo, error: Error) => void} onUndoRefused  the server will never do it
@@ -66,7 +67,9 @@ const REQUESTS = {
 /**
  * @typedef {object} OpenBulkItem  a bulk answer, or the undo of one, that is not stored
  * @property {BulkItem} item
- * @property {"sending" | "waiting" | import("./outbox.js").Refusal["state"]} state
+ * @property {"sending" | "waiting" | "changed" | "refused"} state  `changed` and `refused`: the server has refused the
+ *   bulk answer, which is no longer in the outbox, and the person has to decide; `changed`: other boxes match the filter
+ *   than the person saw
  * @property {string} text  why it is not stored
  */
 
@@ -98,12 +101,13 @@ export function createSender(outbox, requests = REQUESTS, later) {
   let waitingBecause = "";
   /** If the request that is under way fails, send the item again at once: `resume` was called meanwhile. */
   let isRetryDue = false;
+  /** The bulk answers that were refused since the page was loaded, by their keys. @type {Map<string, OpenBulkItem & {item: BulkAnswer}>} */
+  const refused = new Map();
   /**
-   * The `order` of the last bulk answer on a filter, or undo of one, that was stored since the page was loaded; null:
-   * there was none.
-   * @type {number | null}
+   * The last bulk answer on a filter, or undo of one, that was stored since the page was loaded.
+   * @type {BulkItem | null}
    */
-  let lastFilterOrder = null;
+  let lastOnFilter = null;
 
   /** @type {import("../core/observable.js").Value<SenderState>} */
   const state = createValue(stateIn("saved"));
@@ -119,15 +123,15 @@ export function createSender(outbox, requests = REQUESTS, later) {
       waiting: boxesOf(ofAllTabs),
       waitingInBulk: new Set(ofAllTabs.filter(isBulk).flatMap(({ boxIds = [] }) => boxIds)),
       count: boxesOf(items).size + bulkCount,
-      bulkItems: [...outbox.refused(), ...bulkItems].map((item) => ({ item, ...bulkStateIn(phase, item) })),
+      bulkItems: [...refused.values(), ...bulkItems.map((item) => openItem(phase, item))],
     };
   }
 
-  /** @param {Phase} phase @param {BulkItem} item @returns {Pick<OpenBulkItem, "state" | "text">} */
-  function bulkStateIn(phase, item) {
-    if (isBulkAnswer(item) && item.refusal) return item.refusal;
+  /** @param {Phase} phase @param {BulkItem} item @returns {OpenBulkItem} */
+  function openItem(phase, item) {
     const isSending = phase === "saving" && sending?.key === item.key;
-    return waitingBecause && !isSending ? { state: "waiting", text: waitingBecause } : { state: "sending", text: "" };
+    const isWaiting = waitingBecause && !isSending;
+    return isWaiting ? { item, state: "waiting", text: waitingBecause } : { item, state: "sending", text: "" };
   }
 
   /** @param {Phase} phase */
@@ -186,7 +190,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
     if (error.status === 401) return waitForSignIn();
 
     // The server has refused this item, and the next one is sent.
-    if (isBulkAnswer(item)) return passOver(item, error); // stays: the person decides
+    if (isBulkAnswer(item)) return refuse(item, error);
     if (isBulkUndo(item)) return drop(item, ({ onUndoRefused }) => onUndoRefused?.(item, error));
     if (error.status !== 412) return drop(item, ({ onRefused }) => onRefused?.(item, error));
 
@@ -226,13 +230,13 @@ export function createSender(outbox, requests = REQUESTS, later) {
 
   /**
    * Whether the answer that the box got since the person saw it is this person's own. That happens after a bulk answer
-   * on a filter, or its undo: the page does not know which boxes a filter selects. (After an undo the box may have no
-   * answer.)
+   * on a filter, or its undo: the page does not know which boxes a filter selects.
    * @param {SingleAnswer} item @param {Decision} current
    */
   function isOwnAnswer(item, current) {
-    if (lastFilterOrder === null || item.order < lastFilterOrder) return false;
-    return current.review === null || current.review.reviewer === item.person;
+    if (!lastOnFilter || item.order < lastOnFilter.order) return false;
+    const leavesNone = isBulkUndo(lastOnFilter) || lastOnFilter.verdict === "clear";
+    return current.review ? current.review.reviewer === item.person : leavesNone;
   }
 
   /** Nobody else has answered the box: send the answer as a new one. @param {SingleAnswer} item @param {Decision} current */
@@ -287,27 +291,34 @@ export function createSender(outbox, requests = REQUESTS, later) {
 
   /** @param {BulkItem} item @param {readonly number[]} leftOut */
   function finishBulk(item, leftOut) {
-    if (!item.boxIds) lastFilterOrder = item.order;
+    if (!item.boxIds) lastOnFilter = item;
     outbox.finish(item, leftOut);
   }
 
   /**
-   * Pass over a bulk answer until the person decides; if it was to be undone, there is nothing to decide.
+   * A bulk answer was refused: the person decides what becomes of it, unless it was to be undone.
    * @param {BulkAnswer} bulk @param {ApiError} error
    */
-  function passOver(bulk, error) {
-    outbox.refuse(bulk, { state: error.problem.code === "stale_snapshot" ? "changed" : "refused", text: error.message });
-    if (outbox.undoOf(bulk.key)) discard(bulk.key);
+  function refuse(bulk, error) {
+    const state = error.problem.code === "stale_snapshot" ? "changed" : "refused";
+    refused.set(bulk.key, { item: bulk, state, text: error.message });
+    if (outbox.undoOf(bulk.key)) {
+      discard(bulk.key);
+    } else {
+      outbox.remove(bulk);
+      tell(({ onBulkRefused }) => onBulkRefused?.(bulk, error));
+    }
     return true;
   }
 
   /** Discard a bulk answer and its undo. @param {string} key */
   function discard(key) {
-    const bulk = outbox.bulkAnswer(key);
+    const bulk = outbox.bulkAnswer(key) ?? refused.get(key)?.item;
     if (!bulk) return;
     const undo = outbox.undoOf(key);
     if (undo) outbox.remove(undo);
     outbox.remove(bulk);
+    refused.delete(key);
     show(state.get().phase);
     tell(({ onBulkDiscarded }) => onBulkDiscarded?.(bulk));
   }
@@ -334,17 +345,12 @@ export function createSender(outbox, requests = REQUESTS, later) {
      * @returns {"discarded" | "added" | "full"}  full: this browser has no room for it
      */
     addBulkUndo(undo) {
-      const bulk = outbox.bulkAnswer(undo.bulkKey);
-      if (!bulk || (bulk.attempted && !bulk.refusal)) return put(() => outbox.addBulkUndo(undo)) ? "added" : "full";
-      discard(bulk.key);
+      const { bulkKey } = undo;
+      const bulk = outbox.bulkAnswer(bulkKey);
+      const isUnsent = refused.has(bulkKey) || (bulk && !bulk.attempted);
+      if (!isUnsent) return put(() => outbox.addBulkUndo(undo)) ? "added" : "full";
+      discard(bulkKey);
       return "discarded";
-    },
-
-    /** Send a refused bulk answer again, after all other items. @param {string} key */
-    sendAgain(key) {
-      const bulk = outbox.bulkAnswer(key);
-      if (bulk) outbox.putLast(bulk);
-      return resume();
     },
 
     discard,

@@ -248,6 +248,7 @@ def test_bulk_answer_of_another_tab_is_shown_when_it_is_stored(make_scene, visit
     first.open(crowds.grid(scene))
     crowds.cell(first.page, 0).click()
     crowds.cell(first.page, 23).click(modifiers=["Shift"])
+    expect(first.page.locator(".cell[aria-selected=true]")).to_have_count(24)
     first.press("a")
     expect(saving(first.page)).to_contain_text("offline")
     second = Visitor(first.page.context.new_page(), first.url)

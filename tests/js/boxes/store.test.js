@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { withAnswer } from "../../../static/js/boxes/box.js";
 import { createBoxes } from "../../../static/js/boxes/store.js";
 import { decision } from "../../support/page/builders.js";
 
@@ -169,5 +170,18 @@ test("an answer that is shown until its box comes gives way to a newer one", asy
 
   boxes.receive([answered("reject", 1)]);
 
+  assert.equal(boxes.get(1)?.review?.verdict, "reject");
+});
+
+test("a box that comes after its answer was stored, but was read before, has the answer", () => {
+  const boxes = createBoxes();
+  const given = (/** @type {any} */ box) => withAnswer(box, "keep", "", 1);
+  boxes.receiveAnswers(new Map([[1, { revision: 1, given }]]));
+
+  boxes.hold(boxes.receive([decision({ box_id: 1, revision: 0 })]));
+  assert.equal(boxes.get(1)?.review?.verdict, "keep");
+
+  const review = { verdict: "reject", reviewer: "bo", revision: 2, comment: "" };
+  boxes.receive([decision({ box_id: 1, revision: 2, review })]);
   assert.equal(boxes.get(1)?.review?.verdict, "reject");
 });

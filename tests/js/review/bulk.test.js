@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { memoryStorage } from "../../support/page/builders.js";
+import { decision, memoryStorage } from "../../support/page/builders.js";
 import { fill, reviewPage } from "../../support/page/review_page.js";
 
 /** @type {any} */
@@ -57,4 +57,34 @@ test("where the browser has no room for the undo of a bulk answer, it can be ask
   undo();
 
   assert.deepEqual([answers(), said.length], [[null, null, null], 1]);
+});
+
+test("undoing a bulk answer that was not sent does not undo what somebody else has answered meanwhile", () => {
+  const storage = memoryStorage();
+  ({ app } = reviewPage(storage));
+  app.answer(3, "unsure");
+  app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
+  const review = { verdict: "keep", reviewer: "bo", revision: 1, comment: "" };
+  app.boxes.receive([decision({ box_id: 1, revision: 1, review })]);
+  undo();
+  assert.deepEqual([answers(), storage.length], [["keep", null, "unsure"], 1]);
+});
+
+test("a refused bulk answer is given again on the boxes that were not answered since", async () => {
+  const refused = Response.json({ status: 413, detail: "too many" }, { status: 413 });
+  globalThis.fetch = async () => refused;
+  app.bulkAnswers.answer("d", "reject", [1, 2, 3], new Map());
+  await new Promise((resolve) => setTimeout(resolve, 20));
+  assert.deepEqual(answers(), [null, null, null]);
+  assert.deepEqual(said, ["3 answers not saved: too many"]);
+  const [open] = app.sender.state.get().bulkItems;
+  globalThis.fetch = () => new Promise(() => {});
+  app.answer(1, "keep");
+  const review = { verdict: "unsure", reviewer: "bo", revision: 1, comment: "" };
+  app.boxes.receive([decision({ box_id: 2, revision: 1, review })]);
+
+  app.bulkAnswers.answerAgain(open.item);
+
+  assert.deepEqual(answers(), ["keep", "unsure", "reject"]);
+  assert.deepEqual(app.sender.state.get().bulkItems.map((/** @type {any} */ { item, state }) => [item.boxIds, state]), [[[3], "sending"]]);
 });

@@ -22,16 +22,33 @@ test("a tab leaves the answers of another open tab alone and adopts those of a c
   assert.deepEqual(mine.items().map((item) => item.boxId), [2]);
 });
 
-test("the answers of a closed tab are sent after this tab's own", () => {
+test("the answers of a closed tab are sent in the order in which all were given", (t) => {
+  let clock = 1000;
+  t.mock.method(Date, "now", () => ++clock);
   const given = { frameId: 1, verdict: /** @type {const} */ ("keep"), comment: "", seenRevision: 0 };
-  const closed = createOutbox(storage, "closed", () => person);
-  for (const boxId of [1, 2]) closed.addAnswer({ boxId, ...given });
   const mine = createOutbox(storage, "t1", () => person);
-  for (const boxId of [3, 4, 5]) mine.addAnswer({ boxId, ...given });
+  const closed = createOutbox(storage, "closed", () => person);
+  for (const outbox of [mine, closed, mine]) outbox.addAnswer({ boxId: clock, ...given });
 
   mine.takeOver(new Set(["t1"]));
 
-  assert.deepEqual(mine.items().map((item) => item.boxId), [3, 4, 5, 1, 2]);
+  assert.deepEqual(mine.items().map((item) => item.boxId), [1000, 1001, 1002]);
+});
+
+test("an answer is given after the one before it, also within a millisecond", (t) => {
+  t.mock.method(Date, "now", () => 1000);
+  const outbox = createOutbox(storage, "t1", () => person);
+  const given = { frameId: 1, verdict: /** @type {const} */ ("keep"), comment: "", seenRevision: 0 };
+  for (const boxId of [3, 1, 2]) outbox.addAnswer({ boxId, ...given });
+  assert.deepEqual(outbox.items().map((item) => item.boxId), [3, 1, 2]);
+});
+
+test("an answer has seen no more than the unsent one that another tab shows on the box", () => {
+  const given = { boxId: 1, frameId: 1, verdict: /** @type {const} */ ("keep"), comment: "" };
+  createOutbox(storage, "open", () => person).addAnswer({ ...given, seenRevision: 0 });
+  const mine = createOutbox(storage, "t1", () => person);
+  mine.addAnswer({ ...given, seenRevision: 1 });
+  assert.deepEqual(mine.items().map((item) => isSingle(item) && item.seenRevision), [0]);
 });
 
 test("rubbish in the storage is not an answer", () => {

@@ -83,6 +83,7 @@ function senderOf(tab = "t1") {
     onConflict: (item, current) => told.push(["conflict", item.verdict, current?.review?.verdict]),
     onRefused: (item, error) => told.push(["refused", item.verdict, error.message]),
     onBulkStored: (_, { stale }) => told.push(["bulk stored", stale]),
+    onBulkRefused: (_, error) => told.push(["bulk refused", error.message]),
     onBulkDiscarded: () => told.push(["bulk discarded"]),
     onUndoStored: (undo, { skipped }) => told.push(["undo stored", undo.batchId, skipped]),
     onUndoRefused: (undo, error) => told.push(["undo refused", undo.batchId, error.message]),
@@ -144,32 +145,29 @@ test("an answer that may have arrived is repeated word for word, under the same 
   assert.notEqual(sent[1]?.key, sent[2]?.key);
 });
 
-test("a refused bulk answer that is sent again goes last, word for word, and leaves out what was answered since", async () => {
-  refusals = [new ApiError(413, { detail: "too many" }, null), new NoResponse("lost on the way there")];
-  const { sender } = senderOf();
-  answerMany(sender, "reject", [1, 2], [0, 0]);
-  await settled();
-  answer(sender, 1, "keep");
-  await settled();
-  await sender.sendAgain(bulkAnswers[0].key);
-  assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "keep", 0]]);
-  assert.deepEqual(bulkAnswers.map(({ key, seenRevisions }) => [key === bulkAnswers[0].key, seenRevisions]), [[true, [0, 0]], [true, [0, 0]]]);
-  assert.deepEqual(told, [["stored", 1, 1], ["bulk stored", [1]]]);
-});
-
-test("a refused bulk answer is not sent again by itself, not even when the page is loaded again", async () => {
+test("a refused bulk answer leaves the outbox, is not sent again by itself, and no longer shown on its boxes", async () => {
   refusals = [new ApiError(413, { detail: "too many" }, null)];
-  const { sender } = senderOf();
+  const { sender, outbox } = senderOf();
   answerMany(sender, "reject", [1, 2], [0, 0]);
   await settled();
-
-  const { sender: reloaded, outbox } = senderOf();
-  await reloaded.resume();
+  await sender.resume();
 
   assert.equal(bulkAnswers.length, 1);
-  const { phase, count, bulkItems } = reloaded.state.get();
+  const { phase, count, bulkItems } = sender.state.get();
   assert.deepEqual([phase, count, bulkItems.map(({ state, text }) => [state, text])], ["saved", 0, [["refused", "too many"]]]);
-  assert.equal(outbox.lastAnswers().size, 0);
+  assert.deepEqual([outbox.lastAnswers().size, storage.length], [0, 0]);
+  assert.deepEqual(told, [["bulk refused", "too many"]]);
+});
+
+test("an answer that somebody else removes after one's bulk answer on a filter is not given again unasked", async () => {
+  const { sender } = senderOf();
+  sender.addBulkAnswer({ dataset: "d", verdict: "reject", filter: { class: "car" }, snapshot: "s", count: 2 });
+  await settled();
+  refusals = [new ApiError(412, { current: decision({ revision: 2, review: null }) }, null)];
+  sender.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 1 });
+  await settled();
+
+  assert.deepEqual(told, [["bulk stored", []], ["conflict", "keep", undefined]]);
 });
 
 test("what others answer while an own answer is shown on a box is not overwritten unseen", async () => {
@@ -414,7 +412,7 @@ test("a bulk answer that is given up takes nothing with it that was answered lat
   answer(sender, 1, "keep");
   await settled();
 
-  assert.deepEqual(told, [["stored", 1, 1]]);
+  assert.deepEqual(told, [["bulk refused", "too many"], ["stored", 1, 1]]);
   assert.deepEqual(sender.state.get().bulkItems.map(({ state }) => state), ["refused"]);
   sender.discard(sender.state.get().bulkItems[0]?.item.key ?? "");
   assert.deepEqual(sender.state.get().bulkItems, []);
@@ -575,7 +573,7 @@ test("discarding a refused bulk answer leaves alone what was answered on its box
   sender.discard(sender.state.get().bulkItems[0]?.item.key ?? "");
   await sender.resume();
 
-  assert.deepEqual(told, [["stored", 1, 1], ["bulk discarded"], ["stored", 1, 2]]);
+  assert.deepEqual(told.slice(1), [["stored", 1, 1], ["bulk discarded"], ["stored", 1, 2]]);
 });
 
 /** A server that responds to bulk answers as it is told. */
