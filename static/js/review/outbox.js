@@ -106,12 +106,12 @@ function seenBy(item) {
  * The item as if the person had seen these revisions of its boxes.
  * @template {OutboxItem} T
  * @param {T} item @param {ReadonlyMap<number, number>} revisions  by box; boxes that are missing stay as they are
- * @returns {T}
+ * @returns {T}  the same item if it has none of these boxes
  */
 function withSeen(item, revisions) {
+  if (!seenBy(item).some(([boxId]) => revisions.has(boxId))) return item;
   if (isSingle(item)) return { ...item, seenRevision: revisions.get(item.boxId) ?? item.seenRevision };
-  const { boxIds = [], seenRevisions } = item;
-  if (!seenRevisions || !boxIds.some((boxId) => revisions.has(boxId))) return item;
+  const { boxIds = [], seenRevisions = [] } = item;
   return { ...item, seenRevisions: seenRevisions.map((seen, i) => revisions.get(boxIds[i] ?? 0) ?? seen) };
 }
 

@@ -101,7 +101,10 @@ export function createSender(outbox, requests = REQUESTS, later) {
   let waitingBecause = "";
   /** If the request that is under way fails, send the item again at once: `resume` was called meanwhile. */
   let isRetryDue = false;
-  /** The bulk answers that were refused since the page was loaded, by their keys. @type {Map<string, OpenBulkItem & {item: BulkAnswer}>} */
+  /**
+   * The bulk answers that were refused since the page was loaded, by their keys.
+   * @type {Map<string, OpenBulkItem & {item: BulkAnswer}>}
+   */
   const refused = new Map();
   /**
    * The last bulk answer on a filter, or undo of one, that was stored since the page was loaded.
@@ -208,7 +211,10 @@ export function createSender(outbox, requests = REQUESTS, later) {
     return false;
   }
 
-  /** A fault of this page: the item is sent again all the same, and the fault is thrown, to be reported. @param {unknown} error @returns {never} */
+  /**
+   * A fault of this page: the item is sent again all the same, and the fault is thrown, so that it is reported.
+   * @param {unknown} error @returns {never}
+   */
   function waitAfterFault(error) {
     waitAndRetry("busy", error instanceof Error ? error.message : String(error));
     throw error;
@@ -246,7 +252,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   }
 
   /**
-   * Put something into the outbox, and send it unless nobody is signed in.
+   * Put something into the outbox, and send it unless nobody is signed in, or a busy server has asked to wait.
    * @param {() => void} add @returns {boolean} false: this browser has no room for it
    */
   function put(add) {
