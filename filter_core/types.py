@@ -524,8 +524,8 @@ class Reason(IntEnum):
         in_image: bool = True,
     ) -> Reason:
         """The value is the number, which is stored and never changes its meaning."""
-        # Enum passes all values of a `_ReasonRow`. Type checkers take the look-up
-        # `Reason(5)` for a call of this: the defaults are for them.
+        # Enum calls this with all fields of a `_ReasonRow`. The defaults are never
+        # used, but without them type checkers would refuse `Reason(5)`.
         reason = int.__new__(cls, number)
         reason._value_ = number
         reason.label = get_args(ReasonLabel)[number - 1]

@@ -99,7 +99,7 @@ class ExportJobs:
     """The job kind of exports: one chunk for all frames, which sees one snapshot."""
 
     table = tables.Export
-    final_step: str | None = None
+    final_step_words: str | None = None
 
     def may_begin(self, _session: Session, _row: tables.Export) -> bool:
         """True: an export never waits for another job."""

@@ -19,7 +19,8 @@ anew.
   three are called in `app.jobs.work`. The next driver finds in the row how many
   processes in a row have died and stored nothing.
 
-**How the next attempt differs**, with the count in the row during the attempt:
+**How the next attempt differs**, with the count in the row during the attempt. The
+deaths of workers are counted afterwards; a driver has counted its attempt before.
 
 | attempt | by a worker | by the driver |
 |---|---|---|
@@ -27,6 +28,8 @@ anew.
 | second | 1: whole chunk, alone | 2: frame by frame |
 | third | 2: frame by frame, alone | 3: frame by frame |
 | then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
+
+A driver begins at the first row again when an attempt has stored something.
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
 the cause. Each of them is submitted again while no other one is in progress
@@ -163,7 +166,7 @@ class Attempt:
 
 
 def refuse(session: Session, job: Job, number: int, why: FilterError) -> None:
-    """Put a chunk into quarantine of which only frames are left that cannot be read."""
+    """Put a chunk into quarantine whose remaining frames cannot be read."""
     chunk = ChunkRepository(session).find(job, number)
     if chunk is not None and chunk.state == "waiting":
         chunk.error = {"code": why.kind, "detail": why.detail}
@@ -199,7 +202,7 @@ def _unfinished_in(session: Session, job: Job, chunks: Sequence[Chunk]) -> str:
         return ""
     kind = kind_of(job)
     if chunks[0].number == FINAL_STEP:
-        return kind.final_step or ""
+        return kind.final_step_words or ""
     return kind.name_unfinished(session, open_job(session, kind.table, job.id), chunks)
 
 

@@ -147,7 +147,7 @@ class JobDriver:
         row = self._begin()
         while True:
             self._drive_chunks(row)
-            if self.kind.final_step is None:
+            if self.kind.final_step_words is None:
                 return
             self._drive_final_step()
             with self.context.database.read() as session:
@@ -181,7 +181,8 @@ class JobDriver:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
             # Frames that are in a chunk already, waiting or in quarantine, must not be
-            # planned again. Without such a chunk, planning starts at the first frame.
+            # planned again. Without such a chunk, planning starts at the first frame;
+            # it leaves out frames that have a result.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:

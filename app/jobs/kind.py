@@ -72,7 +72,7 @@ class JobKind(Protocol[Row]):
 
     table: type[Row]
     """Its rows; `table.job_kind` is the kind's name."""
-    final_step: str | None
+    final_step_words: str | None
     """A phrase for the step after all chunks, such as "deciding its boxes", used in
     error messages; None for a kind whose only chunk ends the job itself.
 

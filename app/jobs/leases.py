@@ -98,8 +98,8 @@ class JobLease:
             Another process drives the job.
         """
         now = _now(session)
-        # A process that is ending the job has locked this row. Not to wait for it, the
-        # row is skipped then; `_add` cannot add another, so the lease counts as lost.
+        # A process that is ending the job locks this row. Not to wait for it, the row
+        # is read as None then; `_add` finds it and adds none: LeaseLost is raised.
         lease = _locked(session, self.job, skip_locked=True)
         if lease is not None:
             if lease.holder != self._holder and not _is_void(lease, now):
@@ -140,9 +140,9 @@ class JobLease:
                 if lease is None:
                     return
                 if is_open(session, self.job):
-                    # The row stays: a job without a lease counts as one that the
-                    # service which queued it will begin. It has no holder any more, so
-                    # that a renewal that has begun does not prolong it.
+                    # Not deleted: for a job without a row, the watchdog waits
+                    # `UNDRIVEN_FOR_S`. The holder is emptied so that a renewal that has
+                    # begun already does not prolong the lease.
                     lease.holder, lease.until = "", _now(session)
                 else:
                     session.delete(lease)

@@ -39,7 +39,8 @@ from filter_core.decisions.rules import decide
 from filter_core.types import BoolArray, Decisions, IntArray
 
 _REASONS: Final = 32
-"""Above all reasons, which are packed into one number together with flags."""
+"""Greater than each `Reason`: `_count_alike` packs class, reason and flag into one
+number."""
 
 
 @dataclass(frozen=True)

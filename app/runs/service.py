@@ -138,7 +138,7 @@ class RunJobs:
     """The job kind of runs: chunks measure frames, the final step decides all boxes."""
 
     table = Run
-    final_step: str | None = "deciding its boxes"
+    final_step_words: str | None = "deciding its boxes"
 
     def may_begin(self, session: Session, row: Run) -> bool:
         """Whether the run may begin: False if an earlier one has to activate first."""

@@ -66,8 +66,13 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     greatest crowding (`Evidence.crowding`) with which boxes are kept would be::
 
         max_crowding: NumberT = key(
-            PERCENT, 100, "Largest share of a box that one other box may cover."
+            PERCENT,
+            100,
+            "Largest share of a box that one other box may cover.",
+            evidence=(SEMANTIC,),
         )
+
+    `evidence` names the kinds of evidence whose rules use the key; without it all do.
 
     Three classes in `filter.py` have these keys. What stands for such a number there:
 

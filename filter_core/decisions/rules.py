@@ -168,10 +168,10 @@ def _threshold_by_reason(limits: LimitsByClass) -> FloatArray:
     of_others, of_large = table
     of_others[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
     of_others[:, Reason.VISIBLE] = limits.threshold_small_box
-    # Only under carlasimu, where large boxes must pass both thresholds: there the one
-    # of kept large boxes is the higher of both.
-    of_large[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
     of_large[:, Reason.LARGE_BELOW_THRESHOLD] = limits.threshold_big_box
+    # A large box can fail this one only under carlasimu.
+    of_large[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
+    # Under carlasimu the higher of both, else `threshold_big_box`.
     of_large[:, Reason.VISIBLE] = limits.threshold_kept_large_box
     return table
 

@@ -26,10 +26,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   const outbox = createOutbox(storage, tab, app.owner);
   const sender = createSender(outbox);
   const steps = createSteps(boxes);
-  /**
-   * The frame whose answers the server has stored last, so that a frame fetched before is not used; `id` is null after
-   * a bulk answer.
-   */
+  /** The frame on which an answer was stored last: views drop their copies of it. Of all frames, if `id` is null. */
   const changedFrame = createValue(/** @type {{id: number | null}} */ ({ id: null }));
   /** Answers that were not saved because somebody else had answered first, by box. */
   const conflicts = createValue(/** @type {ReadonlyMap<number, SingleAnswer>} */ (new Map()));

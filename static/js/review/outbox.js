@@ -8,8 +8,9 @@
 // An item has the revision of each of its boxes that the person saw. Two rules keep these right while items wait:
 //
 // 1. While an item waits, the page shows its answer on its boxes, and not what others have answered meanwhile. So an
-//    item that is added behind it on the same box gets the seen revision of the first one (`add`).
-// 2. When an item is stored, its boxes are at the next revision. The items behind it get that one (`finish`).
+//    item that is added behind it on the same box gets the same seen revision (`add`).
+// 2. When an item is stored, its boxes are at the next revision. The items behind it get that one (`finish`), except
+//    those that may have reached the server: they must be sent again exactly as they were.
 
 import { randomId } from "../core/tab.js";
 

@@ -241,6 +241,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
    */
   function isOwnAnswer(item, current) {
     if (!lastOnFilter || item.order < lastOnFilter.order) return false;
+    // Without a current answer: whether that item can have removed it.
     const leavesNone = isBulkUndo(lastOnFilter) || lastOnFilter.verdict === "clear";
     return current.review ? current.review.reviewer === item.person : leavesNone;
   }
