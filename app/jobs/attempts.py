@@ -12,15 +12,15 @@ anew.
 
 - A worker of a cluster: its driver is told that it died, and calls `count_death`. Every
   death counts until the chunk is done, whatever it has stored.
-- The driver itself, which executes all chunks without workers, and every final step. If
-  it dies, nobody is left to count. So it counts its attempt before it begins the chunk
-  (`Attempt.begin`), and sets the count to zero when it stores a part of the result
-  (`Attempt.reset`) or when its work ends in any other way (`Attempt.end`); these
-  three are called in `app.jobs.work`. The next driver finds in the row how many
-  processes in a row have died and stored nothing.
+- The driver itself: if there are no workers it executes all chunks, and always the
+  final step. If it dies, nobody is left to count. So it counts its attempt before it
+  begins the chunk (`Attempt.begin`), and sets the count to zero when it stores a part
+  of the result (`Attempt.reset`) or when its work ends in any other way
+  (`Attempt.end`); these three are called in `app.jobs.work`. The next driver finds in
+  the row how many processes in succession have died and stored nothing.
 
-**How the next attempt differs**, with the count in the row during the attempt. The
-deaths of workers are counted afterwards; a driver has counted its attempt before.
+**How the next attempt differs.** The numbers are `Chunk.attempts` while the attempt
+runs: a driver has counted its attempt already, that of a worker is counted if it dies.
 
 | attempt | by a worker | by the driver |
 |---|---|---|
@@ -29,7 +29,7 @@ deaths of workers are counted afterwards; a driver has counted its attempt befor
 | third | 2: frame by frame, alone | 3: frame by frame |
 | then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
 
-A driver begins at the first row again when an attempt has stored something.
+Once an attempt of a driver has stored something, the next one is a first one again.
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
 the cause. Each of them is submitted again while no other one is in progress
@@ -135,7 +135,11 @@ class Attempt:
         return True
 
     def reset(self, session: Session) -> None:
-        """Set the count to zero in a transaction that stores a part of the result."""
+        """Set the count to zero in a transaction that stores a part of the result.
+
+        From then on this attempt does not count: if the process dies later, the next
+        one is a first attempt.
+        """
         if not self._is_counted:
             return
         chunk = ChunkRepository(session).find(self._job, self._number)

@@ -98,8 +98,8 @@ class JobLease:
             Another process drives the job.
         """
         now = _now(session)
-        # A process that is ending the job locks this row. Not to wait for it, the row
-        # is read as None then; `_add` finds it and adds none: LeaseLost is raised.
+        # A process that is ending the job has locked this row. `skip_locked` gives None
+        # then, instead of waiting; `_add` finds the row and adds none: LeaseLost.
         lease = _locked(session, self.job, skip_locked=True)
         if lease is not None:
             if lease.holder != self._holder and not _is_void(lease, now):

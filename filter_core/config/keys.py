@@ -128,6 +128,7 @@ class OnlyClassKeys:
         TagList(),
         INHERIT,
         "Tags whose pixels count for the class, by name or number.",
+        # For channels and profile carlasimu. Otherwise, stored histograms suffice.
         needs_pixels=True,
     )
 
@@ -137,7 +138,7 @@ class DecidingKeys:
     """The keys that verdicts depend on once everything is measured.
 
     Some of them change what is measured as well: those have `needs_pixels`, since after
-    a change of them images are read again.
+    a change of them images may have to be read again.
     """
 
     profile: Profile = key(

@@ -90,8 +90,8 @@ class ExplainedBox(NamedTuple):
         Whether the match has to exceed the threshold (profile ``carlasimu``) or only
         to reach it (profile ``paper``).
     channel : ChannelName or None
-        The channel that decided. None: no channel did, and the values below say
-        nothing. Reasons that only channels give cannot be explained then.
+        The channel that decided. None: no channel did; the values below say nothing,
+        and the reason is one of `_SENTENCES`.
     number : float
         What the channel compared: pixels, points, or metres.
     needed : float
@@ -362,8 +362,8 @@ def _no_visible_pixels(box: ExplainedBox) -> str:
 
 def _share(box: ExplainedBox) -> str:
     match, threshold = box.match_percent, box.threshold
-    if match is None or threshold is None:
-        return f"some of its pixels are {_any_of(box.accepted)}"
+    if match is None or threshold is None:  # an ignore mask covers the whole box
+        return "none of its pixels count"
     large = ""
     if box.large and box.area_percent is not None:
         large = f"it covers {rounded_percent(box.area_percent)} of the image and "

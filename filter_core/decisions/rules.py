@@ -169,7 +169,8 @@ def _threshold_by_reason(limits: LimitsByClass) -> FloatArray:
     of_others[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
     of_others[:, Reason.VISIBLE] = limits.threshold_small_box
     of_large[:, Reason.LARGE_BELOW_THRESHOLD] = limits.threshold_big_box
-    # A large box can fail this one only under carlasimu.
+    # Under carlasimu a large box must pass this threshold, too (`_rules`); under paper
+    # no large box gets this reason.
     of_large[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
     # Under carlasimu the higher of both, else `threshold_big_box`.
     of_large[:, Reason.VISIBLE] = limits.threshold_kept_large_box

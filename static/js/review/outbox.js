@@ -5,10 +5,11 @@
 // An item of the outbox is an answer on one box, a bulk answer (one answer on many boxes), or the undo of a bulk
 // answer. (The undo of an answer on one box is one more answer on it.) Each tab sends its own items, in their order.
 //
-// An item has the revision of each of its boxes that the person saw. Two rules keep these right while items wait:
+// An item has the revision of each of its boxes that the person saw. Two rules keep these right while items wait. The
+// first is about the items of all tabs, since each shows the answers of all; the second about those of this tab.
 //
-// 1. While an item waits, the page shows its answer on its boxes, and not what others have answered meanwhile. So an
-//    item that is added behind it on the same box gets the same seen revision (`add`).
+// 1. While an item waits, the page shows its answer on its boxes, so the person does not see what others have answered
+//    meanwhile. An item that is added behind it on the same box gets the same seen revision, and no newer one (`add`).
 // 2. When an item is stored, its boxes are at the next revision. The items behind it get that one (`finish`), except
 //    those that may have reached the server: they must be sent again exactly as they were.
 
@@ -145,7 +146,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   /** Of each box the revision that the last item on it has seen. */
   const lastSeen = () => new Map(itemsOfAllTabs().flatMap(seenBy));
 
-  /** Add an item, which has seen what the last one on each of its boxes had seen: see rule 1. @param {OutboxItem} item */
+  /** Add an item. Where another one waits on the same box, it gets that one's seen revision (rule 1). @param {OutboxItem} item */
   const add = (item) => write(withSeen(item, lastSeen()));
 
   /** Items that an earlier version of the page has kept without the person who gave them. */

@@ -240,10 +240,10 @@ export function createSender(outbox, requests = REQUESTS, later) {
    * @param {SingleAnswer} item @param {Decision} current
    */
   function isOwnAnswer(item, current) {
-    if (!lastOnFilter || item.order < lastOnFilter.order) return false;
-    // Without a current answer: whether that item can have removed it.
-    const leavesNone = isBulkUndo(lastOnFilter) || lastOnFilter.verdict === "clear";
-    return current.review ? current.review.reviewer === item.person : leavesNone;
+    if (!lastOnFilter || item.order < lastOnFilter.order) return false; // it was given before
+    if (current.review) return current.review.reviewer === item.person;
+    // The box has no answer now: only an undo, or the bulk answer "clear", leaves it without one.
+    return isBulkUndo(lastOnFilter) || lastOnFilter.verdict === "clear";
   }
 
   /** Nobody else has answered the box: send the answer as a new one. @param {SingleAnswer} item @param {Decision} current */
@@ -253,7 +253,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
   }
 
   /**
-   * Put something into the outbox, and send it unless nobody is signed in, or a busy server has asked to wait.
+   * Put something into the outbox, and send it, unless nobody is signed in or the last attempt failed at the server or
+   * in this page ("busy").
    * @param {() => void} add @returns {boolean} false: this browser has no room for it
    */
   function put(add) {

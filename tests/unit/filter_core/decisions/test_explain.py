@@ -71,6 +71,12 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
             ),
             "rejected: 10 % of its pixels are Car, more than 10 % are needed",
         ),
+        (  # all of it lies under an ignore mask
+            ExplainedBox(
+                Reason.BELOW_THRESHOLD, "car", threshold=10, accepted=("Car",)
+            ),
+            "rejected: none of its pixels count",
+        ),
         (
             ExplainedBox(
                 Reason.NO_VISIBLE_PIXELS,
