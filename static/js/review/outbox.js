@@ -30,7 +30,7 @@ import { randomId } from "../core/tab.js";
  * @property {Answer} verdict
  * @property {string} comment
  * @property {number} seenRevision  the box's revision that the person saw
- * @property {boolean} attempted  it may have reached the server: a retry must send exactly the same
+ * @property {boolean} [attempted]  it may have reached the server: a retry must send exactly the same
  */
 
 /**
@@ -190,7 +190,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     addAnswer(answer) {
       const last = items().findLast((item) => mayAnswer(item, answer.boxId));
       const replaced = last && isSingle(last) && !last.attempted ? last : null;
-      add({ ...answer, key: newKey(), person: who(), tab, order: replaced?.order ?? nextOrder(), attempted: false });
+      add({ ...answer, key: newKey(), person: who(), tab, order: nextOrder(), attempted: false });
       if (replaced) remove(replaced);
     },
 
@@ -230,9 +230,9 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      // Removed first: the browser may have no room for it twice.
+      // Removed first, and no longer than before: the browser may have no room for more.
       remove(item);
-      write({ ...item, key: newKey(), seenRevision: revision, attempted: false });
+      write({ ...item, key: newKey(), seenRevision: revision, attempted: undefined });
     },
 
     /**

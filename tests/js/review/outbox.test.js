@@ -137,17 +137,33 @@ test("what other versions of the page have kept is read, and what this one keeps
   }
 });
 
-test("an answer is renewed where the browser has room for it once", () => {
-  const { setItem } = storage;
-  storage.setItem = (name, value) => {
-    if (storage.getItem(name) === null && storage.length > 0) throw new DOMException("it is full", "QuotaExceededError");
-    setItem.call(storage, name, value);
-  };
+test("an answer is renewed where the browser has no room for more", () => {
   const outbox = createOutbox(storage, "t1", () => person);
   outbox.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 0 });
   const [item] = outbox.items().filter(isSingle);
+  if (item) outbox.markAttempted(item);
+  const textAt = (/** @type {number} */ i) => storage.getItem(storage.key(i) ?? "") ?? "";
+  const used = () => Array.from({ length: storage.length }, (_, i) => textAt(i)).join("").length;
+  const most = used();
+  const { setItem } = storage;
+  storage.setItem = (name, value) => {
+    if (used() - (storage.getItem(name) ?? "").length + value.length > most) throw new DOMException("it is full", "QuotaExceededError");
+    setItem.call(storage, name, value);
+  };
 
-  if (item) outbox.renew(item, 7);
+  const [attempted] = outbox.items().filter(isSingle);
+  if (attempted) outbox.renew(attempted, 7);
 
-  assert.deepEqual(outbox.items().map((one) => isSingle(one) && one.seenRevision), [7]);
+  assert.deepEqual(outbox.items().map((one) => isSingle(one) && [one.seenRevision, one.attempted]), [[7, undefined]]);
+});
+
+test("an answer that replaces another one is newer than what another tab has given meanwhile", (t) => {
+  let clock = 1000;
+  t.mock.method(Date, "now", () => ++clock);
+  const given = { boxId: 1, frameId: 1, comment: "", seenRevision: 0 };
+  const mine = createOutbox(storage, "t1", () => person);
+  mine.addAnswer({ ...given, verdict: "keep" });
+  createOutbox(storage, "t2", () => person).addAnswer({ ...given, verdict: "reject" });
+  mine.addAnswer({ ...given, verdict: "unsure" });
+  assert.equal(mine.lastAnswers().get(1)?.verdict, "unsure");
 });
