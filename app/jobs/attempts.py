@@ -19,17 +19,18 @@ anew.
   (`Attempt.end`); these three are called in `app.jobs.work`. The next driver finds in
   the row how many processes in succession have died and stored nothing.
 
-**How the next attempt differs.** The numbers are `Chunk.attempts` while the attempt
-runs: a driver has counted its attempt already, that of a worker is counted if it dies.
+**How the next attempt differs:**
 
 | attempt | by a worker | by the driver |
 |---|---|---|
-| first | 0: whole chunk | 1: whole chunk |
-| second | 1: whole chunk, alone | 2: frame by frame |
-| third | 2: frame by frame, alone | 3: frame by frame |
+| first | whole chunk | whole chunk |
+| second | whole chunk, alone | frame by frame |
+| third | frame by frame, alone | frame by frame |
 | then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
 
 Once an attempt of a driver has stored something, the next one is a first one again.
+During these three attempts `Chunk.attempts` is 0, 1, 2 with workers, and 1, 2, 3 with a
+driver, which has counted its own already.
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
 the cause. Each of them is submitted again while no other one is in progress

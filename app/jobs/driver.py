@@ -147,7 +147,7 @@ class JobDriver:
         row = self._begin()
         while True:
             self._drive_chunks(row)
-            if self.kind.final_step_words is None:
+            if self.kind.final_step_words is None:  # an export: its chunk has ended it
                 return
             self._drive_final_step()
             with self.context.database.read() as session:

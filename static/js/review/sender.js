@@ -240,7 +240,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
    * @param {SingleAnswer} item @param {Decision} current
    */
   function isOwnAnswer(item, current) {
-    if (!lastOnFilter || item.order < lastOnFilter.order) return false; // it was given before
+    // Given before that bulk answer, it was sent before it too: that cannot be the cause.
+    if (!lastOnFilter || item.order < lastOnFilter.order) return false;
     if (current.review) return current.review.reviewer === item.person;
     // The box has no answer now: only an undo, or the bulk answer "clear", leaves it without one.
     return isBulkUndo(lastOnFilter) || lastOnFilter.verdict === "clear";
