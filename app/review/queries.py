@@ -108,10 +108,10 @@ def _next_answers(
     answer: Answer,
     said: tuple[ColumnElement[str], ColumnElement[str]] | None = None,
 ) -> _Answers:
-    """SELECT the next answer of those of these boxes that are at this revision.
+    """A SELECT that gives the next answer on each of these boxes.
 
-    `said` are its verdict and comment, if they differ from box to box. A box at another
-    revision was answered meanwhile: it gives no row.
+    Only of boxes that are still at this revision: another one was answered meanwhile.
+    `said` are verdict and comment, if they differ from box to box.
     """
     verdict, comment = said or (literal(answer.verdict), literal(answer.comment))
     batch: BindParameter[int | None] = literal(answer.batch_id, Key)

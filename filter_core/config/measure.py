@@ -70,8 +70,8 @@ class MeasureConfig:
         channels, or under profile ``carlasimu``, accept sets do count.
         """
         plain = self.as_dict()
-        # Channels store no histograms, so other accept sets need the pixels again. Under
-        # carlasimu, `as_dict` has them in "measure" too.
+        # Channels store no histograms, so other accept sets need the pixels again.
+        # Under carlasimu, `as_dict` has them in "measure" too.
         return _digest(plain if self.channels else plain | {"accept": None})
 
     def as_dict(self) -> dict[str, object]:

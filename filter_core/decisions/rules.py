@@ -165,12 +165,11 @@ def _threshold_by_reason(limits: LimitsByClass) -> FloatArray:
     """
     shape = 2, len(limits.threshold_small_box), 1 + max(Reason)
     table = np.full(shape, np.nan)
-    of_others, of_large = table
-    of_others[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
-    of_others[:, Reason.VISIBLE] = limits.threshold_small_box
+    of_small, of_large = table
+    of_small[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
+    of_small[:, Reason.VISIBLE] = limits.threshold_small_box
     of_large[:, Reason.LARGE_BELOW_THRESHOLD] = limits.threshold_big_box
-    # Under carlasimu a large box must pass this threshold, too (`_rules`); under paper
-    # no large box gets this reason.
+    # Only under carlasimu: the box passes `threshold_big_box`, but not this one.
     of_large[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
     # Under carlasimu the higher of both, else `threshold_big_box`.
     of_large[:, Reason.VISIBLE] = limits.threshold_kept_large_box

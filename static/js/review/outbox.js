@@ -5,11 +5,13 @@
 // An item of the outbox is an answer on one box, a bulk answer (one answer on many boxes), or the undo of a bulk
 // answer. (The undo of an answer on one box is one more answer on it.) Each tab sends its own items, in their order.
 //
-// An item has the revision of each of its boxes that the person saw. Two rules keep these right while items wait. The
-// first is about the items of all tabs, since each shows the answers of all; the second about those of this tab.
+// For each of its boxes, an item has the *seen revision*: the one that the box had when the person saw it. Two rules keep
+// these right while items wait. The first is about the items of all tabs, since each shows the answers of all; the second
+// about those of this tab.
 //
 // 1. While an item waits, the page shows its answer on its boxes, so the person does not see what others have answered
-//    meanwhile. An item that is added behind it on the same box gets the same seen revision, and no newer one (`add`).
+//    meanwhile. So an item that is added behind it on the same box gets the same seen revision, although the page may
+//    have loaded the box at a newer one (`add`).
 // 2. When an item is stored, its boxes are at the next revision. The items behind it get that one (`finish`), except
 //    those that may have reached the server: they must be sent again exactly as they were.
 //
