@@ -181,8 +181,8 @@ class JobDriver:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
             # Frames that are in a chunk already, waiting or in quarantine, must not be
-            # planned again. Without such a chunk, all planned frames have results, which
-            # `plan` leaves out: it may start at the first frame.
+            # planned again. Without such a chunk, all planned frames have results, and
+            # `plan` leaves those out: it may start at the first frame.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:
