@@ -16,8 +16,9 @@ anew.
   final step. If it dies, nobody is left to count. So it counts its attempt before it
   begins the chunk (`Attempt.begin`), and sets the count to zero when it stores a part
   of the result (`Attempt.reset`) or when its work ends in any other way
-  (`Attempt.end`); these three are called in `app.jobs.work`. The next driver finds in
-  the row how many processes in succession have died and stored nothing.
+  (`Attempt.end`). `app.jobs.work` calls `begin` and `end`, and the kinds of jobs call
+  `reset`, as `Task.reset_attempts`. The next driver finds in the row how many processes
+  in succession have died and stored nothing.
 
 **How the next attempt differs:**
 

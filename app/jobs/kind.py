@@ -174,8 +174,8 @@ def _ignore(_session: Session) -> None:
 class Task(Generic[Row]):
     """One chunk of a job, as it is passed to a kind's `work` and `finish`.
 
-    `reset_attempts` is called in each transaction that stores results or plans more
-    work: a process that dies afterwards has not died without getting further.
+    `reset_attempts` is called in each transaction that stores a part of the result, or
+    finds that more has to be measured first.
     """
 
     context: ServiceContext

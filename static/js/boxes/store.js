@@ -10,11 +10,14 @@ import { asShown, seenRevision, withAnswer } from "./box.js";
 /** @typedef {import("./box.js").AnswerWithComment} AnswerWithComment */
 /** @typedef {import("./box.js").Decision} Decision */
 
-/** If more boxes than this have changed at the server, the grid reads its list again in place of their frames. */
+/** If more boxes than this have changed at the server, the grid reads its lists again instead of loading their frames. */
 const MOST_LOADED = 20;
 
 /** For how many answers the boxes are held. */
 const MOST_ANSWERED = 500;
+
+/** Of how many boxes that are not in the store the answers are kept. */
+const MOST_EARLY = 10_000;
 
 /**
  * @typedef {object} StoredAnswer  an answer that the server has stored
@@ -137,7 +140,7 @@ export function createBoxes(later) {
     async loadAgain(ids) {
       if (ids.length > MOST_LOADED) {
         reload();
-        // The grid has released the boxes of its list: those that no other list holds go, and are not loaded.
+        // The grid has released the boxes of its lists: those that nothing else holds go, and are not loaded.
         await null;
       }
       /** @type {Map<number, number[]>} */
@@ -145,9 +148,21 @@ export function createBoxes(later) {
       for (const { box_id, frame_id } of ids.flatMap((id) => stored.get(id) ?? [])) {
         frames.set(frame_id, [...(frames.get(frame_id) ?? []), box_id]);
       }
-      for (const [frameId, boxIds] of frames) {
-        const boxes = await boxesNow(frameId, later);
-        receive(boxes.filter(({ box_id }) => stored.has(box_id)));
+      const retries = createRetries(later);
+      const toLoad = [...frames];
+      for (const [frameId, boxIds] of toLoad) {
+        if (!boxIds.some((id) => stored.has(id))) continue;
+        try {
+          const { boxes } = await get("/api/v1/frames/{frame_id}", { path: { frame_id: frameId } });
+          receive(boxes.filter(({ box_id }) => stored.has(box_id)));
+          retries.reset();
+        } catch (error) {
+          if (mayComeLater(error)) {
+            toLoad.push([frameId, boxIds]); // after all others
+            await new Promise((done) => retries.wait(() => done(null), error instanceof ApiError ? error.retryAfterS : null));
+            continue;
+          }
+        }
         tell(new Set(boxIds.filter((id) => sentElsewhere.delete(id))));
       }
     },
@@ -172,7 +187,7 @@ export function createBoxes(later) {
           return box ? [answer.given(box)] : [];
         }),
       );
-      for (const id of [...early.keys()].slice(0, -MOST_ANSWERED)) early.delete(id);
+      for (const id of [...early.keys()].slice(0, -MOST_EARLY)) early.delete(id);
     },
 
     /** Set the answers that the server has not stored yet. @param {ReadonlyMap<number, AnswerWithComment>} answers */
@@ -207,23 +222,10 @@ export function createBoxes(later) {
 /** @typedef {ReturnType<typeof createBoxes>} Boxes */
 
 /**
- * The boxes of a frame as they are now; none if it is gone. A server that does not answer is asked again later.
- * @param {number} frameId @param {import("../core/api.js").Later} [later] @returns {Promise<readonly Decision[]>}
+ * Whether a frame that could not be loaded may be loaded later. (After a 401 somebody may sign in again.)
+ * @param {unknown} error
  */
-async function boxesNow(frameId, later) {
-  const retries = createRetries(later);
-  for (;;) {
-    try {
-      return (await get("/api/v1/frames/{frame_id}", { path: { frame_id: frameId } })).boxes;
-    } catch (error) {
-      // After a 401 somebody may sign in again.
-      const isRefusal = error instanceof ApiError && !error.isTemporary && error.status !== 401;
-      if (isRefusal) return [];
-      const seconds = error instanceof ApiError ? error.retryAfterS : null;
-      await new Promise((resolve) => retries.wait(() => resolve(null), seconds));
-    }
-  }
-}
+const mayComeLater = (error) => !(error instanceof ApiError) || error.isTemporary || error.status === 401;
 
 /** @param {Decision} one @param {Decision} other */
 const isSame = (one, other) => one === other || JSON.stringify(one) === JSON.stringify(other);

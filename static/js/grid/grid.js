@@ -59,12 +59,11 @@ function Boxes({ app, dataset, query, state, inAll, onQuery }) {
   useActions(app, actions.byName);
   useEffect(() => app.boxes.reloads.observe(update), [update]);
   // A list that was left may have been read before all this.
-  const now = state && `${state} ${app.boxes.reloads.get()}`;
   useEffect(() => {
-    if (!now) return;
-    if (place.state && place.state !== now) update();
-    else place.state = now;
-  }, [place, now]);
+    if (!state) return;
+    if (place.state && place.state !== state) update();
+    else place.state = state;
+  }, [place, state]);
 
   const total = pager.total();
   if (pager.known() === 0 && pager.error()) return html`<${Failure} error=${pager.error()} onRetry=${pager.retry} />`;

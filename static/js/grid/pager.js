@@ -236,7 +236,8 @@ export function createPager(boxes, load) {
  * @property {Pager} pager
  * @property {import("../core/observable.js").Value<import("./selection.js").Selection>} selection
  * @property {{offset: number, seen: number}} scroll  how far down it is scrolled, and when it was left
- * @property {string} state  of the dataset and of bulk answers, with which it was read; empty: not known yet
+ * @property {string} state  of the dataset, with which it was read; empty: not known yet
+ * @property {() => void} stop  end following whether lists have to be read again
  * @property {(index: number) => void} show  moves the focus to that cell and scrolls to it; set by the view that shows the list
  */
 
@@ -260,7 +261,8 @@ export function placeOf(app, dataset, query, key) {
   const filter = { ...selectionOf(query), sort: sortOf(query) };
   const pager = createPager(app.boxes, (page, signal) => get("/api/v1/boxes", { query: { dataset, ...filter, ...page }, signal }));
   const scroll = { offset: 0, seen: Date.now() };
-  const place = { key, pager, selection: createValue(NOTHING), scroll, state: "", show: () => {} };
+  const stop = app.boxes.reloads.observe(() => leave(key));
+  const place = { key, pager, selection: createValue(NOTHING), scroll, state: "", stop, show: () => {} };
   places.set(key, place);
   for (const old of [...places.keys()].slice(0, -KEPT_PLACES)) leave(old);
   return place;
@@ -268,6 +270,8 @@ export function placeOf(app, dataset, query, key) {
 
 /** Forget a list, so that it is read again the next time. @param {string} key */
 export function leave(key) {
-  places.get(key)?.pager.end();
+  const place = places.get(key);
+  place?.stop();
+  place?.pager.end();
   places.delete(key);
 }

@@ -43,6 +43,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   function give(box, { verdict, comment }) {
     const { box_id: boxId, frame_id: frameId } = box;
     boxes.holdAnswered([boxId]);
+    steps.noteAnswer(boxId);
     const hasRoom = sender.addAnswer({ boxId, frameId, verdict, comment, seenRevision: seenRevision(box) });
     if (hasRoom) closeConflict(boxId);
     return hasRoom;
@@ -99,8 +100,9 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
       // The view of this box shows the conflict itself, and so does the queue.
       const { name, query } = app.router.route.get();
       if (name === "queue" || query.box === String(item.boxId)) return;
-      const who = current?.review?.reviewer || "Somebody else";
-      toasts.show(`${who} has answered a box first. Your answer (${item.verdict}) was not saved.`, {
+      const reviewer = current?.review?.reviewer || "Somebody else";
+      const who = reviewer === app.owner() ? "You have answered a box elsewhere" : `${reviewer} has answered a box first`;
+      toasts.show(`${who}. Your answer here (${item.verdict}) was not saved.`, {
         kind: "error",
         action: { text: "Show box", href: `#/frames/${item.frameId}?box=${item.boxId}` },
       });
@@ -198,6 +200,8 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
  * @property {string} [bulkKey]  the key of a bulk answer
  * @property {number | null} [batchId]  the bulk answer's id on the server, once it is stored
  * @property {number} [count]  how many boxes the bulk answer was to answer
+ * @property {Set<number>} [answeredSince]  boxes on which this person has given an answer of its own after the bulk answer,
+ *   or has undone one
  */
 
 const MOST_STEPS = 500;
@@ -221,6 +225,9 @@ export function createSteps(boxes) {
       entries.push({ step, release: boxes.hold(step.before.map(({ boxId }) => boxId)) });
       if (entries.length > MOST_STEPS) entries.shift()?.release();
     },
+
+    /** This person gives an answer on this box, or undoes one. @param {number} boxId */
+    noteAnswer: (boxId) => entries.forEach(({ step }) => step.answeredSince?.add(boxId)),
 
     /** The one to undo next. @returns {Step | null} */
     last: () => entries.at(-1)?.step ?? null,

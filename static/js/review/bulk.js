@@ -35,11 +35,13 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
   const undoing = new Map();
   const report = createValue(/** @type {Report | null} */ (null));
 
-  /** @param {NewBulkAnswer} bulk */
+  /** @param {NewBulkAnswer} bulk @returns {boolean} false: it was not given, as there is no room for it */
   function answer(bulk) {
     const key = randomId();
     const before = boxes.all(bulk.boxIds ?? []).map(currentAnswer);
-    if (sender.addBulkAnswer(bulk, key)) pushStep(bulk, key, before);
+    const isGiven = sender.addBulkAnswer(bulk, key);
+    if (isGiven) pushStep(bulk, key, before);
+    return isGiven;
   }
 
   /**
@@ -49,7 +51,7 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
    */
   function pushStep({ dataset, count }, key, before = []) {
     /** @type {Step} */
-    const step = { before, dataset, bulkKey: key, batchId: null, count };
+    const step = { before, dataset, bulkKey: key, batchId: null, count, answeredSince: new Set() };
     steps.push(step);
     return step;
   }
@@ -71,18 +73,18 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
     if (outcome === "full") return;
     steps.drop(step);
     if (outcome === "added") undoing.set(bulkKey, step);
-    else restore(earlier);
+    else restore(earlier.filter(({ boxId }) => step.answeredSince?.has(boxId)));
   }
 
   /**
-   * A bulk answer was discarded: answer its boxes as before where this person's own answer is not that one again. It is
-   * not if they have undone a later answer: that has given the box the bulk answer's, as an answer of its own.
+   * A bulk answer was discarded. That takes it away from its boxes, except from those on which this person has undone a
+   * later answer: it is their own answer there. Give them their earlier ones again.
    * @param {Step["before"]} before
    */
   function restore(before) {
     for (const { boxId, verdict, comment } of before) {
       const box = boxes.get(boxId);
-      if (!box?.review || (box.review.reviewer && box.review.reviewer !== owner())) continue;
+      if (!box || (box.review?.reviewer && box.review.reviewer !== owner())) continue;
       const now = currentAnswer(box);
       if (now.verdict !== verdict || now.comment !== comment) give(box, { verdict, comment });
     }
@@ -93,8 +95,9 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
    * @param {import("./outbox.js").BulkAnswer} bulk
    */
   function answerAgain({ key, dataset, verdict, boxIds, seenRevisions = [], filter, snapshot, count }) {
-    sender.discard(key);
-    if (!boxIds) return answer({ dataset, verdict, filter, snapshot, count });
+    /** @param {boolean} isGiven */
+    const discardIf = (isGiven) => isGiven && sender.discard(key);
+    if (!boxIds) return discardIf(answer({ dataset, verdict, filter, snapshot, count }));
     const { waiting, waitingInBulk } = sender.state.get();
     const seen = new Map(boxIds.map((boxId, i) => [boxId, seenRevisions[i] ?? 0]));
     const unanswered = boxIds.filter((boxId) => {
@@ -102,8 +105,8 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
       const isAsSeen = !box || seenRevision(box) === seen.get(boxId);
       return isAsSeen && !waiting.has(boxId) && !waitingInBulk.has(boxId);
     });
-    if (unanswered.length > 0) answerBoxes(dataset, verdict, unanswered, seen);
-    else toasts.show("All of these boxes were answered since.");
+    if (unanswered.length === 0) toasts.show("All of these boxes were answered since.");
+    discardIf(unanswered.length === 0 || answerBoxes(dataset, verdict, unanswered, seen));
   }
 
   /**
@@ -113,7 +116,7 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
    */
   function answerBoxes(dataset, verdict, boxIds, revisions) {
     const seenRevisions = boxIds.map((id) => revisions.get(id) ?? 0);
-    answer({ dataset, verdict, boxIds: [...boxIds], seenRevisions, count: boxIds.length });
+    return answer({ dataset, verdict, boxIds: [...boxIds], seenRevisions, count: boxIds.length });
   }
 
   /**

@@ -140,7 +140,14 @@ export function createSender(outbox, requests = REQUESTS, later) {
   /** @param {Phase} phase */
   const show = (phase) => state.set(stateIn(phase));
 
-  const next = () => outbox.items()[0] ?? null;
+  /**
+   * The item to send next. One that may have reached the server comes first: what has become of it decides which revision
+   * later ones have seen. (Of items that were taken over from another tab, some may be older.)
+   */
+  function next() {
+    const items = outbox.items();
+    return items.find((item) => "attempted" in item && item.attempted) ?? items[0] ?? null;
+  }
 
   /** Send everything, until something has to wait. */
   async function drain() {
@@ -240,7 +247,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
    * @param {SingleAnswer} item @param {Decision} current
    */
   function isOwnAnswer(item, current) {
-    // Given before that bulk answer, it was sent before it too: that cannot be the cause.
+    // What was given before it has seen its boxes before it, too.
     if (!lastOnFilter || item.order < lastOnFilter.order) return false;
     if (current.review) return current.review.reviewer === item.person;
     // The box has no answer now: only an undo, or the bulk answer "clear", leaves it without one.

@@ -185,3 +185,21 @@ test("a box that comes after its answer was stored, but was read before, has the
   boxes.receive([decision({ box_id: 1, revision: 2, review })]);
   assert.equal(boxes.get(1)?.review?.verdict, "reject");
 });
+
+test("a frame that cannot be loaded does not keep the others from being loaded", async () => {
+  const boxes = createBoxes((again) => setImmediate(again));
+  boxes.hold(boxes.receive([decision({ box_id: 1, frame_id: 1 }), decision({ box_id: 2, frame_id: 2 })]));
+  /** @type {string[]} */
+  const asked = [];
+  globalThis.fetch = async (address) => {
+    const frame = Number(String(address).split("/").at(-1));
+    asked.push(`frame ${frame}`);
+    const isBusy = frame === 1 && asked.length < 3;
+    return isBusy ? Response.json({}, { status: 500 }) : Response.json({ boxes: [{ ...answered("keep", 1), box_id: frame, frame_id: frame }] });
+  };
+
+  await boxes.loadAgain([1, 2]);
+
+  assert.deepEqual(asked, ["frame 1", "frame 2", "frame 1"]);
+  assert.deepEqual(boxes.all([1, 2]).map((box) => box.review?.verdict), ["keep", "keep"]);
+});

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { createBoxes } from "../../../static/js/boxes/store.js";
-import { createPager } from "../../../static/js/grid/pager.js";
+import { createPager, placeOf } from "../../../static/js/grid/pager.js";
 import { decision } from "../../support/page/builders.js";
 
 /** A server of `size` boxes with ids from 1; its cursor is the last id, and it counts what it was asked. */
@@ -171,4 +171,21 @@ test("a list that is left gives its boxes back", async () => {
   await settled();
 
   assert.equal(boxes.get(5), undefined);
+});
+
+test("a list that was left gives its boxes back when lists have to be read again", async () => {
+  const boxes = createBoxes();
+  const { load } = server(3);
+  globalThis.fetch = async () => Response.json(await load({ limit: 200, count: true }));
+  const app = /** @type {any} */ ({ boxes });
+  const place = placeOf(app, "d", {}, "d {}");
+  place.pager.want(0, 3);
+  await settled();
+  assert.equal(boxes.all([1, 2, 3]).length, 3);
+
+  boxes.reload();
+  await settled();
+
+  assert.deepEqual(boxes.all([1, 2, 3]), []);
+  assert.notEqual(placeOf(app, "d", {}, "d {}"), place);
 });

@@ -59,6 +59,18 @@ test("where the browser has no room for the undo of a bulk answer, it can be ask
   assert.deepEqual([answers(), said.length], [[null, null, null], 1]);
 });
 
+test("undoing all answers after one's own answer gives that again", () => {
+  const review = { verdict: "keep", reviewer: "ada", revision: 1, comment: "" };
+  app.boxes.receive([decision({ box_id: 1, revision: 1, review })]);
+  app.answer(3, "unsure");
+  app.bulkAnswers.answer("d", "clear", [1, 2], new Map([[1, 1]]));
+  app.answer(1, "reject");
+  undo();
+  assert.deepEqual(answers(), [null, null, "unsure"]);
+  undo();
+  assert.deepEqual(answers(), ["keep", null, "unsure"]);
+});
+
 test("undoing a bulk answer that was not sent does not undo what somebody else has answered meanwhile", () => {
   const storage = memoryStorage();
   ({ app } = reviewPage(storage));
@@ -87,4 +99,17 @@ test("a refused bulk answer is given again on the boxes that were not answered s
 
   assert.deepEqual(answers(), ["keep", "unsure", "reject"]);
   assert.deepEqual(app.sender.state.get().bulkItems.map((/** @type {any} */ { item, state }) => [item.boxIds, state]), [[[3], "sending"]]);
+});
+
+test("a refused bulk answer stays offered where the browser has no room to give it again", async () => {
+  const storage = memoryStorage();
+  ({ app } = reviewPage(storage));
+  globalThis.fetch = async () => Response.json({ status: 413, detail: "too many" }, { status: 413 });
+  app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
+  await new Promise((resolve) => setTimeout(resolve, 20));
+  fill(storage);
+
+  app.bulkAnswers.answerAgain(app.sender.state.get().bulkItems[0].item);
+
+  assert.deepEqual(app.sender.state.get().bulkItems.map((/** @type {any} */ { state }) => state), ["refused"]);
 });

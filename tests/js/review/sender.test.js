@@ -170,6 +170,22 @@ test("an answer that somebody else removes after one's bulk answer on a filter i
   assert.deepEqual(told, [["bulk stored", []], ["conflict", "keep", undefined]]);
 });
 
+test("an answer that may have arrived is sent before an older one of a closed tab, word for word", async () => {
+  const closed = createOutbox(storage, "closed", () => person);
+  closed.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 0 });
+  refusals = [new NoResponse("lost on the way there")];
+  const { sender } = senderOf();
+  answer(sender, 1, "reject");
+  await settled();
+
+  sender.takeOver(new Set());
+  await sender.resume();
+
+  assert.deepEqual(verdicts(), [[1, "reject", 0], [1, "reject", 0], [1, "keep", 0]]);
+  assert.equal(sent[0]?.key, sent[1]?.key);
+  assert.deepEqual(told, [["stored", 1, 1], ["conflict", "keep", "keep"]]);
+});
+
 test("what others answer while an own answer is shown on a box is not overwritten unseen", async () => {
   refusals = [new NoResponse("away")];
   const { sender } = senderOf();
@@ -359,7 +375,7 @@ test("away from the server, a bulk answer is sent after the answers before it", 
 test("what an earlier version of the page has kept is sent and forgotten, its bulk answers, which had no order, first", async () => {
   const kept = { person: "ada", tab: "closed", verdict: "keep" };
   const old = {
-    "unghost.outbox.v1.k1": { ...kept, key: "k1", order: 1, boxId: 3, frameId: 10, comment: "", seenRevision: 0, attempted: true },
+    "unghost.outbox.v1.k1": { ...kept, key: "k1", order: 1, boxId: 3, frameId: 10, comment: "", seenRevision: 0, attempted: false },
     "unghost.bulk.v1.k2": { ...kept, key: "k2", dataset: "d", boxIds: [1, 2], seen: [0, 0], count: 2 },
   };
   for (const [name, item] of Object.entries(old)) storage.setItem(name, JSON.stringify(item));
