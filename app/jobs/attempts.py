@@ -29,8 +29,9 @@ anew.
 | third | frame by frame, alone | frame by frame |
 | then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
 
-Once an attempt of a driver has stored something, the next one is a first one again.
-During these three attempts `Chunk.attempts` is 0, 1, 2 with workers, and 1, 2, 3 with a
+Once an attempt of a driver has stored something, the next one is a first one again:
+three processes have to die at the same frame, and more may die in the chunk. During
+these three attempts `Chunk.attempts` is 0, 1, 2 with workers, and 1, 2, 3 with a
 driver, which has counted its own already.
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be

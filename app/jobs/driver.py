@@ -180,9 +180,9 @@ class JobDriver:
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
-            # Frames that are in a chunk already, waiting or in quarantine, must not be
-            # planned again. Without such a chunk, all planned frames have results, and
-            # `plan` leaves those out: it may start at the first frame.
+            # `plan` leaves out frames with results, but not those in a chunk that waits
+            # or is in quarantine. If there is such a chunk, only frames after the last
+            # planned one are planned; else planning starts at the first frame.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:

@@ -98,9 +98,9 @@ class JobLease:
             Another process drives the job.
         """
         now = _now(session)
-        # A process that is ending the job has locked this row. With `skip_locked` this
-        # gives None instead of waiting, as if there were no row; then `_add` inserts
-        # nothing, because there is one, and LeaseLost is raised.
+        # If a process is just ending the job, it holds a lock on this row. Then
+        # `skip_locked` gives None instead of waiting, as if there were no row; `_add`
+        # inserts nothing, because there is one, and LeaseLost is raised.
         lease = _locked(session, self.job, skip_locked=True)
         if lease is not None:
             if lease.holder != self._holder and not _is_void(lease, now):

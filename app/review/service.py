@@ -2,9 +2,9 @@
 
 How an answer on a box is stored:
 
-1. `create_review` (`routes`) passes the request to `review_box`, whose first statement
-   begins the transaction and waits for its turn.
-2. `review_box` reads the current state of the box (`ReviewRepository.state`).
+1. `create_review` (`routes`) passes the request to `review_box`.
+2. `review_box` reads the current state of the box (`ReviewRepository.state`). This is
+   the first SQL statement: it begins the transaction, and waits for its turn.
 3. `ReviewRepository.answer_box` inserts the answer as a row of `reviews`, if the box
    still has the revision that the person saw; if not, `review_box` raises StaleReview,
    and the client gets the status 412.

@@ -62,8 +62,8 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     """The keys that single classes can override; all of them are numbers.
 
     The annotation of a key says which numbers: `NumberT` for any, `WholeNumberT` for
-    `counted`, `NumberOrNullT` for `NEAREST_METRES` and `FARTHEST_METRES`. A key for the
-    greatest crowding (`Evidence.crowding`) with which boxes are kept would be::
+    `counted`, `NumberOrNullT` for `NEAREST_METRES` and `FARTHEST_METRES`. For example,
+    a key that rejects boxes whose crowding (`Evidence.crowding`) is above it would be::
 
         max_crowding: NumberT = key(
             PERCENT,

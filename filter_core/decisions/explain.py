@@ -57,7 +57,8 @@ class FrameFacts:
         The segmentation's colours were not exact.
     names : mapping
         Id and class of boxes, such as ``("217", "car")``, by their position in the
-        frame, for decisions that name the nearer box that explains another.
+        frame, for sentences that name the nearer box that takes another's pixels
+        (`ChannelNumbers.explained_by`).
     """
 
     key: str
@@ -99,7 +100,7 @@ class ExplainedBox(NamedTuple):
     depth_gap : float or None, metres
         See `ChannelNumbers`.
     nearer : str or None
-        The nearer box that explains its pixels, as ``car 217``.
+        The nearer box that takes most of its pixels, as ``car 217``.
     """
 
     reason: Reason

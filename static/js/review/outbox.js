@@ -15,7 +15,8 @@
 // 2. When an item is stored, its boxes are at the next revision. The items behind it get that one (`finish`), except
 //    those that may have reached the server: they must be sent again exactly as they were.
 //
-// An item behind one of another tab does not get its revision. The server then refuses it, and the person chooses.
+// Rule 2 does not reach across tabs: when an item of another tab is stored, an item behind it here keeps its seen revision.
+// The server then refuses it, and the person chooses.
 
 import { randomId } from "../core/tab.js";
 
@@ -195,7 +196,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       const last = items().findLast((item) => mayAnswer(item, answer.boxId));
       const replaced = last && isSingle(last) && !last.attempted ? last : null;
       add({ ...answer, key: newKey(), person: who(), tab, order: nextOrder(), attempted: false });
-      // Removed last: the new one takes its seen revision over, and without room for that it stays.
+      // The old one is removed last: `add` takes its seen revision, and if there is no room for the new one, it stays.
       if (replaced) remove(replaced);
     },
 

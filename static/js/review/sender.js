@@ -247,7 +247,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
    * @param {SingleAnswer} item @param {Decision} current
    */
   function isOwnAnswer(item, current) {
-    // What was given before it has seen its boxes before it, too.
+    // An answer that was given before the bulk answer is not stale because of it.
     if (!lastOnFilter || item.order < lastOnFilter.order) return false;
     if (current.review) return current.review.reviewer === item.person;
     // The box has no answer now: only an undo, or the bulk answer "clear", leaves it without one.
