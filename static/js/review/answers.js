@@ -43,10 +43,10 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   function give(box, { verdict, comment }) {
     const { box_id: boxId, frame_id: frameId } = box;
     boxes.holdAnswered([boxId]);
+    if (!sender.addAnswer({ boxId, frameId, verdict, comment, seenRevision: seenRevision(box) })) return false;
     steps.noteAnswer(boxId);
-    const hasRoom = sender.addAnswer({ boxId, frameId, verdict, comment, seenRevision: seenRevision(box) });
-    if (hasRoom) closeConflict(boxId);
-    return hasRoom;
+    closeConflict(boxId);
+    return true;
   }
 
   /**
