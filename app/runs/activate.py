@@ -188,19 +188,16 @@ class _Progress:
 
     def begin(self, boxes: int, rows: int) -> None:
         """Begin a part of `boxes` boxes, for which `rows` rows are to be written."""
-        self._boxes_before, self._boxes_in_part = (
-            self._boxes_before + self._boxes_in_part,
-            boxes,
-        )
+        self._boxes_before += self._boxes_in_part
+        self._boxes_in_part = boxes
         self._rows_in_part, self._written = rows, 0
         self(0)
 
     def __call__(self, rows: int) -> None:
         self.task.check()
         self._written += rows
-        boxes = self._boxes_before + self._boxes_in_part * self._written // max(
-            self._rows_in_part, 1
-        )
+        of_part = self._boxes_in_part * self._written // max(self._rows_in_part, 1)
+        boxes = self._boxes_before + of_part
         self.task.report(self.total * boxes // max(self.boxes, 1))
 
 

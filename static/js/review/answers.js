@@ -200,8 +200,8 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
  * @property {string} [bulkKey]  the key of a bulk answer
  * @property {number | null} [batchId]  the bulk answer's id on the server, once it is stored
  * @property {number} [count]  how many boxes the bulk answer was to answer
- * @property {Set<number>} [answeredSince]  boxes on which this person has given an answer of its own after the bulk answer,
- *   or has undone one
+ * @property {Set<number>} [everAnswered]  of a bulk answer: the boxes on which this person has given an answer on one box
+ *   after it, also if that was undone
  */
 
 const MOST_STEPS = 500;
@@ -227,7 +227,7 @@ export function createSteps(boxes) {
     },
 
     /** This person gives an answer on this box, or undoes one. @param {number} boxId */
-    noteAnswer: (boxId) => entries.forEach(({ step }) => step.answeredSince?.add(boxId)),
+    noteAnswer: (boxId) => entries.forEach(({ step }) => step.everAnswered?.add(boxId)),
 
     /** The one to undo next. @returns {Step | null} */
     last: () => entries.at(-1)?.step ?? null,

@@ -51,7 +51,7 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
    */
   function pushStep({ dataset, count }, key, before = []) {
     /** @type {Step} */
-    const step = { before, dataset, bulkKey: key, batchId: null, count, answeredSince: new Set() };
+    const step = { before, dataset, bulkKey: key, batchId: null, count, everAnswered: new Set() };
     steps.push(step);
     return step;
   }
@@ -73,7 +73,7 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
     if (outcome === "full") return;
     steps.drop(step);
     if (outcome === "added") undoing.set(bulkKey, step);
-    else restore(earlier.filter(({ boxId }) => step.answeredSince?.has(boxId)));
+    else restore(earlier.filter(({ boxId }) => step.everAnswered?.has(boxId)));
   }
 
   /**

@@ -35,7 +35,7 @@ import { randomId } from "../core/tab.js";
  * @property {Answer} verdict
  * @property {string} comment
  * @property {number} seenRevision  the box's revision that the person saw
- * @property {boolean} [attempted]  it may have reached the server: a retry must send exactly the same
+ * @property {boolean} [attempted]  see `wasAttempted`
  */
 
 /**
@@ -51,7 +51,7 @@ import { randomId } from "../core/tab.js";
  * @property {Filter} [filter]
  * @property {string} [snapshot]  with `filter`: identifies the state of the list that the person saw
  * @property {number} count  of boxes
- * @property {boolean} [attempted]  it may have reached the server: a retry must send exactly the same
+ * @property {boolean} [attempted]  see `wasAttempted`
  */
 
 /**
@@ -86,6 +86,9 @@ export const isBulk = (item) => !isSingle(item);
 
 /** @param {OutboxItem} item @returns {item is BulkAnswer} */
 export const isBulkAnswer = (item) => isBulk(item) && !isBulkUndo(item);
+
+/** Whether it may have reached the server: a retry must send exactly the same. @param {OutboxItem} item */
+export const wasAttempted = (item) => !isBulkUndo(item) && item.attempted === true;
 
 /** How many answers it is. @param {OutboxItem} item */
 const sizeOf = (item) => (isSingle(item) ? 1 : item.count);
@@ -225,8 +228,8 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       const revisions = new Map(seenBy(stored).map(([boxId, seen]) => [boxId, seen + 1]));
       for (const boxId of leftOut) revisions.delete(boxId);
       for (const item of items()) {
-        const isFixed = "attempted" in item && item.attempted;
-        const seen = item.order > stored.order && !isFixed ? withSeen(item, revisions) : item;
+        if (item.order <= stored.order || wasAttempted(item)) continue;
+        const seen = withSeen(item, revisions);
         if (seen !== item) write(seen);
       }
     },

@@ -5,7 +5,7 @@
 import { seenRevision } from "../boxes/box.js";
 import { ApiError, NoResponse, createRetries, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
-import { isBulk, isBulkAnswer, isBulkUndo, isSingle } from "./outbox.js";
+import { isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outbox.js";
 
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../core/openapi.js").Review} StoredReview */
@@ -146,7 +146,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
    */
   function next() {
     const items = outbox.items();
-    return items.find((item) => "attempted" in item && item.attempted) ?? items[0] ?? null;
+    return items.find(wasAttempted) ?? items[0] ?? null;
   }
 
   /** Send everything, until something has to wait. */
@@ -206,7 +206,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
 
     // 412: the box was answered since the person saw it.
     const current = error.problem.current ?? null;
-    if (current && isOwnAnswer(item, current)) return renew(item, current);
+    if (current && isOwnAnswer(item, current)) return sendAsNew(item, current);
     return drop(item, ({ onConflict }) => onConflict?.(item, current));
   }
 
@@ -255,7 +255,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   }
 
   /** Nobody else has answered the box: send the answer as a new one. @param {SingleAnswer} item @param {Decision} current */
-  function renew(item, current) {
+  function sendAsNew(item, current) {
     outbox.renew(item, seenRevision(current));
     return true;
   }
