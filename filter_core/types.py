@@ -377,8 +377,8 @@ class ChannelNumbers:
     )
     explained_by: IntArray = field(
         metadata=_channel_count_column(
-            "the nearer box that takes most of the accepted pixels in its "
-            "silhouette that are not its own",
+            "of the nearer boxes, the one that takes most of the accepted pixels in "
+            "the box's silhouette",
             unit="position in the frame",
             stored="i4",
         )

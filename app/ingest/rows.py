@@ -1,8 +1,12 @@
-"""Inserts new frames in one transaction, and describes them for the response."""
+"""Inserts new frames in one transaction, and describes them for the response.
+
+A frame that replaces an earlier revision takes over people's answers on boxes that are
+the same in both (`_carry_answers`).
+"""
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -18,7 +22,7 @@ from app.access.service import require_own
 from app.boxes import current
 from app.boxes.counts import tallies_of
 from app.boxes.frames import frame_details
-from app.boxes.queries import FrameRepository, LatestReview
+from app.boxes.queries import FrameRepository, LatestAnswers, LatestReview
 from app.boxes.reader import (
     DecidedFrame,
     StoredDecision,
@@ -37,8 +41,9 @@ from app.measuring.queries import (
     KeyRow,
     ProblemRepository,
 )
-from app.review.service import NewBox, carry_reviews
+from app.review.queries import ReviewRepository
 from app.security import Principal
+from filter_core.annotation.frame import GEOMETRIES
 from filter_core.decisions.record import decision_dicts
 from filter_core.decisions.rules import decide
 from filter_core.types import (
@@ -280,27 +285,66 @@ def _carried(
     class_ids: Mapping[str, int],
 ) -> Sequence[LatestReview]:
     """Carry answers over and audit dropped ones; Forbidden if those are others'."""
-    evidence = frame.ready.measured.evidence
-    boxes = [
-        NewBox(box_id, box.id, class_ids[evidence.class_names[index]], box.raw)
-        for box_id, box, index in zip(
-            frame.box_ids,
-            frame.ready.checked.annotation.boxes,
-            evidence.class_index.tolist(),
-            strict=True,
-        )
-    ]
-    carried, set_aside = carry_reviews(session, former, boxes)
-    of_others = require_own(sender, set_aside, f"replacing frame {frame.key!r}")
+    carried, dropped = _carry_answers(session, former, frame, class_ids)
+    of_others = require_own(sender, dropped, f"replacing frame {frame.key!r}")
     AuditTrail(session, sender).note(
         Act.FRAME_REPLACED,
         frame.key,
         dataset=frame.active.name,
         revision=frame.revision,
-        answers=sum(set_aside.values()),
+        answers=sum(dropped.values()),
         of_others=of_others,
     )
     return carried
+
+
+def _carry_answers(
+    session: Session, former: Frame, frame: NewFrame, class_ids: Mapping[str, int]
+) -> tuple[list[LatestReview], Counter[str]]:
+    """Repeat the latest answers on boxes whose class and geometry are the same.
+
+    Returns
+    -------
+    carried : list of LatestReview
+        The repeated answers, each the first on its new box.
+    dropped : Counter of str
+        How many answers are dropped, by reviewer: their boxes no longer exist, have
+        changed, or have no answer in force. Answers that another person cleared or
+        replaced, in any revision, count: otherwise people could remove others' answers
+        by clearing them first. Answers that their author has undone do not count.
+    """
+    reviews = ReviewRepository(session)
+    answered = reviews.once_answered(former.id)
+    if not answered:
+        return [], Counter()
+    latest = LatestAnswers(session).of(box_id for box_id, _, _ in answered)
+    annotation = FrameRepository(session).with_id(former.id, annotation=True).annotation
+    boxes = frame.ready.checked.annotation.boxes
+    index_of = {box.id: index for index, box in enumerate(boxes)}
+    evidence = frame.ready.measured.evidence
+    names = [evidence.class_names[index] for index in evidence.class_index.tolist()]
+    carried: dict[int, LatestReview] = {}
+    dropped = []
+    for old_id, source_id, class_id in answered:
+        review, index = latest[old_id], index_of.get(source_id)
+        raw = annotation["boxes"][old_id - former.first_box_id]
+        if (
+            index is None
+            or review.verdict == "clear"
+            or class_id != class_ids[names[index]]
+            or _geometry(raw) != _geometry(boxes[index].raw)
+        ):
+            dropped.append(old_id)
+            continue
+        new_id = frame.first_box_id + index
+        carried[old_id] = review._replace(box_id=new_id, revision=1, batch_id=None)
+    if carried:
+        reviews.carry_over(carried)
+    return list(carried.values()), reviews.meant_by(dropped)
+
+
+def _geometry(raw: Mapping[str, object]) -> dict[str, object]:
+    return {key: raw[key] for key in GEOMETRIES if key in raw}
 
 
 def _count(frames: Sequence[NewFrame]) -> None:

@@ -46,7 +46,9 @@ each of many such frames in a row would end `MOST_ATTEMPTS` processes.
 
 A frame whose images cannot be read, since they crash the child processes that decode
 them or need too much time or memory, ends no process. `refuse` puts its chunk into
-quarantine once all its other frames are stored.
+quarantine once all its other frames are stored. Frame by frame, `refuse_frame` puts the
+frame alone there at once: otherwise it would be the first frame without a result, and
+be taken for the cause if a later frame ends the process.
 """
 
 from __future__ import annotations
@@ -176,9 +178,24 @@ def refuse(session: Session, job: Job, number: int, why: FilterError) -> None:
     """Put a chunk into quarantine whose remaining frames cannot be read."""
     chunk = ChunkRepository(session).find(job, number)
     if chunk is not None and chunk.state == "waiting":
-        chunk.error = {"code": why.kind, "detail": why.detail}
-        _quarantine(chunk)
+        _quarantine_refused(chunk, why)
         session.flush()
+
+
+def refuse_frame(
+    session: Session, job: Job, number: int, frame_id: int, why: FilterError
+) -> None:
+    """Put a frame into quarantine that cannot be read, the first that is not stored."""
+    chunk = ChunkRepository(session).find(job, number)
+    if chunk is None or chunk.state != "waiting":
+        return
+    kind = kind_of(job)
+    unfinished = kind.unfinished(session, open_job(session, kind.table, job.id), chunk)
+    if unfinished[:1] != [frame_id]:
+        return  # another process has measured it
+    alone = _split_first(session, job, chunk, unfinished)
+    _quarantine_refused(alone, why)
+    session.flush()
 
 
 def quarantine_error(session: Session, job: Job) -> dict[str, str] | None:
@@ -217,33 +234,43 @@ def _quarantine(chunk: Chunk) -> None:
     chunk.state, chunk.finished_at = "quarantined", utc_now()
 
 
+def _quarantine_refused(chunk: Chunk, why: FilterError) -> None:
+    chunk.error = {"code": why.kind, "detail": why.detail}
+    _quarantine(chunk)
+
+
 def _quarantine_cause(session: Session, job: Job, chunk: Chunk) -> None:
     """Put the frame at which the processes died into quarantine, or the whole chunk."""
     kind, chunks = kind_of(job), ChunkRepository(session)
     row = open_job(session, kind.table, job.id)
     unfinished = kind.unfinished(session, row, chunk)
-    in_quarantine = {
+    causes = {
         frame_id
         for one in chunks.quarantined(job)
+        if not one.error
         for frame_id in kind.unfinished(session, row, one)
     }
-    if (
-        len(unfinished) < 2
-        or frame_before(session, row.dataset_id, unfinished[0]) in in_quarantine
-    ):
-        _quarantine(chunk)
-    else:
-        _quarantine_first(session, job, chunk, unfinished)
+    cause = chunk
+    if unfinished:
+        before = frame_before(session, row.dataset_id, unfinished[0])
+        if before not in causes:
+            cause = _split_first(session, job, chunk, unfinished)
+    if cause is not chunk:
+        cause.attempts, chunk.attempts = chunk.attempts, 0
+    _quarantine(cause)
 
 
-def _quarantine_first(
+def _split_first(
     session: Session, job: Job, chunk: Chunk, unfinished: Sequence[int]
-) -> None:
-    """Make the first unfinished frame a chunk of its own; the chunk begins after it."""
+) -> Chunk:
+    """Make the first unfinished frame a chunk of its own; the chunk begins after it.
+
+    If the chunk has no other unfinished frame, it is the chunk itself.
+    """
+    if len(unfinished) < 2:
+        return chunk
     frame_id = unfinished[0]
     alone = PlannedChunk(frame_id, frame_id, 1)
     (number,) = ChunkRepository(session).plan(job, [alone])
-    cause = session.get_one(Chunk, (*job, number))
-    cause.attempts, chunk.attempts = chunk.attempts, 0
     chunk.first_frame_id, chunk.frames = frame_id + 1, len(unfinished) - 1
-    _quarantine(cause)
+    return session.get_one(Chunk, (*job, number))

@@ -21,7 +21,7 @@ from app.context import ServiceContext
 from app.db.tables import Chunk, Frame, Run
 from app.engine import JobStopped
 from app.engine.children import PixelsRefused
-from app.jobs.attempts import is_one_by_one, refuse
+from app.jobs.attempts import is_one_by_one, refuse, refuse_frame
 from app.jobs.chunks import PlannedChunk
 from app.jobs.kind import Task
 from app.measuring.active import config_of
@@ -211,6 +211,8 @@ class _CommitBuffer:
         """Add a frame; the last one waits for the caller's `commit`."""
         if measured.refusal is None:
             self._measured.append(measured)
+        elif self._chunk.is_one_by_one:
+            self._refuse_at_once(measured.frame_id, measured.refusal)
         else:
             self._refusal = measured.refusal
         is_due = time.monotonic() - self._begun >= COMMIT_EVERY_S
@@ -221,8 +223,8 @@ class _CommitBuffer:
         """Store numbers, count them, and mark a complete chunk, in one transaction.
 
         Frames that another process has measured meanwhile are not counted again. A
-        chunk with frames that cannot be read is quarantined once all its other frames
-        are stored.
+        chunk with frames that cannot be read is put into quarantine once all its other
+        frames are stored.
         """
         measured, self._measured, self._begun = self._measured, [], time.monotonic()
         scope = self._chunk.scope
@@ -245,6 +247,13 @@ class _CommitBuffer:
                 refuse(session, self._task.job, self._task.number, self._refusal)
             elif is_whole:
                 self._task.chunk_done(session)
+
+    def _refuse_at_once(self, frame_id: int, why: PixelsRefused) -> None:
+        task = self._task
+        with task.context.database.write() as session:
+            task.row(session)
+            refuse_frame(session, task.job, task.number, frame_id, why)
+            task.reset_attempts(session)
 
 
 def _source(session: Session, scope: RunScope) -> _Source:

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import threading
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from dataclasses import replace
 
+import numpy as np
 from sqlalchemy import event, exc, select
 
 from app.db.base import utc_now
 from app.db.tables import Chunk, Frame
 from app.engine import LocalEngine
+from app.engine.children import PixelPool
 from app.engine.chunk import DONE
 from app.jobs.attempts import MOST_ATTEMPTS, Attempt
 from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
 from app.jobs.driver import drive_job
 from app.jobs.work import work_on_chunk
 from app.runs.queries import RunRepository
+from filter_core.segmentation.palettes import FAMILIES
+from tests.support import frames as scene
 from tests.support.chunks import (
     FRAMES,
     FROM_PIXELS,
@@ -73,9 +78,10 @@ def cut_off(street, *spans):
     return run_id
 
 
-def go_on(street, run_id, look=lambda _engine, _frame_id: None):
+def go_on(street, run_id, look=lambda _engine, _frame_id: None, **others):
+    """Drive the run; `others` take the place of what the context has."""
     with engine_of(street, Watched(look)) as context:
-        drive_job(context, run_job(run_id))
+        drive_job(replace(context, **others), run_job(run_id))
     return run_of(street, run_id)
 
 
@@ -172,6 +178,41 @@ def test_a_measured_frame_between_two_is_noticed(street):
     assert run.error is not None
     assert run.error["detail"].startswith("frame '03' ended the process")
     assert run.error["detail"].endswith("frame '00' cannot be read: it is so")
+
+
+def test_a_frame_that_cannot_be_read_is_not_taken_for_one_that_ends_processes(services):
+    """It comes first, and is refused before the next frame ends the process."""
+    street = services.dataset()
+    put_large(street, "00")
+    for number in range(1, FRAMES):
+        put(street, number)
+    run_id = cut_off(street, (0, FRAMES - 1, MOST_ATTEMPTS - 1))
+    (large, deadly, *_) = frame_ids(street)
+
+    def stop(engine, frame_id):
+        if frame_id == deadly:
+            engine.stopping.set()
+
+    with closing(PixelPool(1, memory_bytes=64 * 2**20)) as pixels:
+        go_on(street, run_id, stop, pixels=pixels)
+        with street.context.database.write() as session:
+            chunk = session.get_one(Chunk, ("run", run_id, 1))
+            assert (chunk.first_frame_id, chunk.frames) == (large + 1, FRAMES - 1)
+            chunk.attempts = MOST_ATTEMPTS
+        run = go_on(street, run_id, pixels=pixels)
+
+    assert run.error is not None
+    assert run.error["detail"].startswith("frame '01' ended the process that worked")
+    assert "; frame '00' cannot be read: " in run.error["detail"]
+    assert run.done == FRAMES - 2
+
+
+def put_large(street, key):
+    """A frame whose decoded segmentation needs much memory."""
+    road = np.full((6000, 6000), FAMILIES[scene.FAMILY].tag_of("Road"), np.uint8)
+    camera = {"width": 6000, "height": 6000, "fov": 90}
+    body = {"carla_version": "0.9.15", "camera": camera, "boxes": []}
+    street.put(key, body, segmentation=scene.png(FAMILIES[scene.FAMILY].paint(road)))
 
 
 def test_a_frame_that_was_left_alone_and_is_deleted_fails_no_run(street):
