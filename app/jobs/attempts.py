@@ -24,15 +24,15 @@ anew.
 
 | attempt | by a worker | by the driver |
 |---|---|---|
-| first | whole chunk | whole chunk |
-| second | whole chunk, alone | frame by frame |
-| third | frame by frame, alone | frame by frame |
+| first | whole chunk (0) | whole chunk (1) |
+| second | whole chunk, alone (1) | frame by frame (2) |
+| third | frame by frame, alone (2) | frame by frame (3) |
 | then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
 
-Once an attempt of a driver has stored something, the next one is a first one again:
-three processes have to die at the same frame, and more may die in the chunk. During
-these three attempts `Chunk.attempts` is 0, 1, 2 with workers, and 1, 2, 3 with a
-driver, which has counted its own already.
+In brackets: `Chunk.attempts` during the attempt. A driver counts its own attempt
+beforehand, a worker does not. Once an attempt of a driver has stored something, the
+next one is a first one again, so a frame is put into quarantine only if three drivers
+in succession have died at it.
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
 the cause. Each of them is submitted again while no other one is in progress
@@ -185,14 +185,17 @@ def refuse(session: Session, job: Job, number: int, why: FilterError) -> None:
 def refuse_frame(
     session: Session, job: Job, number: int, frame_id: int, why: FilterError
 ) -> None:
-    """Put a frame into quarantine that cannot be read, the first that is not stored."""
+    """Put a frame that cannot be read into quarantine: the first without a result.
+
+    If that is another frame, nothing is done: another process has measured this one.
+    """
     chunk = ChunkRepository(session).find(job, number)
     if chunk is None or chunk.state != "waiting":
         return
     kind = kind_of(job)
     unfinished = kind.unfinished(session, open_job(session, kind.table, job.id), chunk)
     if unfinished[:1] != [frame_id]:
-        return  # another process has measured it
+        return
     alone = _split_first(session, job, chunk, unfinished)
     _quarantine_refused(alone, why)
     session.flush()

@@ -180,9 +180,9 @@ class JobDriver:
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
-            # `plan` leaves out frames with results, but not those in a chunk that waits
-            # or is in quarantine. If there is such a chunk, only frames after the last
-            # planned one are planned; else planning starts at the first frame.
+            # `plan` knows which frames have results, not which are in a chunk. So if a
+            # chunk waits or is in quarantine, planning goes on after the last planned
+            # frame; else it starts at the first one.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:

@@ -98,9 +98,9 @@ class JobLease:
             Another process drives the job.
         """
         now = _now(session)
-        # If a process is just ending the job, it holds a lock on this row. Then
-        # `skip_locked` gives None instead of waiting, as if there were no row; `_add`
-        # inserts nothing, because there is one, and LeaseLost is raised.
+        # LeaseLost also if another process is just ending the job, without waiting for
+        # it. That process holds a lock on the row: `skip_locked` then finds no row, and
+        # `_add` inserts none, as there is one.
         lease = _locked(session, self.job, skip_locked=True)
         if lease is not None:
             if lease.holder != self._holder and not _is_void(lease, now):
@@ -301,7 +301,8 @@ def running_watchdog(
 ) -> Iterator[None]:
     """Start open jobs now, and look for abandoned ones until the block ends.
 
-    `start` lets this process drive jobs; another driver's jobs may be among them.
+    `start` lets this process drive jobs. Those that another process drives may be
+    among them: `JobLease.take` refuses them.
     """
     with context.database.read() as session:
         unfinished = all_open_jobs(session)

@@ -171,9 +171,11 @@ def measure_chunk(task: Task[Run]) -> None:
 
 
 class _Measured(NamedTuple):
-    """The row of a frame's numbers, and the error of a damaged file, if there is one.
+    """The row of a frame's numbers.
 
-    If its pictures cannot be read within the limits, `refusal` is set and `row` empty.
+    `damage` is the error of a damaged file: the frame was measured without that file.
+    `refusal` says why nothing was measured: its images cannot be read within the
+    limits. Then `row` is empty.
     """
 
     frame_id: int

@@ -235,7 +235,8 @@ def key(
 ) -> _Field:
     """A dataclass field that declares a key; for the parameters see `Key`.
 
-    The field is `INHERIT` if no value is given.
+    Where no value is given, the field is `INHERIT` until the configuration puts
+    `default` in its place.
     """
     declared = Key(allowed, default, sentence, evidence, needs_pixels)
     return field(default=INHERIT, metadata={_KEY: declared})

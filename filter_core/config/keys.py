@@ -72,11 +72,13 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
             evidence=(SEMANTIC,),
         )
 
-    `evidence` names the kinds of evidence whose rules use the key; without it all do.
+    `evidence` names the kinds of evidence whose rules use the key. It is left out if
+    the key matters whatever decides, as those of `Reason.before_channels` do.
 
     Three classes in `filter.py` have these keys. What stands for such a number there:
 
-    - `ClassLimits`, the values that apply to one class: the number;
+    - `ClassLimits`, the values that apply to one class: the number (`DecideConfig`
+      extends it, by the values for classes that override none);
     - `ClassConfig`, the values that one class overrides: the number, or `INHERIT`;
     - `LimitsByClass`, the values that apply to each of K classes: an array of K
       numbers.

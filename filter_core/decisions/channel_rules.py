@@ -2,8 +2,8 @@
 
 A configuration names channels to try in order (`DecideConfig.channels`). The first one
 with a number for a box decides, and overwrites what the rules of the segmentation
-decided, except for the reasons that need no pixels (`Reason.before_channels`). A box
-that no channel has a number for keeps its decision. `_CHANNELS` has one row per
+decided, except for reasons that follow from the box alone (`Reason.before_channels`). A
+box that no channel has a number for keeps its decision. `_CHANNELS` has one row per
 channel: the number that it compares, the number that is needed, and the reason of the
 boxes that it rejects. Its sentences are in `explain`.
 """

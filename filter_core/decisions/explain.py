@@ -91,8 +91,8 @@ class ExplainedBox(NamedTuple):
         Whether the match has to exceed the threshold (profile ``carlasimu``) or only
         to reach it (profile ``paper``).
     channel : ChannelName or None
-        The channel that decided. None: no channel did; the values below say nothing,
-        and the reason is one of `_SENTENCES`.
+        The channel that decided. None: no channel did; then `number` to `nearer` have
+        no meaning, and the reason is one of `_SENTENCES`.
     number : float
         What the channel compared: pixels, points, or metres.
     needed : float
@@ -363,7 +363,8 @@ def _no_visible_pixels(box: ExplainedBox) -> str:
 
 def _share(box: ExplainedBox) -> str:
     match, threshold = box.match_percent, box.threshold
-    if match is None or threshold is None:  # an ignore mask covers the whole box
+    if match is None or threshold is None:
+        # An ignore mask covers the whole box, and min_visible_pixels is 0.
         return "none of its pixels count"
     large = ""
     if box.large and box.area_percent is not None:

@@ -48,7 +48,7 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
     """Decide each box: by the first rule whose condition holds, or by a channel.
 
     Where a channel of the configuration has a number for a box, its rule replaces the
-    decision, unless that was taken without pixels (`Reason.before_channels`).
+    decision, unless that follows from the box alone (`Reason.before_channels`).
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def _decide_block(
     size = _per_box(limits.size_big_box, class_index)
     large = area >= size if _as_carlasimu(limits) else area > size
     reason = _first_reason(_rules(evidence, rows, limits, large))
-    # thresholds[large, class_index, reason], in a form that takes a third of the time.
+    # The same as thresholds[large, class_index, reason], in a third of the time.
     _, classes, reasons = thresholds.shape
     place = (large * np.int32(classes) + class_index) * np.int32(reasons) + reason
     threshold = thresholds.take(place)
@@ -178,10 +178,10 @@ def _threshold_by_reason(limits: LimitsByClass) -> FloatArray:
 
 def _first_reason(rules: Sequence[_Rule]) -> NDArray[np.uint8]:
     """(N,) uint8: the reason of the first rule that holds for a box, else VISIBLE."""
-    # (R, N), 1 where a rule holds, else 0. The first rule has the highest rank, so that
-    # the highest rank of a box is that of the first rule that holds; 0 if none does.
-    # `np.select` takes ten times as long.
+    # (R, N): 1 where a rule holds, else 0. (`np.select` takes ten times as long.)
     ranks = np.array([holds for _, holds in rules]).view(np.uint8)
+    # Now R where the first rule holds, ... 1 where the last does. The highest number of
+    # a box belongs to the first rule that holds; it is 0 if none does.
     ranks *= np.arange(len(rules), 0, -1, dtype=np.uint8)[:, np.newaxis]
     by_rank = [Reason.VISIBLE, *(reason for reason, _ in reversed(rules))]
     reason: NDArray[np.uint8] = np.array(by_rank, np.uint8).take(ranks.max(axis=0))

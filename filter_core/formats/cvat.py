@@ -46,7 +46,7 @@ class CvatWriter:
         self._images = context.spool()
 
     def image(self, out: OutFrame) -> str:
-        """The path of a frame's image in the export; CVAT wants its name alone."""
+        """The path of a frame's image in the export."""
         return f"images/{out.stem}{out.suffix}"
 
     def labels(self, band: str, out: OutFrame) -> None:

@@ -48,7 +48,7 @@ columns of tables (`ExportFrame.columns`).
 """
 
 LABEL_NEEDS: Final[frozenset[Need]] = frozenset({"annotation", "image"})
-"""The data that formats of labels need."""
+"""The data that formats of labels need: `write_labels` reads the annotation."""
 
 _FILES_LOOKED_AT: Final = 2000
 
@@ -163,7 +163,7 @@ class Format:
         return write
 
     def label_writer(self, new_writer: _NewWriter) -> _NewWriter:
-        """Decorates the class of its `LabelWriter`; `write_labels` then is `write`."""
+        """Decorates its `LabelWriter`, with which `write_labels` becomes `write`."""
         self.write = partial(write_labels, new_writer=new_writer)
         return new_writer
 

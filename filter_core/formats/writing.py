@@ -141,6 +141,7 @@ class OutFrame:
     stem : str
         A path without suffix, different for every frame of the export.
     boxes : LabelBoxes
+        The boxes to write: those of `frame.boxes` that were chosen.
     """
 
     frame: ExportFrame
@@ -190,7 +191,7 @@ class LabelWriter(Protocol):
     traits: ClassVar[Traits]
 
     def image(self, out: OutFrame) -> str:
-        """The name of a frame's image in the export."""
+        """The path of a frame's image in the export, also if images are not copied."""
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One frame's labels.

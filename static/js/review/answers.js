@@ -42,7 +42,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   /** @param {Decision} box @param {AnswerWithComment} answer @returns {boolean} false: there is no room for it */
   function give(box, { verdict, comment }) {
     const { box_id: boxId, frame_id: frameId } = box;
-    boxes.holdAnswered([boxId]);
+    boxes.holdAnswered([boxId]); // so that a late response with the old box is recognised
     if (!sender.addAnswer({ boxId, frameId, verdict, comment, seenRevision: seenRevision(box) })) return false;
     steps.noteAnswer(boxId);
     closeConflict(boxId);
@@ -82,7 +82,8 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     app.announcement.set(`${box.class} ${box.id}: answer undone`);
   }
 
-  // Boxes are shown with the answers that are not stored yet. The sender's state changes whenever the outbox does.
+  // Boxes are shown with the answers that are not stored yet. The outbox itself cannot be observed, but whenever it
+  // changes, the sender's state does.
   boxes.layOver(outbox.lastAnswers());
   sender.state.observe(() => boxes.layOver(outbox.lastAnswers()));
 
@@ -119,8 +120,10 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
       toasts.show(text, { kind: "error" });
     },
 
-    // If somebody has signed in again while the refused request was under way, the answer is sent with the new session.
-    onSignedOut: () => void (app.isSignedIn.get() && resume()),
+    onSignedOut() {
+      // The session that was refused is over, but somebody has signed in again meanwhile: send with the new one.
+      if (app.isSignedIn.get()) void resume();
+    },
   });
 
   /** Send answers that are not saved yet, those of closed tabs too. */

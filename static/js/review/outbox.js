@@ -6,12 +6,13 @@
 // answer. (The undo of an answer on one box is one more answer on it.) Each tab sends its own items, in their order.
 //
 // For each of its boxes, an item has the *seen revision*: the one that the box had when the person saw it. Two rules keep
-// these right while items wait. The first is about the items of all tabs, since each shows the answers of all; the second
-// about those of this tab.
+// these right while items wait. The first is about the items of all tabs, since every tab shows the answers of all tabs;
+// the second about those of this tab.
 //
 // 1. While an item waits, the page shows its answer on its boxes, so the person does not see what others have answered
 //    meanwhile. So an item that is added behind it on the same box gets the same seen revision, although the page may
-//    have loaded the box at a newer one (`add`).
+//    have loaded the box at a newer one (`add`). For example, an answer on a box at revision 3 waits. Somebody else
+//    answers the box, and the page loads it again, at revision 4. Another answer on it has seen 3, not 4.
 // 2. When an item is stored, its boxes are at the next revision. The items behind it get that one (`finish`), except
 //    those that may have reached the server: they must be sent again exactly as they were.
 //
@@ -87,7 +88,11 @@ export const isBulk = (item) => !isSingle(item);
 /** @param {OutboxItem} item @returns {item is BulkAnswer} */
 export const isBulkAnswer = (item) => isBulk(item) && !isBulkUndo(item);
 
-/** Whether it may have reached the server: a retry must send exactly the same. @param {OutboxItem} item */
+/**
+ * Whether it may have reached the server: a retry must send exactly the same. (The request of an undo has only the id
+ * of a bulk answer, so it is always the same.)
+ * @param {OutboxItem} item
+ */
 export const wasAttempted = (item) => !isBulkUndo(item) && item.attempted === true;
 
 /** How many answers it is. @param {OutboxItem} item */
@@ -107,7 +112,7 @@ function mayAnswer(item, boxId) {
  * The revision of each box of an item that the person saw. None for a bulk item on a filter.
  * @param {OutboxItem} item @returns {[boxId: number, revision: number][]}
  */
-function seenBy(item) {
+function seenRevisionsOf(item) {
   if (isSingle(item)) return [[item.boxId, item.seenRevision]];
   return (item.boxIds ?? []).map((boxId, i) => [boxId, item.seenRevisions?.[i] ?? 0]);
 }
@@ -119,7 +124,7 @@ function seenBy(item) {
  * @returns {T}  the same item if it has none of these boxes
  */
 function withSeen(item, revisions) {
-  if (!seenBy(item).some(([boxId]) => revisions.has(boxId))) return item;
+  if (!seenRevisionsOf(item).some(([boxId]) => revisions.has(boxId))) return item;
   if (isSingle(item)) return { ...item, seenRevision: revisions.get(item.boxId) ?? item.seenRevision };
   const { boxIds = [], seenRevisions = [] } = item;
   return { ...item, seenRevisions: seenRevisions.map((seen, i) => revisions.get(boxIds[i] ?? 0) ?? seen) };
@@ -152,7 +157,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     Math.max(Date.now(), ...storedItems(storage).flatMap((item) => (isOfThisTab(item) ? item.order + 1 : [])));
 
   /** Of each box the revision that the last item on it has seen. */
-  const lastSeen = () => new Map(itemsOfAllTabs().flatMap(seenBy));
+  const lastSeen = () => new Map(itemsOfAllTabs().flatMap(seenRevisionsOf));
 
   /** Add an item. Where another one waits on the same box, it gets that one's seen revision (rule 1). @param {OutboxItem} item */
   const add = (item) => write(withSeen(item, lastSeen()));
@@ -225,12 +230,12 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      */
     finish(stored, leftOut = []) {
       remove(stored);
-      const revisions = new Map(seenBy(stored).map(([boxId, seen]) => [boxId, seen + 1]));
+      const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, seen + 1]));
       for (const boxId of leftOut) revisions.delete(boxId);
       for (const item of items()) {
         if (item.order <= stored.order || wasAttempted(item)) continue;
-        const seen = withSeen(item, revisions);
-        if (seen !== item) write(seen);
+        const raised = withSeen(item, revisions);
+        if (raised !== item) write(raised);
       }
     },
 

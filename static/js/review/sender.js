@@ -99,7 +99,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   let sending = null;
   /** Why the items wait; empty if the last one was stored or refused. */
   let waitingBecause = "";
-  /** If the request that is under way fails, send the item again at once: `resume` was called meanwhile. */
+  /** `resume` was called during the request that is under way: if that fails, the item is sent again at once. */
   let isRetryDue = false;
   /**
    * The bulk answers that were refused since the page was loaded, by their keys.
@@ -193,7 +193,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
    * @param {OutboxItem} item @param {unknown} error @returns {boolean} whether the next one is sent now
    */
   function afterError(item, error) {
-    // Whatever the item is: it stays, and is sent again with the same key, before all others.
+    // Whatever the item is: it stays, and is sent again with the same key.
     if (error instanceof NoResponse) return waitAndRetry("offline", "the server does not answer");
     if (!(error instanceof ApiError)) return waitAfterFault(error);
     if (error.isTemporary) return waitAndRetry("busy", error.message, error.retryAfterS);
@@ -247,7 +247,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
    * @param {SingleAnswer} item @param {Decision} current
    */
   function isOwnAnswer(item, current) {
-    // An answer that was given before the bulk answer is not stale because of it.
+    // An answer that was given before the bulk answer was to be sent before it: somebody else is the cause.
     if (!lastOnFilter || item.order < lastOnFilter.order) return false;
     if (current.review) return current.review.reviewer === item.person;
     // The box has no answer now: only an undo, or the bulk answer "clear", leaves it without one.
@@ -261,8 +261,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
   }
 
   /**
-   * Put something into the outbox, and send it, unless nobody is signed in or the last attempt failed at the server or
-   * in this page ("busy").
+   * Put something into the outbox, and send it. While nobody is signed in it waits, and so it does after a failure at
+   * the server or in this page ("busy"), until the next attempt is due.
    * @param {() => void} add @returns {boolean} false: this browser has no room for it
    */
   function put(add) {
