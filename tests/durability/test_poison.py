@@ -33,7 +33,7 @@ NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 BEFORE = 60
 KILLS = 5
 MANY = 240
-SIDE = 6000
+SIDE = 5000
 
 
 @pytest.fixture

@@ -237,7 +237,7 @@ def page_by_page(session: Session, wanted: BoxFilter, order: str, limits) -> lis
 
 @pytest.mark.parametrize("published", [False, True], ids=["paper", "carlasimu"])
 @pytest.mark.parametrize("order", ORDERS)
-@settings(max_examples=25, suppress_health_check=list(HealthCheck))
+@settings(suppress_health_check=list(HealthCheck))
 @given(data=st.data(), wanted=FILTERS, limits=st.lists(st.integers(1, 9), max_size=5))
 def test_pages_are_all_boxes_of_the_filter_in_order(
     session, order, published, data, wanted, limits

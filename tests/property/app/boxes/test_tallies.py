@@ -105,7 +105,7 @@ class Reviewing(RuleBasedStateMachine):
         assert self.street.tallies() == self.street.recounted()
 
 
-@pytest.mark.parametrize("examples", [15])
+@pytest.mark.parametrize("examples", [10])
 def test_tallies_equal_a_recount_after_any_sequence_of_operations(services, examples):
     Reviewing.services = services
 

@@ -7,7 +7,7 @@ import json
 from contextlib import suppress
 
 from anyio import CapacityLimiter
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from app.boxes import frames as described
@@ -97,7 +97,6 @@ def stored(street):
     return found
 
 
-@settings(max_examples=25)
 @given(frames=uploads, replace=st.booleans())
 def test_a_batch_is_like_its_frames_one_by_one(services, frames, replace):
     alone, together = services.dataset(), services.dataset()

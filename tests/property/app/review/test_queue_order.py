@@ -16,6 +16,7 @@ from app.db.tables import Decision
 from app.review.queue import QueueOrder, Shuffle, boxes_in_order
 from tests.support import frames as scene
 
+EXAMPLES = 2 * settings.default.max_examples
 BOXES = [
     {"class": name, "xyxy": xyxy, "distance": distance}
     for name, distance in (("car", 10.0), ("truck", 120.0), ("walker", None))
@@ -77,7 +78,7 @@ def by_definition(session, street, wanted: BoxFilter, order: QueueOrder) -> list
 
 
 @pytest.mark.parametrize("most", [0, 1 << 14], ids=["read all", "probe"])
-@settings(max_examples=60, suppress_health_check=list(HealthCheck))
+@settings(max_examples=EXAMPLES, suppress_health_check=list(HealthCheck))
 @given(
     chosen=FILTERS,
     name=st.sampled_from(["doubt", "random", "class", "audit"]),
@@ -102,7 +103,7 @@ def test_the_queue_is_everything_sorted_less_what_is_blocked(
     assert found == free[:limit]
 
 
-@settings(max_examples=80, suppress_health_check=list(HealthCheck))
+@settings(max_examples=EXAMPLES, suppress_health_check=list(HealthCheck))
 @given(chosen=FILTERS)
 def test_counts_are_what_counting_gives(street, chosen):
     with street.context.database.read() as session:
@@ -138,7 +139,7 @@ def test_counts_of_a_range_follow_new_frames_and_answers(services):
     assert len({found for found, _ in counts}) > 2
 
 
-@settings(max_examples=60)
+@settings(max_examples=EXAMPLES)
 @given(
     low=st.integers(0, 2**50),
     count=st.integers(1, 500),

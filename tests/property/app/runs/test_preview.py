@@ -45,7 +45,7 @@ CONFIGS = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=25, suppress_health_check=list(HealthCheck))
+@settings(suppress_health_check=list(HealthCheck))
 @given(boxes=BOXES, before=CONFIGS, after=CONFIGS)
 def test_a_preview_is_what_the_run_does(services, boxes, before, after):
     street = services.dataset()

@@ -1,4 +1,4 @@
-"""Among a hundred thousand boxes PostgreSQL looks at those of a page, and few others.
+"""Among fifty thousand boxes PostgreSQL looks at those of a page, and few others.
 
 Each statement is carried out and PostgreSQL itself says how many rows it looked at.
 """
@@ -31,11 +31,11 @@ from tests.support.services import running_services
 from tests.support.statements import statements_of
 from unghost.wire.boxes import BulkIn, ReviewIn
 
-FRAMES = 4_000
+FRAMES = 2_000
 BOXES = BOXES_PER_FRAME * FRAMES
 NAME = "many"
 PAGE = 20
-MOST_ROWS = 5_000
+MOST_ROWS = 2_500
 """Far more than a page, a twentieth of what there is."""
 PASSED_BY = {("rejected", "-match_percent"), ("visible", "match_percent")}
 """What comes last in an order; on either database all others are passed by."""
@@ -43,7 +43,7 @@ PASSED_BY = {("rejected", "-match_percent"), ("visible", "match_percent")}
 
 @pytest.fixture(scope="module")
 def context(tmp_path_factory) -> Iterator[ServiceContext]:
-    """A dataset of a hundred thousand boxes, with others before and after it."""
+    """A dataset of fifty thousand boxes, with others before and after it."""
     folder = tmp_path_factory.mktemp("plans")
     with (
         migrated_postgres() as url,

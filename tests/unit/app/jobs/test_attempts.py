@@ -193,7 +193,7 @@ def test_a_frame_that_cannot_be_read_is_not_taken_for_one_that_ends_processes(se
         if frame_id == deadly:
             engine.stopping.set()
 
-    with closing(PixelPool(1, memory_bytes=64 * 2**20)) as pixels:
+    with closing(PixelPool(1, memory_bytes=32 * 2**20)) as pixels:
         go_on(street, run_id, stop, pixels=pixels)
         with street.context.database.write() as session:
             chunk = session.get_one(Chunk, ("run", run_id, 1))
@@ -209,8 +209,8 @@ def test_a_frame_that_cannot_be_read_is_not_taken_for_one_that_ends_processes(se
 
 def put_large(street, key):
     """A frame whose decoded segmentation needs much memory."""
-    road = np.full((6000, 6000), FAMILIES[scene.FAMILY].tag_of("Road"), np.uint8)
-    camera = {"width": 6000, "height": 6000, "fov": 90}
+    road = np.full((4000, 4000), FAMILIES[scene.FAMILY].tag_of("Road"), np.uint8)
+    camera = {"width": 4000, "height": 4000, "fov": 90}
     body = {"carla_version": "0.9.15", "camera": camera, "boxes": []}
     street.put(key, body, segmentation=scene.png(FAMILIES[scene.FAMILY].paint(road)))
 
