@@ -16,7 +16,7 @@ from app.db.tables import Decision
 from app.review.queue import QueueOrder, Shuffle, boxes_in_order
 from tests.support import frames as scene
 
-EXAMPLES = 2 * settings.default.max_examples
+EXAMPLES = 2 * settings().max_examples
 BOXES = [
     {"class": name, "xyxy": xyxy, "distance": distance}
     for name, distance in (("car", 10.0), ("truck", 120.0), ("walker", None))
