@@ -479,7 +479,7 @@ class _ReasonRow(NamedTuple):
 class Reason(IntEnum):
     """The rule that decided a box: one row per reason, without gaps in the numbers.
 
-    Only channels give EXPLAINED_BY_NEARER to TOO_FEW_LIDAR_POINTS. The channel
+    Reasons 10 to 13, from EXPLAINED_BY_NEARER on, come from channels only. The channel
     ``ordered`` may also give NO_VISIBLE_PIXELS, as the rules do. A box that a channel
     keeps is VISIBLE, like one that reaches its threshold; `Decisions.channel` says
     which it was. A new reason comes last, and its name last in `ReasonLabel`; "Add
@@ -491,8 +491,8 @@ class Reason(IntEnum):
         Its name on the wire, such as ``below_threshold``.
     verdict : Verdict
     before_channels : bool
-        No channel overwrites it, as it follows from the box alone. (NO_SEGMENTATION
-        does not: a channel, such as ``lidar``, may still decide.)
+        No channel overwrites it, as it follows from the box alone. (For NO_SEGMENTATION
+        it is False: a channel, such as ``lidar``, may still decide.)
     in_image : bool
         Something of the box is in the image, so that a person can judge it. The page's
         queue lists the reasons of others by name: `static/js/queue/session.js`.

@@ -20,7 +20,8 @@ anew.
   `reset`, as `Task.reset_attempts`. The next driver finds in the row how many processes
   in succession have died and stored nothing.
 
-**How the next attempt differs:**
+**How the next attempt differs.** In brackets: `Chunk.attempts` during the attempt. A
+driver counts its own attempt beforehand; a worker is counted when it has died.
 
 | attempt | by a worker | by the driver |
 |---|---|---|
@@ -29,10 +30,8 @@ anew.
 | third | frame by frame, alone (2) | frame by frame (3) |
 | then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
 
-In brackets: `Chunk.attempts` during the attempt. A driver counts its own attempt
-beforehand, a worker does not. Once an attempt of a driver has stored something, the
-next one is a first one again, so a frame is put into quarantine only if three drivers
-in succession have died at it.
+Once an attempt of a driver has stored something, the next one is a first one again, so
+a frame is put into quarantine only if three drivers in succession have died at it.
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
 the cause. Each of them is submitted again while no other one is in progress
@@ -40,9 +39,9 @@ the cause. Each of them is submitted again while no other one is in progress
 
 *Frame by frame* (`is_one_by_one`): each result is stored before the next frame begins.
 So the first frame without a result is the cause. Without workers it becomes a chunk of
-its own, in quarantine, and the rest is tried on. If the frame before it in the dataset
-is in quarantine as well, the rest is put into quarantine together with it: otherwise
-each of many such frames in a row would end `MOST_ATTEMPTS` processes.
+its own, in quarantine, and the rest of the chunk is tried again. If the frame before it
+in the dataset is in quarantine for the same reason, the rest is put there together with
+it: ten such frames in a row end six processes, and not thirty.
 
 A frame whose images cannot be read, since they crash the child processes that decode
 them or need too much time or memory, ends no process. `refuse` puts its chunk into
@@ -82,7 +81,8 @@ log = logging.getLogger(__name__)
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether each frame has to be stored before the next one begins.
 
-    From the third attempt of workers on, and from the second of a driver.
+    From the third attempt of workers on, and from the second of a driver, which counts
+    its own attempt beforehand.
     """
     return chunk.attempts > 1
 

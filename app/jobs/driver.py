@@ -182,7 +182,7 @@ class JobDriver:
             self._to_send = deque(chunks.waiting(self.lease.job))
             # `plan` knows which frames have results, not which are in a chunk. So if a
             # chunk waits or is in quarantine, planning goes on after the last planned
-            # frame; else it starts at the first one.
+            # frame. Else it starts at the first one, and finds those without results.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:

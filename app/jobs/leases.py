@@ -16,13 +16,15 @@ process drive each open job
 
 The new driver continues with what the database says (`JobDriver`).
 
-**A driver that is only slow** may lose its lease and not know. It notices when it
-renews the lease, plans chunks, counts the death of a worker, begins the final step or
-lets the job fail: these require the lease. Storing results does not, so that a worker
-needs none. Instead, each transaction that stores results looks which of them are there
-already (`EvidenceRepository.lacking`), and ending a job requires that it is open
-(`close`). So if two processes work on the same chunk, no result is stored or counted
-twice, and the second one to reach the end finds that the job has ended.
+**A driver that is only slow** may lose its lease and not know. It notices when it next
+renews the lease. It also notices before it plans chunks, counts the death of a worker,
+begins the final step or lets the job fail: all of these require the lease.
+
+Storing results does not require it, so that a worker needs none. Instead, each
+transaction that stores results looks which of them are there already
+(`EvidenceRepository.lacking`), and ending a job requires that it is open (`close`). So
+if two processes work on the same chunk, no result is stored or counted twice, and the
+second one to reach the end finds that the job has ended.
 """
 
 from __future__ import annotations

@@ -110,7 +110,7 @@ def _next_answers(
 ) -> _Answers:
     """A SELECT that gives the next answer on each of these boxes.
 
-    Only of boxes that are still at this revision: another one was answered meanwhile.
+    Boxes at another revision are left out: they were answered meanwhile.
     `said` are verdict and comment, if they differ from box to box.
     """
     verdict, comment = said or (literal(answer.verdict), literal(answer.comment))
@@ -169,8 +169,8 @@ class ReviewRepository:
         statement = upsert(self._session, Review).from_select(_COLUMNS, answers)
         # Even if `decisions` were wrong, no revision of a box is stored twice.
         unique = statement.on_conflict_do_nothing(index_elements=_UNIQUE)
-        told = unique.execution_options(preserve_rowcount=True)
-        stored: int = self._session.connection().execute(told).rowcount
+        counted = unique.execution_options(preserve_rowcount=True)
+        stored: int = self._session.connection().execute(counted).rowcount
         return stored
 
     def states(self, dataset_id: int, box_ids: Iterable[int]) -> Iterator[BoxState]:

@@ -56,7 +56,7 @@ WholeNumberT = TypeVar("WholeNumberT")
 NumberOrNullT = TypeVar("NumberOrNullT")
 
 
-# Without comparison, which arrays do not have; configurations define their own.
+# The generated comparison fails on arrays; the classes of single numbers have it again.
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     """The keys that single classes can override; all of them are numbers.
@@ -75,10 +75,10 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     `evidence` names the kinds of evidence whose rules use the key. It is left out if
     the key matters whatever decides, as those of `Reason.before_channels` do.
 
-    Three classes in `filter.py` have these keys. What stands for such a number there:
+    Three classes in `filter.py` have these keys, with other types:
 
-    - `ClassLimits`, the values that apply to one class: the number (`DecideConfig`
-      extends it, by the values for classes that override none);
+    - `ClassLimits`, the values that apply to one class: the number. (`DecideConfig`
+      extends it: its values apply to the classes that override none.)
     - `ClassConfig`, the values that one class overrides: the number, or `INHERIT`;
     - `LimitsByClass`, the values that apply to each of K classes: an array of K
       numbers.

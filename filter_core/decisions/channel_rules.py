@@ -175,14 +175,14 @@ class _Channel:
 
 def _ordered_needed(boxes: _Boxes) -> IntArray:
     # `ordered_min_pixels` only applies where nearer boxes take some pixels.
-    explained = boxes.numbers.explained_by != NOT_MEASURED
+    is_taken = boxes.numbers.explained_by != NOT_MEASURED
     least = np.maximum(boxes.min_visible_pixels, 1)
-    return np.where(explained, boxes.config.ordered_min_pixels, least)
+    return np.where(is_taken, boxes.config.ordered_min_pixels, least)
 
 
 def _ordered_rejected(boxes: _Boxes) -> IntArray:
-    explained = boxes.numbers.explained_by != NOT_MEASURED
-    return np.where(explained, Reason.EXPLAINED_BY_NEARER, Reason.NO_VISIBLE_PIXELS)
+    is_taken = boxes.numbers.explained_by != NOT_MEASURED
+    return np.where(is_taken, Reason.EXPLAINED_BY_NEARER, Reason.NO_VISIBLE_PIXELS)
 
 
 _CHANNELS: Final[Mapping[ChannelName, _Channel]] = {

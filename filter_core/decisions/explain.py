@@ -91,8 +91,8 @@ class ExplainedBox(NamedTuple):
         Whether the match has to exceed the threshold (profile ``carlasimu``) or only
         to reach it (profile ``paper``).
     channel : ChannelName or None
-        The channel that decided. None: no channel did; then `number` to `nearer` have
-        no meaning, and the reason is one of `_SENTENCES`.
+        The channel that decided. None: no channel did; then `number`, `needed`,
+        `depth_gap` and `nearer` have no meaning, and the reason is one of `_SENTENCES`.
     number : float
         What the channel compared: pixels, points, or metres.
     needed : float
@@ -186,7 +186,7 @@ def _explained(
 def nearer_boxes(
     frames: Sequence[FrameFacts], evidence: Evidence
 ) -> list[tuple[str, str] | None]:
-    """Id and class of the nearer box that explains each of N boxes, if one does."""
+    """Id and class of the nearer box that takes most pixels of each box, if any do."""
     if evidence.channels is None:
         return [None] * len(frames)
     positions = evidence.channels.explained_by.tolist()
@@ -364,7 +364,7 @@ def _no_visible_pixels(box: ExplainedBox) -> str:
 def _share(box: ExplainedBox) -> str:
     match, threshold = box.match_percent, box.threshold
     if match is None or threshold is None:
-        # An ignore mask covers the whole box, and min_visible_pixels is 0.
+        # Only if an ignore mask covers the whole box, and min_visible_pixels is 0.
         return "none of its pixels count"
     large = ""
     if box.large and box.area_percent is not None:

@@ -119,7 +119,7 @@ def _decide_block(
 
 
 def _as_carlasimu(limits: LimitsByClass) -> bool:
-    """Whether to compare as under profile ``carlasimu``.
+    """Whether to compare as under profile ``carlasimu``, the paper's published code.
 
     It differs from ``paper`` here in three ways (and in others where boxes are
     measured): a box of exactly the size `size_big_box` is large; a match equal to a

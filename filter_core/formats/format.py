@@ -42,9 +42,9 @@ Need: TypeAlias = Literal["annotation", "image", "decisions", "decision_columns"
 
 Every format gets the columns that labels are written from (`DecidedBoxes`).
 ``annotation``: the annotation as given, which is parsed on first use
-(`ExportFrame.given`); ``image``: the image, or its type; ``decisions``: a dictionary
-for each box, as in the API, which takes the most time; ``decision_columns``: the
-columns of tables (`ExportFrame.columns`).
+(`ExportFrame.given`); ``image``: the image, and its type, of which the suffix of its
+path is made; ``decisions``: a dictionary for each box, as in the API, which takes the
+most time; ``decision_columns``: the columns of tables (`ExportFrame.columns`).
 """
 
 LABEL_NEEDS: Final[frozenset[Need]] = frozenset({"annotation", "image"})

@@ -105,7 +105,7 @@ class LabelBoxes:
 
 @dataclass(frozen=True)
 class Traits:
-    """The capabilities of a format of labels, and the needs of its readers.
+    """What a format of labels can represent, and what programs that read it need.
 
     Attributes
     ----------
@@ -191,7 +191,7 @@ class LabelWriter(Protocol):
     traits: ClassVar[Traits]
 
     def image(self, out: OutFrame) -> str:
-        """The path of a frame's image in the export, also if images are not copied."""
+        """The path of a frame's image in the export; also if images are not copied."""
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One frame's labels.

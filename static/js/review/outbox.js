@@ -12,7 +12,8 @@
 // 1. While an item waits, the page shows its answer on its boxes, so the person does not see what others have answered
 //    meanwhile. So an item that is added behind it on the same box gets the same seen revision, although the page may
 //    have loaded the box at a newer one (`add`). For example, an answer on a box at revision 3 waits. Somebody else
-//    answers the box, and the page loads it again, at revision 4. Another answer on it has seen 3, not 4.
+//    answers the box, and the page loads it again, at revision 4. Another answer on it has seen 3, not 4:
+//    the server is to refuse it, so that the person learns what somebody else has answered.
 // 2. When an item is stored, its boxes are at the next revision. The items behind it get that one (`finish`), except
 //    those that may have reached the server: they must be sent again exactly as they were.
 //

@@ -141,8 +141,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
   const show = (phase) => state.set(stateIn(phase));
 
   /**
-   * The item to send next. One that may have reached the server comes first: what has become of it decides which revision
-   * later ones have seen. (Of items that were taken over from another tab, some may be older.)
+   * The item to send next: the oldest. But one that may have reached the server comes first, because what has become of
+   * it decides which revision later ones have seen. (Items that were taken over from another tab may be older than it.)
    */
   function next() {
     const items = outbox.items();
@@ -247,7 +247,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
    * @param {SingleAnswer} item @param {Decision} current
    */
   function isOwnAnswer(item, current) {
-    // An answer that was given before the bulk answer was to be sent before it: somebody else is the cause.
+    // An answer given before the bulk answer is sent before it, too: the bulk answer cannot be the cause.
     if (!lastOnFilter || item.order < lastOnFilter.order) return false;
     if (current.review) return current.review.reviewer === item.person;
     // The box has no answer now: only an undo, or the bulk answer "clear", leaves it without one.
