@@ -42,7 +42,10 @@ check() {
 run() {
     group=$1
     shift
-    [ "$group" != postgres ] || export UNGHOST_TEST_DATABASE="$database"
+    if [ "$group" = postgres ]; then
+        # The same tests on SQLite try more examples.
+        export UNGHOST_TEST_DATABASE="$database" PROPERTY_EXAMPLES="${PROPERTY_EXAMPLES:-10}"
+    fi
     exec "$@" -o cache_dir="$work/$group" $(paths "$group")
 }
 
