@@ -30,8 +30,8 @@ driver counts its own attempt beforehand; a worker is counted when it has died.
 | third | frame by frame, alone (2) | frame by frame (3) |
 | then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
 
-Once an attempt of a driver has stored something, the next one is a first one again, so
-a frame is put into quarantine only if three drivers in succession have died at it.
+Once an attempt of a driver has stored something, the next one is a first one again:
+three drivers in succession have to die and store nothing.
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
 the cause. Each of them is submitted again while no other one is in progress
@@ -40,8 +40,9 @@ the cause. Each of them is submitted again while no other one is in progress
 *Frame by frame* (`is_one_by_one`): each result is stored before the next frame begins.
 So the first frame without a result is the cause. Without workers it becomes a chunk of
 its own, in quarantine, and the rest of the chunk is tried again. If the frame before it
-in the dataset is in quarantine for the same reason, the rest is put there together with
-it: ten such frames in a row end six processes, and not thirty.
+in the dataset is in quarantine for the same reason (frames that cannot be read are not
+counted), the rest is put there together with it: otherwise each of many such frames in
+a row would end three processes.
 
 A frame whose images cannot be read, since they crash the child processes that decode
 them or need too much time or memory, ends no process. `refuse` puts its chunk into
@@ -142,6 +143,7 @@ class Attempt:
     def reset(self, session: Session) -> None:
         """Set the count to zero in a transaction that stores a part of the result.
 
+        That a frame cannot be read is a result, too.
         From then on this attempt does not count: if the process dies later, the next
         one is a first attempt.
         """
@@ -187,7 +189,8 @@ def refuse_frame(
 ) -> None:
     """Put a frame that cannot be read into quarantine: the first without a result.
 
-    If that is another frame, nothing is done: another process has measured this one.
+    Nothing is done if it is no longer the first: meanwhile it was measured or refused
+    by another process, replaced or deleted.
     """
     chunk = ChunkRepository(session).find(job, number)
     if chunk is None or chunk.state != "waiting":
@@ -247,16 +250,17 @@ def _quarantine_cause(session: Session, job: Job, chunk: Chunk) -> None:
     kind, chunks = kind_of(job), ChunkRepository(session)
     row = open_job(session, kind.table, job.id)
     unfinished = kind.unfinished(session, row, chunk)
-    causes = {
-        frame_id
+    is_refused = {
+        frame_id: one.error is not None
         for one in chunks.quarantined(job)
-        if not one.error
         for frame_id in kind.unfinished(session, row, one)
     }
     cause = chunk
     if unfinished:
         before = frame_before(session, row.dataset_id, unfinished[0])
-        if before not in causes:
+        while is_refused.get(before):
+            before = frame_before(session, row.dataset_id, before)
+        if before not in is_refused:
             cause = _split_first(session, job, chunk, unfinished)
     if cause is not chunk:
         cause.attempts, chunk.attempts = chunk.attempts, 0

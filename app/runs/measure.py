@@ -210,7 +210,11 @@ class _CommitBuffer:
         self._begun = time.monotonic()
 
     def add(self, measured: _Measured, *, is_last: bool) -> None:
-        """Add a frame; the last one waits for the caller's `commit`."""
+        """Add a frame; the last one waits for the caller's `commit`.
+
+        A frame that cannot be read is put into quarantine: frame by frame at once, else
+        with its chunk, by `commit`.
+        """
         if measured.refusal is None:
             self._measured.append(measured)
         elif self._chunk.is_one_by_one:

@@ -236,7 +236,7 @@ def key(
     """A dataclass field that declares a key; for the parameters see `Key`.
 
     Where no value is given, the field is `INHERIT` until the configuration puts
-    `default` in its place.
+    `default` in its place. (In the overrides of a class it stays `INHERIT`.)
     """
     declared = Key(allowed, default, sentence, evidence, needs_pixels)
     return field(default=INHERIT, metadata={_KEY: declared})

@@ -56,7 +56,7 @@ WholeNumberT = TypeVar("WholeNumberT")
 NumberOrNullT = TypeVar("NumberOrNullT")
 
 
-# The generated comparison fails on arrays; the classes of single numbers have it again.
+# The generated comparison fails on arrays; `ClassLimits` and `ClassConfig` have theirs.
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     """The keys that single classes can override; all of them are numbers.
@@ -73,7 +73,7 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
         )
 
     `evidence` names the kinds of evidence whose rules use the key. It is left out if
-    the key matters whatever decides, as those of `Reason.before_channels` do.
+    the key matters whatever decides, as keys of reasons with `before_channels` do.
 
     Three classes in `filter.py` have these keys, with other types:
 

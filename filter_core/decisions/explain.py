@@ -186,7 +186,10 @@ def _explained(
 def nearer_boxes(
     frames: Sequence[FrameFacts], evidence: Evidence
 ) -> list[tuple[str, str] | None]:
-    """Id and class of the nearer box that takes most pixels of each box, if any do."""
+    """Id and class of the nearer box that takes most pixels of each of N boxes.
+
+    None where no box takes any.
+    """
     if evidence.channels is None:
         return [None] * len(frames)
     positions = evidence.channels.explained_by.tolist()
@@ -364,7 +367,8 @@ def _no_visible_pixels(box: ExplainedBox) -> str:
 def _share(box: ExplainedBox) -> str:
     match, threshold = box.match_percent, box.threshold
     if match is None or threshold is None:
-        # Only if an ignore mask covers the whole box, and min_visible_pixels is 0.
+        # Only where min_visible_pixels is 0, of a box of which no pixel counts: an
+        # ignore mask covers it, or it is thinner than a pixel (profile carlasimu).
         return "none of its pixels count"
     large = ""
     if box.large and box.area_percent is not None:

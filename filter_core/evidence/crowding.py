@@ -70,9 +70,9 @@ def crowding_percent(
         covered = _covered_among_many(boxes, masks)
     extent = boxes[:, 2:] - boxes[:, :2]
     area = extent[:, 0] * extent[:, 1]
-    # The area of a sliver can underflow to 0, and then so does the covered area. A box
-    # that is wholly covered may come out above 100 by a rounding error.
-    percent[live] = np.minimum(100.0 * covered / np.where(area > 0, area, 1.0), 100.0)
+    # The area of a sliver can underflow to 0, and then so does the covered area. The
+    # division comes first, so that the share of a wholly covered box is exactly 1.
+    percent[live] = 100.0 * (covered / np.where(area > 0, area, 1.0))
     return percent
 
 

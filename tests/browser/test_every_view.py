@@ -14,9 +14,8 @@ from playwright.sync_api import Page, expect
 from tests.support.page import crowds, scenes
 from tests.support.page.accessibility import findings
 from tests.support.page.scenes import MakeScene
-from tests.support.page.stage import after_drawing
 from tests.support.page.tuning import car_at
-from tests.support.page.windows import WIDE, Visit, Visitor, lose_session
+from tests.support.page.windows import SCHEMES, WIDTHS, Visit, Visitor, lose_session
 from tests.support.sensors import ANNOTATION, sensors
 
 pytestmark = pytest.mark.browser
@@ -236,31 +235,18 @@ VIEWS: list[View] = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("scheme", "widths"),
-    [
-        pytest.param("light", (1440, 390), id="light"),
-        pytest.param("light", (820,), id="light 820", marks=pytest.mark.long),
-        pytest.param("dark", (1440, 820, 390), id="dark", marks=pytest.mark.long),
-    ],
-)
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("view", VIEWS, ids=lambda view: view.__name__)
 def test_nothing_is_cut_off_and_nothing_serious_is_found(
     visit: Visit,
     make_scene: MakeScene,
     tmp_path: Path,
     view: View,
+    width: int,
     scheme: str,
-    widths: tuple[int, ...],
 ):
-    """In each state at each width; then the window is wide again."""
-    ada = visit(color_scheme=scheme)
+    ada = visit(color_scheme=scheme, viewport={"width": width, "height": 844})
     for state in view(Tools(ada, make_scene, tmp_path)):
-        for width in widths:
-            ada.page.set_viewport_size({"width": width, "height": 844})
-            after_drawing(ada.page)
-            if state == "filters":
-                unfold_filters(ada.page)
-            assert ada.page.evaluate(OVERFLOW) <= 0, (state, width)
-            assert findings(ada.page) == [], (state, width)
-        ada.page.set_viewport_size(WIDE)
+        assert ada.page.evaluate(OVERFLOW) <= 0, state
+        assert findings(ada.page) == [], state

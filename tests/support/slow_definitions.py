@@ -49,5 +49,5 @@ def _covered_percent(box: np.ndarray, other: np.ndarray) -> float:
         return 0.0
     width = max(0.0, min(box[2], other[2]) - max(box[0], other[0]))
     height = max(0.0, min(box[3], other[3]) - max(box[1], other[1]))
-    share = (width * height * 100.0) / ((box[2] - box[0]) * (box[3] - box[1]))
-    return float(min(share, 100.0))  # without rounding errors
+    share = (width * height) / ((box[2] - box[0]) * (box[3] - box[1]))
+    return float(100.0 * share)

@@ -34,8 +34,9 @@ ARGUMENTS = (
     # One process for all windows that show the server: each would start its own.
     "--process-per-site",
 )
-# Dark is looked at by the long tests.
+# What is between the narrow and the wide, and dark, is looked at by the long tests.
 SCHEMES = ["light", pytest.param("dark", marks=pytest.mark.long)]
+WIDTHS = [390, pytest.param(820, marks=pytest.mark.long), 1440]
 WIDE = ViewportSize(width=1440, height=900)
 PHONE = {"width": 390, "height": 844}
 RE_VIEW = re.compile(r"\S+ \S+ \S+")

@@ -11,7 +11,7 @@ from sqlalchemy import event, exc, select
 
 from app.db.base import utc_now
 from app.db.tables import Chunk, Frame
-from app.engine import LocalEngine
+from app.engine import JobStopped, LocalEngine
 from app.engine.children import PixelPool
 from app.engine.chunk import DONE
 from app.jobs.attempts import MOST_ATTEMPTS, Attempt
@@ -170,14 +170,25 @@ def test_a_measured_frame_between_two_is_noticed(street):
     assert work_on_chunk(street.context, "run", run_id, 1) == DONE
     with street.context.database.write() as session:
         chunk = session.get_one(Chunk, ("run", run_id, 1))
-        chunk.state, chunk.error = "quarantined", {"code": "so", "detail": "it is so"}
-        chunk.first_frame_id = frame_ids(street)[0]
+        chunk.state, chunk.first_frame_id = "quarantined", frame_ids(street)[0]
 
     run = go_on(street, run_id)
 
     assert run.error is not None
-    assert run.error["detail"].startswith("frame '03' ended the process")
-    assert run.error["detail"].endswith("frame '00' cannot be read: it is so")
+    assert run.error["detail"].startswith("frames '00', '03' ended the process")
+
+
+def test_frames_that_cannot_be_read_do_not_part_those_that_end_processes(street):
+    run_id = cut_off(street, (0, 0, MOST_ATTEMPTS), (1, 1, 0), (2, 5, MOST_ATTEMPTS))
+    with street.context.database.write() as session:
+        chunk = session.get_one(Chunk, ("run", run_id, 2))
+        chunk.state, chunk.error = "quarantined", {"code": "so", "detail": "it is so"}
+
+    run = go_on(street, run_id)
+
+    assert run.error is not None
+    assert run.error["detail"].startswith("frames '00', '02' to '05' ended")
+    assert run.error["detail"].endswith("frame '01' cannot be read: it is so")
 
 
 def test_a_frame_that_cannot_be_read_is_not_taken_for_one_that_ends_processes(services):
@@ -192,6 +203,7 @@ def test_a_frame_that_cannot_be_read_is_not_taken_for_one_that_ends_processes(se
     def stop(engine, frame_id):
         if frame_id == deadly:
             engine.stopping.set()
+            raise JobStopped(run_job(run_id))
 
     with closing(PixelPool(1, memory_bytes=32 * 2**20)) as pixels:
         go_on(street, run_id, stop, pixels=pixels)
@@ -205,6 +217,21 @@ def test_a_frame_that_cannot_be_read_is_not_taken_for_one_that_ends_processes(se
     assert run.error["detail"].startswith("frame '01' ended the process that worked")
     assert "; frame '00' cannot be read: " in run.error["detail"]
     assert run.done == FRAMES - 2
+
+
+def test_a_last_frame_that_cannot_be_read_is_left_alone_frame_by_frame_too(services):
+    street = services.dataset()
+    for number in range(FRAMES - 1):
+        put(street, number)
+    put_large(street, "last")
+    run_id = cut_off(street, (0, FRAMES - 1, MOST_ATTEMPTS - 1))
+
+    with closing(PixelPool(1, memory_bytes=32 * 2**20)) as pixels:
+        run = go_on(street, run_id, pixels=pixels)
+
+    assert run.error is not None
+    assert run.error["detail"].startswith("frame 'last' cannot be read: ")
+    assert (run.state, run.done) == ("failed", FRAMES - 1)
 
 
 def put_large(street, key):

@@ -19,9 +19,8 @@ NOWHERE = (float("nan"),) * 4
         pytest.param([TEN, TEN], [CAR, TRUCK_OR_CAR], [100, 100], id="of a like class"),
         pytest.param([TEN, TEN], [0, 0], [0, 0], id="of no class"),
         pytest.param([(0, 0, 1e-200, 1e-200)] * 2, [CAR, CAR], [0, 0], id="no area"),
-        pytest.param(
-            [(0, 0, 0.1, 0.9)] * 2, [CAR, CAR], [100, 100], id="rounding errors"
-        ),
+        pytest.param([(0, 0, 0.1, 0.9)] * 2, [CAR, CAR], [100, 100], id="rounded up"),
+        pytest.param([(0, 0, 0.1, 1.7)] * 2, [CAR, CAR], [100, 100], id="rounded down"),
         pytest.param([TEN, NOWHERE], [CAR, CAR], [0, 0], id="not on the image"),
         pytest.param(
             [TEN, (5, 0, 25, 10)], [CAR, CAR], [50, 25], id="each by its own area"
