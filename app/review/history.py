@@ -41,7 +41,7 @@ def history(session: Session, box_id: int) -> list[HistoryEntry]:
     reviews = ReviewRepository(session).of_box(box_id)
     entries = [_first_decision(session, box, frame)]
     told = 0
-    for run in RunRepository(session).that_flipped(frame.dataset_id, box_id):
+    for run in RunRepository(session).with_flips_of(frame.dataset_id, box_id):
         found = max(told, _answers_before(run, reviews))
         entries += [_answer(review) for review in reviews[told:found]]
         told = found

@@ -82,7 +82,7 @@ class RunRepository:
         )
         return self._session.scalar(rows.limit(1)) is not None
 
-    def that_flipped(self, dataset_id: int, box_id: int) -> list[Run]:
+    def with_flips_of(self, dataset_id: int, box_id: int) -> list[Run]:
         """Runs that changed a box, oldest first."""
         rows = (
             select(Run, Flips.boxes)

@@ -24,7 +24,7 @@ class SmallChunks(LocalEngine):
 
     def __init__(self) -> None:
         super().__init__(2)
-        self._chunks = ThreadPoolExecutor(4, "chunks")
+        self._threads = ThreadPoolExecutor(4, "chunks")
         self.begun: list[tuple[int, frozenset[int]]] = []
         self._running: set[int] = set()
         self._changing = threading.Lock()
@@ -40,7 +40,7 @@ class SmallChunks(LocalEngine):
         with self._changing:
             self._running.add(number)
             self.begun.append((number, frozenset(self._running)))
-        return self._chunks.submit(self._work, here, job, number)
+        return self._threads.submit(self._work, here, job, number)
 
     def _work(self, here, job, number):
         try:
@@ -51,6 +51,10 @@ class SmallChunks(LocalEngine):
 
     def outcome(self, future):
         return future.result()
+
+    def close(self):
+        self._threads.shutdown(cancel_futures=True)
+        super().close()
 
 
 class Deadly(SmallChunks):

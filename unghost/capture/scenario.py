@@ -78,7 +78,7 @@ class Part(BaseModel):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _no_yes_for_a_number(cls, given: object, place: ValidationInfo) -> object:
+    def _no_bool_for_a_number(cls, given: object, place: ValidationInfo) -> object:
         # `true` would be taken for 1, and `on` and `yes` are true in YAML.
         kind = cls.model_fields[str(place.field_name)].annotation
         if isinstance(given, bool) and bool not in (kind, *get_args(kind)):

@@ -345,17 +345,12 @@ function UnsentStrip({ app, item, state, text }) {
     if (bulk) setNow(await countBoxes(bulk.dataset, bulk.filter ?? {}));
     app.boxes.reload();
   }, app.toasts.fail);
-  const accept = () => {
-    if (!bulk || !now) return;
-    app.sender.discard(bulk.key);
-    app.bulkAnswers.answerAll(bulk.dataset, bulk.verdict, bulk.filter ?? {}, now);
-  };
   return html`<div class="strip strip--error" role="alert">
     <${Icon} name="cloud" />
     <p><b>${STATES[state]}: ${what}.</b> ${now ? `The filter selects ${countOf(now.total, "box", "boxes")} now, ${countText(item.count)} when you selected them.` : sentence(text)}</p>
     <div class="strip__actions">
       ${isChanged && !now && html`<button class="button button--small" disabled=${count.isBusy} onClick=${count.run}>Count again</button>`}
-      ${bulk && isChanged && now && html`<button class="button button--small" onClick=${accept}>${capital(`${WILL[bulk.verdict]} all ${countText(now.total)}`)}</button>`}
+      ${bulk && isChanged && now && html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk, now)}>${capital(`${WILL[bulk.verdict]} all ${countText(now.total)}`)}</button>`}
       ${state === "waiting" && html`<button class="button button--small" onClick=${app.sender.resume}>Send now</button>`}
       ${bulk && state === "refused" && html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk)}>Send again</button>`}
       ${bulk && html`<button class="button button--small button--quiet" onClick=${() => app.sender.discard(bulk.key)}>Discard</button>`}

@@ -91,22 +91,25 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
   }
 
   /**
-   * Give a refused bulk answer again, on those of its boxes that were not answered since.
+   * Give a refused bulk answer again: on those of its boxes that were not answered since, or on all that its filter
+   * selects now.
    * @param {import("./outbox.js").BulkAnswer} bulk
+   * @param {{total: number, snapshot: string}} [list]  of the boxes of the filter, as the person sees it now
    */
-  function answerAgain({ key, dataset, verdict, boxIds, seenRevisions = [], filter, snapshot, count }) {
+  function answerAgain({ key, dataset, verdict, boxIds, seenRevisions = [], filter, snapshot, count }, list) {
     /** @param {boolean} isGiven */
     const discardIf = (isGiven) => isGiven && sender.discard(key);
-    if (!boxIds) return discardIf(answer({ dataset, verdict, filter, snapshot, count }));
+    const seen = list ? { snapshot: list.snapshot, count: list.total } : { snapshot, count };
+    if (!boxIds) return discardIf(answer({ dataset, verdict, filter, ...seen }));
     const { waiting, waitingInBulk } = sender.state.get();
-    const seen = new Map(boxIds.map((boxId, i) => [boxId, seenRevisions[i] ?? 0]));
+    const revisions = new Map(boxIds.map((boxId, i) => [boxId, seenRevisions[i] ?? 0]));
     const unanswered = boxIds.filter((boxId) => {
       const box = boxes.get(boxId);
-      const isAsSeen = !box || seenRevision(box) === seen.get(boxId);
+      const isAsSeen = !box || seenRevision(box) === revisions.get(boxId);
       return isAsSeen && !waiting.has(boxId) && !waitingInBulk.has(boxId);
     });
     if (unanswered.length === 0) toasts.show("All of these boxes were answered since.");
-    discardIf(unanswered.length === 0 || answerBoxes(dataset, verdict, unanswered, seen));
+    discardIf(unanswered.length === 0 || answerBoxes(dataset, verdict, unanswered, revisions));
   }
 
   /**

@@ -98,18 +98,3 @@ export function lightPixels(rgba, matches, lit, unlit) {
   }
   return count;
 }
-
-/** WCAG contrast of two colours, 1 to 21. @param {Rgb} a @param {Rgb} b */
-export function contrast(a, b) {
-  const [light, dark] = [luminance(a), luminance(b)].sort((x, y) => y - x);
-  return ((light ?? 0) + 0.05) / ((dark ?? 0) + 0.05);
-}
-
-/** @param {Rgb} rgb */
-function luminance(rgb) {
-  const [r, g, b] = rgb.map((channel) => {
-    const share = channel / 255;
-    return share <= 0.04045 ? share / 12.92 : ((share + 0.055) / 1.055) ** 2.4;
-  });
-  return 0.2126 * (r ?? 0) + 0.7152 * (g ?? 0) + 0.0722 * (b ?? 0);
-}

@@ -113,3 +113,25 @@ test("a refused bulk answer stays offered where the browser has no room to give 
 
   assert.deepEqual(app.sender.state.get().bulkItems.map((/** @type {any} */ { state }) => state), ["refused"]);
 });
+
+for (const [where, isFull, states] of /** @type {[string, boolean, string[]][]} */ ([
+  ["", false, ["sending"]],
+  [", and stays offered where the browser has no room", true, ["changed"]],
+])) {
+  test(`a bulk answer on a filter that selects other boxes now is given again on these${where}`, async () => {
+    const storage = memoryStorage();
+    ({ app } = reviewPage(storage));
+    globalThis.fetch = async () => Response.json({ status: 409, code: "stale_snapshot", detail: "other boxes" }, { status: 409 });
+    app.bulkAnswers.answerAll("d", "keep", { class: "car" }, { total: 2, snapshot: "before" });
+    await new Promise((resolve) => setTimeout(resolve, 20));
+    const [{ item }] = app.sender.state.get().bulkItems;
+    globalThis.fetch = () => new Promise(() => {});
+    if (isFull) fill(storage);
+
+    app.bulkAnswers.answerAgain(item, { total: 3, snapshot: "after" });
+
+    const open = app.sender.state.get().bulkItems;
+    assert.deepEqual(open.map((/** @type {any} */ { state }) => state), states);
+    if (!isFull) assert.deepEqual([open[0].item.snapshot, open[0].item.count, open[0].item.filter], ["after", 3, { class: "car" }]);
+  });
+}

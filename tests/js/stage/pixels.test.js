@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { contrast, lightPixels, tagMatcher } from "../../../static/js/stage/pixels.js";
+import { lightPixels, tagMatcher } from "../../../static/js/stage/pixels.js";
 
 /** @type {any} */
 const CAR = { tag: 14, name: "Car", rgb: [0, 0, 142] };
@@ -41,9 +41,4 @@ test("matching pixels are lit, the others are not, and the count is told", () =>
   const rgba = new Uint8ClampedArray([0, 0, 142, 255, 70, 70, 70, 255]);
   assert.equal(lightPixels(rgba, tagMatcher([CAR], RGB), LIT, UNLIT), 1);
   assert.deepEqual([...rgba], [...LIT, ...UNLIT]);
-});
-
-test("contrast is WCAG's", () => {
-  assert.equal(contrast([0, 0, 0], [255, 255, 255]), 21);
-  assert.ok(Math.abs(contrast([119, 119, 119], [255, 255, 255]) - 4.48) < 0.01);
 });
