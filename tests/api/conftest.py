@@ -1,4 +1,4 @@
-"""A service per module for tests that only add to it, and one of a test's own."""
+"""Services and clients: one that tests share, one per module, one of a test's own."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
 
 @pytest.fixture
 def serve(tmp_path: Path) -> Iterator[Serve]:
-    """Serves the test's own data folder; called again, the same folder."""
+    """Starts services on the test's own data folder; each call uses the same one."""
     with ExitStack() as started:
 
         def start(**settings: object) -> Live:
@@ -55,7 +55,7 @@ def anybody(service: Live) -> Iterator[httpx.Client]:
 
 @pytest.fixture
 def as_role(service: Live) -> Iterator[AsRole]:
-    """Clients with a token of each role, made as the service stores them."""
+    """Makes a client with a new token of a role, which is written to the database."""
     from app.db.tables.access import Token
 
     with ExitStack() as opened:
@@ -72,7 +72,10 @@ def as_role(service: Live) -> Iterator[AsRole]:
 
 @pytest.fixture(scope="session")
 def api(server: RunningServer) -> Iterator[Api]:
-    """The server that all tests add to, as an admin; each makes its own datasets."""
+    """An admin's client of the server that all tests share.
+
+    Tests only add to that server; each makes its own datasets.
+    """
     opened = Api.at(server.url, server.headers)
     with opened.http:
         yield opened
@@ -80,7 +83,7 @@ def api(server: RunningServer) -> Iterator[Api]:
 
 @pytest.fixture
 def dataset(api: Api) -> str:
-    """Three frames, each with a car and a ghost."""
+    """A dataset of three frames, each with a car and a ghost."""
     name = api.dataset()
     for number in range(3):
         api.stored(name, str(number), {**scene.annotation(), "number": number})
@@ -89,5 +92,5 @@ def dataset(api: Api) -> str:
 
 @pytest.fixture
 def ghosts(api: Api, dataset: str) -> list[int]:
-    """The boxes of `dataset` that are rejected."""
+    """The ids of the rejected boxes of `dataset`."""
     return [box["box_id"] for box in api.boxes(dataset, verdict="rejected")]

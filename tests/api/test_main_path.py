@@ -1,4 +1,4 @@
-"""From frames to labels over a port, on the database that the tests are run with."""
+"""The main path, from frames to labels, over HTTP and on the database under test."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 
 @pytest.fixture
 def street(api):
-    """A dataset whose frames came in one batch; a car and a ghost in each."""
+    """A dataset whose frames came in one batch, each with a car and a ghost."""
     name = api.dataset()
     members = [
         member

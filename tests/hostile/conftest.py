@@ -1,4 +1,4 @@
-"""A server that may be asked anything: the requests of these tests delete, too."""
+"""A server only for the hostile tests, as their requests also delete data."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SETTINGS = {
 
 @pytest.fixture(scope="session")
 def api(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Api]:
-    """An admin's client of it; the dataset of `populate` is there."""
+    """An admin's client of that server, which has the dataset of `populate`."""
     folder = tmp_path_factory.mktemp("hostile") / "data"
     with running_server(folder, SETTINGS) as server:
         opened = Api.at(server.url, server.headers)

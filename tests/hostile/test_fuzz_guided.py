@@ -1,7 +1,8 @@
-"""Every parser of bytes from outside: an answer or our own error, within bounds.
+"""Fuzzing of every parser of bytes from outside: a result or our own error.
 
-The bounds are of work, processor time and memory, and grow with the input alone. Short
-by default; ``FUZZ_EXAMPLES`` makes it long, and ``FUZZ_SEED`` repeats what was told.
+Inputs that reach new lines are kept and changed further. Each try has bounds on work,
+processor time and memory, which grow with the size of the input. The run is short by
+default; ``FUZZ_EXAMPLES`` makes it long, and ``FUZZ_SEED`` repeats an earlier run.
 """
 
 from __future__ import annotations
@@ -59,14 +60,14 @@ def read_archive(content: bytes) -> None:
 
 
 def read_form(content: bytes) -> None:
-    """The boundary as well: the first line is the media type."""
+    """Read a form; the first line of the content is its media type."""
     media_type, _, body = content.partition(b"\n")
 
     async def stream():
         for start in range(0, len(body), 700):
             yield body[start : start + 700]
 
-    # Nothing in it waits: one step is all of it, without a loop.
+    # It never waits, so that one step runs all of it, without an event loop.
     with suppress(StopIteration):
         read_parts(media_type.decode("latin-1"), stream(), FORM).send(None)
         raise AssertionError("it waits for something")
@@ -80,7 +81,7 @@ def read_image(content: bytes) -> None:
 
 
 def read_cloud(content: bytes) -> None:
-    """What comes in, and then what is measured."""
+    """Check a point cloud as an upload is checked, then read its points."""
     check_points(content, sensor="radar", max_points=100_000)
     check_points(content, sensor="lidar", max_points=100_000)
     read_points(content, max_points=100_000)
@@ -101,7 +102,7 @@ def read_voc(content: bytes) -> None:
 
 
 def with_checksums(content: bytes) -> bytes:
-    """An archive whose headers' sums are right, wherever a header stands."""
+    """The archive with the right checksum in each of its headers."""
     blocks = bytearray(content)
     for at in range(0, len(blocks) - 511, 512):
         if blocks[at + 257 : at + 262] == b"ustar":
@@ -111,7 +112,7 @@ def with_checksums(content: bytes) -> bytes:
 
 
 def with_crcs(content: bytes) -> bytes:
-    """A PNG whose chunks' sums are right, as far as there are chunks."""
+    """The PNG with the right checksum in each of its whole chunks."""
     png, at = bytearray(content), 8
     while at + 12 <= len(png):
         (length,) = struct.unpack_from(">I", png, at)
@@ -125,7 +126,7 @@ def with_crcs(content: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class Target:
-    """A parser, and what it is given first."""
+    """A parser, the samples that it is given first, and its bounds."""
 
     read: Callable[[bytes], object]
     samples: list[bytes]
@@ -133,7 +134,7 @@ class Target:
     folders: tuple[str, ...] = OURS
     repair: Callable[[bytes], bytes] | None = None
     share: float = 1.0
-    """Of the tries: some parsers are slow."""
+    """Which share of the tries this parser gets: some are slow."""
 
 
 PNGS = [one for one in pixels.IMAGES if one.startswith(b"\x89PNG")]
@@ -189,7 +190,7 @@ def test_fuzzed_bytes_are_read_or_refused_within_bounds(name):
 
 
 def toy(content: bytes) -> int:
-    """A reader whose faults lie behind a few bytes that no sample has."""
+    """A reader with one planted fault of each kind that the fuzzer must find."""
     kinds = content[:3]
     if kinds[:1] == b"F" and kinds[1:2] == b"U":
         if kinds[2:3] == b"A":
@@ -221,7 +222,7 @@ def test_the_fuzzer_finds_what_it_is_there_for(sample, words):
 
 
 def test_the_fuzzer_keeps_what_leads_further():
-    """Three bytes that are right: by chance alone it would take 2^24 tries."""
+    """The fault needs three right bytes: by chance alone it would take 2^24 tries."""
 
     def read(content: bytes) -> None:
         for at, wanted in enumerate(b"fuz"):

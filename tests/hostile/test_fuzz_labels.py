@@ -1,6 +1,6 @@
-"""Configurations, annotations and label files that are damaged or bent.
+"""Fuzzing of configurations, annotations and label files.
 
-Each gives a result or our own error, and takes little memory for it.
+Each damaged or changed input gives a result or our own error, and takes little memory.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def test_any_folder_is_read_or_our_own_error(layout, data):
     for _ in range(data.draw(st.integers(1, 2))):
         name = data.draw(st.sampled_from(texts))
         files[name] = data.draw(damaged([files[name]]))
-    # Not measured: that would make reading a folder ten times as slow.
+    # Memory is not measured here: that would make reading ten times as slow.
     with TemporaryDirectory() as place, suppress(FilterError):
         for source in read_source(write_files(Path(place), files), layout):
             outcome = filter_one(source, FilterConfig(), SegmentationOptions())

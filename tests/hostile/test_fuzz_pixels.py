@@ -1,4 +1,4 @@
-"""Images and point clouds that are not what they claim: a result, or our own error."""
+"""Fuzzing of images and point clouds: each gives a result or our own error."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ READERS = {
 
 @st.composite
 def forged_pngs(draw: st.DrawFn) -> bytes:
-    """Chunks with right checksums and anything inside."""
+    """PNG files whose chunks have right checksums and arbitrary content."""
     sides = st.sampled_from([0, 1, 8, 64, 511, 512, 513, 2**16, 2**31 - 1, 2**32 - 1])
     numbers = [draw(sides), draw(sides)]
     numbers += [draw(st.sampled_from([0, 1, 2, 4, 8, 16, 255])) for _ in range(2)]

@@ -1,6 +1,6 @@
-"""What arrives by the wire: archives, forms, cursors, ranges and entity tags.
+"""Fuzzing of what clients send: archives, forms, cursors, ranges, entity tags.
 
-Parsers by themselves, then a real server that is sent the worst of it.
+First the parsers alone, then a real server.
 """
 
 from __future__ import annotations
@@ -62,13 +62,13 @@ def test_any_form_is_read_or_refused(content, media_type):
         for start, end in pairwise([*range(0, len(content), 500), len(content)]):
             yield content[start:end]
 
-    # In a thread: tests of a browser may keep a loop in this one.
+    # In a thread: browser tests may have left an event loop in this one.
     with ThreadPoolExecutor(1) as thread, little_memory(), suppress(AppError):
         thread.submit(asyncio.run, read_parts(media_type, stream(), limits)).result()
 
 
 def refused_or_answered(answer):
-    """Never an error of the service, and always in its own words."""
+    """Check that the answer is not a 5xx, and that an error is a problem document."""
     assert answer.status_code < 500, answer.text
     if answer.status_code >= 400:
         problem = answer.json()

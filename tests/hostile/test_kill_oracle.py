@@ -1,7 +1,7 @@
-"""Several clients write everything there is to write, and the server is killed.
+"""A server is killed while several clients send it every kind of write.
 
-What was acknowledged is there afterwards, whole and exactly once; what was not is there
-whole or not at all. Two hundred rounds with ``make test-long`` (KILL_ROUNDS).
+Afterwards every acknowledged write is there, whole and exactly once; any other is there
+whole or not at all. ``KILL_ROUNDS`` says how often; ``make test-long`` kills 200 times.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def test_acknowledged_writes_survive_any_kill_exactly_once(tmp_path):
 
 
 def begun(api, number):
-    """A dataset with some frames, whose boxes the reviewers share out."""
+    """Make a dataset with some frames; return the ledger of what was acknowledged."""
     ledger = Ledger(f"round-{number}")
     assert api.post("/datasets", {"name": ledger.dataset}).status_code == 201
     for place in range(FRAMES):
@@ -98,7 +98,7 @@ def write_until_killed(server, ledger, dice):
             )
         for thread in threads:
             thread.start()
-        # By what was promised, not by the clock: a busy machine is slow to promise.
+        # Count acknowledged writes, not seconds: a busy machine acknowledges slowly.
         wanted = dice.randrange(20, 100)
         while ledger.promises() < wanted and not faults:
             time.sleep(0.001)
@@ -111,7 +111,7 @@ def write_until_killed(server, ledger, dice):
 
 
 def noting(work, faults):
-    """What goes wrong in a thread must not go unseen."""
+    """Run `work`; keep what it raises, which would be lost in a thread."""
     try:
         work()
     except BaseException as fault:
@@ -152,7 +152,7 @@ def check_frames(api, ledger):
 
 
 def check_whole(api, frame_id):
-    """Every file has the bytes that its digest says, every box a verdict."""
+    """Check that each file has the bytes of its digest, and each box its verdict."""
     frame = api.json(f"/frames/{frame_id}")
     assert [box["verdict"] for box in frame["boxes"]] == ["kept", "rejected"]
     assert sorted(frame["files"]) == ["image", "segmentation"]
@@ -162,7 +162,7 @@ def check_whole(api, frame_id):
 
 
 def check_answers(api, ledger):
-    """Of each box all promised answers in their order, and of an act all or nothing."""
+    """Check that no acknowledged answer is lost, and that no bulk act is half done."""
     more = {}
     for box_id, said in ledger.answers.items():
         items = api.json(f"/boxes/{box_id}/history")["items"]
@@ -185,7 +185,7 @@ def check_answers(api, ledger):
 
 
 def check_jobs(api, ledger):
-    """Versions and runs that were promised are there once; and the runs end."""
+    """Check that acknowledged configurations and runs are there once, and runs end."""
     path = f"/datasets/{ledger.dataset}"
     digests = [one["digest"] for one in everything(api, f"{path}/configs")]
     assert len(set(digests)) == len(digests)
@@ -215,6 +215,6 @@ def everything(api, path):
 
 
 def check_database(folder):
-    """While nobody serves it: the journal is not yet gone over."""
+    """Check the database of an ended server, before a start replays its journal."""
     assert databases.problems_of(folder) == []
     assert databases.rows_of(folder, RECOUNT) == []

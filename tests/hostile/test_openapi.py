@@ -1,7 +1,7 @@
-"""Requests made from the OpenAPI document, in its words and against them.
+"""Requests made from the OpenAPI document, both valid and invalid ones.
 
-No request gets a 5xx, and no answer has a status, a type or a form that the document
-does not give. Hundreds per route, with ``make test-long``.
+No answer is a 5xx, and each has a status, a type and a form that the document gives.
+``make test-long`` sends hundreds of requests per route.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What no generated request reaches: parts of files, known files, streams, archives."""
+"""What generated requests do not reach: ranges, cached files, streams, archives."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WHOLE, PART, SAME, NO_PART = 200, 206, 304, 416
 
 @pytest.fixture(scope="module")
 def ids(api):
-    """Of the dataset that the session's server has of these tests."""
+    """Values for the paths to the dataset that `populate` makes."""
     populate(api)
     frames = api.json(f"/datasets/{DATASET}/frames")["items"]
     exports = api.json(f"/datasets/{DATASET}/exports")["items"]
@@ -33,7 +33,7 @@ def ids(api):
 
 
 def documented(answer, method, path):
-    """The answer, if the document knows its status, its type and its form."""
+    """Check that the document has the answer's status, type and form; return it."""
     SCHEMA[BASE + path][method].validate_response(answer)
     return answer
 

@@ -1,6 +1,7 @@
-"""The real service against a model of it, under any sequence of what people do.
+"""The real service compared with a model of it, after any sequence of acts.
 
-A few fixed sequences here; ``make test-long`` tries five hundred others (MACHINE_RUNS).
+By default it runs a few fixed sequences; ``make test-long`` tries 500 random ones
+(MACHINE_RUNS).
 """
 
 from __future__ import annotations
@@ -42,11 +43,11 @@ RUNS = int(os.environ.get("MACHINE_RUNS", "4"))
 IS_LONG = RUNS > 100
 STEPS = 12
 RESTART = 9 if IS_LONG else 3
-"""The last of so many numbers: restarts, which take seconds, are rare."""
+"""Restarts take seconds: one happens only if this number, the highest, is drawn."""
 
 
 class Service(RuleBasedStateMachine):
-    """One dataset of a server that is older than it, and what is known of it."""
+    """One dataset on a server that other sequences use, too, and a model of it."""
 
     place: Restarting
 
@@ -79,7 +80,7 @@ class Service(RuleBasedStateMachine):
 
     @rule(data=st.data(), replace=st.booleans())
     def push(self, data, replace):
-        # The boxes of a revision that the same archive replaces are shown nowhere.
+        # Keys are unique, as no list shows boxes that the same archive has replaced.
         by_key = (lambda frame: frame[0]) if replace else None
         several = st.lists(st.tuples(KEYS, CONTENTS), max_size=4, unique_by=by_key)
         frames = data.draw(several)
@@ -106,7 +107,7 @@ class Service(RuleBasedStateMachine):
 
     @rule(key=KEYS, again=st.integers(0, 3))
     def delete(self, key, again):
-        if again:  # mostly leave what there is
+        if again:  # delete in only one of four draws
             return
         answer = self.api.http.delete(f"/api/v1/datasets/{self.name}/frames/{key}")
         there = self.model.frames.pop(key, None) is not None
@@ -276,7 +277,7 @@ class Service(RuleBasedStateMachine):
         assert {name: stats[name] for name in expected} == expected
 
     def teardown(self):
-        """Once per sequence: frames by key, and all that was ever said of each box."""
+        """After each sequence, compare all frames and the whole history of each box."""
         if not hasattr(self, "model"):
             return
         frames = self.api.json(f"/datasets/{self.name}/frames")["items"]
@@ -336,7 +337,7 @@ def test_any_sequence_leaves_what_the_model_says(place):
             max_examples=RUNS,
             stateful_step_count=STEPS,
             derandomize=not IS_LONG,
-            # What fails here is short already; making it shorter would take minutes.
+            # A failing sequence is short already: to shorten it would take minutes.
             phases=(Phase.explicit, Phase.generate),
             report_multiple_bugs=False,
             database=None,

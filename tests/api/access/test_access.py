@@ -1,4 +1,4 @@
-"""Who may come in: tokens, sessions, roles, and pages of other places."""
+"""Authentication: tokens, sessions, roles, and requests from other web pages."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def operations(schema):
 
 
 def log_in(service, client):
-    """What a session shows from then on."""
+    """Log in; return the header that shows the new session."""
     answer = client.post("/api/v1/session", json={"token": service.token})
     assert answer.status_code == 201, answer.text
     return {"Authorization": f"Bearer {answer.json()['session']}"}
@@ -50,7 +50,7 @@ def test_every_route_but_the_open_ones_wants_a_token(service, admin, credentials
             for method, path in operations(schema)
             if client.request(method, re.sub(r"{.*?}", "1", path)).status_code != 401
         }
-        # It is open to whoever has the key of this one file, and to nobody else.
+        # The download of an export takes a key for that one file instead of a token.
         let_in |= {
             (method, path) for method, path in operations(schema) if "/file" in path
         }
@@ -179,7 +179,7 @@ def test_an_idempotency_key_does_not_store_a_session(service, anybody):
 
 
 def test_no_cookie_opens_anything(service, anybody):
-    """A browser shows cookies to every port of a host, and so to other people's."""
+    """A browser sends a cookie to every port of a host, so to others' servers, too."""
     secret = log_in(service, anybody)["Authorization"].split()[1]
 
     for value in (secret, service.token):
@@ -240,7 +240,11 @@ def test_logging_out_ends_the_session(service, anybody):
     ],
 )
 def test_a_session_does_not_write_for_other_pages(service, anybody, headers):
-    """They do not have it; were one to get it, a browser would still tell on it."""
+    """A write with a session is refused if its headers name another page.
+
+    Other pages do not have the session. Should one get it, the browser still sends
+    these headers, which give it away.
+    """
     session = log_in(service, anybody)
 
     answer = anybody.post("/probe/echo", headers={**session, **headers})

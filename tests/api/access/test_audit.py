@@ -1,4 +1,4 @@
-"""The audit log: who did what, when, to what; added with the act and never changed."""
+"""The audit log: who did what, when and to what; entries are never changed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ AUDIT = "/api/v1/audit"
 
 
 def entries(client, subject):
-    """What was noted about one thing, oldest first."""
+    """The entries of the audit log about one subject, oldest first."""
     found = client.get(AUDIT, params={"limit": 1000}).json()["items"]
     return [one for one in reversed(found) if one["subject"] == subject]
 
@@ -101,7 +101,7 @@ def test_a_dataset_is_followed_from_its_making_to_its_end(admin):
 
 @pytest.fixture
 def busy(service):
-    """The one thread that works off jobs has something else to do: they wait."""
+    """Keeps the only thread for jobs busy, so that jobs wait until the test ends."""
     done = threading.Event()
     service.app.state.services.engine.submit(lambda: done.wait(60))
     yield

@@ -1,4 +1,4 @@
-"""Wrong tokens: each is refused, nobody else is, and the log says how many came."""
+"""Wrong tokens are refused and counted in the log; right ones go on working."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.support.databases import everything_in
 
 SESSION = "/api/v1/session"
 MANY = 50
-"""More than anybody who mistypes would try, from one address."""
+"""More wrong tokens from one address than mistyping explains."""
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def test_wrong_secrets_are_one_line_of_the_log_and_nothing_in_the_database(
     warnings = [
         record.getMessage()
         for record in caplog.records
-        # What a busy machine says of the event loop is not about tokens.
+        # Warnings about a slow event loop, on a busy machine, are not about tokens.
         if record.levelno >= logging.WARNING and record.module != "loop_watch"
     ]
     assert warnings == [
@@ -109,7 +109,7 @@ def test_a_forwarded_address_is_believed_from_a_trusted_proxy_only(
 
     with service.client() as proxy:
         ask(proxy, "192.0.2.1")
-        # What somebody wrote there before the proxy did is not believed.
+        # Only the address that the proxy added counts: the one before it may be forged.
         ask(proxy, "198.51.100.7, 192.0.2.1")
         ask(proxy, "192.0.2.2")
     write_upkeep(service.app.state.services)
@@ -126,7 +126,7 @@ def test_any_number_of_addresses_is_counted_in_little_memory():
     held, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
 
-    assert held < 40 * 5000  # all addresses would be twice as much
+    assert held < 40 * 5000  # keeping all addresses would take twice as much
     assert wrong.take() == (
         "10000 wrong tokens, sessions, codes or keys: 4999 from 192.0.2.1, "
         "1 from 10.0.0.0, 1 from 192.0.2.9, 4999 from elsewhere"

@@ -1,4 +1,4 @@
-"""Codes of login links: each opens one session, for ten minutes."""
+"""The codes of login links: each opens one session, within ten minutes."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from tests.support.databases import everything_in
 
 
 def log_in(service, client, **body):
-    """What a session shows from then on."""
+    """Log in with this body or the token; return the header of the new session."""
     answer = client.post("/api/v1/session", json=body or {"token": service.token})
     assert answer.status_code == 201, answer.text
     return {"Authorization": f"Bearer {answer.json()['session']}"}
 
 
 def change_code(service, code, **to):
-    """What only time does to a login code."""
+    """Change columns of a stored login code, as if time had passed."""
     with service.app.state.database.write() as session:
         row = session.scalars(
             select(LoginCode).where(LoginCode.hash == hash_secret(code))
@@ -119,7 +119,7 @@ def test_codes_and_logins_are_in_the_audit_log(service, admin, anybody):
 
 @pytest.fixture
 def viewer(service, admin, request):
-    """A client that shows a new token, and the token."""
+    """A client with a new token, and the answer that the token came in."""
     made = admin.post("/api/v1/tokens", json={"name": request.node.name})
     shown = {"Authorization": f"Bearer {made.json()['token']}"}
     with service.client(**shown) as client:

@@ -1,4 +1,4 @@
-"""Login links of the command line: used once, and shown to nobody else."""
+"""Login links of the command line: each works once and no other user can see it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ IN_OWN_GROUP = "import os, sys; os.setsid(); os.execv(sys.argv[1], sys.argv[1:])
 
 @pytest.fixture
 def machine(tmp_path):
-    """A server, and a person on the same machine."""
+    """A server, and the command line on the same machine."""
     with running_server(tmp_path / "data") as server:
         state = server.data.with_name(f"{server.data.name}-state")
         settings = {"UNGHOST_SERVER": server.url, "XDG_STATE_HOME": str(state)}
@@ -44,7 +44,7 @@ def machine(tmp_path):
 
 @pytest.fixture
 def browser(tmp_path):
-    """The name of a program that shows pages; its notes lie beside it."""
+    """A program that opens a page in Chromium and notes what it was given."""
     chromium = system_chromium()
     if chromium is None:
         pytest.skip("there is no Chromium here")
@@ -70,7 +70,7 @@ def browser(tmp_path):
 
 
 def first_line(process):
-    """What the service says when it is ready."""
+    """The line that the service prints when it is ready."""
     return process.stdout.readline()
 
 
@@ -81,7 +81,7 @@ def seen_by_everybody():
         for name in ("cmdline", "environ"):
             try:
                 found += (process / name).read_bytes()
-            except OSError:  # it has ended meanwhile
+            except OSError:  # the process has ended meanwhile
                 continue
     return found
 
@@ -135,7 +135,7 @@ def is_signed_in(server_url, token):
 
 
 def test_open_shows_no_secret_to_the_machine_and_leaves_no_file(tmp_path, browser):
-    """Whatever a browser is given as an argument stands in the list of processes."""
+    """Every user can see the arguments of a browser, so they must hold no secret."""
     unghost = CommandLine(tmp_path, {"BROWSER": str(browser)}, anew=True)
     notes = browser.parent
 

@@ -1,4 +1,4 @@
-"""Every route with every role, and with tokens that are none: who gets how far."""
+"""Every route with every role and with invalid tokens: what is allowed and refused."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.support import frames as scene
 from tests.support.routes import ANYBODY, NEEDS, at, every_route, operations
 from unghost.wire.words import Role
 
-# No token has it: an admin who revokes their own is let in nowhere from then on.
+# An id that no token has: an admin must not revoke the token that the test uses.
 NOWHERE = "1000000000"
 GUARDED = {one: role for one, role in NEEDS.items() if role is not ANYBODY}
 NO_ENTRY = {401}
@@ -24,7 +24,7 @@ REFUSALS = {401, 403, 429}
 
 @pytest.fixture(scope="module")
 def filled(service):
-    """A dataset that an admin has made, and the paths to everything in it."""
+    """A dataset of an admin, and the values for the paths of all routes to it."""
     with service.admin() as admin:
         admin.post("/api/v1/datasets", json={"name": "hers"})
         frame = admin.put(
@@ -49,7 +49,7 @@ def filled(service):
 
 
 def answered(client, values, operations=GUARDED):
-    """The status of each operation, asked for with nothing but its path."""
+    """The status of each operation, requested with nothing but its path."""
     return {
         (method, path): client.request(method, at(path, values)).status_code
         for method, path in sorted(operations)
@@ -57,7 +57,7 @@ def answered(client, values, operations=GUARDED):
 
 
 def test_every_route_has_a_declared_role():
-    """A route that is new is in no table yet: say there who may call it."""
+    """A new route must be added to the table `NEEDS`, with the role that it needs."""
     found = {one for route in every_route() for one in operations(route)}
 
     assert found - NEEDS.keys() == set()
@@ -74,7 +74,7 @@ def test_every_route_is_behind_the_router_that_asks_for_its_role():
             )
             declared[method, path] = needed
             is_open = needed is ANYBODY
-            # The shell alone takes any query: its views keep their filters there.
+            # Only the page takes any query: its views keep their filters there.
             assert isinstance(route, OpenRoute if is_open else ApiRoute) or path == "/"
 
     # Deleting a dataset asks for more than the other routes of its router.
@@ -84,7 +84,7 @@ def test_every_route_is_behind_the_router_that_asks_for_its_role():
 
 @pytest.mark.parametrize("role", get_args(Role))
 def test_a_role_is_let_in_where_it_may_and_nowhere_else(as_role, role):
-    """With paths that lead nowhere: who is let in gets a 4xx of another kind."""
+    """The ids in the paths do not exist: allowed requests may get a 404, but no 403."""
     names = re.findall(r"{(.*?)}", " ".join(path for _, path in GUARDED))
     nowhere = dict.fromkeys(names, NOWHERE)
     client = as_role(role)
@@ -101,7 +101,7 @@ def test_a_role_is_let_in_where_it_may_and_nowhere_else(as_role, role):
 def test_a_role_is_refused_on_datasets_of_others_and_changes_nothing(
     service, as_role, filled, role
 ):
-    """With paths that lead somewhere: what is refused has changed nothing."""
+    """The paths lead to a real dataset, which a refused request must not change."""
     barred = {one for one, needed in GUARDED.items() if not includes(role, needed)}
     with service.admin() as admin:
         before = admin.get("/api/v1/datasets/hers").json()
@@ -114,7 +114,7 @@ def test_a_role_is_refused_on_datasets_of_others_and_changes_nothing(
 
 
 def test_a_viewer_may_read_datasets_of_others(as_role, filled):
-    """Nobody's datasets are hidden: they belong to all who are let in."""
+    """Datasets are not private: every viewer may read all of them."""
     reading = {one for one, role in GUARDED.items() if role == "viewer"}
     gets = {one for one in reading if one[0] == "GET"}
 
@@ -148,7 +148,7 @@ def ended_session(service, client):
 
 
 def session_as_a_cookie(service, client):
-    """One that is good, shown as earlier versions were shown theirs."""
+    """A valid session, but in a cookie, as earlier versions took it."""
     secret = opened_session(service, service.token)["Authorization"].split()[1]
     return {"Cookie": f"unghost_session={secret}", "Origin": service.url}
 
@@ -215,7 +215,7 @@ def test_a_session_ends_with_the_token_that_opened_it(service, admin):
 
 
 def test_a_route_without_a_role_would_be_noticed():
-    """The walk finds routes that are in no OpenAPI document."""
+    """The search for routes finds those outside the OpenAPI document, too."""
     paths = {route.path for route in every_route()}
 
     assert {"/docs", "/openapi.json", "/static/{name:path}", "/"} <= paths

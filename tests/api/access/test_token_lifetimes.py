@@ -1,4 +1,4 @@
-"""How long tokens last, when they were last used, and the one in the data folder."""
+"""Expiry and last use of tokens, and the first token, kept in the data folder."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def listed(client, name):
 
 
 def first_ends(service, at):
-    """What only time does to the first token."""
+    """Set when the first token expires, as if time had passed."""
     with service.app.state.database.write() as session:
         session.get(Token, 1).expires_at = at
 
@@ -137,7 +137,7 @@ def test_the_first_token_ends_after_a_month(serve):
 
 
 def test_a_first_token_without_an_end_gets_one_at_the_next_start(serve):
-    """As those of earlier versions have."""
+    """The first tokens of earlier versions have no end."""
     before = serve()
     old = before.token
     first_ends(before, None)
@@ -164,7 +164,7 @@ def test_the_first_token_is_renewed_while_the_service_runs(serve):
     assert service.token != old
     mode = stat.S_IMODE(service.settings.token_file.stat().st_mode)
     assert mode == 0o600
-    # What came in with the old one goes on, and so do the sessions that it opened.
+    # The old token goes on working, and so do the sessions opened with it.
     assert opens(service, service.token)
     assert opens(service, old)
     assert opens(service, opened["session"])
@@ -172,7 +172,7 @@ def test_the_first_token_is_renewed_while_the_service_runs(serve):
         assert time_of(listed(admin, "admin")["expires_at"]) > now() + LIFETIME - DAY
         newest = admin.get("/api/v1/audit").json()["items"][0]
         assert (newest["actor"], newest["action"]) == ("unghost", "token.renewed")
-        # Revoked, it ends in every form that it had.
+        # Revoking it ends its old value, too, and the sessions opened with that.
         create(admin, "another", role="admin", expires_in_days=None)
         admin.delete(f"{TOKENS}/1")
     assert not opens(service, old)

@@ -1,4 +1,4 @@
-"""Tokens are created and revoked by admins, shown once, stored as hashes."""
+"""Tokens: created and revoked by admins, shown once, stored as hashes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures that cost much, or that are not what they say, stop nobody else."""
+"""Pictures that take much memory or time are refused or limited; others go on."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MIB = 1024**2
 
 @cache
 def painted(width, height):
-    """A segmentation of a road: small as a file, and not so when decoded."""
+    """A segmentation that is all road: a small file, but large when decoded."""
     palette = FAMILIES[scene.FAMILY]
     tags = np.full((height, width), palette.tag_of("Road"), np.uint8)
     return scene.png(palette.paint(tags))
@@ -114,7 +114,7 @@ def test_a_picture_in_a_batch_that_needs_too_much_is_one_line(serve):
 
 
 def test_reading_and_answering_do_not_wait_for_frames_being_measured(serve):
-    """Sixteen frames are measured for a while; meanwhile people work."""
+    """Requests are answered while sixteen large frames are being measured."""
     with serving(serve, workers=1) as (_, api):
         name = api.dataset()
         api.stored(name, "small")
@@ -191,7 +191,7 @@ def test_a_client_that_leaves_ends_the_drawing_of_its_picture(serve):
 
 def test_a_client_that_leaves_ends_the_measuring_of_its_frame(serve):
     with serving(serve, workers=1) as (service, api):
-        side = 7900  # nearly the largest that is taken
+        side = 7900  # nearly the largest side that is accepted
         dataset = api.dataset()
         said = scene.as_json(annotation(side, side, [5, 5, 90, 90]))
         parts = {"annotation": said, "segmentation": painted(side, side)}
@@ -200,7 +200,7 @@ def test_a_client_that_leaves_ends_the_measuring_of_its_frame(serve):
         ended = 'unghost_pixel_processes_ended_total{reason="given_up"}'
 
         def leave_and_look():
-            # On a busy machine the first ones leave before anything is measured.
+            # On a busy machine the first requests end before anything is measured.
             with service.admin() as impatient, pytest.raises(httpx.ReadTimeout):
                 impatient.put(path, files=parts, timeout=0.3)
             return ended in api.http.get("/metrics").text
@@ -250,7 +250,7 @@ def test_a_token_that_reads_much_leaves_threads_to_others(serve):
 
 @contextmanager
 def drawing_for_long(service, api, path, count):
-    """One viewer asks for a picture that takes long, so often at the same time."""
+    """One viewer asks for a slow picture `count` times at once; yields the requests."""
     made = api.post("/tokens", {"name": "greedy", "role": "viewer"}).json()
     greedy = service.client(Authorization=f"Bearer {made['token']}")
     stopping = service.app.state.services.engine.stopping
@@ -260,11 +260,11 @@ def drawing_for_long(service, api, path, count):
             until(lambda: service.app.state.drawings.borrowed_tokens)
             yield asked
         finally:
-            stopping.set()  # nobody waits for them to be drawn
+            stopping.set()  # ends the drawings, so that the test need not wait
 
 
 def put_slow(api, name):
-    """A frame that takes seconds to be drawn; where its overlay is."""
+    """Store a frame that takes seconds to draw; return the path of its overlay."""
     side = 6000
     image = scene.png(np.zeros((side, side, 3), np.uint8))
     boxes = [[number, 0, number + 50, side] for number in range(0, 5800, 2)]

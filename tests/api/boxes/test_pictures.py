@@ -1,4 +1,4 @@
-"""Files and pictures of a frame: byte for byte, cached, in parts."""
+"""Files and pictures of a frame: exact bytes, caching, and requests for parts."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_file_that_is_known_is_304(api, path, form):
 def test_single_ranges_are_answered_and_nonsense_is_not_looked_at(
     api, path, wanted, status, part
 ):
-    """Superscripts and numbers of five thousand digits used to be a 500."""
+    """Superscript digits and numbers of five thousand digits used to give a 500."""
     answer = api.http.get(path, headers=[(b"Range", wanted.encode("latin-1"))])
 
     assert answer.status_code == status

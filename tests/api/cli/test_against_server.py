@@ -27,14 +27,14 @@ def unghost(server: RunningServer, tmp_path: Path) -> CommandLine:
 
 @pytest.fixture
 def alone(tmp_path: Path) -> Iterator[CommandLine]:
-    """The command line on a machine without a server."""
+    """The command line, pointed at a port where no server listens."""
     with reserved_port() as port:
         yield CommandLine(tmp_path, {"UNGHOST_SERVER": f"http://127.0.0.1:{port}"})
 
 
 @pytest.fixture
 def name(request: pytest.FixtureRequest) -> str:
-    """A dataset of the test's own."""
+    """The name of a dataset of the test's own."""
     test = str(request.node.name)
     return f"cli-{test.replace('_', '-').strip('-')[:80]}"
 

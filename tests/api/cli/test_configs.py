@@ -1,4 +1,4 @@
-"""Files of configurations that cannot be used: what the commands say of them."""
+"""Configuration files that cannot be used: the messages of the commands."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_a_config_that_is_no_text_is_refused_in_words(unghost, api, tmp_path):
 
 
 def using(dataset, file):
-    """Command lines that read the file, one of them without the server."""
+    """Command lines that read the file; `filter` does so without the server."""
     frames = write_manifest(file.parent / "frames", 1)
     yield "filter", frames, "--config", file, "-o", file.parent / "out.jsonl"
     yield "config", "set", dataset, file

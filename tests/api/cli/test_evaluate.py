@@ -25,7 +25,7 @@ def unghost(tmp_path: Path) -> CommandLine:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Two frames of a car and a ghost behind it; the third's depth is broken."""
+    """Two frames of a car and a ghost behind it, and a third whose depth is broken."""
     tags, metres, ids = scene()
     files = {
         "segmentation": painted(tags),
@@ -100,7 +100,7 @@ def test_a_truth_that_cannot_be_read_is_refused_with_its_line(unghost, folder):
 
 @pytest.fixture
 def half_seen(folder: Path) -> Path:
-    """Instead of the ghost a box beside the car: a sixth of it is the car's."""
+    """Instead of the ghost, a box next to the car, a sixth of which is the car."""
     manifest = folder / "manifest.jsonl"
     frames = [json.loads(line) for line in manifest.read_text().splitlines()]
     beside = {"id": "beside", "class": "car", "xyxy": [20, 30, 80, 100]}

@@ -1,4 +1,4 @@
-"""`unghost filter` on many frames: as many processes as cores, and one command."""
+"""`unghost filter` on many frames, which several processes work on."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ on_linux = pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc"
 
 @pytest.fixture
 def marked(tmp_path) -> CommandLine:
-    """The command line; its processes can be told from all others."""
+    """The command line, with a mark in the environment to find its processes by."""
     return CommandLine(tmp_path, {MARK: str(tmp_path)}, anew=True)
 
 
 def processes_of(folder: Path, *, working: bool = False) -> Iterator[int]:
-    """Processes of the commands of a folder; those alone that decide frames."""
+    """Ids of the marked processes; with `working`, only of those that decide frames."""
     for entry in Path("/proc").iterdir():
         try:
             environment = (entry / "environ").read_bytes().split(b"\0")
             threads = len(list((entry / "task").iterdir()))
         except OSError:
             continue
-        # Their second thread waits for the end of the command.
+        # Processes that decide have a second thread: it waits for the command to end.
         if f"{MARK}={folder}".encode() in environment:
             name = (entry / "cmdline").read_bytes()
             if not working or (b"forkserver" in name and threads > 1):
@@ -48,7 +48,7 @@ def processes_of(folder: Path, *, working: bool = False) -> Iterator[int]:
 
 
 def many(folder: Path, lines: int) -> Path:
-    """A manifest of so many frames, which all have the same files."""
+    """A folder whose manifest has this many frames, all with the same files."""
     write_manifest(folder, 1)
     manifest = folder / "manifest.jsonl"
     manifest.write_text(manifest.read_text() * lines)

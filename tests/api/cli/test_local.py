@@ -1,4 +1,4 @@
-"""Commands that need no server, or are one: filter, serve, demo, --version."""
+"""Commands that need no server or start one: filter, convert, serve, demo."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_an_interrupted_filter_says_so_and_leaves_no_half_file(unghost, tmp_path
     manifest.write_text(manifest.read_text() * 20_000)
 
     with unghost.running("filter", folder, "-o", "out/all.jsonl") as process:
-        # Until it has written something, and so is in the middle of its work.
+        # Wait until it has written something, and so is in the middle of its work.
         while not any(part.stat().st_size for part in tmp_path.glob("out/*.part")):
             assert process.poll() is None
         process.send_signal(signal.SIGINT)

@@ -1,4 +1,4 @@
-"""What is typed on a server's machine when the database is PostgreSQL."""
+"""Commands on the server's own machine when its database is PostgreSQL."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def unghost(tmp_path, url) -> CommandLine:
 
 @pytest.fixture
 def filled(tmp_path: Path, url: str) -> Path:
-    """A data folder of two frames, and their rows in the database."""
+    """A data folder with the files of two frames, whose rows are in the database."""
     return filled_folder(tmp_path / "data", database_url=url)
 
 
@@ -64,7 +64,7 @@ def test_a_database_in_order(filled, unghost):
 
     assert [found["check"] for found in answer.records] == CHECKS
     wrong = [found for found in answer.records if found["severity"] != "ok"]
-    # Whether the tests' own server is a careful one is not for them to say.
+    # The PostgreSQL of the tests may be set up so that doctor warns of its durability.
     assert {found["check"] for found in wrong} <= {"durability"}
     assert answer.code in (0, WARNED)
     assert said(answer)["database"]["found"].startswith("PostgreSQL ")
@@ -219,7 +219,7 @@ def test_a_backup_that_would_hold_no_rows_is_refused_with_what_to_do(
 
 @pytest.mark.skipif(shutil.which("pg_dump") is None, reason="pg_dump is not installed")
 def test_a_dump_and_a_copy_of_the_files_are_a_backup(filled, tmp_path, url):
-    """The commands of docs/operations.md, with a server that goes on meanwhile."""
+    """Follow docs/operations.md; a frame that is stored later is not in the backup."""
     dump, kept = tmp_path / "monday.dump", tmp_path / "monday-blobs"
     place = (
         make_url(url).set(drivername="postgresql").render_as_string(hide_password=False)

@@ -1,4 +1,4 @@
-"""Runs on the command line: followed, interrupted, cancelled, compared."""
+"""Runs on the command line: waited for, interrupted, cancelled, compared."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FRAMES = 150
 
 @pytest.fixture(scope="module")
 def slow(tmp_path_factory):
-    """A server that measures one frame at a time, and a dataset that takes a while."""
+    """A server that measures one frame at a time, and a dataset that takes long."""
     folder = tmp_path_factory.mktemp("slow") / "data"
     with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
         api = Api.at(server.url, server.headers)
@@ -40,7 +40,7 @@ def unghost(slow, tmp_path: Path) -> CommandLine:
 
 
 def interrupted(unghost, slow, config, *options):
-    """What a `run --wait` says that is interrupted part way, and its run after it."""
+    """Interrupt `run --wait` part way; return its messages, and the run afterwards."""
     server, dataset = slow
     (unghost.folder / "pixels.yaml").write_text(json.dumps(config))
     words = ("run", dataset, "--config", "pixels.yaml", "--wait", *options)

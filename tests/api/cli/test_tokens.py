@@ -1,4 +1,4 @@
-"""Tokens and the audit log on the command line, against a server of their own."""
+"""Tokens and the audit log on the command line, with a server of its own."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DONE, REFUSED, USAGE = 0, 1, 2
 
 @pytest.fixture(scope="module")
 def machine(tmp_path_factory):
-    """A server of this module's own, and a person on the same machine."""
+    """A server of this module's own."""
     folder = tmp_path_factory.mktemp("machine")
     with running_server(folder / "data") as server:
         yield server
@@ -25,7 +25,7 @@ def machine(tmp_path_factory):
 
 @pytest.fixture
 def unghost(machine, tmp_path):
-    """Without a token: the server has left a note where its token is."""
+    """The command line without a token: it finds the note that the server left."""
     state = {
         "XDG_STATE_HOME": str(machine.data.with_name(f"{machine.data.name}-state"))
     }

@@ -1,4 +1,4 @@
-"""Frames that cannot be read here: what `push` and `filter` say of them."""
+"""Frames whose files cannot be read: the messages of `push` and `filter`."""
 
 from __future__ import annotations
 

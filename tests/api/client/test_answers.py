@@ -27,7 +27,7 @@ def http(server: RunningServer) -> Iterator[httpx.Client]:
 
 @pytest.fixture
 def queued(http: httpx.Client, dataset: str) -> str:
-    """A dataset with a frame that says all it can, another, and a refused one."""
+    """A dataset with a frame with optional fields, a plain one, and a refused one."""
     seen = {"captured_at": "2026-01-01t00:00:00.5z", "weather": {"cloudiness": 10}}
     archive = [
         *archives.frame("a", number=0, **seen),

@@ -1,4 +1,4 @@
-"""The same descriptions of calls serve a client whose methods are awaited."""
+"""A client with async methods can use the same descriptions of calls."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class AsyncClient(Api):
-    """Sends each call once, and waits for whole answers."""
+    """An async client that sends each call once and reads each answer as a whole."""
 
     def __init__(self, http: httpx.AsyncClient) -> None:
         self._http = http

@@ -1,4 +1,4 @@
-"""Client and real server speak one language: datasets, frames, boxes and reviews."""
+"""The client against a real server: datasets, frames, boxes and reviews."""
 
 from __future__ import annotations
 

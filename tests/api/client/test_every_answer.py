@@ -1,7 +1,7 @@
-"""Every JSON answer has every field of its model, and the client reads each of them.
+"""Every JSON answer has every field of its model, and the client can read it.
 
-Which answers there are, and of which lines, says the OpenAPI document: one that nothing
-here asks for fails the test.
+The routes and their models come from the OpenAPI document: a route that is not called
+here fails the test.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from unghost import wire
 from unghost.wire.model import ResponseModel
 
 Place = tuple[str, str, int]
-"""Method, path of the route, status."""
+"""The method, the path of the route, and the status."""
 STRICT = {"min_visible_pixels": 10**6}
 TAR = {"Content-Type": "application/x-tar"}
 LINES = "application/x-ndjson"
 
 
 class Answers:
-    """The JSON answers to a client's requests that succeeded, by where they came from.
+    """Collects the successful JSON answers that a client gets, by where they came from.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Answers:
         self.got: defaultdict[Place, list[Any]] = defaultdict(list)
 
     def keep(self, response: httpx.Response) -> None:
-        """Note an answer, if it is JSON and no refusal."""
+        """Keep an answer, if it is JSON and not an error."""
         if response.headers.get("content-type") != "application/json":
             return
         response.read()
@@ -101,7 +101,7 @@ def api(server_of_one) -> Iterator[Api]:
 
 @pytest.fixture
 def street(api: Api) -> str:
-    """A dataset with a frame that says all it can, another, and a refused one."""
+    """A dataset with a frame with optional fields, a plain one, and a refused one."""
     name = api.dataset()
     seen = {"captured_at": "2026-01-01t00:00:00.5z", "weather": {"cloudiness": 10}}
     archive = [
@@ -116,7 +116,7 @@ def street(api: Api) -> str:
 
 @pytest.fixture
 def folder() -> bytes:
-    """Frames in KITTI's layout, one of which cannot be read, and a file of none."""
+    """An archive in KITTI's layout: a good frame, a bad one, and another file."""
     label = b"Car 0.5 1 -1.57 10 20 30 40 1.5 1.6 4 1 2 20 0.1\n"
     files = {
         "training/label_2/000000.txt": label,
@@ -138,7 +138,7 @@ def ask_who_comes_in(api: Api) -> None:
         api.json(path)
     for path in ("/version", "/healthz"):
         said(api.http.get(path))
-    # Not ready is also who has been kept from working a moment ago.
+    # On a busy machine the server may not be ready for a moment.
     until(lambda: api.http.get("/readyz").is_success)
 
 
@@ -210,7 +210,7 @@ def ask_for_jobs(api: Api, street: str) -> None:
 
 
 def cancel_jobs(api: Api) -> None:
-    """A run that takes a while, and an export that waits for it."""
+    """Cancel a run that takes a while, and an export that waits for it."""
     street = fill(api, 40)
     run = said(api.post(f"/datasets/{street}/runs", {"config": FROM_PIXELS}))
     export = said(api.post(f"/datasets/{street}/exports", {"format": "yolo"}))
@@ -292,7 +292,7 @@ def test_every_line_is_sent_in_full(api, folder):
 
 
 def _kind_of(line: Any, names: list[str]) -> str:
-    """The one model that the line can be."""
+    """The only model among `names` that has all keys of the line."""
     (kind,) = (name for name in names if line.keys() <= _keys_of(getattr(wire, name)))
     return kind
 

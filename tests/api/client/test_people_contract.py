@@ -1,4 +1,4 @@
-"""Client and real server speak one language: queue, tokens, and who is asking."""
+"""The client against a real server: queue, tokens, counts and the audit log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Client and real server speak one language: quality, and channels compared."""
+"""The client against a real server: quality, and channels compared."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from unghost import OutgoingFrame
 
 @pytest.fixture
 def reviewed(client, filled) -> str:
-    """Two boxes that the filter decided rightly, one wrongly, one nobody is sure of."""
+    """Answers on four boxes: two agree with the filter, one does not, one is unsure."""
     boxes = list(client.boxes(filled, sort="id"))
     kept = [box for box in boxes if box.verdict == "kept"]
     rejected = [box for box in boxes if box.verdict == "rejected"]
@@ -42,7 +42,7 @@ def test_quality_sets_the_filter_against_the_answers(client, reviewed):
 
 @pytest.fixture
 def doubtful(client, dataset) -> str:
-    """A whole car, and a box with a bit of one that people say is a ghost."""
+    """A whole car, and a box with a part of a car, which people reject."""
     partly = {"id": "partly", "class": "car", "xyxy": [36, 24, 52, 40]}
     boxes = [{"id": "real", "class": "car", "xyxy": frames.ON_THE_CAR}, partly]
     client.put_frame(

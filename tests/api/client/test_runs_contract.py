@@ -1,4 +1,4 @@
-"""Client and real server speak one language: a run's progress, end and differences."""
+"""The client against a real server: a run's progress, end and differences."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ STRICT = {"min_visible_pixels": 500}
 
 @pytest.fixture
 def strict(client, filled) -> unghost.Run:
-    """A run that rejects what the active one keeps."""
+    """A finished run that rejects boxes which the active run keeps."""
     run: unghost.Run = client.wait(client.start_run(filled, STRICT))
     return run
 

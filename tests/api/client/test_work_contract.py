@@ -1,4 +1,4 @@
-"""Client and real server speak one language: configs, runs, numbers and exports."""
+"""The client against a real server: configurations, runs, figures and exports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Datasets: made, listed page by page, changed, deleted."""
+"""Datasets: created, listed page by page, changed, deleted."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def test_a_description_changes_at_once(api):
     "key", ["description", "palette", "encoding", "channel_order", "lossy_segmentation"]
 )
 def test_null_is_no_value_of_a_setting(api, key):
-    """It used to be a 409 or a run that failed."""
+    """Null used to give a 409 or a run that failed."""
     answer = api.http.patch(f"{BASE}/datasets/{api.dataset()}", json={key: None})
 
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")
@@ -183,7 +183,7 @@ def test_a_mask_is_applied_by_a_run_and_can_be_taken_away(api):
 
 
 def test_the_settings_say_how_the_current_numbers_were_read(api):
-    """They change with the run that is done, and not with one that failed."""
+    """A new setting takes effect when its run is done, and not if the run fails."""
     name = api.dataset()
     api.stored(name, "town/7")
     path = f"{BASE}/datasets/{name}"

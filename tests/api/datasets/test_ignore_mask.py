@@ -1,4 +1,4 @@
-"""An ignore mask of a dataset, as a picture."""
+"""The ignore mask of a dataset, sent as a PNG."""
 
 from __future__ import annotations
 

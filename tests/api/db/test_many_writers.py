@@ -1,4 +1,4 @@
-"""Many who write at the same time wait for each other, and all of them get done."""
+"""Many concurrent writers wait for each other, and all of them are answered."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WRITTEN = 201
 
 
 def test_more_writers_than_threads_all_get_their_answer(service):
-    """They hold the writer's place while their answer is made, which takes a thread."""
+    """A writer keeps others waiting until its answer is made, which needs a thread."""
     assert CLIENTS > 2 * THREADS_OF_THE_SERVICE
 
     def post(number: int) -> int:
@@ -39,7 +39,7 @@ def test_more_writers_than_threads_all_get_their_answer(service):
 def test_probes_do_not_keep_writers_from_writing(service):
     def ask(number: int) -> int:
         if number % 10:
-            client.get("/readyz")  # on a busy machine it may say that it is not ready
+            client.get("/readyz")  # on a busy machine it may not be ready
             return WRITTEN
         body = {"name": f"between probes {number}"}
         return client.post("/probe/tokens/early", json=body).status_code
@@ -57,7 +57,7 @@ def test_probes_do_not_keep_writers_from_writing(service):
 
 
 def test_connections_are_kept_for_longer_than_clients_keep_them(tmp_path):
-    """Else a client sends a request on a connection that is closed at that moment."""
+    """Otherwise a client may send a request on a connection that is being closed."""
     app = create_app(Settings(data=tmp_path / "data"))
 
     expiry = httpx.Limits().keepalive_expiry or 0

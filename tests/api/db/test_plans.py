@@ -1,7 +1,8 @@
-"""Every question that a request asks the database is answered by an index.
+"""No request makes the database read a big table from end to end.
 
-Each request is sent to a real server; what SQL it (and the job it starts) runs is then
-explained by SQLite. A table that grows with the data is never read from end to end.
+Each request is sent to a real server. SQLite then explains how it ran each statement of
+the request, and of the job that the request started. A big table is one that grows with
+the data.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ EXCUSED = {
     "of its own, in the background, and others have their turns after each; an index "
     "would cost every upload for that",
 }
-"""A part of a statement that may read a big table whole -> why."""
+"""A part of a statement that may read a big table whole -> the reason."""
 NOT_INDEXED = {
     ("boxes", "class_id"): "classes are only deleted with their dataset, and an index "
     "would cost every upload for that"
@@ -63,7 +64,7 @@ def api(service) -> Iterator[Api]:
 
 @pytest.fixture(scope="module")
 def street(api):
-    """A dataset with frames, answers, a claim, two runs and a problem."""
+    """A dataset with frames, answers, runs and a refused frame."""
     name = api.dataset()
     for number in range(6):
         annotation = {**scene.annotation(), "boxes": BOXES, "number": number}
@@ -269,7 +270,7 @@ def test_a_table_that_is_read_whole_would_be_noticed(service, api, street):
 
 
 def test_rows_are_found_by_what_they_refer_to(service):
-    """A row that is deleted takes others along: SQLite looks for them by their keys."""
+    """SQLite looks for the rows that refer to a deleted one: that needs an index."""
     found = inspect(service.app.state.database.engine)
     missing = {
         (table, *key["constrained_columns"])

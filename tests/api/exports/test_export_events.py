@@ -1,4 +1,4 @@
-"""Watching an export, as one watches a run: whichever process writes it."""
+"""The stream of events of an export, which works as that of a run does."""
 
 from __future__ import annotations
 

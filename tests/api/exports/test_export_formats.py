@@ -1,4 +1,4 @@
-"""Every format from a real server; pushed again, the same labels come out again."""
+"""Exports in every format; an export that is pushed again gives the same labels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ READ_AND_WRITTEN = [name for name in EXPORT_FORMATS if FORMATS[name].read]
 
 
 def fill(client: Client, name: str) -> str:
-    """Frames with a kept and a rejected box each, and one frame without boxes."""
+    """Make a dataset: frames with a kept and a rejected box, and one without boxes."""
     client.create_dataset(name, classes=CLASSES)
     for number, key in enumerate(KEYS):
         annotation = scene.annotation() | {"mine": {"number": number}}
@@ -49,7 +49,7 @@ def client(server):
 
 
 def unpacked(client: Client, dataset: str, form: str, folder: Path, **options) -> Path:
-    """An export of the server as a folder."""
+    """Export a dataset and unpack the download into `folder`."""
     done = client.wait_for_export(client.start_export(dataset, form, **options))
     archive = client.download(done, folder.with_suffix(".zip"))
     with zipfile.ZipFile(archive) as packed:
@@ -129,7 +129,7 @@ def test_tight_rectangles_of_a_comparison_reach_the_labels(client, tmp_path):
     name = client.create_dataset("tight", classes=["car"]).name
     client.put_frame(name, "a", ANNOTATION, **sensors())
     client.wait(client.evaluate(name))
-    # The box behind has nothing of its own to be seen, so its rectangle stays.
+    # Nothing of the box behind is visible, so its rectangle stays as it is.
     coco = unpacked(client, name, "coco", tmp_path / "coco", boxes="tight")
     yolo = unpacked(client, name, "yolo", tmp_path / "yolo", boxes="tight")
 

@@ -90,7 +90,7 @@ def test_a_download_goes_on_where_it_stopped(api, export):
 
 @pytest.mark.parametrize("span", ["bytes=0-99", "bytes=999999999-"])
 def test_a_part_of_another_file_is_not_continued(api, export, span):
-    """A range beyond the end used to be refused, whatever it was a range of."""
+    """A range beyond the end used to be refused even if `If-Range` did not match."""
     whole = download(api, export)
 
     stale = download(api, export, **{"Range": span, "If-Range": '"other"'})
@@ -140,7 +140,7 @@ def test_there_is_nothing_to_cancel_or_to_download(api):
 
 
 def address_of(api, export):
-    """An address of the export's file that needs no token, and the answer."""
+    """Make a download link, which needs no token; return its URL, and the answer."""
     answer = api.post(f"/exports/{export['id']}/download-links", {})
     assert answer.status_code == 201, answer.text
     return api.http.base_url.join(answer.json()["url"]), answer

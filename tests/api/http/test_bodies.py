@@ -1,4 +1,4 @@
-"""Before a body is read there is a limit on it: on every route, however it is sent."""
+"""Every route limits the size of its body, with or without a Content-Length."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ OPERATIONS = sorted(
 
 
 def setting_of(route: APIRoute) -> str:
-    """Which setting bounds the body of a route; empty: it takes none."""
+    """The name of the setting that limits a route's body; empty if it takes none."""
     return (route.body_setting or "") if isinstance(route, OpenRoute) else ""
 
 
@@ -80,7 +80,7 @@ def head(service, method, path, *more):
 
 
 def answer_on(connection) -> bytes:
-    """Status, head and the beginning of what is answered."""
+    """Read an answer until its head is complete; some of its body may be included."""
     received = b""
     while b"\r\n\r\n" not in received:
         piece = connection.recv(65536)
@@ -110,7 +110,7 @@ def test_nothing_is_read_of_a_body_that_says_it_is_too_large(
         assert is_alive(service, anybody)
         received = answer_on(connection)
 
-    if path == "/":  # the page's shell, which looks at nothing of a request
+    if path == "/":  # the page ignores the body of a request
         assert received.startswith(b"HTTP/1.1 200 "), received
         return
     assert received.startswith(b"HTTP/1.1 413 "), received
@@ -124,7 +124,7 @@ def test_nothing_is_read_of_a_body_that_says_it_is_too_large(
 def test_no_more_than_its_limit_is_read_of_a_body_in_chunks(
     service, anybody, method, path, route, keyed
 ):
-    """The body never ends: whoever would read more of it would wait for more."""
+    """The body is never ended: a server that read past the limit would never answer."""
     limit = limit_of(route)
     name = setting_of(route)
     start, media_type = STARTS.get(name, (b"[", "application/json"))
@@ -150,7 +150,7 @@ def test_every_limit_is_a_setting():
 
 
 def test_routes_that_take_a_body_say_how_large_it_may_be(tmp_path):
-    """A new route with a body that names no setting would be read up to 4 KiB."""
+    """Of a new route that names no setting, only 4 KiB of the body would be read."""
     document = create_app(Settings(data=tmp_path)).openapi()
     described = {
         (method.upper(), path)

@@ -1,9 +1,9 @@
-"""What is no cursor of ours is refused by all lists with the same code and sentence."""
+"""A cursor that the service did not make is refused by all lists in the same way."""
 
 from __future__ import annotations
 
 BY_NAME = {"/api/v1/datasets", "/api/v1/datasets/{dataset}/frames"}
-"""Any text that can be a name is a place in these lists."""
+"""Lists by name: their cursors are names, so any text that can be a name is valid."""
 NOT_OURS = ("x", "-1", "0", "1.5", "1~", "\u0661", "9" * 30, "W1tbW1tb" * 200)
 NOT_A_NAME = ("\x00", "a\x07", "\u202e")
 

@@ -1,4 +1,4 @@
-"""Every answer that is not 2xx is one kind of document, whoever made it."""
+"""Every error is a problem document, whichever part of the service made it."""
 
 from __future__ import annotations
 

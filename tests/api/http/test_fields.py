@@ -1,4 +1,4 @@
-"""Names that come in reach no column: fields, filters and orders are lists of ours."""
+"""Fields, filters and orders come from fixed lists: no request can name a column."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def resolved(document, schema):
 
 
 def bodies(document):
-    """The JSON objects that routes take."""
+    """The routes that take JSON: method, path and the schema of the body."""
     for method, path, operation in operations(document):
         content = operation.get("requestBody", {}).get("content", {})
         schema = content.get("application/json", {}).get("schema")
@@ -45,7 +45,7 @@ def bodies(document):
 
 
 def test_no_body_takes_a_key_that_it_does_not_name(document):
-    """What a client may not set (ids, authors, times, hashes) cannot be slipped in."""
+    """So no client can set what it may not: ids, authors, times, hashes."""
     open_ended = {
         (method, path)
         for method, path, schema in bodies(document)
@@ -128,7 +128,7 @@ def test_a_filter_on_another_column_is_unknown(admin, document, name):
 
 @pytest.mark.parametrize("text", INJECTED)
 def test_text_in_a_filter_is_text(service, admin, document, text):
-    """Every parameter of every list, with text that would mean something in SQL."""
+    """Every query parameter of every GET, with text that means something in SQL."""
     before = rows_of(service, "tokens")
 
     failed = {

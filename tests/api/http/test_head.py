@@ -1,4 +1,4 @@
-"""HEAD answers the same people as GET does, with the same headers and no body."""
+"""HEAD answers as GET does, with the same roles and headers but without a body."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OF_EACH = {"date", "x-request-id", "transfer-encoding"}
 
 @pytest.fixture(scope="module")
 def filled(service):
-    """One of everything that there is to look at."""
+    """Stores something for every GET route; gives the values for their paths."""
     with service.admin() as admin:
         admin.post("/api/v1/datasets", json={"name": "street"})
         files = {
@@ -33,7 +33,7 @@ def filled(service):
         }
         frame = admin.put(f"{STREET}/frames/a", files=files).json()
         export = admin.post(f"{STREET}/exports", json={"format": "yolo"}).json()["id"]
-        admin.get(f"/api/v1/exports/{export}/events")  # until it is done
+        admin.get(f"/api/v1/exports/{export}/events")  # returns when the export is done
         link = admin.post(f"/api/v1/exports/{export}/download-links").json()["url"]
         code = admin.post("/api/v1/login-codes").json()["id"]
         dataset = admin.get(STREET).json()
@@ -53,12 +53,12 @@ def filled(service):
 
 
 def asked(path, filled):
-    """The address of a route, with what it has to be asked."""
+    """The address of a route, with the query that it needs."""
     return at(path, filled) + ASKED.get(path, "").format(**filled)
 
 
 def told(answer, *, less=frozenset()):
-    """The status and the headers, but for those that every answer has anew."""
+    """The status and the headers, without `less` and those that always differ."""
     headers = {k: v for k, v in answer.headers.items() if k not in OF_EACH | set(less)}
     return answer.status_code, headers
 
@@ -92,14 +92,14 @@ def test_head_knows_the_parameters_that_get_knows(admin, filled, path):
 def test_open_routes_answer_anybody(anybody, filled):
     opened = [path for path in PATHS if NEEDS["GET", path] is ANYBODY]
 
-    # A machine that is crowded by other tests may not be ready for a moment.
+    # On a busy machine the service may not be ready for a moment.
     opened.remove("/readyz")
     assert {anybody.head(asked(path, filled)).status_code for path in opened} == {200}
 
 
 @pytest.mark.parametrize("path", sorted(DRAWN))
 def test_no_picture_is_drawn_for_its_head(admin, filled, path):
-    """Who asks so reads nothing, and so would be kept from nothing by what it costs."""
+    """Otherwise a client could make the server draw without reading any picture."""
     head = admin.head(at(path, filled))
     known = {"If-None-Match": head.headers["etag"]}
 
@@ -140,7 +140,7 @@ def test_a_head_of_a_stream_takes_no_place(tmp_path):
 
 
 def test_the_connection_goes_on_after_a_head(admin):
-    """A body that was sent all the same would be taken for the next answer."""
+    """A body after a HEAD would be taken for the next answer on the connection."""
     for _ in range(3):
         admin.head("/api/v1/datasets")
         assert admin.get("/healthz").json() == {"status": "ok"}

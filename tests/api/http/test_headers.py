@@ -1,4 +1,4 @@
-"""The headers that every answer carries, and the id that follows a request."""
+"""The security headers that every answer carries, also a refusal."""
 
 from __future__ import annotations
 

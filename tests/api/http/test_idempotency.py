@@ -59,7 +59,7 @@ def test_a_key_belongs_to_its_token(admin, as_role):
 
 
 def test_two_at_the_same_time_are_done_once(service, admin):
-    """Both are past every check before either of them writes."""
+    """Both requests pass every check before either of them writes."""
 
     def post(_):
         with service.admin() as client:
@@ -107,7 +107,7 @@ def test_an_answer_is_kept_over_a_restart(serve):
 
 
 def test_the_commit_comes_before_the_answer(admin):
-    """The row reaches the database with the commit; what that refuses is no 201."""
+    """A row that the database refuses at the commit is a 409 and not a 201."""
     admin.post("/probe/tokens", json={"name": "quinn"})
 
     answer = admin.post("/probe/tokens", json={"name": "quinn"})

@@ -1,4 +1,4 @@
-"""What does not fit a schema is refused in words, by what was expected and found."""
+"""A request that violates a schema is told what was expected and what was found."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def patterns(document):
 
 def test_every_pattern_has_words(tmp_path):
     app = create_app(Settings(data=tmp_path))
-    # Its own message names it already.
+    # This pattern is left out, as its error has a message of its own.
     known = set(patterns(json.loads(json.dumps(app.openapi())))) - {"^[!-~]{1,200}$"}
 
     assert len(known) > 3

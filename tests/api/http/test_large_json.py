@@ -1,4 +1,4 @@
-"""Large JSON of many requests is read one document after the other."""
+"""Large JSON documents are parsed one at a time; other requests go on meanwhile."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_large_documents_wait_for_each_other_and_nobody_for_them(service):
 
 
 def test_ten_thousand_boxes_of_eight_vertices_fit():
-    """The form with the most numbers, with all names that boxes have."""
+    """The largest form of a box: eight vertices, and every name that a box may have."""
     places = [[10.0 + n % 2, n % 4 / 4, n / 8] for n in range(8)]
     names = {"class": "car", "type_id": "vehicle.audi.tt", "base_type": "car"}
     boxes = [{"id": f"b{n}", **names, "vertices": places} for n in range(10_000)]

@@ -1,4 +1,4 @@
-"""What is refused before any work: large bodies, other hosts, unknown parameters."""
+"""Refused before any work is done: large bodies, other hosts, unknown parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a server writes down of what it is asked: enough to find it, and no secret."""
+"""The log of requests: it tells them apart, and it holds no secret."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ TOKEN = f"ug_{SECRET}{'x' * 36}"
 
 
 def log_with(server, text, times=1):
-    """The log, once it has this text: a line is written after its answer is out."""
+    """Wait until the log has this text; return the log.
+
+    A request is logged only after its answer was sent.
+    """
     until(lambda: log_of(server).count(text) >= times, lambda: log_of(server))
     return log_of(server)
 
@@ -33,7 +36,7 @@ def log_of(server):
 
 
 def answered(server, path):
-    """What was written of the requests for a path."""
+    """The lines of the log about the requests for a path."""
     lines = log_with(server, f'"path":"{path}"').splitlines()
     return [line for line in map(json.loads, lines) if line.get("path") == path]
 
@@ -115,7 +118,7 @@ def test_no_secret_is_in_the_log_whatever_is_asked(start_api):
 
 
 def all_routes(api):
-    """Every route, with everything marked that is not the path."""
+    """Call every route with the secret in the body, the query and headers; statuses."""
     document = api.http.get("/openapi.json").json()
     headers = {"User-Agent": SECRET, "If-Match": f'"{SECRET}"', "X-Any": SECRET}
     statuses = []
@@ -132,7 +135,7 @@ def all_routes(api):
 
 
 def accepted(api, name, box):
-    """Writes whose bodies nobody but the database should keep."""
+    """Valid writes whose bodies hold the secret; their statuses."""
     headers = {"Idempotency-Key": SECRET}
     bulk = {"dataset": name, "box_ids": [box], "seen_revisions": [1]}
     bulk |= {"verdict": "keep", "comment": SECRET}
@@ -153,7 +156,7 @@ def accepted(api, name, box):
 
 
 def refused(server, api, name):
-    """Requests that are wrong, with what is wrong marked."""
+    """Invalid requests with the secret in the part that is wrong; their statuses."""
     text = {"Content-Type": f"text/{SECRET}"}
     form = {"Content-Type": f"multipart/form-data; boundary={SECRET}"}
     frame = f"{BASE}/datasets/{name}/frames/d"
@@ -178,7 +181,7 @@ def refused(server, api, name):
 
 
 def let_in_or_not(server, made):
-    """Tokens and sessions, right ones and wrong ones."""
+    """Requests with valid and invalid tokens, sessions and codes; their statuses."""
     with plain_http.Client(base_url=server.url) as client:
         answers = [
             client.get("/version", headers={"Authorization": f"Bearer {TOKEN}"}),

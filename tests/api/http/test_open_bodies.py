@@ -1,4 +1,4 @@
-"""Bytes of requests in memory are counted: a few senders leave room for the others."""
+"""The limit on bytes of requests in memory: each token has a share of it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def service(tmp_path_factory):
 
 @pytest.fixture
 def bearers(as_role):
-    """What three reviewers show."""
+    """The Authorization headers of three reviewers."""
     return [as_role("reviewer").headers["authorization"] for _ in range(3)]
 
 
@@ -50,7 +50,7 @@ def nothing_is_left(service):
 
 
 def until_free(service):
-    """All requests have ended: some end a moment after their response."""
+    """Wait until no bytes are counted: some requests end just after their response."""
     until(lambda: open_bytes(service) == 0, lambda: open_bytes(service))
 
 
@@ -59,7 +59,7 @@ def open_bytes(service):
 
 
 class Sender:
-    """Sends a body piece by piece, on a connection that it keeps."""
+    """A connection on which the body of a request is sent piece by piece."""
 
     def __init__(self, service, bearer):
         host, port = service.url.removeprefix("http://").split(":")
@@ -82,7 +82,7 @@ class Sender:
         self.socket.sendall(content)
 
     def answer(self):
-        """Head and body of one answer."""
+        """Read one answer: its status, its headers and its body."""
         received = b""
         while b"\r\n\r\n" not in received:
             received += self._more()
@@ -108,13 +108,13 @@ class Sender:
 
 @pytest.fixture
 def sender(service):
-    """Senders whose connections end with the test."""
+    """Makes senders for a token; their connections are closed when the test ends."""
     with ExitStack() as opened:
         yield lambda bearer: opened.enter_context(closing(Sender(service, bearer)))
 
 
 def until_counted(service, size):
-    """Wait until so many bytes are counted: a request has been admitted."""
+    """Wait until this many bytes are counted: then a request has been admitted."""
     until(lambda: open_bytes(service) == size, lambda: open_bytes(service))
 
 
@@ -240,7 +240,7 @@ PADDING = b"x" * (BODY // 2)
 
 
 def form_of(**parts):
-    """A form of these parts: its media type, and its bytes."""
+    """A multipart form of these parts: its media type, and its bytes."""
     lines = [
         b"--b\r\nContent-Disposition: form-data; name=%b\r\n\r\n%b\r\n"
         % (name.encode(), content)
@@ -281,7 +281,7 @@ REFUSED = {
 
 @contextmanager
 def without_collector():
-    """What refers to itself in a circle stays, as it may in a service for minutes."""
+    """Trace memory without the garbage collector, which may not run for minutes."""
     gc.collect()
     gc.disable()
     tracemalloc.start()
@@ -317,14 +317,14 @@ def test_nothing_of_a_refused_body_stays_in_memory(service, bearers, sender, wha
             send()
         kept, _ = tracemalloc.get_traced_memory()
 
-    # The connection may still hold what came last.
+    # The connection may still hold the last body.
     assert kept // len(PADDING) < 4
 
 
 def test_a_batch_counts_what_it_keeps_and_is_told_when_that_is_too_much(
     service, admin, bearers, sender
 ):
-    """Its first frame is stored; one that has not come as a whole is what it keeps."""
+    """The first frame is stored; the second is incomplete, and so kept and counted."""
     first = sender(bearers[0])
     first.announce(BODY)
     until_counted(service, BODY)

@@ -1,4 +1,4 @@
-"""The OpenAPI document is complete: every error, every parameter, every scheme."""
+"""The OpenAPI document is complete: errors, parameters and authentication."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_every_operation_has_a_name_of_its_own_and_says_what_it_does(operations)
 
 
 def test_no_route_takes_an_address(schema, operations):
-    """The service fetches nothing from an address, and calls none."""
+    """The service never fetches or calls an address that a client gives."""
     assert "webhooks" not in schema
     assert [where for where, one in operations.items() if "callbacks" in one] == []
     assert set(formats(schema)) & {"uri", "uri-reference", "iri", "url"} == set()

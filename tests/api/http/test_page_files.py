@@ -1,4 +1,4 @@
-"""The page's shell and files, and what the API says of itself."""
+"""The HTML and the files of the page, and the description of the API."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_the_shell_is_open_and_takes_any_filter(anybody):
 
 
 def test_the_shell_names_every_module_that_it_starts_with(anybody):
-    """Else a browser learns of them one round trip after the other."""
+    """Otherwise a browser finds the modules in one round trip after the other."""
     page = anybody.get("/").text
 
     named = re.findall(r'rel="modulepreload" href="/static/v-\w+/([^"]+)"', page)
@@ -82,7 +82,7 @@ def test_a_file_that_is_known_is_not_sent_again(anybody):
 
 
 def versioned(client):
-    """The address below which the page names its files."""
+    """The path, with its version, below which the page names its files."""
     return re.findall(r'"(/static/v-\w+/)js/main.js"', client.get("/").text)[0]
 
 
@@ -145,7 +145,7 @@ def test_the_description_of_the_api_that_is_known_is_not_sent_again(admin):
     ],
 )
 def test_nothing_outside_the_page_is_a_file_of_it(service, name):
-    """Sent as it is: a client would tidy the path up."""
+    """The path is sent unchanged: most clients would normalise it first."""
     import http.client
 
     connection = http.client.HTTPConnection(service.url.removeprefix("http://"))

@@ -1,4 +1,4 @@
-"""Behind a proxy that speaks TLS: the page works, and nobody can pretend to be one."""
+"""Behind a proxy with TLS: the page works, and a forwarded host is not trusted."""
 
 from __future__ import annotations
 

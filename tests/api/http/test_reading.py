@@ -1,4 +1,4 @@
-"""Looking changes nothing, and what is looked at is never run."""
+"""GET changes nothing, and text from users is never sent as HTML."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MARKUP = "<img src=x onerror=alert(1)>"
 
 @pytest.fixture(scope="module")
 def filled(service):
-    """A dataset whose every name is markup."""
+    """A dataset whose texts are HTML; gives the values for the paths of GET routes."""
     with service.admin() as admin:
         admin.post("/api/v1/datasets", json={"name": "marked", "description": MARKUP})
         boxes = [{"id": MARKUP, "class": MARKUP, "xyxy": scene.ON_THE_CAR}]
@@ -48,9 +48,9 @@ def every_get(values):
 
 
 def rows_of(service):
-    """Every row of the database, but when a token was last used.
+    """Every row of the database, but without the time when a token was last used.
 
-    That is not written by a GET either, but by the service, once a minute: see
+    The service writes that time once a minute, and no GET does: see
     test_token_lifetimes.
     """
     rows = contents(service.app.state.database.engine)
@@ -59,14 +59,14 @@ def rows_of(service):
 
 
 def files_of(service):
-    """Every file that is stored, with what is in it."""
+    """Every stored file with its content, but not the files of the database."""
     files = (path for path in service.settings.data.rglob("*") if path.is_file())
     kept = (path for path in files if not path.name.startswith("unghost.db"))
     return {path: path.read_bytes() for path in kept}
 
 
 def test_no_get_has_a_side_effect(service, admin, filled):
-    """A picture on somebody's page can make a browser send one."""
+    """An image on any page of the web can make a browser send a GET."""
     rows, files = rows_of(service), files_of(service)
 
     for path in every_get(filled):
@@ -75,13 +75,13 @@ def test_no_get_has_a_side_effect(service, admin, filled):
 
     assert rows_of(service) == rows
     left = files_of(service)
-    # The thumbnail is drawn once and kept: it says nothing that the image does not.
+    # One thumbnail may be drawn and kept; it shows only what the image does.
     assert len(left) <= len(files) + 1
     assert files.items() <= left.items()
 
 
 def test_no_answer_is_a_page_but_the_page(admin, filled):
-    """Names from outside are in most of them: none may be taken for markup."""
+    """Only the page and the API's description are HTML; others may repeat user text."""
     pages, told = set(), 0
     for path in every_get(filled):
         answer = admin.get(path)

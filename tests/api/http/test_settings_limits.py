@@ -1,4 +1,4 @@
-"""Every limit of the settings is kept, with a status that says what to do."""
+"""Every limit of the settings is enforced, and the refusal names the limit."""
 
 from __future__ import annotations
 
@@ -241,11 +241,11 @@ def send(client, content=None):
 
 @contextmanager
 def sending(client):
-    """A batch that is open until it is let go on."""
+    """An upload that stays open until the function that is yielded is called."""
     let_go = threading.Event()
 
     def body():
-        yield bytes(512)  # enough to be taken for an archive
+        yield bytes(512)  # enough bytes to be accepted as an archive
         let_go.wait(120)
         yield bytes(512)
 
@@ -261,7 +261,7 @@ def sending(client):
 
 
 def test_every_limit_has_a_test():
-    """A new `max_...` of the settings belongs into one of the tables above."""
+    """A new `max_...` of the settings must be added to one of the tables above."""
     limits = {name for name in Settings.model_fields if name.startswith("max_")}
     here = {
         *("max_open_jobs_per_token", "max_event_streams_per_token"),

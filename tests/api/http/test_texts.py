@@ -1,6 +1,7 @@
-"""Half of a surrogate pair is no text: wherever one is sent, it is refused in words.
+"""Text with half of a surrogate pair is refused wherever it is sent, never a 500.
 
-The routes and their fields come from the OpenAPI document, so new ones are asked too.
+The routes and their fields come from the OpenAPI document, so that new ones are tested,
+too.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ def resolved(schema: Any) -> Any:
 
 
 def forms(schema: Any) -> Iterator[Any]:
-    """What a schema may be: itself, or each of its alternatives."""
+    """Every form that a schema allows: its alternatives, and the schema itself."""
     schema = resolved(schema)
     for word in ("anyOf", "oneOf"):
         for one in schema.get(word, ()):
@@ -38,7 +39,7 @@ def forms(schema: Any) -> Iterator[Any]:
 
 
 def spoiled(schema: Any, depth: int = 0) -> Iterator[Any]:
-    """Values of a schema, each with one text, or one key, that is none."""
+    """Values of a schema, each with one text or one key that holds half a pair."""
     for form in forms(schema):
         kind = form.get("type")
         kinds = kind if isinstance(kind, list) else [kind]
@@ -54,7 +55,7 @@ def spoiled(schema: Any, depth: int = 0) -> Iterator[Any]:
 
 
 def sample(schema: Any) -> Any:
-    """A value of a schema, with what it requires."""
+    """A valid value of a schema, with only the required fields."""
     form = next(iter(forms(schema)))
     if "enum" in form or "const" in form:
         return form.get("const", form.get("enum", [None])[0])
@@ -97,7 +98,7 @@ def street(api):
 
 
 def said(answer):
-    """A refusal of the request: never a failure of the service."""
+    """Check that the answer is a problem with a 4xx status; return the problem."""
     problem = answer.json()
     assert 400 <= answer.status_code < 500, answer.text
     assert answer.headers["content-type"] == "application/problem+json"

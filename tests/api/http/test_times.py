@@ -1,4 +1,4 @@
-"""Every time that is answered has one form, however the answer is made."""
+"""All times in answers have the same format, whichever route sends them."""
 
 from __future__ import annotations
 

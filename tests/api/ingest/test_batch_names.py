@@ -1,4 +1,4 @@
-"""Names in an archive, and keys in its annotations, that no frame can have."""
+"""Names in an archive, and keys in its annotations, that no key of a frame can be."""
 
 from __future__ import annotations
 
@@ -37,7 +37,10 @@ def test_a_key_that_cannot_be_written_is_told_by_its_name_and_the_rest_goes_on(
 
 
 def test_a_problem_is_noted_under_as_much_of_a_name_as_a_key_may_have(api):
-    """PostgreSQL takes no more, and ended the batch."""
+    """The key of a problem is cut to 512 characters.
+
+    PostgreSQL refused longer ones, which ended the whole batch.
+    """
     dataset, name = api.dataset(), "ü" * 600
 
     statuses, _ = told(api, dataset, [(f"{name}.json", NOT_JSON), *frame("b")])

@@ -1,4 +1,4 @@
-"""An archive on the way: cut into pieces by whatever lies between."""
+"""An archive is read as a whole, whatever pieces it arrives in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many frames in one request: told one by one, whatever is wrong with some of them."""
+"""Many frames in one request: each has its own result, even if others are refused."""
 
 from __future__ import annotations
 
@@ -244,7 +244,7 @@ def test_no_batch_is_larger_than_allowed(admin):
 
     answer = send(api, api.dataset(), packed(members))
 
-    # The length is announced: nothing has to be read.
+    # The Content-Length is already too large: nothing has to be read.
     assert (answer.status_code, answer.json()["code"]) == (413, "too_large")
 
 
@@ -291,7 +291,7 @@ def test_a_connection_that_is_cut_anywhere_leaves_whole_frames_only(api, server)
 
 
 def send_until_nobody_takes_it(connection, archive):
-    """How much was taken while nobody read the answer."""
+    """Send until the server stops reading; return the number of bytes that it took."""
     sent = 0
     for start in range(0, len(archive), 4096):
         try:

@@ -1,4 +1,4 @@
-"""A dropped folder is read by the service, and nothing of it is stored."""
+"""Reading a folder that a person drops on the page: nothing of it is stored."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def ask(client, content, headers=TAR, **parameters):
 
 
 def told(answer):
-    """The first line, frames by key, what belongs to none, the last line."""
+    """The parts of an answer: first line, frames by key, unmatched files, last line."""
     assert answer.status_code == 200, answer.text
     head, *lines, end = lines_of(answer.text)
     frames = {line["key"]: line for line in lines if "key" in line}
@@ -220,7 +220,7 @@ def test_names_stay_in_the_folder_and_what_cannot_be_laid_there_is_listed(
 
 
 def pieces(files):
-    """Members without the end of the archive, so that names can come twice."""
+    """The members of an archive without its end: joined, they can repeat a name."""
     members = []
     for name, content in files.items():
         member = tarfile.TarInfo(name)
@@ -231,7 +231,7 @@ def pieces(files):
 
 
 def wait_until_nothing_is_left(data):
-    """What was sent is removed when it is answered, and the answer is not kept up."""
+    """Wait until the files that were sent are removed, which is after the answer."""
     until(lambda: not any("folder-" in folder for folder, *_ in os.walk(data)))
 
 
@@ -308,7 +308,7 @@ def test_a_folder_that_takes_too_long_is_given_up(serve, tmp_path):
 
 
 def test_files_and_answers_beyond_their_limits_are_told(serve):
-    """A line of eight bytes becomes a box of eighty."""
+    """A label of eight bytes becomes a box of about eighty bytes in the answer."""
     with serve(max_folder_bytes=20_480, max_part_bytes=16_000).admin() as admin:
         large = {"1.txt": bytes(16_001), "2.txt": LINE, "classes.txt": b"car"}
         _, frames, unmatched, _ = told(ask(admin, pieces(large) + END))

@@ -1,4 +1,4 @@
-"""Bad frames: the right status, the right words, nothing stored, the next one taken."""
+"""Bad frames: each is refused with a fitting status and message; none is stored."""
 
 from __future__ import annotations
 
@@ -259,7 +259,7 @@ def test_numbers_beyond_all_images_are_outside_and_harmless(api):
 
 
 def test_a_refused_frame_is_one_problem_however_often_it_comes(api):
-    """Each retry used to count as another frame that was refused."""
+    """Each retry used to count as one more refused frame."""
     dataset = api.dataset()
     for _ in range(3):
         api.put(dataset, "a", {})

@@ -1,4 +1,4 @@
-"""Asking for many keys at once what is stored under them."""
+"""Asking which of many keys have a stored frame, and with which content."""
 
 from __future__ import annotations
 

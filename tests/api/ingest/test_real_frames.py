@@ -1,4 +1,4 @@
-"""Real CARLA frames, made by strangers, over HTTP."""
+"""Real CARLA frames that others have made, uploaded over HTTP."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_frames_without_a_segmentation_wait_for_people(api):
 
 
 def test_tags_in_the_wrong_channel_are_recognised(api):
-    """The tags of a real frame, in the blue channel as a swapped writer leaves them."""
+    """The tags are in the blue channel, as if the writer had swapped red and blue."""
     rgb = cv2.imread(str(shared(f"{SWAPPED}/instance_segmentation.png")))
     assert rgb is not None
     swapped = np.zeros_like(rgb)

@@ -1,4 +1,4 @@
-"""Whatever is wrong with an upload, the words name the frame and the part."""
+"""The message of a refused upload names the frame and the part that is wrong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files from outside: known by content, named by us, and data whatever they claim."""
+"""Uploaded files are stored under our own names and served only as data."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def chunk(kind, body):
 
 
 def with_chunk(png, extra):
-    """A valid PNG with one more chunk behind its header."""
+    """A valid PNG with one more chunk after its header."""
     return png[:33] + extra + png[33:]
 
 
@@ -166,7 +166,7 @@ def zipped(*names):
     ],
 )
 def test_nothing_that_could_unfold_is_unpacked(admin, content, headers, status):
-    """No archive is decompressed anywhere: there is no ratio for a bomb to have."""
+    """The service decompresses no archive, so a decompression bomb does nothing."""
     answer = admin.post(
         "/api/v1/datasets/files/batches", content=content, headers=headers
     )
@@ -242,6 +242,6 @@ def test_a_picture_with_damaged_pixels_never_fails_the_service(admin):
 
 
 def test_no_number_is_told_of_files_that_others_have(admin):
-    """Files are found through their frame alone, never by their content's name."""
+    """Stored files are found only through their frame, never by a path or a digest."""
     for path in ("/blobs", "/api/v1/blobs", "/data", "/unghost.db", "/token"):
         assert admin.get(path).status_code == 404

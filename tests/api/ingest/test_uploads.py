@@ -1,4 +1,4 @@
-"""Uploads that are no frame: other parts, other bodies, keys that are paths."""
+"""Uploads that are not frames: wrong parts, wrong bodies, keys that are paths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Depth, instances and order over HTTP: measured once, switched without pixels."""
+"""Depth, instances and order over HTTP: once measured, switched without pixels."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_depth_that_is_too_coarse_is_stored_until_somebody_asks_for_it(api):
 
 
 def cloud(count=3):
-    """A semantic LiDAR as NumPy writes it."""
+    """A point cloud of a semantic LiDAR, as a NumPy file."""
     return npy(np.zeros((count, 6)))
 
 

@@ -1,4 +1,4 @@
-"""Alive, ready, and which version."""
+"""The routes that say whether the service is alive and ready, and its version."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures for Prometheus: by route, never by what somebody asked for; cheap."""
+"""Metrics for Prometheus: counted by route, never by a client's text, and cheap."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def families(client):
 
 
 def scraped(client):
-    """Samples by name and values of labels, which are told in alphabetical order."""
+    """Values by name and label values, with the labels in alphabetical order."""
     return {
         (sample.name, *sample.labels.values()): sample.value
         for family in families(client).values()
@@ -82,7 +82,10 @@ def test_names_and_units_are_those_of_prometheus(admin):
 
 @pytest.fixture(scope="module")
 def worked(tmp_path_factory):
-    """A server that has done a little of everything; only its own process counts."""
+    """A server that has done a little of everything, and a client of it.
+
+    It is a process of its own, so that its figures count nothing else.
+    """
     from tests.support.api import Api
     from tests.support.servers import running_server
 
@@ -169,7 +172,7 @@ def test_no_table_that_grows_with_the_boxes_is_read(serve):
     service = serve()
 
     with service.admin() as client:
-        client.get("/metrics")  # counts the blobs, once and aside
+        client.get("/metrics")  # starts to count the blobs in the background
         context = service.app.state.services
         context.engine.start(str, None).result()
         with statements_of(service.app.state.database.engine) as said:

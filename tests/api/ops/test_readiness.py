@@ -1,4 +1,4 @@
-"""Ready only if it can store what is sent: each check fails for real, and recovers."""
+"""Readiness: each check is made to fail for real, and then to pass again."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ PATIENCE_S = 60
 
 
 def looks(url):
-    """Answers of /readyz for as long as anybody should have to wait for one."""
+    """Ask /readyz again and again for a minute; yield each answer."""
     until = time.monotonic() + PATIENCE_S
     while time.monotonic() < until:
         yield plain_http.get(f"{url}/readyz", timeout=PATIENCE_S)
-        time.sleep(0.1)  # it looks itself once a second
+        time.sleep(0.1)  # the server runs its checks once a second
 
 
 def until_not_ready(url):
-    """The faults by their checks, once there are some."""
+    """Wait until the server is not ready; return the faults by check."""
     for answer in looks(url):
         if answer.status_code == 503:
             assert answer.json()["code"] == "not_ready"
@@ -44,7 +44,7 @@ def until_not_ready(url):
 
 
 def until_ready(url):
-    """What the checks found, once all are well."""
+    """Wait until the server is ready; return what each check found."""
     for answer in looks(url):
         if answer.status_code == 200:
             assert answer.json()["ready"] is True
@@ -63,14 +63,14 @@ def server(tmp_path_factory):
 
 @contextmanager
 def filled(folder, leaving_mib):
-    """The disk with little room left on it, or none."""
+    """Fill the disk until only this much room is left, or none."""
     filler = folder / "filler"
     with filler.open("wb", buffering=0) as file:
         try:
             for _ in range(DISK_MIB - leaving_mib):
                 file.write(bytes(MIB))
         except OSError:
-            pass  # full: that is what was wanted
+            pass  # the disk is full, which is wanted
     try:
         yield
     finally:
@@ -176,7 +176,7 @@ def test_asking_again_and_again_does_not_write_again_and_again(server):
         answers = [client.get("/readyz").status_code for _ in range(50)]
 
     wal = server.data / "unghost.db-wal"
-    # A page for each write, and one write a second.
+    # The server writes once a second, one page each time.
     assert wal.stat().st_size // 4096 <= time.monotonic() - begun + 2
     assert set(answers) == {200}
     assert emptied[0] == 0

@@ -1,4 +1,4 @@
-"""However many connect, and whatever they do then: who works gets in."""
+"""The limit on open connections: idle ones are closed so that requests are served."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ os.execv(sys.executable, [sys.executable, "-m", "app"])
 
 @contextmanager
 def limited_server(data, *, soft, hard, taken=0, **settings):
-    """A server that may open so many files, of which some are open from its start.
+    """A server that may open only so many files, `taken` of which are already open.
 
-    Gives a client that shows its token, and its log.
+    Yields an admin's client and the path of the server's log.
     """
     log = data.with_name("server.log")
     command = [sys.executable, "-c", WITH_LIMITS, *map(str, (soft, hard, taken))]
@@ -70,7 +70,7 @@ def client_of(url, headers):
 
 
 def connected(url, source="127.0.0.1"):
-    """A connection that nothing was sent on."""
+    """An open connection on which nothing was sent."""
     at = httpx.URL(str(url))
     return closing(
         socket.create_connection(
@@ -80,7 +80,7 @@ def connected(url, source="127.0.0.1"):
 
 
 def put(client, key):
-    """A frame, sent on a connection of its own: its status."""
+    """Upload a frame on a connection of its own; return the status."""
     files = {
         "annotation": scene.as_json(scene.annotation()),
         "image": scene.image(),
@@ -91,7 +91,7 @@ def put(client, key):
 
 
 def all_of(connection):
-    """What comes until the service hangs up; a time-out if it does not."""
+    """Everything received until the server closes the connection, or a time-out."""
     return b"".join(iter(lambda: connection.recv(65536), b""))
 
 
@@ -140,7 +140,7 @@ def test_without_any_descriptor_left_the_service_goes_on_later(tmp_path):
         with ExitStack() as held:
             for _ in range(200):
                 last = held.enter_context(connected(admin.base_url))
-            assert all_of(last) == b""  # there is no descriptor to accept it with
+            assert all_of(last) == b""  # the server had no descriptor left to accept it
         again = put(admin, "a"), admin.post("/api/v1/datasets", json={"name": "b"})
         said = log.read_text("utf-8").splitlines()
 
@@ -163,7 +163,7 @@ def test_connections_without_a_token_make_room_for_others(tmp_path, begun):
 
 
 def at_work(service, held, source="127.0.0.1"):
-    """A connection with a request of somebody who is signed in, which goes on."""
+    """A connection with an authenticated request whose body is not yet sent."""
     lines = (
         "POST /api/v1/datasets HTTP/1.1",
         "Host: localhost",
@@ -179,7 +179,7 @@ def at_work(service, held, source="127.0.0.1"):
 
 
 def asked(service, source="127.0.0.1"):
-    """What a new connection is told."""
+    """The answer to a health check on a new connection."""
     with connected(service.url, source) as connection:
         connection.sendall(
             b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"

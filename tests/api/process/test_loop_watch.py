@@ -1,4 +1,4 @@
-"""An event loop that stands still is noticed, told, and counted; threads are not it."""
+"""A blocked event loop is logged and counted; busy threads are not taken for one."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from tests.support import plain_http, probe_routes
 
 PATIENCE_S = 60
 THREADS = 40
-"""That requests share."""
+"""How many threads the service has for requests."""
 
 
 @pytest.fixture
 def held(serve):
-    """A service whose requests wait for `let_go`; all are let go in the end."""
+    """A service whose probe routes wait for `let_go`, which is set in the end."""
     for event in (probe_routes.is_held, probe_routes.let_go):
         event.clear()
     while probe_routes.waiting.acquire(blocking=False):
@@ -45,7 +45,7 @@ def counted(client):
 
 
 class Noted(logging.Handler):
-    """Records of the server's log, and word that one came."""
+    """Collects records of a log, and sets an event when one comes."""
 
     def __init__(self):
         super().__init__()
@@ -104,7 +104,7 @@ def test_a_service_is_ready_while_all_threads_of_requests_are_busy(held):
 
         alive = client.get("/healthz").status_code
         until = time.monotonic() + PATIENCE_S
-        # A crowded machine may have held the loop itself a moment ago.
+        # On a busy machine the loop may have been late on its own a moment ago.
         while (ready := client.get("/readyz").status_code) != 200:
             assert time.monotonic() < until
         probe_routes.let_go.set()

@@ -1,4 +1,4 @@
-"""Whoever does not read what it asked for holds neither memory nor a place."""
+"""Clients that stop reading their answers are disconnected; slow ones are not."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def service(tmp_path):
 
 
 def connected(service):
-    """A connection whose own end takes next to nothing that is not read."""
+    """A connection that buffers very little of what the test does not read."""
     host, port = service.url.removeprefix("http://").split(":")
     connection = socket.socket()
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -55,7 +55,7 @@ def head(path, **more):
 
 
 def until_alone(service):
-    """Until nobody is connected but who asks."""
+    """Wait until the connection that asks is the only one."""
     with service.admin() as admin:
         while "unghost_connections_open 1.0\n" not in admin.get("/metrics").text:
             pass
@@ -87,11 +87,11 @@ def test_a_batch_whose_answer_is_not_read_is_given_up(service):
         "Content-Type: application/x-tar",
         "Content-Length: 1000000000",
     )
-    faulty = [{"id": str(number)} for number in range(100)]  # a long line for each
+    faulty = [{"id": str(number)} for number in range(100)]  # makes long lines
     sent = b"".join(pieces(frame(f"f{number}", boxes=faulty)) for number in range(9))
     with connected(service) as connection:
         connection.sendall("\r\n".join((*lines, "", "")).encode() + sent)
-        assert connection.recv(1)  # it has begun
+        assert connection.recv(1)  # the answer has begun
         until_alone(service)
         with service.admin() as admin:
             seen = admin.get("/metrics").text
@@ -140,14 +140,14 @@ def test_no_more_requests_wait_on_a_connection_than_allowed(service):
 
 
 def read_by_this_process():
-    """Bytes, those of files alone: sockets are received from."""
+    """How many bytes this process has read from files, without those from sockets."""
     counted = dict(line.split(": ") for line in IO.read_text("ascii").splitlines())
     return int(counted["rchar"])
 
 
 @pytest.mark.skipif(not IO.exists(), reason="only Linux counts what a process reads")
 def test_a_file_is_read_no_further_than_somebody_takes_it(service, tmp_path):
-    """A download of gigabytes that is left at once would else be read to its end."""
+    """A large download that the client abandons must not be read to its end."""
     size = 1 << 30
     large = service.app.state.large_file = tmp_path / "large"
     with large.open("wb") as file:

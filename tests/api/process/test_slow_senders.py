@@ -1,4 +1,4 @@
-"""Whoever begins something and does not go on holds neither memory nor a place."""
+"""Clients that stop in the middle of a request are answered 408 and disconnected."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def head(service, method, path, **more):
 
 
 def all_of(connection):
-    """What comes until the service hangs up; a time-out if it does not."""
+    """Everything received until the server closes the connection, or a time-out."""
     return b"".join(iter(lambda: connection.recv(65536), b""))
 
 
@@ -55,7 +55,7 @@ def test_a_head_without_end_is_cut_off(service):
         except OSError:
             pass
 
-    assert sent < 20_000_000  # most of it in the buffers of the two ends
+    assert sent < 20_000_000  # most of it is in the buffers of the two sockets
 
 
 def test_a_body_that_was_refused_is_not_read_without_end(service):

@@ -1,4 +1,4 @@
-"""Starting and stopping, as a process of its own; four of them start Python anew."""
+"""Starting and stopping the server as a process of its own."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def running(data_dir):
 
 
 def refused(data, log, **settings):
-    """The exit code of a server that cannot start."""
+    """Start a server that must fail to start; return its exit code."""
     with start(["app"], data, log, settings) as process:
         return process.wait(60)
 
@@ -190,7 +190,7 @@ def test_the_database_is_for_its_owner_alone_in_a_folder_for_all(data_dir):
         modes = {
             path.name: stat.S_IMODE(path.stat().st_mode) for path in data_dir.iterdir()
         }
-    (data_dir / "unghost.db").chmod(0o644)  # as older versions made it
+    (data_dir / "unghost.db").chmod(0o644)  # the mode that older versions gave it
     with running_server(data_dir):
         again = stat.S_IMODE((data_dir / "unghost.db").stat().st_mode)
 
@@ -210,6 +210,6 @@ def test_a_line_break_in_a_path_starts_no_line_in_the_log(data_dir):
 
 
 def test_answers_do_not_wait_for_the_other_side_to_acknowledge():
-    """asyncio turns Nagle's algorithm off only where the socket says TCP."""
+    """asyncio turns Nagle's algorithm off only on sockets that are declared as TCP."""
     with listen("127.0.0.1", 0) as listener:
         assert listener.proto == socket.IPPROTO_TCP

@@ -1,4 +1,4 @@
-"""Channels compared over HTTP, with instances and with people."""
+"""Channels compared over HTTP; the truth is instances or people's answers."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def test_depth_that_is_too_coarse_does_not_stop_a_comparison(api, dataset):
 
 
 def damaged(png):
-    """Of the same size, with another byte among its pixels."""
+    """A PNG of the same size, with one byte of its pixels changed."""
     at = png.index(b"IDAT") + 20
     return png[:at] + bytes([png[at] ^ 0xFF]) + png[at + 1 :]
 

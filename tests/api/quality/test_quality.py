@@ -1,4 +1,4 @@
-"""The filter against people over HTTP, counted by hand from the lists."""
+"""The filter's verdicts compared with people's answers, over HTTP."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FRAMES = 4
 
 @pytest.fixture(scope="module")
 def people(api, server):
-    """Two reviewers besides the admin."""
+    """Clients of two reviewers besides the admin."""
     opened = []
     for name in ("ada", "eve"):
         body = {"name": f"{name}-{api.dataset()}", "role": "reviewer"}

@@ -1,4 +1,4 @@
-"""One answer on many boxes: as they were seen, undone in one act, never lost."""
+"""One answer on many boxes: only as they were seen, and undone as a whole."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.support import frames as scene
 from tests.support.api import BASE, Api
 
 NO_BOXES = "WyJ4IiwwLDAsMCwwXQ"
-"""A snapshot of a filter that there is not."""
+"""A snapshot of a filter that does not exist."""
 
 
 def bulk(api, dataset, verdict, **which):
@@ -22,7 +22,7 @@ def bulk(api, dataset, verdict, **which):
 
 
 def bulk_as_seen(api, dataset, verdict, box_ids):
-    """The boxes as they are now."""
+    """Answer the boxes at the revisions that they have now."""
     seen = [api.json(f"/boxes/{box_id}")["revision"] for box_id in box_ids]
     return bulk(api, dataset, verdict, box_ids=box_ids, seen_revisions=seen)
 
@@ -350,7 +350,11 @@ def test_a_snapshot_is_that_of_its_own_filter(api, dataset):
 
 @pytest.fixture
 def answered_unseen(service):
-    """A dataset, and the box that has an answer which its decision does not show."""
+    """A client, a dataset and its boxes.
+
+    The second box has an answer that its decision does not show yet, as if it came at
+    the same moment.
+    """
     api = Api(service.admin())
     with api.http:
         name = api.dataset()

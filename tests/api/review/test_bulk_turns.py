@@ -1,4 +1,4 @@
-"""Answers on many boxes and the turns of writers: nobody waits for what only reads."""
+"""Bulk answers and other writers: bulk answers read before they block others."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def street(api):
 
 @contextmanager
 def somebody_writes(service) -> Iterator[None]:
-    """All writers wait until the block ends."""
+    """Makes all writers wait until the block ends."""
     turns = service.app.state.database.turns
     turns.take(person=True, wait_s=PATIENCE_S)
     try:
@@ -59,7 +59,7 @@ def wait_for_writers(service, number: int) -> None:
 
 
 def answer_past_the_turns(service, box_id: int, seen: int = 0) -> None:
-    """What another server on the same database does."""
+    """Answer a box as another server on the same database would."""
     with (
         closing(Database(url_of(service.settings.data))) as other,
         other.write(person=True) as session,
@@ -127,7 +127,7 @@ def is_single_answer(statement: str) -> bool:
 
 
 def test_boxes_are_looked_at_before_it_is_the_turn_to_write(service, api, street):
-    """One statement for each revision that was claimed would hold up all others."""
+    """One statement for each revision, while writing, would hold up other writers."""
     name, ids = street
     claimed = list(range(len(ids)))
 
@@ -140,7 +140,7 @@ def test_boxes_are_looked_at_before_it_is_the_turn_to_write(service, api, street
 
 
 def while_it_waits(service, act, between):
-    """Answer to an act; `between` happens after it looked, before it may write."""
+    """The answer to `act`; `between` runs after `act` has read and before it writes."""
     with ThreadPoolExecutor(1) as pool:
         with somebody_writes(service):
             asked = pool.submit(act)
@@ -211,7 +211,7 @@ def test_a_repeated_answer_on_a_filter_is_answered_as_the_first(api, street):
 
 
 def test_a_replaced_frame_is_described_without_asking_for_it(service, api, street):
-    """What is asked within the transaction, everybody who writes waits for."""
+    """Every other writer waits for queries within the transaction."""
     name, ids = street
     assert api.review(ids[3], "keep", comment="seen").status_code == 201
     boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(MANY)]

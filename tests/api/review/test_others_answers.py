@@ -1,4 +1,4 @@
-"""Whoever answered keeps the answers: others do not delete, undo or set them aside."""
+"""Reviewers cannot delete, undo or discard answers of others; admins can."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _names = count(1)
 
 @pytest.fixture
 def person(service, admin):
-    """Makes a reviewer, or whatever the role is, with a token of their own."""
+    """Makes a person with a role and a token of their own: their name, and a client."""
     opened = []
 
     def make(role="reviewer"):
@@ -52,7 +52,10 @@ def replace(api, name):
 
 
 def replace_in_a_batch(api, name):
-    """What is said of the frame; the one beside it is stored in any case."""
+    """Replace the frame in a batch; return the line about it.
+
+    The batch has another new frame, which must be stored in any case.
+    """
     other = {**scene.annotation(), "map": "Town02"}
     documents = {"0": MOVED, "1": other}
     members = [
@@ -72,7 +75,7 @@ def replace_in_a_batch(api, name):
 
 
 def refusal(answer):
-    """Status, code and detail, of an answer or of a batch's line."""
+    """The status, code and detail of an answer or of a line of a batch."""
     if isinstance(answer, dict):
         problem = answer.get("problem", {})
         return answer["status"], problem.get("code"), problem.get("detail", "")
@@ -213,7 +216,7 @@ def clear_all(api, name, boxes):
 
 
 def answer_over(api, name, boxes):
-    """And replace the frame by one in which only one's own answers are carried on."""
+    """Answer the boxes as well, then replace the frame: only that is carried over."""
     for box_id in boxes:
         seen = api.json(f"/boxes/{box_id}")["revision"]
         assert api.review(box_id, "reject", seen=seen).status_code == 201

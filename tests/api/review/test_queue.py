@@ -1,4 +1,4 @@
-"""The queue: what comes next, for whom, and that nobody gets the same box."""
+"""The queue: its order, its filters, and that no two people get the same box."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def test_a_box_is_given_to_one_person_until_it_is_answered(dataset, reviewer):
 
 @pytest.fixture(params=["sqlite", "postgresql"])
 def either(request, start_api):
-    """A server of the test's own, on either database."""
+    """A server of the test's own and a client, once for each kind of database."""
     if request.param == "sqlite":
         yield start_api()
         return

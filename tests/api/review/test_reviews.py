@@ -1,4 +1,4 @@
-"""Answers of people on one box: stored whole, and never over what was not seen."""
+"""Answers on one box: stored in full, and refused if the box has changed since."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_each_answer_decides_what_counts(api, dataset, ghosts):
 
 @pytest.mark.parametrize("has_numbers", [True, False], ids=["new runs", "old runs"])
 def test_history_is_told_in_the_order_in_which_it_was_stored(service, has_numbers):
-    """A clock that was set back between two acts changes nothing."""
+    """The order does not change if the clock is set back between two acts."""
     api = Api(service.admin())
     with api.http:
         name = api.dataset()
@@ -97,7 +97,7 @@ def test_history_is_told_in_the_order_in_which_it_was_stored(service, has_number
 
 
 def test_the_history_of_a_box_shows_the_match_of_the_box(api):
-    """At most 100 %, and none of a box of which the mask leaves no pixel."""
+    """It is at most 100 %, and empty for a box whose pixels are all masked."""
     mask = {"polygons": [[[0, 0], [16, 0], [16, 16], [0, 16]]]}
     name = api.dataset(ignore_mask=mask)
     boxes = [

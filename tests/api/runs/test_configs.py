@@ -1,4 +1,4 @@
-"""Configurations by their content, and previews of what they would decide."""
+"""Configurations, identified by their content, and previews of their verdicts."""
 
 from __future__ import annotations
 

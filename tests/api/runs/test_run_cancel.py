@@ -1,4 +1,4 @@
-"""Cancelling a run: at once, for good, and as if it had never been asked for."""
+"""Cancelling a run: it stops soon, stays cancelled and changes no verdict."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from tests.support.servers import running_server
 
 FRAMES = 60
 AT_ONCE_S = 10
-"""Longer than a busy machine takes for what needs no work."""
+"""More seconds than a busy machine takes for something that needs no work."""
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 
 
 @pytest.fixture(scope="module")
 def slow(tmp_path_factory):
-    """A server that measures one frame at a time, and a dataset that takes a while."""
+    """A server that measures one frame at a time, a client, and a slow dataset."""
     folder = tmp_path_factory.mktemp("slow") / "data"
     with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
         api = Api.at(server.url, server.headers)
@@ -36,7 +36,7 @@ def asked_for(api, dataset, config, *, activate=True):
 
 
 def part_way(api, run_id):
-    """Wait until some frames are measured; the run as it was then."""
+    """Wait until some frames are measured; return the run as it was then."""
     with open_events(api, run_id) as stream:
         return next(event.data for event in stream if event.data["done"])
 
@@ -54,7 +54,7 @@ def test_a_run_that_measures_ends_within_a_second_and_changes_nothing(slow):
     begun = time.monotonic()
     answer = api.post(f"/runs/{run_id}/cancel")
     cancelled = time.monotonic() - begun
-    # The next job only begins when the cancelled one has let go.
+    # The next job begins only when the cancelled one has stopped.
     following = api.finished(
         api.post(f"/datasets/{dataset}/runs", {"config": NOTHING_VISIBLE})
     )
@@ -150,7 +150,7 @@ def test_a_viewer_cannot_cancel(slow):
 
 
 def test_a_dataset_that_is_deleted_in_the_middle_of_its_run_is_no_failure(slow):
-    """The log used to say that a job had failed."""
+    """Such a run used to be logged as a job that failed."""
     server, api, _ = slow
     dataset = fill(api, 40)
     run_id = asked_for(api, dataset, FROM_PIXELS)

@@ -1,4 +1,4 @@
-"""Comparing runs: whatever they measured, and whether or not they were activated."""
+"""Comparing any two runs, also those that were never activated."""
 
 from __future__ import annotations
 

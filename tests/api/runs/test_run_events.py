@@ -1,4 +1,4 @@
-"""Watching a run: every change, in order, at a pace, from wherever one left off."""
+"""The events of a run: in order, at a limited rate, resumed after the last one seen."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from tests.support.waiting import PATIENCE_S, until
 
 FRAMES = 100
 FAST = 0.15
-"""Less than the fifth of a second between two events, for a busy machine's clock."""
+"""Less than the 0.2 s between two events, as the clock of a busy machine varies."""
 
 
 @pytest.fixture(scope="module")
 def slow(tmp_path_factory):
-    """A server that measures one frame at a time, and what a client sees of it."""
+    """A server that measures one frame at a time, a client of it, and a dataset."""
     folder = tmp_path_factory.mktemp("slow") / "data"
     with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
         api = Api.at(server.url, server.headers)
@@ -32,7 +32,7 @@ def slow(tmp_path_factory):
 
 
 def asked_for(api, dataset, config):
-    """The number of a new run, of which a moment later something can be seen."""
+    """Start a run; return its id."""
     answer = api.post(f"/datasets/{dataset}/runs", {"config": config})
     assert answer.status_code == 202, answer.text
     return answer.json()["id"]
@@ -40,7 +40,7 @@ def asked_for(api, dataset, config):
 
 @pytest.fixture(scope="module")
 def seen(slow):
-    """All events of one run that measures."""
+    """The id of one run that measures, and all its events."""
     _, api, dataset = slow
     run_id = asked_for(api, dataset, FROM_PIXELS)
     return run_id, events(api, run_id)
@@ -64,7 +64,7 @@ def test_events_have_rising_numbers_and_a_pace(seen):
     pauses = [later.at - earlier.at for earlier, later in pairwise(found[:-1])]
 
     assert numbers == sorted(set(numbers))
-    # Single ones may arrive late, and the next then sooner.
+    # A single event may arrive late, and the next one is then early.
     assert sum(pauses) >= FAST * len(pauses)
 
 
@@ -105,7 +105,7 @@ def test_events_of_a_missing_run_are_a_problem_and_not_a_stream(slow):
 
 @pytest.fixture(scope="module")
 def held(tmp_path_factory):
-    """A server with room for three watchers, and a run that waits until told."""
+    """A server that allows three streams of events, and a client of it."""
     folder = tmp_path_factory.mktemp("held") / "data"
     settings = {"UNGHOST_MAX_EVENT_STREAMS": "3", "UNGHOST_EVENT_HEARTBEAT_S": "0.3"}
     with running_server(folder, settings) as server:
@@ -115,7 +115,10 @@ def held(tmp_path_factory):
 
 
 def waiting_run(server, api):
-    """A run that nobody carries out here: another process says that it does."""
+    """A run that stays queued: its lease says that another process has it.
+
+    Gives the dataset, and the id of the run.
+    """
     dataset = api.dataset()
     (run,) = api.json(f"/datasets/{dataset}/runs")["items"]
     change(
@@ -138,7 +141,7 @@ def write_row(server, run_id, state):
 
 
 def until_there_is_room(api, run_id):
-    """Those who watched before are noticed to be gone a moment later."""
+    """Wait until the server has noticed that earlier streams were closed."""
 
     def is_let_in():
         with api.http.stream("GET", f"{BASE}/runs/{run_id}/events") as answer:
@@ -181,7 +184,7 @@ def test_only_so_many_watch_and_who_goes_away_makes_room(held):
     with ExitStack() as watchers:
         streams: list[Iterator] = []
         while len(streams) < 3:
-            with suppress(AssertionError):  # one who watched before is not gone yet
+            with suppress(AssertionError):  # an earlier stream still counts
                 streams.append(watchers.enter_context(open_events(api, run_id)))
         firsts = [next(stream) for stream in streams]
         full = api.get(f"/runs/{run_id}/events")

@@ -113,7 +113,7 @@ def test_history_reproduces_every_earlier_verdict(api, dataset):
 
 
 def to_revision(data, revision):
-    """Take the database of a server that has ended to an earlier schema."""
+    """Migrate the database of a stopped server back to an earlier schema."""
     engine = make_engine(url_of(data))
     try:
         migrate(engine, migrations_dir(), revision)
@@ -122,7 +122,7 @@ def to_revision(data, revision):
 
 
 def test_a_run_that_a_crash_cut_off_ends_once_after_an_upgrade(start_api):
-    """Schema 0005 knew neither chunks nor leases."""
+    """The server is upgraded from schema 0005, which had no chunks and no leases."""
     first, api = start_api()
     name = api.dataset()
     for number in range(3):
