@@ -1,4 +1,4 @@
-"""A data folder that was served and is left alone, and commands that work on it."""
+"""Fixtures: a filled data folder that no service uses, and the command line."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.support.services import filled_folder
 
 @pytest.fixture
 def unghost(tmp_path: Path) -> CommandLine:
-    """The command line, with the test's data folder as its own."""
+    """Runs `unghost` commands with the test's data folder in UNGHOST_DATA."""
     return CommandLine(tmp_path, {"UNGHOST_DATA": str(tmp_path / "data")})
 
 

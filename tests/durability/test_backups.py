@@ -1,4 +1,4 @@
-"""A backup holds what was answered before it, is whole or not there, and comes back."""
+"""Tests `unghost backup` and `unghost restore`: complete, refused and interrupted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damaged pages of SQLite are found after the start, or when they are met, and told."""
+"""Damaged pages of an SQLite file are found after the start or on use, and reported."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PAGE = 4096
 
 
 def damage(data, name):
-    """Overwrite where a table or an index begins; only who reads it notices."""
+    """Overwrite the first page of a table or an index, so that reading it fails."""
     file = data / "unghost.db"
     with closing(sqlite3.connect(file)) as database:
         database.execute("PRAGMA wal_checkpoint(TRUNCATE)")

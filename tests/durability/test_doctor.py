@@ -1,4 +1,4 @@
-"""The doctor finds what is wrong, says what to do, and changes nothing."""
+"""`unghost doctor` finds faults of a data folder, says what to do, changes nothing."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""Killed at any point of its work, the service keeps what it answered, and no halves.
+"""A server is killed at a chosen point of its work; what it had answered is kept.
 
-A part of the points with every test run; ``make test-long`` tries all (FAILPOINTS=all).
+Frames and reviews are then stored completely or not at all. By default only some of the
+points are tried; ``make test-long`` tries all of them (FAILPOINTS=all).
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def dataset(servers):
 
 @contextmanager
 def alive(servers):
-    """A server that lives until it is asked to end."""
+    """A client of a server that is terminated after the block and must exit with 0."""
     api = Api.at(*called(servers.server()))
     with api.http:
         yield api
@@ -82,7 +83,11 @@ def called(link):
 
 
 def killed(servers, point, act):
-    """What was acknowledged by a server that dies at a point of this act."""
+    """Send a request to a server that is killed at this point of its work.
+
+    `act` gets a client and returns the function that sends the request. Returns what
+    that function returns: what the server has acknowledged.
+    """
     api = Api.at(*called(servers.server(point)))
     with api.http:
         prepared = act(api)
@@ -93,7 +98,7 @@ def killed(servers, point, act):
 
 
 def pictures(number):
-    """An image and a segmentation that no other frame has: one pixel is its own."""
+    """An image and a segmentation that are different for each number."""
     tags = scene.tags()
     tags[0, number % scene.WIDTH] = tags[-1, 0]
     tags[1, number // scene.WIDTH] = tags[-1, 0]
@@ -113,7 +118,7 @@ def upload(dataset, number):
 
 
 def batch(dataset, number):
-    """Two frames in one stream; the lines that came are acknowledged."""
+    """An act that sends a batch of two frames; it returns the keys with status 201."""
     content = packed(
         frame(f"{number}-a", number=number) + frame(f"{number}-b", number=number + 128)
     )
@@ -142,7 +147,7 @@ def stored(api, dataset):
 
 
 def check_whole(api, frame_id):
-    """All of a frame: boxes that are decided, and files that are what was sent."""
+    """Check that a frame's boxes are decided and that its files match their digests."""
     described = api.json(f"/frames/{frame_id}")
     assert [box["verdict"] for box in described["boxes"]] == ["kept", "rejected"]
     for kind in ("image", "segmentation"):
@@ -219,7 +224,7 @@ def test_an_answer_of_a_person_is_there_or_not(servers, dataset, point):
 
 
 def test_leftovers_of_killed_servers_can_be_removed(servers, dataset):
-    """Runs after any of the others, or alone."""
+    """It creates leftovers of its own, so it also passes without the other tests."""
     killed(servers, Point("rename", after=True, turn=2), upload(dataset, 200))
     left = len(blobs(servers.data))
 

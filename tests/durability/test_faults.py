@@ -1,4 +1,4 @@
-"""Disks that are full or read-only, and damage: what is said, and what goes on."""
+"""Full and read-only disks, damaged and missing files: responses and recovery."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LITTLE = {"UNGHOST_MIN_FREE_BYTES": "0"}
 
 
 def refused_start(data, tmp_path):
-    """What a server says that does not start."""
+    """The log of a server that must exit with status 1 instead of starting."""
     log = tmp_path / "refused.log"
     with start(["app"], data, log, {}) as process:
         assert process.wait(120) == 1
@@ -47,7 +47,10 @@ def test_a_full_disk_refuses_and_loses_nothing_and_goes_on_when_there_is_room(tm
 
 
 def filled_by(api, dataset, disk):
-    """Frames that were stored until the disk was full, and the first refusal."""
+    """Upload frames while the disk is filled.
+
+    Returns the keys of the stored frames, and the first response that refused one.
+    """
     with (disk / "filler").open("wb", buffering=0) as filler:
         stored: list[str] = []
         for number in range(1000):
@@ -114,7 +117,7 @@ def test_damaged_files_are_refused_by_name_and_mended_by_sending_them_again(tmp_
 def test_a_folder_whose_database_is_gone_is_not_served_as_an_empty_one(
     filled, tmp_path
 ):
-    """A new database would have made garbage of all files."""
+    """With a new, empty database, all files would count as garbage."""
     (filled / "unghost.db").unlink()
 
     said = refused_start(filled, tmp_path)

@@ -1,4 +1,4 @@
-"""What nothing refers to is cleared away, and never a file that somebody is storing."""
+"""Garbage collection removes unreferenced files, but none that is being stored."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def aged(*paths):
 
 
 def delete_a_frame(data):
-    """One of two frames goes; its two files belong to nothing then."""
+    """Delete one of the two frames, so that nothing refers to its two files."""
     with running_services(data) as services:
         with services.context.database.read() as session:
             (row,) = DatasetRepository(session).page(after="", limit=1)
@@ -87,7 +87,7 @@ def test_leftovers_go_when_they_are_old(filled):
 
 
 def test_an_unused_file_that_is_sent_again_is_used_again(filled):
-    """The file is there already, so it is not written: only its row says so."""
+    """The file still exists, so the upload only adds a reference to it."""
     delete_a_frame(filled)
     aged(*blobs(filled))
 
@@ -140,9 +140,10 @@ def test_postgres_is_cleared_up_as_well(tmp_path):
 
 
 def test_no_frame_loses_a_file_to_a_collection_without_grace(tmp_path):
-    """Frames that share their files come and go while garbage is collected without end.
+    """Frames that share files are deleted and sent again while garbage is collected.
 
-    With no time of grace, nothing but the turns of the writers keeps the files.
+    Without a grace period, files in use are protected only because transactions that
+    write take turns.
     """
     data, over = tmp_path / "data", threading.Event()
     removed = []
@@ -172,7 +173,7 @@ def test_no_frame_loses_a_file_to_a_collection_without_grace(tmp_path):
 
 
 def come_and_go(api, dataset, number):
-    """All files lose their last frame, and belong to two others at once."""
+    """Delete both frames, which share files, and store them again: one in a batch."""
     for key in ("f/one", "run/many") if number else ():
         path = f"{BASE}/datasets/{dataset}/frames/{key}"
         assert api.http.delete(path).status_code == 204
@@ -181,7 +182,7 @@ def come_and_go(api, dataset, number):
 
 
 def sent_until_stored(send):
-    """As a client does: what was cleared away meanwhile is sent again."""
+    """Repeat a request while it is answered with 503; then it must be 201."""
     while (status := send()) == 503:
         pass
     assert status == 201

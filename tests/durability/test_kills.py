@@ -1,6 +1,6 @@
-"""A server that is killed in the middle of a run goes on as if nothing had been.
+"""A run whose server is killed at a random moment is finished by the next server.
 
-Not with every test run: ``make test-long`` does fifty rounds (KILL_ROUNDS).
+Not part of every test run; ``make test-long`` does fifty rounds (KILL_ROUNDS).
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ def rows(folder, statement):
 
 
 def measured(folder):
-    """Evidence by its row: what is measured again gets another."""
+    """The rows of evidence; a frame that is measured again gets a row of another id."""
     return rows(folder, "SELECT id, frame_id, measurement_id FROM evidence")
 
 
 def configs():
-    """Others every time: from pixels, from histograms, from numbers alone."""
+    """An endless series of configs that need pixels, histograms, or stored numbers."""
     for number, pixels in cycle(enumerate(OTHER_PIXELS)):
         yield {**pixels, "threshold_small_box": 3 + number}
         yield {**pixels, **CARS_ARE_SKY}
@@ -79,7 +79,10 @@ def test_a_run_that_is_killed_at_any_moment_ends_once(folder):
 
 
 def killed(folder, dataset, config, dice):
-    """Ask for a run and kill the server; the run, and what it had measured."""
+    """Request a run and kill the server after a random time.
+
+    Returns the id of the run, and the rows of evidence that are stored by then.
+    """
     with served(folder) as (server, api):
         body = {"config": config, "activate": True}
         answer = api.post(f"/datasets/{dataset}/runs", body)
@@ -121,6 +124,6 @@ def check_nothing_is_lost_or_twice(folder, run, before):
         "SELECT class_id, reason, toss_up, count(*) FROM decisions GROUP BY 1, 2, 3"
     )
     assert rows(folder, kept) == rows(folder, counted)
-    if not CHOSEN:  # PostgreSQL has no such questions
+    if not CHOSEN:  # only SQLite has these pragmas
         assert rows(folder, "PRAGMA integrity_check") == [("ok",)]
         assert rows(folder, "PRAGMA foreign_key_check") == []

@@ -1,4 +1,4 @@
-"""Whoever looks into the database beside the service, and goes, leaves it as it is."""
+"""Another process that reads the SQLite file and closes it does the service no harm."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LOOK = (
 
 
 def seen(file):
-    """How many datasets another process finds, which then closes the database."""
+    """The number of datasets that another process reads before it closes the file."""
     done = subprocess.run(
         [sys.executable, "-c", LOOK, str(file)],
         capture_output=True,
@@ -30,10 +30,10 @@ def seen(file):
 
 
 def test_rows_written_after_another_process_read_the_database_are_kept(tmp_path):
-    """The last one to close clears the log away: the service has it open still."""
+    """The last connection to close deletes SQLite's log; the service still has one."""
     file = tmp_path / "data" / "unghost.db"
     with running_services(tmp_path / "data"):
-        pass  # the next start finds a database
+        pass  # creates the database, which the next start opens
 
     with running_services(tmp_path / "data") as services:
         services.dataset()

@@ -1,6 +1,6 @@
-"""An answer leaves when everything that it promises has reached the disk, in order.
+"""An answer is sent only after all that it confirms was flushed in the right order.
 
-Seen from outside: by the system calls of a real server.
+This is checked from outside, in the system calls of a real server.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LINE = '\\"status\\": 201'
 
 @pytest.fixture(scope="module")
 def calls(tmp_path_factory):
-    """What a server did for a dataset, an upload, a review and a batch of two."""
+    """System calls of a server during an upload, a review and a batch of two frames."""
     data = tmp_path_factory.mktemp("traced") / "data"
     with traced_server(data) as (server, trace):
         api = Api.at(server.url, server.headers)
@@ -45,7 +45,7 @@ def calls(tmp_path_factory):
 
 
 def answers(calls, text):
-    """Where answers with this text begin to leave."""
+    """The positions of the calls that begin to send answers with this text."""
     return [
         place
         for place, call in enumerate(calls)
@@ -54,7 +54,7 @@ def answers(calls, text):
 
 
 def last(calls, end, wanted):
-    """The last place before `end` at which a call is wanted."""
+    """The last position before `end` where `wanted(call)` is true; -1: none."""
     places = [place for place in range(end) if wanted(calls[place])]
     return places[-1] if places else -1
 
@@ -64,13 +64,16 @@ def flushed(path):
 
 
 def drafts(calls, begin, end):
-    """Folder and name of every blob that was written between two places."""
+    """Folder and temporary name of each blob that is written between two positions."""
     opened = [call for call in calls[begin:end] if call.name == "openat"]
     return [found.groups() for call in opened if (found := DRAFT.search(call.words))]
 
 
 def check_files(calls, begin, end, log):
-    """Written, flushed, named, its folder flushed; and only then the rows."""
+    """Check that each file is written, flushed and renamed, and its folder flushed.
+
+    Only then are rows written to the database's log, which is flushed at the end.
+    """
     rows = [
         place
         for place in range(begin, end)
@@ -104,7 +107,7 @@ def test_an_upload_is_answered_when_files_and_rows_are_on_the_disk(calls):
 def test_a_line_of_a_batch_leaves_when_its_frame_is_on_the_disk(calls):
     before, first = answers(calls, "HTTP/1.1 201")[2], answers(calls, LINE)[0]
 
-    # Two images; the segmentation is there already, its folder is flushed again.
+    # Two images. The segmentation exists already; only its folder is flushed again.
     assert len(drafts(calls, before, first)) == 2
     check_files(calls, before, first, "unghost.db-wal")
 

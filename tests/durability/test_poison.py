@@ -1,6 +1,6 @@
-"""A picture that ends the service's process is tried thrice, and then left alone.
+"""Work that kills the service's process is tried three times and then quarantined.
 
-Kills that are nobody's fault leave nothing alone, however often they come.
+A process that is killed from outside causes no quarantine, however often it happens.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def client(link):
 
 @contextmanager
 def alive(servers, link):
-    """A server that lives until it is asked to end."""
+    """A client of a server that is terminated after the block and must exit with 0."""
     with client(link) as api:
         yield api
     assert servers.ended(ask=True) == 0
@@ -74,7 +74,7 @@ def put_poison(api, name, key):
 
 
 def put_large(api, name, key):
-    """A frame without boxes whose segmentation is small as a file only."""
+    """Store a frame without boxes, with a large segmentation in a small file."""
     palette = FAMILIES[scene.FAMILY]
     road = np.full((SIDE, SIDE), palette.tag_of("Road"), np.uint8)
     camera = {"width": SIDE, "height": SIDE, "fov": 90}
@@ -83,7 +83,7 @@ def put_large(api, name, key):
 
 
 def asked(api, url, body):
-    """Ask for a job of which the server may die before it can answer."""
+    """Request a job; it may kill the server before the request is answered."""
     try:
         answer = api.post(url, body)
     except httpx.TransportError:
@@ -96,7 +96,7 @@ def wanted(api, name, config=FROM_PIXELS):
 
 
 def measured(data, run_id):
-    """The keys of the frames that a run has numbers of, and how often."""
+    """How often the evidence of a run has each frame, by the frame's key."""
     rows = rows_of(
         data,
         "SELECT frames.key FROM evidence JOIN frames ON frames.id = evidence.frame_id "
@@ -117,7 +117,7 @@ def log_of(data):
 
 @contextmanager
 def poisoned_server(data):
-    """A server that is a process of its own, with two threads for pixels."""
+    """The process of a server with two workers, which poisoned frames kill."""
     settings = {"PYTHONPATH": str(CHECKOUT), "UNGHOST_WORKERS": "2"}
     process = start(["tests.support.poison"], data, log_of(data), settings)
     try:
@@ -127,7 +127,7 @@ def poisoned_server(data):
 
 
 def last_run(data):
-    """The number of the run that was asked for, and its state and progress."""
+    """The id, state and progress of the run that was requested last."""
     return rows_of(data, "SELECT id, state, done FROM runs ORDER BY id DESC")[0]
 
 
@@ -223,7 +223,7 @@ def test_a_decision_that_kills_the_service_changes_nothing_and_says_so(servers):
 
 @pytest.mark.long
 def test_frames_that_kill_among_many_cost_no_other_one_its_numbers(data):
-    """Some are measured before, some behind, and some between, all in one chunk."""
+    """One chunk has frames before, between and after the two frames that kill."""
     with served(data) as (_, api):
         name = fill(api, BEFORE)
         for key in ("p", "q"):
@@ -247,8 +247,8 @@ def test_frames_that_kill_among_many_cost_no_other_one_its_numbers(data):
     assert failed["error"]["code"] == "quarantined"
     assert failed["error"]["detail"].startswith("frames 'p', 'q' ended the process")
     assert failed["done"] == failed["total"] - 2 == BEFORE + 4
-    # Three for each, besides those of processes that had stored something: how many
-    # these are depends on how soon the threads reach a deadly frame.
+    # Three deaths for each frame, and some of processes that had stored a frame before:
+    # how many depends on how soon the threads reach a deadly frame.
     assert 2 * MOST_DEATHS <= deaths <= 4 * MOST_DEATHS + BEFORE + 4
 
 

@@ -1,6 +1,6 @@
-"""Server and client are killed in the middle of pushes; nothing that was said is lost.
+"""If server or client are killed during a push, no frame reported as stored is lost.
 
-Not with every test run: ``make test-long`` does fifty rounds (KILL_ROUNDS).
+Not part of every test run; ``make test-long`` does fifty rounds (KILL_ROUNDS).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ VICTIMS = ("client", "server", "server that comes back", "both")
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory) -> Path:
-    """A folder with the frames; the server's data comes beside them."""
+    """A folder with the frames to push; the server's data folder is created in it."""
     folder: Path = tmp_path_factory.mktemp("killed")
     write_manifest(folder / "frames", FRAMES)
     return folder
@@ -60,7 +60,7 @@ def test_acknowledged_frames_survive_any_kill_during_a_push(place):
 
     for number in range(ROUNDS):
         dataset = f"round-{number}"
-        # Each kind of death comes up, however few rounds there are.
+        # Taken in turn, so that four rounds have each kind of death.
         victim = VICTIMS[(SEED + number) % len(VICTIMS)]
         acknowledged = push_and_kill(place, dataset, victim, dice)
         with served(place) as server, Client(server.url, server.token) as client:
@@ -74,7 +74,10 @@ def test_acknowledged_frames_survive_any_kill_during_a_push(place):
 
 
 def push_and_kill(place, dataset, victim, dice) -> list[str]:
-    """Push until somebody dies; the keys that the client has told of."""
+    """Begin a push and kill the client, the server or both.
+
+    Returns the keys that the client has reported as stored or already there.
+    """
     with served(place) as server:
         words = ("push", "frames", "--dataset", dataset, "--json")
         with command_line(place, server).running(*words) as client:
@@ -98,7 +101,7 @@ def push_and_kill(place, dataset, victim, dice) -> list[str]:
 
 
 def keys_of(lines: list[str]) -> Iterator[str]:
-    """Frames that the server is said to have; a line may be cut short."""
+    """Keys that are reported as stored or already there; a cut-off line is skipped."""
     for line in lines:
         if line.endswith("\n"):
             record = json.loads(line)
@@ -107,7 +110,7 @@ def keys_of(lines: list[str]) -> Iterator[str]:
 
 
 def digests(place: Path) -> dict[str, str]:
-    """What each frame is, by the documented digest of its content."""
+    """The digest of each frame, as documented, by its key."""
     found = {}
     for line in (place / "frames" / "manifest.jsonl").read_text().splitlines():
         frame = json.loads(line)
@@ -121,7 +124,7 @@ def digests(place: Path) -> dict[str, str]:
 
 
 def check_whole(place, client, dataset, wanted) -> list[str]:
-    """The keys that are there; each with every byte and every decision."""
+    """Check that stored frames have all bytes and decisions; returns their keys."""
     if dataset not in [each.name for each in client.datasets()]:
         return []
     stored = []
@@ -140,7 +143,7 @@ def check_whole(place, client, dataset, wanted) -> list[str]:
 
 
 def known(client: Client, dataset: str, keys: list[str]) -> dict[str, str]:
-    """What the server says these frames are."""
+    """The digests that the server returns for these frames, by key."""
     answer = plain_http.post(
         f"{client.url}/api/v1/datasets/{dataset}/known-frames",
         json={"keys": keys},
@@ -150,7 +153,7 @@ def known(client: Client, dataset: str, keys: list[str]) -> dict[str, str]:
 
 
 def check_complete(client, dataset, again, before) -> None:
-    """A second push only sends what is missing, and ends as one that was not hurt."""
+    """Check that the second push sent only what was missing, and that all is stored."""
     wanted, stored = before
     assert again.code == DONE, again.err
     summary = again.records[-1]

@@ -1,4 +1,4 @@
-"""A deleted dataset is gone at once; its rows go bit by bit, whoever dies meanwhile."""
+"""A deleted dataset is gone at once; its rows go in portions, also after a kill."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TABLES = (
 
 
 class Ids(NamedTuple):
-    """What there is in the dataset that is deleted."""
+    """Ids of rows of the dataset that is deleted."""
 
     frame: int
     box: int
@@ -36,7 +36,7 @@ class Ids(NamedTuple):
     config: str
 
     def paths(self):
-        """Addresses that do not name the dataset."""
+        """URL paths that have an id instead of the dataset's name."""
         return (
             f"/frames/{self.frame}",
             f"/frames/{self.frame}/overlay",
@@ -53,7 +53,7 @@ class Ids(NamedTuple):
 
 @pytest.fixture
 def data(tmp_path):
-    """A data folder with a dataset of several portions, not served."""
+    """A data folder, not served yet; its dataset is removed in several portions."""
     folder = tmp_path / "data"
     with running_services(folder) as services:
         make(services.context, Wanted(NAME, FRAMES, BOXES_PER_FRAME), lambda _: None)
@@ -61,11 +61,11 @@ def data(tmp_path):
 
 
 def fill(api):
-    """Of everything a little, besides the many boxes."""
+    """Add a frame, a refused one, a review, a run and an export; returns their ids."""
     api.stored(NAME, "one")
     refused = api.put(NAME, "refused", {"boxes": [{"class": "car"}]})
     assert refused.status_code == 422
-    # The newest: frames go in the order of their ids.
+    # The newest frame, because frames are removed in the order of their ids.
     newest = api.json(f"/datasets/{NAME}/frames/one")
     box = newest["boxes"][0]["box_id"]
     body = {"dataset": NAME, "box_ids": [box], "verdict": "keep"}

@@ -1,4 +1,4 @@
-"""Room on the disk: nothing is taken in without it, and deleting needs none."""
+"""On a disk with too little space, uploads are refused, but deletions still work."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SETTINGS = {"UNGHOST_MIN_FREE_BYTES": f"{MIN_FREE_MIB}MiB"}
 
 @pytest.fixture
 def data(tmp_path):
-    """A data folder on a small disk, with a dataset that takes long to delete."""
+    """A data folder on a small disk, with a dataset whose removal takes long."""
     with small_disk(tmp_path / "disk", DISK_MIB) as disk:
         folder = disk / "data"
         with running_services(folder, min_free_bytes=0) as services:
@@ -38,11 +38,11 @@ def data(tmp_path):
 
 @contextmanager
 def filled(data, leaving_bytes):
-    """The disk with so much room left, or none, until the block ends."""
+    """Fill the disk until the block ends; `leaving_bytes` stay free."""
     filler = data.parent / "filler"
     with filler.open("wb", buffering=0) as file:
         for piece in (MIB, 4096):
-            with suppress(OSError):  # full: that is what is wanted
+            with suppress(OSError):  # the disk is full, as intended
                 while file.write(bytes(piece)) == piece:
                     pass
         file.truncate(file.tell() - leaving_bytes)

@@ -1,4 +1,4 @@
-"""SIGTERM in the middle of everything: what was begun ends well, and goes on later."""
+"""SIGTERM during uploads, runs and exports: they finish, or go on after a restart."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BOUNDARY = "end-of-part"
 
 
 class SlowUpload:
-    """A PUT of a frame whose body comes in two halves."""
+    """An upload of a frame that sends half of its body, and the rest in `finish`."""
 
     def __init__(self, server, dataset, key):
         body = _form(
@@ -55,7 +55,7 @@ class SlowUpload:
         self._socket.sendall(self._rest)
 
     def answer(self):
-        """Status, and the body up to where the connection is closed."""
+        """Status and body, read until the connection closes; None: no answer."""
         with self._socket, self._socket.makefile("rb") as stream:
             text = stream.read().decode()
         head, _, body = text.partition("\r\n\r\n")
@@ -72,7 +72,7 @@ def _form(**parts):
 
 
 def until_it_works(server, api):
-    """Wait until requests that were sent are begun: their tasks are counted at once."""
+    """Wait until the server has begun the batch, and the upload sent before it."""
     for _ in range(PATIENCE_S * 10):
         if "unghost_batches_open 1" in api.http.get("/metrics").text:
             return
@@ -81,7 +81,7 @@ def until_it_works(server, api):
 
 
 def terminate(server):
-    """Ask it to stop, and wait until it says that it does."""
+    """Send SIGTERM and wait until the server reports that it is shutting down."""
     server.process.send_signal(signal.SIGTERM)
     for _ in range(PATIENCE_S * 10):
         ready = plain_http.get(f"{server.url}/readyz", timeout=PATIENCE_S)
@@ -106,7 +106,7 @@ def test_a_stop_answers_requests_that_arrived_and_begins_nothing_new(start_api):
     upload = SlowUpload(server, name, "slow")
     batch = archives.Connection(server, name)
     members = [frame for n in range(3) for frame in archives.frame(str(n), number=n)]
-    # The first member of another frame says that those before it are whole.
+    # The first member of a fourth frame shows that the third one is complete.
     batch.send(archives.pieces([*members, archives.frame("3")[0]]))
     until_it_works(server, api)
 
@@ -139,7 +139,7 @@ def test_a_run_pauses_and_goes_on_with_nothing_measured_twice(start_api):
     with open_events(api, run_id) as events:
         seen = next(event for event in events if event.data and event.data["done"] > 0)
         first.process.send_signal(signal.SIGTERM)
-        last = [seen, *events][-1]  # ends without an error: the stream was ended well
+        last = [seen, *events][-1]  # no error: the stream was ended properly
 
     assert ended(first) == 0
     assert last.name == "progress"
@@ -161,7 +161,7 @@ def test_a_run_pauses_and_goes_on_with_nothing_measured_twice(start_api):
 
 
 def measured_by(api):
-    """How many frames this process has measured."""
+    """The number of frames that the server has measured, from its metrics."""
     text = api.http.get("/metrics").text
     found = {
         sample.name: sample.value
@@ -237,7 +237,7 @@ def test_a_download_is_finished_for_who_reads_slowly(start_api):
 
 
 def reading_little_by_little(server):
-    """A client for whom next to nothing waits but in the server."""
+    """A client with a small receive buffer: most of a download waits in the server."""
     little = (socket.SOL_SOCKET, socket.SO_RCVBUF, 64 * 1024)
     transport = httpx.HTTPTransport(socket_options=[little])
     return plain_http.Client(
@@ -283,8 +283,8 @@ def test_a_second_signal_ends_it_at_once(start_api, sig):
 
 
 def until_open(server, api):
-    """Wait until the upload that was sent before is one that the server has begun."""
-    # Another connection's requests come after it: both have been read by then.
+    """Wait until the server has begun the upload that was sent before."""
+    # The server answers requests that were sent later, so it has read the upload's.
     for _ in range(3):
         assert api.http.get("/readyz").status_code == 200
     assert server.process.poll() is None

@@ -1,4 +1,4 @@
-"""Measuring and deciding together agree with a slow, obvious definition."""
+"""`filter_frame` (measuring and deciding together) equals a slow, simple definition."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ CONFIGS = st.builds(
 
 
 def slow_reason(box, tags, config):
-    """filter.md, steps 1 to 3, for one box and one pixel at a time."""
+    """The reason of one box by steps 1 to 3 of filter.md, one pixel at a time."""
     width, height = WH
     x_min, y_min, x_max, y_max = box["xyxy"]
     if x_min > width or y_min > height or x_max < 0 or y_max < 0:
@@ -108,7 +108,7 @@ def test_the_order_of_the_boxes_changes_no_decision(tags, boxes, config, random)
 
 @given(tag_images(), BOXES, CONFIGS)
 def test_a_mirrored_frame_has_the_same_verdicts(tags, boxes, config):
-    # Quarters, because 24 - x is not exact for every float.
+    # Multiples of 1/4, because 24 - x is not exact for every float.
     exact = [
         {**box, "xyxy": [round(value * 4) / 4 for value in box["xyxy"]]}
         for box in boxes
@@ -151,7 +151,7 @@ def test_every_number_of_a_decision_is_consistent(tags, boxes, config):
 
 @given(tag_images(), BOXES)
 def test_other_accept_sets_need_no_pixel(tags, boxes):
-    """Numbers only: the histogram gives what measuring again would."""
+    """The histogram of the first measurement gives the same as measuring again."""
     config = FilterConfig.from_mapping({"classes": {"car": {"accept": ["Truck", 9]}}})
     frame = {"carla_version": "0.9.15", "boxes": boxes}
     family = "carla-0.9.14"

@@ -1,4 +1,4 @@
-"""Services of a module's own, over a real database."""
+"""A fixture for each test module: services with a real database and a data folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bytes on their way into the service: neither copied nor held more than they must."""
+"""`Pieces` buffers received bytes with little copying and little memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the service listens: what is no address is refused, and nothing stays open."""
+"""Addresses that the service cannot listen on are refused, and no socket stays open."""
 
 from __future__ import annotations
 

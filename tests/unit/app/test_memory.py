@@ -1,4 +1,4 @@
-"""How often a process of the service looks for what nobody refers to any more."""
+"""Python's garbage collector runs rarely in a process of the service."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ print(gc.get_stats()[0]["collections"] - before)
 
 
 def test_a_long_answer_is_looked_through_a_few_times_only():
-    """It is sixty thousand objects, all of them still in use."""
+    """The answer has sixty thousand objects, all of them still in use."""
     told = subprocess.run(
         [sys.executable, "-c", DESCRIBED], check=True, capture_output=True, text=True
     )

@@ -1,4 +1,4 @@
-"""What is counted of requests: by service, from many threads."""
+"""Requests are counted correctly from many threads, and for each service."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ THREADS, EACH = 8, 2_000
 
 
 def told(registry):
-    """The samples without labels, by name, and those by status."""
+    """The samples of a registry, by name and by the labels `status` and `le`."""
     text = Scrape(registry.collect()).text().decode()
     return {
         (sample.name, sample.labels.get("status"), sample.labels.get("le")): (
@@ -38,7 +38,7 @@ def test_nothing_is_lost_where_threads_count_at_the_same_time():
     for status in ("200", "201"):
         assert found["unghost_requests_total", status, None] == half
         assert found["unghost_request_seconds_count", status, None] == half
-        # A bound belongs to the bucket below it.
+        # A value that equals a bound is counted in the bucket up to it.
         assert found["unghost_request_seconds_bucket", status, "0.005"] == half
     assert found["unghost_batch_frames_total", "201", None] == THREADS * EACH
 

@@ -66,7 +66,7 @@ def test_frames_answers_and_runs(services):
 
 
 def test_stale_boxes_are_named_in_the_order_of_their_ids(services):
-    """PostgreSQL keeps a row that was changed somewhere else in its table."""
+    """PostgreSQL moves changed rows, so they are not read in the order of their ids."""
     street = services.dataset()
     for number in range(3):
         put(street, str(number), number=number)
@@ -100,7 +100,7 @@ def test_pages_in_every_order(services, order):
 
 
 def test_texts_as_long_as_they_are_allowed_to_be(services):
-    """PostgreSQL holds a column to its length, SQLite does not."""
+    """PostgreSQL enforces the length of a column, SQLite does not."""
     street = services.dataset()
     long = "x" * MAX_TEXT
     boxes = [{"id": long, "class": long, "xyxy": scene.ON_THE_CAR}]
@@ -166,7 +166,7 @@ def test_two_runs_compare_and_an_export_is_written(services):
 
 
 def test_keys_are_in_the_order_of_their_characters_in_any_language(tmp_path):
-    """An English database has B after a and passes over underscores."""
+    """In English order, B comes after a, and underscores are ignored."""
     keys = ["B", "_c", "a", "a/B", "a/a", "a_", "b", "ä"]
     with (
         empty_postgres(language="en-US") as url,

@@ -1,4 +1,4 @@
-"""Secrets, roles, hosts and origins."""
+"""Secrets and their hashes, roles, host names, and requests from other pages."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ OWN = {"host": "127.0.0.1:8000"}
     ],
 )
 def test_tokens_are_long_recognisable_and_different(make, prefix):
-    """256 random bits each, and what is found in a log says what it is."""
+    """They have 256 random bits; the prefix tells what kind of secret it is."""
     secrets = {make() for _ in range(100)}
 
     assert len(secrets) == 100
@@ -47,7 +47,7 @@ def test_a_hash_says_nothing_and_is_always_the_same():
 
 
 def test_hashes_are_compared_in_constant_time():
-    """By the one function that is made for it, and nowhere without it."""
+    """All look-ups use `same_hash`, which uses `compare_digest`."""
     assert "compare_digest" in same_hash.__code__.co_names
     for look_up in (access.by_token, access.by_session, access.by_code):
         assert "same_hash" in look_up.__code__.co_names

@@ -143,7 +143,7 @@ def test_a_setting_that_cannot_be_is_refused_in_words(monkeypatch, name, text, w
 
 
 def test_every_trusted_proxy_that_is_taken_is_believed():
-    """What uvicorn cannot read it takes for a name, which no connection comes from."""
+    """uvicorn takes what it cannot parse for a name, which matches no connection."""
     written = ("127.0.0.1", "10.0.0.0/8", "fd00::/64", "::1", "172.16.0.0/255.240.0.0")
 
     async def never_called(_scope, _receive, _send):

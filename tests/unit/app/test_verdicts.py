@@ -1,4 +1,4 @@
-"""The verdict that counts: the same in Python, on columns and in SQL."""
+"""Effective verdicts, conflicts and review states are the same in Python and SQL."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from filter_core.types import VERDICTS, Answer, DecidedBoxes, Reason, Verdict
 
 ANSWERS = (None, "keep", "reject", "unsure")
 BOXES = list(product(Reason, ANSWERS))
-"""Every reason under every answer: box 0, 1, 2 ..."""
+"""Every reason with every answer; the number of a box is its index here."""
 
 
 @pytest.fixture(scope="module")
 def matching():
-    """The boxes for which a condition holds, as a database finds them."""
+    """A function that returns the numbers of the boxes that match an SQL condition."""
     engine = create_engine("sqlite://")
     table = Base.metadata.tables[Decision.__tablename__]
     table.create(engine)

@@ -1,4 +1,4 @@
-"""Pages of boxes, one after the other, against sorting everything by the definition."""
+"""Lists of boxes, read page by page, equal filtering and sorting all boxes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ GEOMETRIC = [Reason.OUTSIDE_IMAGE, Reason.DEGENERATE, Reason.NO_SEGMENTATION]
 
 @dataclass(frozen=True)
 class Row:
-    """A decision, as far as lists look at it."""
+    """The columns of a decision that lists use."""
 
     box_id: int
     class_id: int
@@ -72,7 +72,7 @@ class Row:
 
 
 def decided(match: float, large: bool, limits: ClassThresholds, published: bool):
-    """The reason that the thresholds give, as the two profiles say."""
+    """The reason by thresholds: of profile carlasimu if `published`, else of paper."""
     small = match <= limits.small if published else match < limits.small
     big = match <= limits.large if published else match < limits.large
     if large and big:
@@ -148,7 +148,7 @@ def margin(row: Row, thresholds: list[ClassThresholds]) -> float:
 
 
 def selected(row: Row, wanted: dict[str, Any], thresholds) -> bool:
-    """Every filter by its definition."""
+    """Whether a row passes all filters, each by its definition."""
     match = -1.0 if row.match is None else row.match
     return (
         (not wanted.get("reasons") or int(row.reason) in wanted["reasons"])
@@ -176,7 +176,10 @@ def is_within(row: Row, thresholds, percent: float) -> bool:
 
 
 def doubt(row: Row, thresholds: list[ClassThresholds]) -> tuple[float, float]:
-    """Toss-ups; near the threshold; kept in a crowd; the rest; without threshold."""
+    """The sort key of the order `doubt`: a group, and a number within it.
+
+    Groups: toss-ups, near the threshold, kept in a crowd, others, without threshold.
+    """
     distance = margin(row, thresholds)
     if row.toss_up:
         return 0, distance
@@ -188,7 +191,7 @@ def doubt(row: Row, thresholds: list[ClassThresholds]) -> tuple[float, float]:
 
 
 def key(row: Row, order: str, thresholds: list[ClassThresholds]) -> Any:
-    """What boxes are sorted by; those of the same key may come in any order."""
+    """The sort key of an order; rows of equal keys may come in any order."""
     match = (row.match is None, row.match or 0.0)
     return {
         "id": row.box_id,

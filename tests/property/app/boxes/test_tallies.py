@@ -1,4 +1,4 @@
-"""Counts are kept up as things change; whatever happens, they equal a recount."""
+"""The stored counts of boxes equal a recount after any sequence of operations."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ CONFIGS = st.fixed_dictionaries(
 
 
 class Reviewing(RuleBasedStateMachine):
-    """One dataset under a random sequence of everything that people do."""
+    """Random sequences of uploads, reviews, undos, runs and deletions in a dataset."""
 
     services: Services
 

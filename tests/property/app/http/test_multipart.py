@@ -1,4 +1,4 @@
-"""Any form comes through whole, however its bytes arrive; a broken one never does."""
+"""A multipart form is read completely, however it is cut; a broken one is refused."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BOUNDARY = b"b0undary"
 MEDIA_TYPE = 'multipart/form-data; boundary="b0undary"'
 ROOMY = PartLimits(max_parts=100, max_part_bytes=10**6)
 
-# Contents full of what a boundary is made of.
+# Contents that look like boundaries or parts of them.
 contents = st.lists(
     st.sampled_from([b"\r", b"\n", b"-", b"--", BOUNDARY, b"\r\n--b0un", b"\0", b"x"])
 ).map(b"".join)
@@ -38,7 +38,7 @@ def form(parts, *, is_file=True):
 
 
 def read(body, limits=ROOMY, *, cuts=(), media_type=MEDIA_TYPE):
-    """The parts of a body that comes in pieces."""
+    """The parts that are read from a body, which is cut into pieces at `cuts`."""
 
     async def stream():
         edges = sorted({0, *cuts, len(body)})
@@ -49,7 +49,10 @@ def read(body, limits=ROOMY, *, cuts=(), media_type=MEDIA_TYPE):
 
 
 def finished(work):
-    """What a coroutine gives; in a thread: browser tests keep a loop in this one."""
+    """The result of a coroutine.
+
+    It runs in another thread, since browser tests keep an event loop in this one.
+    """
     with ThreadPoolExecutor(1) as thread:
         return thread.submit(asyncio.run, work).result()
 

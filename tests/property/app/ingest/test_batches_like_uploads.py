@@ -1,4 +1,4 @@
-"""A batch stores what uploads one by one would have stored, and decides alike."""
+"""A batch stores and decides the same as single uploads of its frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever an engine does with chunks, in whatever order: the same totals, once."""
+"""The results of a run are right if its chunks are reordered, repeated or lost."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FATES = ("once", "twice", "dies before", "dies after", "lost before", "lost afte
 
 
 class Fateful(runs.SmallChunks):
-    """Takes chunks in an order of its own, and does to each what is drawn."""
+    """An engine with a random order of chunks, and a given fate for each of them."""
 
     def __init__(self, fates: list[str], seed: int) -> None:
         super().__init__()
@@ -42,7 +42,7 @@ class Fateful(runs.SmallChunks):
             future, here, job, number = self._waiting.pop(place)
             fate = self._fates.pop() if self._fates else "once"
             if fate.startswith("dies"):
-                # One less than what is taken for the chunk's own fault.
+                # Fewer deaths than a chunk needs to be put into quarantine.
                 fate = fate if self._deaths < MOST_ATTEMPTS - 1 else "once"
                 self._deaths += fate.startswith("dies")
         self._meet(fate, future, lambda: here(job.kind, job.id, number))

@@ -1,4 +1,4 @@
-"""What is packed into bytes comes back bit for bit."""
+"""Evidence, histograms and geometry are unchanged after packing into bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The queue and its counts against sorting and counting everything."""
+"""The review queue and its counts equal sorting and counting all boxes."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ FILTERS = st.builds(
 
 @pytest.fixture(scope="module")
 def street(services):
-    """Six frames of boxes of every kind, a third of them answered."""
+    """Six frames with the same boxes; every third box has been answered."""
     street = services.dataset()
     for number in range(6):
         annotation = {**scene.annotation(), "boxes": BOXES, "number": number}
@@ -59,7 +59,7 @@ def street(services):
 
 
 def by_definition(session, street, wanted: BoxFilter, order: QueueOrder) -> list[int]:
-    """All boxes of the filter in order."""
+    """The ids of all boxes of the filter, in the order of the queue."""
     if order.name in ("random", "audit"):
         ids = street.box_ids()
         shuffle = Shuffle(ids[0], ids[-1], order.seed)

@@ -1,4 +1,4 @@
-"""A preview says what a run with the same configuration then does."""
+"""A preview returns the counts and changes that a run with the same config then has."""
 
 from __future__ import annotations
 

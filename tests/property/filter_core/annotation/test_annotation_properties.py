@@ -1,4 +1,4 @@
-"""Whatever JSON comes, an annotation is read or refused with places that exist."""
+"""Any JSON is read as an annotation, or refused with place and cause of each error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Deciding agrees with a slow, obvious definition, in any order and in any blocks."""
+"""`decide` equals a slow, simple definition, for any order and number of boxes."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def configs(draw):
 
 
 def slow(box, config):
-    """Algorithm 2, box by box, as filter.md tells it: reason and threshold."""
+    """The reason and threshold of one box, by Algorithm 2 as described in filter.md."""
     name = NAMES[box["class_index"]]
 
     def limit(key):
@@ -110,7 +110,7 @@ def early_reason(box, max_distance, min_visible_pixels):
 
 
 def wilson_interval(share, pixels):
-    """Wilson 1927, as textbooks print it."""
+    """The Wilson score interval at 95 % (Wilson 1927), by the usual formula."""
     z2 = Z95 * Z95
     centre = (share + z2 / (2 * pixels)) / (1 + z2 / pixels)
     half = math.sqrt(share * (1 - share) / pixels + z2 / (4 * pixels**2))
@@ -161,7 +161,7 @@ def test_the_order_of_the_boxes_changes_nothing(given_boxes, config, random):
 
 @given(configs())
 def test_many_boxes_decide_as_few_do(config):
-    """More than one block: the seams must not show."""
+    """So many boxes are decided in several blocks, which must not change a result."""
     few = evidence_of(
         [{"class_index": i % 3, "match_percent": 7.0 * i} for i in range(15)], NAMES
     )

@@ -1,4 +1,4 @@
-"""Agreement and suggested thresholds against counting by hand."""
+"""Agreement of reviewers and suggested thresholds equal counting by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Channels against their slow definitions, over random scenes."""
+"""The evidence channels equal slow definitions on random scenes."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ def test_no_other_assignment_weighs_more(weight):
 
 @st.composite
 def frames(draw):
-    """Some boxes with accepted pixels, their distances and ids."""
+    """Boxes with random accepted pixels, and their distances; NaN: unknown."""
     count = draw(st.integers(1, 6))
     boxes = []
     for row in range(count):
         x0 = draw(st.integers(0, WH[0] - 1))
         y0 = draw(st.integers(0, WH[1] - 1))
         x1, y1 = draw(st.integers(x0 + 1, WH[0])), draw(st.integers(y0 + 1, WH[1]))
-        # Mostly accepted: boxes that share no pixel have nothing to share out.
+        # Most pixels are accepted, since boxes compete only for pixels that they share.
         pixels = hnp.arrays(np.bool_, (y1 - y0, x1 - x0), fill=st.just(True))
         around, inside, centred = draw(pixels), draw(pixels), draw(pixels)
         outline = Silhouette(row, x0, y0, x1, y1, inside, centred & inside)
@@ -70,13 +70,13 @@ def frames(draw):
 
 
 def in_image(box, mask):
-    """The pixels of a mask of the box's region, in the image."""
+    """The pixels of a mask of the box's region, as (x, y) in the image."""
     outline = box.silhouette
     return {(int(x) + outline.x0, int(y) + outline.y0) for y, x in np.argwhere(mask)}
 
 
 def patches(pixels):
-    """Sets of pixels that touch each other, at a corner at least."""
+    """Split pixels into connected sets; pixels with a common corner are connected."""
     left = set(pixels)
     while left:
         found, edge = set(), {left.pop()}
@@ -94,7 +94,11 @@ def patches(pixels):
 
 
 def slow_islands(box, behind):
-    """Small patches that end within the rectangle and that one box behind holds."""
+    """Patches of a box's accepted pixels that more likely belong to a box behind it.
+
+    They are small, do not touch the edge of the box's region, and lie within the
+    accepted pixels of one box behind, of whose silhouette they are at least 1/50.
+    """
     outline = box.silhouette
     own = in_image(box, box.own)
     all_of_them = list(patches(in_image(box, box.around)))
@@ -118,7 +122,7 @@ def slow_islands(box, behind):
 
 
 def slow_owned(boxes, distance, ids):
-    """The definition, pixel by pixel."""
+    """How many accepted pixels nearer boxes leave to each box; -1: no distance."""
     owner: dict[tuple[int, int], int] = {}
     tested = [row for row in range(len(boxes)) if not np.isnan(distance[row])]
     ranked = sorted(tested, key=lambda row: (distance[row], ids[row]))
@@ -138,7 +142,7 @@ def slow_owned(boxes, distance, ids):
 @given(frames(), st.randoms())
 def test_pixels_are_owned_as_defined_whatever_the_order_of_the_boxes(frame, dice):
     boxes, distance = frame
-    # Not in the order of the rows, so that ties cannot be broken by place.
+    # In the reverse order of the rows, so that ties are broken by id, not by row.
     ids = [f"b{row}" for row in range(len(boxes))][::-1]
     shuffled = list(boxes)
     dice.shuffle(shuffled)
@@ -198,7 +202,7 @@ def test_a_silhouette_touches_every_pixel_that_a_point_of_the_hull_is_in(points)
 
     shares = np.random.default_rng(0).dirichlet(np.full(8, 0.4), 400)
     inside = shares @ points
-    # OpenCV's hull has 32 bits: a point next to a pixel's edge may lie beyond it.
+    # OpenCV computes hulls in 32 bits, which is not exact next to a pixel's edge.
     clear = (np.abs(inside - np.round(inside)) > 1e-4).all(axis=1)
     seen = clear & ((inside >= 0) & (inside < WH)).all(axis=1)
     assert all(mask[y, x] for x, y in np.floor(inside[seen]).astype(int))
@@ -217,7 +221,7 @@ def test_a_centre_lies_in_the_hull_or_its_pixel_is_left_out(points):
     assume(hull is not None)
     for y, x in np.ndindex(mask.shape):
         depth = cv2.pointPolygonTest(hull, (x + 0.5, y + 0.5), measureDist=True)
-        # Next to the edge, 32 bits cannot tell.
+        # OpenCV's 32 bits are not exact next to the edge.
         if abs(depth) > 1e-4:
             assert mask[y, x] == (depth > 0)
     assert not (mask & ~touched).any()
@@ -225,7 +229,7 @@ def test_a_centre_lies_in_the_hull_or_its_pixel_is_left_out(points):
 
 @st.composite
 def outlines(draw):
-    """Points of one shape, and the part of the image that is looked at."""
+    """The points of one shape, and the bounds of a region of the image."""
     points = hnp.arrays(
         np.float64,
         st.tuples(st.integers(1, 8), st.just(2)),

@@ -1,4 +1,4 @@
-"""The clever search for the most crowding neighbour equals comparing all pairs."""
+"""The fast search for the most crowding neighbour equals comparing all pairs."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ SHAPES = ("any", "tiny", "alike", "thin", "stacked", "grid")
 
 
 def some_boxes(shape: str, count: int, seed: int) -> np.ndarray:
-    """Boxes that are hard for a search in different ways."""
+    """Random boxes of a kind that makes the search hard; a few are NaN."""
     rng = np.random.default_rng(seed)
     size = {
         "any": np.exp(rng.uniform(0, 6.5, (count, 2))),

@@ -1,4 +1,4 @@
-"""Measuring equals its definition on any picture, with any boxes, in any way."""
+"""`measure` equals its definition on any image; all ways to count pixels agree."""
 
 import numpy as np
 import pytest

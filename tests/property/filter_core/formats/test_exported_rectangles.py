@@ -1,4 +1,4 @@
-"""How much of a box lies beyond the image, against the definition of one box."""
+"""The truncation in KITTI labels equals the share of a box outside the image."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CORNERS = st.one_of(st.sampled_from([0.0, -0.0, 80.0, 100.0]), st.floats(-30, 13
 
 @st.composite
 def rectangles(draw):
-    """Rectangles with an extent, some of which leave the image, or only touch it."""
+    """Rectangles, some of which lie partly or wholly outside the image, or touch it."""
     x, y = (
         sorted([draw(CORNERS), draw(CORNERS)]),
         sorted([draw(CORNERS), draw(CORNERS)]),
@@ -25,7 +25,7 @@ def rectangles(draw):
 
 
 def slow_cut(xyxy):
-    """The share of a rectangle beyond the image, 0 if nothing is."""
+    """The share of a rectangle that lies outside the image, from 0 to 1."""
     whole = (xyxy[2] - xyxy[0]) * (xyxy[3] - xyxy[1])
     width = min(xyxy[2], WH[0]) - max(xyxy[0], 0)
     height = min(xyxy[3], WH[1]) - max(xyxy[1], 0)

@@ -1,4 +1,4 @@
-"""Written, then read: the same boxes, within what the format itself can say."""
+"""Exported labels that are read again are equal, within the format's precision."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from tests.support.exporting import (
     unpacked,
 )
 
-# Pixels by which a rectangle may move: half a unit of the format's last digit, and of
-# VOC half a pixel, or a whole one where half a pixel would leave nothing.
+# Pixels by which a rectangle may change: half a unit of the format's last digit. In VOC
+# half a pixel, or a whole one where the rectangle would otherwise be empty.
 PRECISION = {"yolo": 2e-6, "coco": 1e-4, "kitti": 1e-4, "manifest": 0.0, "voc": 1.0}
 
 READ_AND_WRITTEN = [name for name in EXPORT_FORMATS if FORMATS[name].read]
@@ -38,13 +38,13 @@ KEYS = st.text(
 
 
 def rectangle(x, y, beyond):
-    """From a start and an extent inside the image, and how far it goes beyond."""
+    """Corners from (start, extent) on each axis; two sides move out by `beyond`."""
     (x_min, width), (y_min, height) = x, y
     return x_min - beyond, y_min, x_min + width, y_min + height + beyond
 
 
 def span(side):
-    """A start inside, and an extent that may reach outside."""
+    """(start, extent) on an axis: it starts inside the image and may end outside."""
     return st.tuples(
         st.floats(0, side - 1, width=32), st.floats(0.0625, side, width=32)
     )
@@ -61,7 +61,7 @@ FRAMES = st.dictionaries(KEYS, RECTANGLES, min_size=1, max_size=4)
 
 
 def frames_of(drawn):
-    """In the order of their keys, as a server gives them."""
+    """Frames with the drawn boxes, sorted by key, as a server sends them."""
     for key in sorted(drawn):
         boxes = [
             box(number, xyxy, class_name=name, given={"id": str(number)})
@@ -71,12 +71,12 @@ def frames_of(drawn):
 
 
 def bands_of(name):
-    """Labels per distance too, from the formats that have them."""
+    """The option for labels per distance band, for the formats that have it."""
     return {"bands": [50]} if "bands" in FORMATS[name].options else {}
 
 
 def read_again(folder):
-    """Classes and rectangles by key."""
+    """The classes and rectangles that are read from a folder, by frame key."""
     found = {}
     for one in read_source(folder):
         assert one.problem is None, one.problem

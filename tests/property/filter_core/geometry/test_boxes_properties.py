@@ -1,4 +1,4 @@
-"""Rectangles agree with their slow definitions, in any order, and are never changed."""
+"""Rectangles are corrected and converted as slow definitions say; inputs are kept."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from filter_core.types import BoxState
 
 WH = (64, 48)
 
-# Whole numbers and the image's own limits make ties and exact touches likely.
+# Whole numbers and the image's sides make it likely that boxes just touch an edge.
 numbers = st.one_of(
     st.integers(-10, 80).map(float),
     st.sampled_from([0.0, -0.0, 48.0, 64.0, 1e9, -1e9, 5e-324]),
@@ -94,7 +94,7 @@ def test_pixels_are_those_that_the_box_touches(given_boxes):
 
 
 def written_as(form, xyxy):
-    """Corners in another form: what `to_xyxy` undoes."""
+    """Corners converted into another form: the inverse of `to_xyxy`."""
     boxes = np.reshape(np.asarray(xyxy, np.float64), (-1, 4))
     low, high = boxes[:, :2], boxes[:, 2:]
     if form.startswith("xywh"):

@@ -1,4 +1,4 @@
-"""Projections agree with clipping six faces against five planes, polygon by polygon."""
+"""Projected rectangles equal clipping the six faces of a box at five planes."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ solids = st.builds(
 
 
 def slow_bounds(vertices, planes):
-    """Bounds of the faces after Sutherland and Hodgman's clipping."""
+    """Bounds of the faces after Sutherland-Hodgman clipping; None: nothing is left."""
     matrix = CAMERA.world_to_image
     points = vertices @ matrix[:, :3].T + matrix[:, 3]
     seen = [point for face in FACES for point in clipped(points[face], planes)]
@@ -75,7 +75,7 @@ ALL_PLANES = list(zip(PLANES, OFFSETS, strict=True))
 
 @given(vertices=solids)
 def test_rectangles_agree_with_polygon_clipping(vertices):
-    """Faces miss what lies inside a box around the camera: then all is covered."""
+    """If the camera is inside a box, the faces alone still cover the whole image."""
     found = project_boxes(vertices, CAMERA)
 
     amodal = slow_bounds(vertices, [ALL_PLANES[-1]])
@@ -83,7 +83,7 @@ def test_rectangles_agree_with_polygon_clipping(vertices):
 
     for row, slow in ((found.amodal_xyxy[0], amodal), (found.visible_xyxy[0], visible)):
         if slow is None or np.isnan(row).any():
-            # Only what touches the image in a line or a point may be seen by one alone.
+            # They may differ only if a box touches the image in a line or a point.
             assert np.isnan(row).any() == (slow is None) or is_thin(row, slow)
         else:
             np.testing.assert_allclose(row, slow, rtol=1e-7, atol=1e-3)

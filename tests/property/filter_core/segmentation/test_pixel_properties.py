@@ -1,4 +1,4 @@
-"""The shortcuts through an image equal looking at every pixel."""
+"""The fast ways to count an image's pixels equal looking at every pixel."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ TAGS = st.sampled_from([0, 1, 3, 9, 14, 15, 29, 255])
 
 @st.composite
 def pictures(draw):
-    """Tags in blocks, so that rows repeat, with single pixels here and there."""
+    """Images in which all rows are equal, except for a few single pixels."""
     width, height = draw(WIDTHS), draw(st.integers(1, 12))
     row = draw(npst.arrays(np.uint8, width, elements=TAGS))
     picture = np.repeat(row[None, :], height, axis=0)

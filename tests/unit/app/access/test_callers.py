@@ -1,4 +1,4 @@
-"""A caller is known for a second, and not one moment longer once revoked."""
+"""The cache of callers keeps each for one second, and none after a revocation."""
 
 from __future__ import annotations
 

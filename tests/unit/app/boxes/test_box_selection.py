@@ -1,4 +1,4 @@
-"""From what a person filters by to what the database looks for."""
+"""`to_filter` turns the selection of a request into a filter for the database."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Boxes are told apart by their line as well as by their colour."""
+"""Boxes are drawn with a line style and a colour for each verdict."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def drawn(verdict, xyxy=(10.0, 10.0, 90.0, 50.0), edges=None, *, solid=False):
 
 
 def gaps(canvas):
-    """How often the upper edge is interrupted."""
+    """The number of gaps in the upper edge of the drawn box."""
     row = canvas[10, 14:86].astype(int)
     lit = np.abs(row - 20).max(axis=1) > 60
     return int((lit[:-1] & ~lit[1:]).sum())

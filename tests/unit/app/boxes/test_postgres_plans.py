@@ -1,6 +1,6 @@
-"""Among fifty thousand boxes PostgreSQL looks at those of a page, and few others.
+"""Of fifty thousand boxes, PostgreSQL reads those of the requested page and few others.
 
-Each statement is carried out and PostgreSQL itself says how many rows it looked at.
+Each statement is run with EXPLAIN ANALYZE, which reports how many rows were read.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ BOXES = BOXES_PER_FRAME * FRAMES
 NAME = "many"
 PAGE = 20
 MOST_ROWS = 2_500
-"""Far more than a page, a twentieth of what there is."""
+"""Far more than a page, but only a twentieth of all boxes."""
 PASSED_BY = {("rejected", "-match_percent"), ("visible", "match_percent")}
-"""What comes last in an order; on either database all others are passed by."""
+"""Not tested: they come last in the order, so both databases read all others first."""
 
 
 @pytest.fixture(scope="module")
 def context(tmp_path_factory) -> Iterator[ServiceContext]:
-    """A dataset of fifty thousand boxes, with others before and after it."""
+    """A context with a dataset of fifty thousand boxes, an older and a newer one."""
     folder = tmp_path_factory.mktemp("plans")
     with (
         migrated_postgres() as url,
@@ -69,7 +69,7 @@ def dataset(session) -> Dataset:
 
 
 def plans_of(session: Session, read: Callable[[], object]) -> list[tuple[str, Any]]:
-    """The statements that this runs, each with what PostgreSQL did for it."""
+    """The statements that `read` runs, each with the plan that PostgreSQL followed."""
     with statements_of(session.connection()) as found:
         read()
     asked = "EXPLAIN (ANALYZE, FORMAT JSON) "
@@ -88,7 +88,7 @@ def nodes(plan: Any) -> Iterator[dict[str, Any]]:
 
 
 def rows_looked_at(plan: Any) -> int:
-    """Rows of tables and indexes, those that did not fit included."""
+    """The number of rows that were read, including those that were filtered out."""
     return sum(
         node["Actual Loops"]
         * (node["Actual Rows"] + node.get("Rows Removed by Filter", 0))
@@ -98,7 +98,7 @@ def rows_looked_at(plan: Any) -> int:
 
 
 def scans(plan: Any) -> Iterator[tuple[int, str, str]]:
-    """What was read by which index, for people."""
+    """Rows, index and condition of each scan, for the message of a failed check."""
     for node in nodes(plan):
         if "Scan" in node["Node Type"]:
             found = rows_looked_at({**node, "Plans": []})
@@ -107,7 +107,7 @@ def scans(plan: Any) -> Iterator[tuple[int, str, str]]:
 
 
 def check(session: Session, read: Callable[[], object], most: int = MOST_ROWS) -> None:
-    """None of the statements looks at more rows than that; at least one is run."""
+    """Check that `read` runs statements, and that none reads more than `most` rows."""
     found = plans_of(session, read)
     assert found
     for statement, ((answer,)) in found:
@@ -164,7 +164,7 @@ def test_the_queue_looks_at_few_boxes(context, session, dataset, order):
 
 
 def test_an_answer_looks_at_no_other_answers(context, session, dataset):
-    """Just after very many were given, when PostgreSQL does not know of them yet."""
+    """PostgreSQL's statistics do not include the many answers given just before."""
     frames = FrameRepository(session)
     (frame,) = frames.page(FrameFilter(dataset.id), FramePage(True, False, None, 0))
     ids = list(range(frame.first_box_id, frame.first_box_id + BOXES // 2))

@@ -1,4 +1,4 @@
-"""Every list of boxes is read off an index: no row is looked at or sorted in vain."""
+"""SQLite reads each page of boxes or frames through an index and does not sort it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def session(street) -> Iterator[Session]:
 
 
 def plan_of(session: Session, street, wanted: Selection, order: str) -> list[str]:
-    """What SQLite does for a page, statement by statement."""
+    """The steps of SQLite's query plans for the first page of a list."""
     chosen = to_filter(session, street.row(session), wanted)
     present = TallyRepository(session).present(street.id)
 
@@ -54,7 +54,7 @@ def plan_of(session: Session, street, wanted: Selection, order: str) -> list[str
 
 
 def noted(session: Session, read: Callable[[], object]) -> list[str]:
-    """What SQLite does for the statements of this, one after the other."""
+    """The steps of SQLite's query plans for the statements that `read` runs."""
     with statements_of(session.connection()) as found:
         read()
     return explained(session, found)

@@ -1,4 +1,4 @@
-"""Boxes that are shown: what the database is asked for them, and what overlaps one."""
+"""Boxes are read for display with few statements, and with those that overlap them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BESIDE = 1000.0
 
 @pytest.fixture(scope="module")
 def street(services) -> Street:
-    """Frames of boxes that explain each other, and one that cannot be seen."""
+    """Frames of four boxes: some explain others, one lies outside of the image."""
     street: Street = services.dataset()
     for number in range(FRAMES):
         boxes = [cube(str(place), 10.0 + 3 * place + number) for place in range(4)]
@@ -37,7 +37,7 @@ def street(services) -> Street:
 
 
 def asked(street: Street, read: Callable[[Session], object]) -> list[str]:
-    """The statements of reading something."""
+    """The statements that `read` runs."""
     with (
         street.context.database.read() as session,
         statements_of(session.connection()) as found,

@@ -1,4 +1,4 @@
-"""What is summed from tallies, and which boxes wait for a person."""
+"""Counts that are summed from tallies, and which boxes need a review."""
 
 from __future__ import annotations
 

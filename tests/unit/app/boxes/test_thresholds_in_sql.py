@@ -1,6 +1,6 @@
-"""Lists find boxes around thresholds in SQL: the same that the rules decided by them.
+"""Lists compare boxes with thresholds in SQL, with the same results as the decisions.
 
-Every reason occurs, and every number of evidence is below, at and above its threshold.
+Every reason occurs, and numbers of the evidence lie below, at and above thresholds.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ COLUMNS = {
     "instance": "instance_pixels",
     "lidar": "lidar_points",
 }
-"""The number that each channel judges by."""
+"""The number by which each channel decides."""
 
 CONFIGS = [
     FilterConfig.from_mapping(
@@ -72,7 +72,7 @@ CONFIGS = [
 
 
 def evidence_for(config):
-    """All boxes of both classes, with every number that the channel can have."""
+    """Evidence of boxes of both classes, with several numbers of the channel."""
     column = COLUMNS.get(config.evidence)
     numbers = (NOT_MEASURED, 0, 9) if column else (NOT_MEASURED,)
     rows = list(product(range(len(CLASSES)), BOXES, numbers))
@@ -88,7 +88,7 @@ def evidence_for(config):
 
 
 class Stored:
-    """The boxes of a configuration, decided, and as the database has them."""
+    """The boxes of a configuration: decided, and stored in a database."""
 
     def __init__(self, session, config):
         self.session, evidence = session, evidence_for(config)

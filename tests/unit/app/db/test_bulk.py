@@ -1,4 +1,4 @@
-"""Many rows at once are the rows that one by one would be, on either database."""
+"""Bulk inserts and updates store rows as single statements would, on both databases."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def dataset(session) -> int:
 
 
 def frames(dataset: int, count: int) -> list[dict]:
-    """Rows with everything that is hard to write: bytes apart, see `blobs`."""
+    """Rows of frames with texts that have to be escaped, NULL, JSON and times."""
     return [
         {
             "id": 1000 + number,

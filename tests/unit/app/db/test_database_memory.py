@@ -1,4 +1,4 @@
-"""All connections to SQLite together keep a bounded part of it in memory."""
+"""The memory that all connections to SQLite use for their caches is bounded."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_many_readers_do_not_each_hold_the_database(tmp_path: Path):
     )
 
     grown_mib = int(ended.stdout) / 1024
-    # Each page costs a little more than its content.
+    # A cached page needs a little more memory than its content.
     assert grown_mib < 1.5 * READERS * CACHE_KIB / 1024
 
 

@@ -1,4 +1,4 @@
-"""Which databases a URL may name, and that no password is told."""
+"""Which database URLs are accepted; no error message contains a password."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A row that is read without a session: the same row, and the same errors."""
+"""`first_row` reads a row without a session: the same values, and the same errors."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_no_reader_stays_behind(engine, tmp_path):
     first_row(engine, select(column("number")).select_from(table("numbers")))
 
     with closing(sqlite3.connect(tmp_path / "some.db")) as other:
-        # It cannot fold the log back while anybody still reads what is in it.
+        # A reader that was still open would block this checkpoint.
         is_held_up, *_ = other.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
     assert not is_held_up
 

@@ -1,4 +1,4 @@
-"""Ids are never handed out twice: an old link must not lead to something new."""
+"""Ids of deleted datasets are not reused, so no old link leads to another dataset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which failures of a database pass by themselves: real ones, of both databases."""
+"""Which database errors are transient, tested with errors of SQLite and PostgreSQL."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.support.databases import empty_postgres
 
 
 def failure(url, *before, last):
-    """What the last statement raises."""
+    """The error that the last statement raises."""
     engine = create_engine(url, connect_args={"timeout": 0})
     with engine.connect() as connection:
         for statement in before:

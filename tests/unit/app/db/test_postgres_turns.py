@@ -1,4 +1,4 @@
-"""Writers on PostgreSQL take turns, whatever it is set to and whoever stands still."""
+"""Writers on PostgreSQL take turns, with any server settings and if a process hangs."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def url():
 
 @contextmanager
 def writer_that_stands_still(url):
-    """A process that is stopped in the middle of a transaction that writes."""
+    """A process that is stopped by SIGSTOP within a transaction that writes."""
     with subprocess.Popen(
         [sys.executable, "-c", STOPPED, url], stdout=subprocess.PIPE, text=True
     ) as process:
@@ -50,7 +50,7 @@ def shown(session, name):
 
 
 def test_a_writer_sees_what_the_one_before_it_has_written(url):
-    """A transaction that reads one state would see the one before its turn."""
+    """With a snapshot from before its turn, it would miss what others then wrote."""
     with closing(Database(url)) as database:
         with database.write() as session:
             name = session.connection().engine.url.database
@@ -80,7 +80,7 @@ def test_a_turn_ends_before_those_who_wait_for_it_give_up(url):
 
 
 def test_a_collection_of_garbage_keeps_its_turn(url):
-    """A store may be slow, and nobody may come to want a file meanwhile."""
+    """Removing files may take long; meanwhile no transaction may refer to them."""
     with closing(Database(url)) as database, database.write() as session:
         keep_turn(session)
         waited_for = shown(session, "idle_in_transaction_session_timeout")
@@ -90,7 +90,7 @@ def test_a_collection_of_garbage_keeps_its_turn(url):
 
 @pytest.mark.long
 def test_a_process_that_stands_still_does_not_keep_its_turn(url):
-    """A machine that vanished held it for hours: nobody could write."""
+    """Without a timeout, a machine that is gone would block all writers for hours."""
     with writer_that_stands_still(url), closing(Database(url)) as database:
         begun = time.monotonic()
         with database.write() as session:

@@ -1,4 +1,4 @@
-"""Writers of one process take turns: first come, first served, and people first."""
+"""Writers of one process take turns in order of arrival; people go before jobs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SOON_S = 10
 
 @pytest.fixture(params=["sqlite", "postgresql"])
 def database(request, tmp_path):
-    """A database of the test's own, of either kind."""
+    """A new database for each test, of each kind."""
     with ExitStack() as opened:
         url = sqlite_url(tmp_path / "some.db")
         if request.param == "postgresql":
@@ -28,7 +28,11 @@ def database(request, tmp_path):
 
 @contextmanager
 def queue(database):
-    """Starts writers, each once the one before it waits; they end with the block."""
+    """Hold the turn to write while the test lets other writers wait for it.
+
+    Yields a function that starts a writer and waits until it is queued, and a list
+    that has the names of the writers in the order of their turns.
+    """
     order, threads = [], []
 
     def write(name, person):
@@ -52,7 +56,7 @@ def queue(database):
 
 
 def wait_until(holds):
-    """Look until it holds; the test's own time limit ends this if it never does."""
+    """Wait until `holds()` is true; otherwise the time limit of the test ends it."""
     while not holds():
         threading.Event().wait(0.001)
 

@@ -1,4 +1,4 @@
-"""What is said of a scheduler that is away: why, in words, and no traceback."""
+"""An unreachable Dask scheduler is reported by its cause, without a traceback."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Processes that read pictures: what one of them costs, or breaks, ends with it."""
+"""`PixelPool`: child processes that read images, with their limits and crashes."""
 
 from __future__ import annotations
 

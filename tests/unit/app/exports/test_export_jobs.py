@@ -1,4 +1,4 @@
-"""Exports while other things happen: cancelled, cut off, without their dataset."""
+"""Exports that are repeated, interrupted, cancelled, or whose dataset is deleted."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def filled(street):
 
 
 def asked_for(street, form="yolo"):
-    """An export that waits, and that nobody writes before the test says so."""
+    """Request an export that is not started by the service; returns its id."""
     wanted = ExportRequest(form, {}, "ada")
     with street.context.database.write() as session:
         dataset = street.row(session)
@@ -151,7 +151,7 @@ def test_labels_say_what_whole_decisions_say(street):
 
 
 def plain(column):
-    """Values as JSON has them: nothing where there is NaN."""
+    """The values of a column as in JSON: None instead of NaN."""
     return [
         None if np.isnan(value).any() else value.tolist()
         for value in np.asarray(column)

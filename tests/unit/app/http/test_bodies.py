@@ -1,4 +1,4 @@
-"""Large bodies are read beside the event loop, small ones where they come."""
+"""Large request bodies are parsed in a thread, small ones in the event loop."""
 
 from __future__ import annotations
 

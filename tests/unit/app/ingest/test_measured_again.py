@@ -1,4 +1,4 @@
-"""A run changes what frames are measured with while some are on their way in."""
+"""Frames are measured again if a run changes the config after they were prepared."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from app.measuring.queries import EvidenceRepository
 from tests.support import frames as scene
 from tests.support.services import running_services
 
-# Counts other pixels, so what was measured before is of no use.
+# It counts other pixels, so earlier measurements cannot be used.
 OTHERWISE = {"profile": "carlasimu"}
 PATIENCE_S = 2.0
 
 
 class WatchedPool(PixelPool):
-    """Says of each frame that it measures whether others could write meanwhile."""
+    """Notes for each measurement whether another thread could write meanwhile."""
 
     def __init__(self, database):
         super().__init__(1)
@@ -41,7 +41,7 @@ class WatchedPool(PixelPool):
     def _look(self):
         def write():
             with self._database.write() as session:
-                session.scalar(select(1))  # a transaction begins with a statement
+                session.scalar(select(1))  # this statement begins the transaction
 
         other = threading.Thread(target=write)
         other.start()

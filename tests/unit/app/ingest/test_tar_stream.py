@@ -1,4 +1,4 @@
-"""Archives in pieces of any size, and what no archive of frames has."""
+"""`TarStream` reads archives in pieces of any size, and refuses bad members."""
 
 from __future__ import annotations
 
@@ -116,13 +116,13 @@ def test_a_member_that_no_archive_of_frames_has_is_refused(data, words):
 
 
 def checked(block):
-    """A header whose checksum is right again."""
+    """The header with its checksum corrected."""
     total = sum(block[:148]) + 8 * ord(" ") + sum(block[156:])
     return block[:148] + b"%06o\0 " % total + block[156:]
 
 
 def sized(field, kind=tarfile.REGTYPE):
-    """A sound header that has these twelve bytes for its size."""
+    """A valid header with these bytes, padded to twelve, as its size."""
     block = header("a", kind=kind)
     return checked(block[:124] + field.ljust(12, b"\0") + block[136:])
 
@@ -181,7 +181,7 @@ def test_a_long_name_that_is_cut_behind_a_slash_is_a_file():
 
 
 def seconds_of(data):
-    """Processor time that reading takes, undisturbed."""
+    """The processor time that reading takes: the least of three times."""
 
     def once():
         before = time.process_time()

@@ -1,4 +1,4 @@
-"""A dataset of a dozen frames, enough for several chunks."""
+"""A fixture: a dataset with enough frames for several chunks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Attempts at chunks where no worker is: what the next process finds in the ledger."""
+"""Attempts at chunks are stored, so that a later process knows which ones kill it.
+
+Here the process that drives a job also works on its chunks, without workers.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,7 @@ NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 
 
 class Watched(LocalEngine):
-    """As the service's own, with three frames to a chunk; looks before each frame."""
+    """The local engine with three frames per chunk; calls `look` before each frame."""
 
     def __init__(self, look) -> None:
         super().__init__(2)
@@ -65,7 +68,10 @@ def attempts(street, run_id):
 
 
 def cut_off(street, *spans):
-    """A run whose chunks, by their first and last place, ended as many processes."""
+    """Prepare a run that has ended processes; returns its id.
+
+    Each span is a chunk: its first and last frame, and how many processes it ended.
+    """
     run_id, ids = street.request(FROM_PIXELS), frame_ids(street)
     with street.context.database.write() as session:
         run = RunRepository(session).with_id(run_id)
@@ -79,7 +85,7 @@ def cut_off(street, *spans):
 
 
 def go_on(street, run_id, look=lambda _engine, _frame_id: None, **others):
-    """Drive the run; `others` take the place of what the context has."""
+    """Drive a run and return it; `others` replace attributes of the context."""
     with engine_of(street, Watched(look)) as context:
         drive_job(replace(context, **others), run_job(run_id))
     return run_of(street, run_id)
@@ -98,7 +104,7 @@ def test_an_attempt_is_written_down_when_a_chunk_begins_and_not_before(street):
         *(1, 1, 1, 2, 2, 2),
         *(3, 3, 3, 4, 4, 4),
     ]
-    # Another one is queued meanwhile.
+    # The second chunk was queued then, but not yet counted as an attempt.
     assert {1: 1, 2: 0} in seen
 
 
@@ -114,7 +120,7 @@ def test_a_chunk_that_ended_processes_is_measured_frame_by_frame_and_forgiven(st
     run = go_on(street, run_id, look)
 
     check_whole(street, run)
-    # Each begins when those before it are stored, and storing one is a sign of life.
+    # A frame begins after the one before it was stored, which resets the count.
     forgiven = [(place, place, 0) for place in range(1, FRAMES)]
     assert seen == [(0, 0, MOST_ATTEMPTS), *forgiven]
 
@@ -151,7 +157,7 @@ def test_frames_side_by_side_that_end_processes_are_left_alone_together(street):
 
 
 def test_frames_side_by_side_are_those_of_one_dataset(services):
-    """The ids between theirs belong to another dataset, filled at the same time."""
+    """Frames of another dataset, stored at the same time, have the ids in between."""
     street, other = services.dataset(), services.dataset()
     for number in range(FRAMES):
         put(street, number)
@@ -165,7 +171,7 @@ def test_frames_side_by_side_are_those_of_one_dataset(services):
 
 
 def test_a_measured_frame_between_two_is_noticed(street):
-    """The chunk before is in quarantine, but its last frame is measured."""
+    """The first chunk is in quarantine, but all frames after its first are measured."""
     run_id = cut_off(street, (1, 2, 0), (3, 5, MOST_ATTEMPTS), (6, 11, 0))
     assert work_on_chunk(street.context, "run", run_id, 1) == DONE
     with street.context.database.write() as session:
@@ -192,7 +198,7 @@ def test_frames_that_cannot_be_read_do_not_part_those_that_end_processes(street)
 
 
 def test_a_frame_that_cannot_be_read_is_not_taken_for_one_that_ends_processes(services):
-    """It comes first, and is refused before the next frame ends the process."""
+    """The unreadable frame is first, and refused before the next ends the process."""
     street = services.dataset()
     put_large(street, "00")
     for number in range(1, FRAMES):
@@ -235,7 +241,7 @@ def test_a_last_frame_that_cannot_be_read_is_left_alone_frame_by_frame_too(servi
 
 
 def put_large(street, key):
-    """A frame whose decoded segmentation needs much memory."""
+    """Store a frame whose decoded segmentation needs much memory."""
     road = np.full((4000, 4000), FAMILIES[scene.FAMILY].tag_of("Road"), np.uint8)
     camera = {"width": 4000, "height": 4000, "fov": 90}
     body = {"carla_version": "0.9.15", "camera": camera, "boxes": []}
@@ -273,7 +279,7 @@ def test_a_service_that_stops_is_not_to_blame(street):
 
 
 class Deciding(LocalEngine):
-    """Looks whenever a decision says how far it is."""
+    """The local engine; calls `look` when a decision reports its progress."""
 
     def __init__(self, look) -> None:
         super().__init__(2)
@@ -285,7 +291,7 @@ class Deciding(LocalEngine):
 
 
 def cut_off_deciding(street, ended):
-    """A run of stored numbers whose decision has ended so many processes."""
+    """Prepare a run whose decision has ended so many processes; returns its id."""
     run_id = street.request(NOTHING_VISIBLE)
     with street.context.database.write() as session:
         ledger, job = ChunkRepository(session), run_job(run_id)
@@ -329,7 +335,7 @@ def test_a_decision_that_ends_its_processes_is_given_up_in_words(street):
 
 
 def test_a_decision_that_was_given_up_is_not_withdrawn(street):
-    """It is kept for who wants to know, also if somebody cancels too late."""
+    """It stays on record, also if a cancellation comes too late."""
     run = go_on_deciding(street, cut_off_deciding(street, MOST_ATTEMPTS))
 
     with street.context.database.write() as session:
@@ -362,7 +368,7 @@ def test_the_end_of_an_attempt_outlasts_a_database_that_is_away(street):
 
 @contextmanager
 def failing_once(street):
-    """The next transaction of this thread finds no connection."""
+    """Let the next transaction of this thread fail for lack of a connection."""
     thread, failed = threading.get_ident(), list[bool]()
 
     def fail(_connection):

@@ -1,7 +1,6 @@
-"""Driving the chunks of a run: in any order, more than once, with processes that die.
+"""The driver of a run, with chunks that are repeated, lost or kill their workers.
 
-The engines here are real ones that run chunks in other orders, or lose some: what the
-driver makes of that is the same wherever they run.
+The engines are local ones with such faults; the driver does the same with any engine.
 """
 
 from __future__ import annotations
@@ -88,7 +87,7 @@ def test_chunks_beside_a_dead_process_are_tried_alone(street):
 
 
 def test_a_chunk_that_is_given_back_is_tried_alone_again(street):
-    """Its worker stops before it can tell whether the chunk is the cause."""
+    """The worker of the second attempt stops, so the cause is still unknown."""
 
     class Stopping(Deadly):
         def _work(self, here, job, number):

@@ -1,4 +1,4 @@
-"""What all kinds of jobs have in common, whatever there is to do."""
+"""What all kinds of jobs have in common: how they start, fail and end."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def street(services):
 
 @pytest.fixture
 def registered():
-    """Kinds of the test's own in the place of the service's."""
+    """Lets a test replace the kinds of jobs; afterwards the service's are restored."""
     yield register
     register(RUNS, EXPORTS)
 
 
 def queued(street, kind):
-    """A job that waits, and that nobody begins before the test says so."""
+    """Request a job that is not started by the service; returns it."""
     if kind == "run":
         return run_job(street.request({}))
     wanted = ExportRequest("yolo", {}, "ada")
@@ -78,7 +78,7 @@ def test_the_end_of_any_job_starts_what_waits_in_its_dataset(services, street, k
 
 
 class _Fails:
-    """Cannot be begun, for a reason that is said in words."""
+    """A part of a kind of job: to begin such a job raises this error."""
 
     def __init__(self, error):
         self._error = error

@@ -1,4 +1,4 @@
-"""Leases: one holder, taken over when it died or fell silent."""
+"""Leases of jobs have one holder; others take them over if it ended or is silent."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def job():
 
 
 def taken(database, job, holder):
-    """The lease of a job, taken by this process under another name."""
+    """Take the lease of a job under the name `holder`, and return it."""
     lease = JobLease(database, job, holder)
     with database.write() as session:
         lease.take(session)
@@ -106,7 +106,7 @@ def test_a_driver_that_lost_its_lease_finds_out_before_it_writes(services, write
         with pytest.raises(LeaseLost), write() as session:
             lease.take(session)
 
-    assert holder_of(context, job) == ELSEWHERE  # it was not ours to give back
+    assert holder_of(context, job) == ELSEWHERE  # another one's lease is not released
     with write() as session:
         take_away(session, job)
 
@@ -184,7 +184,7 @@ def test_leases_of_the_dead_go_with_their_jobs(services, write):
     for job, holder in zip(jobs, holders, strict=True):
         with write() as session:
             give(session, job, holder)
-    # Only now: when a run ends, the service begins those that are nobody's.
+    # After all have leases: when a run ends, the service starts those without one.
     for job in jobs:
         with write() as session:
             cancel(services.context, session, RUNS, job.id)

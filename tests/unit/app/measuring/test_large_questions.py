@@ -1,4 +1,4 @@
-"""Questions about more boxes than may be held in memory: answered the same in parts."""
+"""Previews, histograms and comparisons give the same results if computed in parts."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from unghost.wire.runs import Diff
 
 FRAMES = 9
 MOST_BOXES = 40
-"""Fewer than there are: a part is a sixteenth of it, which is one frame here."""
+"""Fewer than the dataset has, so that it is read in parts: one frame at a time."""
 STRICTER = {"min_visible_pixels": 400}
 
 
 @pytest.fixture(scope="module")
 def street(services):
-    """Frames of five boxes, every channel measured, answers, and two trial runs."""
+    """Frames of five boxes with every channel measured, and some answers."""
     street = services.dataset()
     for number in range(FRAMES):
         boxes = [cube("near", 10.0), cube("behind", 25.0 + number / 4)]
@@ -54,7 +54,7 @@ def street(services):
 
 @pytest.fixture(scope="module")
 def by_tags(services):
-    """Frames whose pixels were counted by tag: other tags can be tried."""
+    """Frames with a histogram of tags, so that a preview can accept other tags."""
     street = services.dataset()
     for number in range(FRAMES):
         street.put(str(number), scene.annotation(), segmentation=scene.segmentation())
@@ -118,7 +118,7 @@ def test_every_question_of_these_tests_has_an_answer(street):
 
 @pytest.mark.parametrize("config", [STRICTER, {"profile": "carlasimu"}])
 def test_runs_differ_in_parts_as_in_the_whole_on_every_page(street, config):
-    """The second is measured anew: its numbers are others."""
+    """With the profile carlasimu, the second run is measured anew."""
     first = street.run({}, activate=False).id
     second = street.run({**config, "min_visible_pixels": 400}, activate=False).id
 

@@ -41,21 +41,21 @@ def annotation(boxes=1):
 
 
 def with_a_note(png):
-    """With a chunk of text between the header and the pixels."""
+    """The PNG with a chunk of text between its header and its pixels."""
     body = b"tEXtSoftware\0a painter"
     chunk = (len(body) - 4).to_bytes(4, "big") + body + crc32(body).to_bytes(4, "big")
     return png[:33] + chunk + png[33:]
 
 
 def measured(pool, png, *, wh=WH, boxes=1, plan=PLAN, **files):
-    """The share of matching pixels, and how many processes it took besides this one."""
+    """The percentage of matching pixels, and how many child processes were started."""
     before = processes()
     found = measure_files(pool, plan, annotation(boxes), FrameFiles(png, wh, **files))
     return float(found.evidence.match_percent[0]), len(processes() - before)
 
 
 def processes():
-    """Ids of all that this process has started, for whichever test."""
+    """The ids of all running child processes, including those of other tests."""
     return {process.pid for process in multiprocessing.active_children()}
 
 
@@ -97,7 +97,7 @@ def test_a_picture_that_may_cost_more_is_left_to_a_process(pool, asked):
 def test_the_header_decides_whether_a_process_reads_a_picture(
     pool, place, value, found
 ):
-    """That the pixels contradict the header is found out by a process."""
+    """A child process finds out that the pixels contradict the header."""
     png = bytearray(picture())
     png[place] = value
     png[29:33] = crc32(png[12:29]).to_bytes(4, "big")

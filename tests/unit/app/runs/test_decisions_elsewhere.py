@@ -1,4 +1,4 @@
-"""What a service decides, others on its database see part way, and can cancel."""
+"""While one service decides a run, another one sees its progress and can cancel it."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from tests.support.databases import migrated_postgres
 from tests.support.services import Street, run_job, running_services
 
 FRAMES = 8_000
-"""With a hundred thousand boxes and more, whose decisions take seconds to change."""
+"""They have 15 boxes each: so many that changing their decisions takes seconds."""
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 
 
 @pytest.fixture(scope="module")
 def services(tmp_path_factory):
-    """Two services with a database in common: PostgreSQL, wherever tests run."""
+    """Two services that share one database, which is always PostgreSQL."""
     folder = tmp_path_factory.mktemp("shared")
     with (
         migrated_postgres() as url,
@@ -50,7 +50,7 @@ def seen_by(services, run_id):
 
 
 def part_way(services, run_id):
-    """The state that a service sees once a run that another one decides told some."""
+    """Wait until a service sees progress of another one's run; returns its state."""
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline:
         state, done = seen_by(services, run_id)
@@ -63,7 +63,7 @@ def part_way(services, run_id):
 
 @contextmanager
 def deciding(services, run_id):
-    """A service drives a run, until the block and the run have ended."""
+    """Drive a run in a thread; at its end, the block waits for the run."""
     driver = Thread(target=drive_job, args=(services.context, run_job(run_id)))
     driver.start()
     try:
@@ -84,9 +84,9 @@ def test_a_decision_is_seen_and_ended_from_another_service(services, street):
     assert (state, cancelled) == ("running", "cancelled")
     assert seen_by(one, run_id)[0] == "cancelled"
     assert street.reasons() == before
-    # Once more, and nobody is in its way.
+    # The same run again, which is not cancelled.
     assert street.run(NOTHING_VISIBLE).changed > 0
-    # Deleting the dataset does not wait for a decision either.
+    # Deleting the dataset cancels a decision as well, instead of waiting for it.
     run_id = street.request({})
     with deciding(one, run_id):
         part_way(other, run_id)

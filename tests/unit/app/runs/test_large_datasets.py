@@ -1,4 +1,4 @@
-"""Runs on more boxes than may be held in memory: the same, range by range."""
+"""Runs on more boxes than fit into memory have the same results, range by range."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CONFIGS = [
 
 
 def filled(services):
-    """Frames with two boxes each, one without, one that was replaced, and answers."""
+    """A dataset: frames with two boxes, one without, one replaced, and some answers."""
     street = services.dataset()
     for number in range(FRAMES):
         put(street, str(number), scene.annotation())
@@ -41,7 +41,7 @@ def put(street, key, annotation):
 
 
 def outcome(street, config, most_boxes, *, activate=True):
-    """All that a run leaves, with box ids counted from the first one of the dataset."""
+    """Drive a run; returns its results without ids, to compare datasets."""
     run_id = street.request(config, activate=activate)
     context = replace(street.context, owned={ColumnCache: ColumnCache(most_boxes)})
     drive_job(context, run_job(run_id))

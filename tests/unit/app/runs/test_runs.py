@@ -1,4 +1,4 @@
-"""Runs while other things happen: frames come in, settings change, pixels are gone."""
+"""Runs while frames are stored, settings change, or files are missing."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.support.statements import interrupted_at
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
 UNMEASURED = int(Reason.NO_SEGMENTATION)
 NUMBERS = "evidence.numbers"
-"""A statement with these words loads the numbers that a run decides on."""
+"""Part of the statement that loads the numbers on which a run decides."""
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 
 
@@ -42,7 +42,7 @@ def put(street, key, shift=0):
 def test_a_frame_that_comes_in_before_the_switch_is_part_of_the_run(
     services, wanted, after
 ):
-    """The run used to wait for ever for numbers that nobody measured."""
+    """The run used to wait forever for numbers that were not going to be measured."""
     street = services.dataset()
     put(street, "first")
     run_id = street.request(wanted["config"])
@@ -99,7 +99,7 @@ def test_recounting_equals_measuring(services):
 
 
 def test_a_class_that_becomes_known_is_unmeasured_where_there_are_no_pixels(services):
-    """Decided again it said unmapped_class for ever, a new upload no_segmentation."""
+    """The old box used to keep unmapped_class, while a new one got no_segmentation."""
     dragon = {"classes": {"dragon": {"accept": ["Car"]}}}
     annotation = {"boxes": [{"class": "dragon", "xyxy": scene.ON_THE_CAR}]}
     street = services.dataset()
@@ -112,7 +112,7 @@ def test_a_class_that_becomes_known_is_unmeasured_where_there_are_no_pixels(serv
 
 
 def test_settings_that_are_still_being_applied_are_not_lost(services):
-    """The second run used to bring back the settings that were before the first."""
+    """The second run used to restore the settings that the first had replaced."""
     street = services.dataset()
     put(street, "a")
     first = street.change(palette="carla-0.9.14")
@@ -173,7 +173,7 @@ def test_a_run_of_an_empty_dataset_is_done(services):
 
 @pytest.mark.parametrize("config", [{}, CARS_ARE_SKY])
 def test_a_preview_of_an_empty_dataset_counts_nothing(services, config):
-    """Other accept sets used to fail: there was no evidence to join."""
+    """With other accept sets it used to fail, since there was no evidence to join."""
     counts = services.dataset().preview(config)["counts"]
 
     assert counts == {"kept": 0, "rejected": 0, "unmeasured": 0}
@@ -190,7 +190,7 @@ def test_a_frame_without_boxes_is_decided_again(services):
 
 @pytest.mark.parametrize("config", [{"min_visible_pixels": 10**6}, CARS_ARE_SKY])
 def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services, config):
-    """Who cancels it waits for the only place of a writer, which the run holds."""
+    """The request to cancel waits for the turn to write, which the run holds."""
     street = services.dataset()
     put(street, "a")
     before = (street.reasons(), street.tallies(), street.active_config())
@@ -221,7 +221,7 @@ def test_a_run_that_could_not_be_cancelled_goes_on(services):
 
 
 def test_a_run_begins_at_once_when_the_one_before_it_is_cancelled(services):
-    """Whoever was asked for it has looked already, and would look again much later."""
+    """`drive_job` has declined it already; the next check would be much later."""
     street = services.dataset()
     put(street, "a")
     before = street.request({"min_visible_pixels": 10**6})
@@ -257,7 +257,7 @@ def test_progress_is_seen_while_the_last_transaction_is_open(services):
 def test_a_stored_image_that_is_no_image_any_more_leaves_its_frame_unmeasured(
     services, kind
 ):
-    """Once, less of an image was looked at before it was stored."""
+    """Earlier versions checked images less before they stored them."""
     street = services.dataset()
     mask = {"ignore_mask": scene.segmentation()} if kind == "ignore_mask" else {}
     put(street, "good")

@@ -1,4 +1,4 @@
-"""What every store of blobs does: the same for a folder and for a bucket of S3."""
+"""What every blob store has to do, tested with a folder and with an S3 bucket."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ LARGE = random.Random(7).randbytes(2 * PIECE + 12_345)
 
 
 class Store:
-    """A store, and how its files are damaged past it."""
+    """A store, and methods that damage its files without its knowledge."""
 
     def __init__(self, folder: Path, bucket: TestBucket | None) -> None:
         self._bucket, self._blobs = bucket, folder / "blobs"
         self.store: BlobStore = FolderStorage(self._blobs)
         if bucket is not None:
-            # It believes nothing of what it has put itself.
+            # It does not trust that blobs it has put itself still exist.
             self.store = S3Storage(bucket.place(trust_s=0), self._blobs)
         self.store.prepare()
 

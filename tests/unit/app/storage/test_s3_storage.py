@@ -1,4 +1,4 @@
-"""What a bucket adds to what every store does: trusting, waiting, keeping quiet."""
+"""What only S3 stores do: look up blobs, retry, time out, and hide server messages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HOUR_S = 3600
 
 @pytest.fixture
 def open_bucket(tmp_path):
-    """Stores of buckets, each closed at the end."""
+    """A function that opens stores; each is closed after the test."""
     opened = []
 
     def opening(place):
@@ -48,7 +48,7 @@ def test_nothing_is_asked_in_the_turn_of_a_writer(s3, open_bucket):
 
 
 def test_a_blob_that_was_there_before_is_asked_for(s3, open_bucket):
-    """Somebody may have looked at it, and be about to take it away."""
+    """A garbage collection may have found it unused, and be about to remove it."""
     bucket = s3.bucket()
     open_bucket(bucket.place()).put({DIGEST: CONTENT})
     store = open_bucket(bucket.place())
@@ -102,7 +102,7 @@ def test_an_old_blob_that_is_put_again_is_young(s3, open_bucket):
     "status", [pytest.param(500, marks=pytest.mark.long), 503, 403, 404, 400]
 )
 def test_any_refusal_of_a_bucket_means_that_it_is_away(open_bucket, s3, status):
-    """Nobody who asks can mend it, and nobody learns what the server said."""
+    """Clients cannot do anything about it, and are not told what the server said."""
     with answering(lambda _: (status, "<Code>Quoted</Code> secret")) as url:
         store = open_bucket(s3.bucket().behind(url).place(timeout_s=0.5))
         for ask in (
@@ -147,7 +147,7 @@ def test_a_silent_server_is_waited_for_no_longer_than_was_said(open_bucket, s3):
 
 
 def test_memory_held_for_a_silent_server_is_bounded(open_bucket, s3):
-    """Sixteen are on their way; who has more waits before they are held as well."""
+    """Sixteen blobs are being sent; a draft of another one waits."""
     bucket = s3.bucket()
     blobs = {sha256_of(data): data for data in (b"%d" % each for each in range(16))}
     with gate(bucket.url) as way, ThreadPoolExecutor(1) as one:

@@ -1,4 +1,4 @@
-"""Blobs are durable before anyone can refer to them, and never half there."""
+"""Blobs in a folder are flushed before they can be used, and never incomplete."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DIGEST = sha256_of(CONTENT)
 
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
-    """What the operating system was asked for, in order; it still does it."""
+    """The calls of fsync and rename, in order; they are carried out as well."""
     noted: list[tuple[str, str]] = []
     fsync, replace = os.fsync, os.replace
 
@@ -63,14 +63,14 @@ def test_all_folders_reach_the_disk_before_the_first_file(tmp_path, calls):
 
     before = calls[: calls.index(("fsync", ".new-"))]
     assert set(before) == {("fsync", "folder")}
-    # The folder's own name, those of the 256 in it, and its parent's.
+    # The parent once the folder is created, the folder with its 256, the parent again.
     assert len(before) == 3
     assert [call for call, _ in calls[3:]] == ["fsync", "rename", "fsync"]
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")
 def test_a_new_folder_is_lost_with_nothing_that_was_put_into_it(tmp_path, calls):
-    """The name of a folder is durable when the folder that it is in was flushed."""
+    """A new folder is durable only after the folder that contains it was flushed."""
     make_folder(tmp_path / "a" / "b")
     make_folder(tmp_path / "a" / "b")
 
@@ -81,7 +81,7 @@ def test_a_new_folder_is_lost_with_nothing_that_was_put_into_it(tmp_path, calls)
 def test_a_blob_that_is_there_is_not_written_but_its_name_reaches_the_disk(
     tmp_path, calls
 ):
-    """Whoever wrote it may not have come to flush the folder yet."""
+    """The process that wrote it may not have flushed the folder yet."""
     storage = FolderStorage(tmp_path / "blobs")
     storage.put({DIGEST: CONTENT})
     calls.clear()
@@ -110,7 +110,7 @@ def test_a_write_that_fails_leaves_no_trace(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("damage", [b"", CONTENT[:-1]])
 def test_half_a_file_is_written_anew_when_it_is_put_again(tmp_path, damage):
-    """A name alone said that the content is there."""
+    """That a file of this name exists does not mean that it is complete."""
     storage = FolderStorage(tmp_path / "blobs")
     storage.put({DIGEST: CONTENT})
     storage.path(DIGEST).write_bytes(damage)

@@ -1,4 +1,4 @@
-"""Where files are stored is named clearly, and no secret travels or is repeated."""
+"""Which storage settings are accepted; no error message repeats a secret."""
 
 from __future__ import annotations
 
