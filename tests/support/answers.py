@@ -15,9 +15,10 @@ def said(answer: httpx.Response) -> Any:
 
 
 def assert_answered_by(kind: type[ResponseModel], raw: Any) -> None:
-    """Check that a response has the keys of a model, at any depth, and is read by it.
+    """Check that a response has exactly the keys of a model, at any depth.
 
-    The service cannot forget one: fields of answers have no defaults.
+    Fields of response models have no defaults, so a key that the service leaves out
+    fails here. The model's lenient reader must read the same values.
     """
     checked = kind.model_validate(raw)
 

@@ -1,4 +1,7 @@
-"""What a user does with the service, one method for each; responses are httpx's."""
+"""An HTTP client of the service: one method for each thing a user does.
+
+The methods return the responses of httpx unless they say otherwise.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +21,13 @@ BASE = "/api/v1"
 FINISHED = ("done", "failed", "cancelled")
 MOST_LOOKS = 20_000
 LOOK_EVERY_S = 0.03
-"""Asking without a pause would take the processor from the run that one waits for."""
+"""Polling without a pause would take the processor from the run that is waited for."""
 _numbers = count(1)
 
 
 @dataclass(frozen=True)
 class Api:
-    """A client with a token, of a service on a port."""
+    """A client of a running service; it sends a token with each request."""
 
     http: httpx.Client
 
@@ -36,7 +39,7 @@ class Api:
         return self.http.get(BASE + path, params=parameters or None)
 
     def json(self, path: str, **parameters: Any) -> Any:
-        """The body of a 200."""
+        """GET a path, which must be answered with 200, and return the parsed body."""
         answer = self.get(path, **parameters)
         assert answer.status_code == 200, answer.text
         return answer.json()
@@ -48,7 +51,7 @@ class Api:
         return self.http.delete(BASE + path)
 
     def dataset(self, **wanted: Any) -> str:
-        """A new dataset with a name of its own."""
+        """Create a dataset with an unused name, and return the name."""
         name = f"street-{next(_numbers)}"
         answer = self.post("/datasets", {"name": name, **wanted})
         assert answer.status_code == 201, answer.text
@@ -63,7 +66,7 @@ class Api:
         replace: bool = False,
         **files: bytes,
     ) -> httpx.Response:
-        """Upload a frame; without files, the one with a car and a ghost."""
+        """Upload a frame; by default the frame of `frames`, with a car and a ghost."""
         if annotation is None:
             annotation = scene.annotation()
         files = files or {"image": scene.image(), "segmentation": scene.segmentation()}
@@ -76,7 +79,7 @@ class Api:
         )
 
     def stored(self, dataset: str, key: str, *args: Any, **more: Any) -> Any:
-        """Upload a frame, and return the response: the upload must succeed."""
+        """Upload a frame, which must succeed, and return the body of the response."""
         answer = self.put(dataset, key, *args, **more)
         assert answer.status_code in (200, 201), answer.text
         return answer.json()
@@ -88,7 +91,7 @@ class Api:
         return self.post(f"/boxes/{box_id}/reviews", body)
 
     def finished(self, accepted: httpx.Response) -> Any:
-        """The run of a response 202, once it has ended."""
+        """Wait until the run or export that a 202 announced has ended; returns it."""
         assert accepted.status_code == 202, accepted.text
         for _ in range(MOST_LOOKS):
             run = self.http.get(accepted.headers["location"]).json()
@@ -111,5 +114,5 @@ class Api:
         return items
 
     def verdicts(self, dataset: str) -> dict[str, str]:
-        """The filter's verdict by the sender's ids, of a dataset of one frame."""
+        """The filter's verdicts by the sender's box ids; for a dataset of one frame."""
         return {box["id"]: box["verdict"] for box in self.boxes(dataset)}

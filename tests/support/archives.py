@@ -1,4 +1,4 @@
-"""Tar archives of frames, and a connection that sends and reads at the same time."""
+"""Makes tar archives of frames, and sends them as batches, whole or piece by piece."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def packed(
 
 
 def pieces(members: Members) -> bytes:
-    """Members without the archive's end."""
+    """These members as an archive without the blocks that end it."""
     return b"".join(
         header_of(name, len(content)) + content + bytes(-len(content) % 512)
         for name, content in members
@@ -61,7 +61,7 @@ def lines_of(text: str) -> list[dict[str, Any]]:
 
 
 class Connection:
-    """One request, sent and read piece by piece."""
+    """One batch request over a socket, sent and read piece by piece."""
 
     def __init__(self, server: RunningServer, dataset: str, **options: Any) -> None:
         place = urlsplit(server.url)

@@ -1,7 +1,7 @@
-"""Records what the modules of a service do with its database.
+"""Records which modules of the service write to its database, and where.
 
-Listeners are added to SQLAlchemy when this module is imported, since its lists of
-listeners must not change while a service works.
+Listeners are added to SQLAlchemy once, when this module is imported: its lists of
+listeners must not change while a service is running.
 """
 
 from __future__ import annotations
@@ -23,17 +23,20 @@ from app.db.engine import Database
 
 _WRITES = re.compile(r'(?:INSERT INTO|UPDATE|DELETE FROM) "?(\w+)')
 _WRITING: ContextVar[bool] = ContextVar("writing", default=False)
-"""A context is one call of a route in its thread, or a thread of the service."""
+"""Whether a write transaction is open in this context.
+
+A context is one call of a route in its thread, or a thread of the service.
+"""
 
 
 @dataclass
 class Acts:
-    """What modules of `app` did with the database."""
+    """What the modules of `app` did with the database."""
 
     writes: set[tuple[str, str]] = field(default_factory=set)
-    """Each with a table of which it inserted, changed or deleted rows."""
+    """Pairs of a module and a table in which it inserted, changed or deleted rows."""
     within: set[str] = field(default_factory=set)
-    """Began a transaction within one that writes."""
+    """Modules that began a second transaction while a write transaction was open."""
 
 
 _watched: dict[URL, Acts] = {}
@@ -41,7 +44,7 @@ _watched: dict[URL, Acts] = {}
 
 @contextmanager
 def watched(database: Database) -> Iterator[Acts]:
-    """Record what any thread does until the block ends."""
+    """Record what all threads do with this database until the block ends."""
     acts = _watched[database.engine.url] = Acts()
     try:
         yield acts
@@ -68,7 +71,7 @@ def _given_back(_connection: Any, record: Any) -> None:
 @event.listens_for(Engine, "before_cursor_execute")
 def _executed(connection: Any, _cursor: Any, statement: str, *_rest: Any) -> None:
     acts, written = _watched.get(connection.engine.url), _WRITES.search(statement)
-    # What a flush writes was recorded when the row was added or changed.
+    # Rows that a flush writes were recorded when they were added or changed.
     if acts and written and "sqlalchemy.orm.unitofwork" not in _callers():
         acts.writes.add((_caller(), written[1]))
 

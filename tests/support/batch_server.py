@@ -1,4 +1,4 @@
-"""A server that takes batches on a free port, and fails where a test tells it to."""
+"""A small HTTP server that accepts batches, and fails where a test tells it to."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ FRAME = {
 
 @dataclass(frozen=True)
 class Turn:
-    """How one request is answered; by default, as by the real service.
+    """How the server answers one batch; by default as the real service does.
 
-    `lines`: the connection ends after so many. `refusal`: status, code, headers.
-    `decisions`: of each frame. `end`: what the last line says besides its counts.
+    `lines`: close the connection after so many lines. `refusal`: refuse the batch with
+    this status, code and headers. `decisions`: the counts that each line reports.
+    `end`: keys of the last line besides ``end``.
     """
 
     lines: int | None = None
@@ -45,9 +46,10 @@ class Taken:
 
 
 class BatchServer:
-    """Takes every frame it reads, in `turns`; knows the frames in `known`.
+    """Records every frame that it receives; `turns` say how batches are answered.
 
-    It hangs up on the first `unheard` who ask what it knows.
+    `known` maps the keys of frames that it already has to their digests. It closes the
+    connection, without an answer, on the first `unheard` requests for known frames.
     """
 
     def __init__(self) -> None:
@@ -85,7 +87,7 @@ class _Http(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, *_: object) -> None:
-        """Clients may disconnect: some tests do that."""
+        """Print no traceback: some tests make the client disconnect."""
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -1,4 +1,4 @@
-"""Engines with small chunks, some of which lose them, and runs to try them on."""
+"""Engines that work in small chunks, some of which fail, and checks of their runs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FROM_PIXELS = {"profile": "carlasimu"}
 
 
 class SmallChunks(LocalEngine):
-    """Three frames to a chunk, and several chunks beside each other."""
+    """An engine with three frames in a chunk that works on several chunks at once."""
 
     def __init__(self) -> None:
         super().__init__(2)
@@ -58,7 +58,11 @@ class SmallChunks(LocalEngine):
 
 
 class Deadly(SmallChunks):
-    """An engine whose worker dies of some chunks, with all that it works on then."""
+    """An engine whose worker dies of the `poison` chunks.
+
+    A chunk fails if it is poisoned, or if it begins while a poisoned one is running.
+    Each poisoned chunk itself fails at most `times` times.
+    """
 
     def __init__(self, *poison: int, times: int = 99) -> None:
         super().__init__()
@@ -79,7 +83,7 @@ class Deadly(SmallChunks):
 
 
 class Forgetful(SmallChunks):
-    """An engine that loses all submitted chunks every third time."""
+    """An engine that loses its connection, and the chunk, at every third start."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -136,7 +140,7 @@ def read(street, ask):
 
 
 def measured(street, run):
-    """How often each frame was measured for a run."""
+    """Count how often each frame was measured for a run."""
     rows = select(FrameEvidence.frame_id)
     rows = rows.where(FrameEvidence.measurement_id == run.measurement_id)
     return Counter(read(street, lambda session: session.scalars(rows).all()))

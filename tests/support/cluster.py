@@ -1,4 +1,4 @@
-"""A scheduler, workers and servers of one installation, as processes here."""
+"""Starts a scheduler, workers and servers of one cluster as local processes."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _numbers = count(1)
 
 
 def children(pid: int) -> list[int]:
-    """Processes that a process has started."""
+    """The ids of the child processes of a process."""
     found = Path(f"/proc/{pid}/task/{pid}/children").read_text("ascii")
     return [int(child) for child in found.split()]
 
 
 @dataclass
 class Node:
-    """A process of the cluster, and its log."""
+    """One process of the cluster, and its log file."""
 
     process: Process
     log: Path
@@ -49,7 +49,7 @@ class Node:
         assert words in self.said
 
     def kill(self) -> None:
-        """As by the kernel when memory runs out."""
+        """Kill the process with SIGKILL, as the kernel does when memory runs out."""
         self.process.send_signal(signal.SIGKILL)
         self.process.wait()
 
@@ -59,7 +59,7 @@ class Node:
 
 @dataclass
 class Cluster:
-    """One installation; everything that is started ends with its block."""
+    """One cluster; all processes that it started are stopped when its block ends."""
 
     folder: Path
     port: int
@@ -137,7 +137,7 @@ class Cluster:
 
 @contextmanager
 def cluster(folder: Path, *, anew: bool = False) -> Iterator[Cluster]:
-    """Certificates and a port; no process yet."""
+    """A cluster with certificates and a port, in which no process runs yet."""
     with reserved_port() as port, ExitStack() as started:
         made = Cluster(folder, port, started, anew=anew)
         make_certificates(made.certificates, ("127.0.0.1",), 2)
@@ -145,9 +145,9 @@ def cluster(folder: Path, *, anew: bool = False) -> Iterator[Cluster]:
 
 
 def working_process(worker: Node) -> int:
-    """The process of a worker that works, not the one that supervises it.
+    """Wait for the child process in which a worker computes, and return its id.
 
-    After it was killed, there is none for a moment.
+    The worker's own process only supervises it, and starts another one when it died.
     """
     parent = worker.process.pid
     until(lambda: len(children(parent)) == 1, "no process works")
@@ -156,7 +156,7 @@ def working_process(worker: Node) -> int:
 
 
 def kill_working_process(worker: Node) -> int:
-    """Kill it as the kernel does when memory runs out; its number."""
+    """Kill the child process of a worker with SIGKILL, and return its id."""
     child = working_process(worker)
     os.kill(child, signal.SIGKILL)
     return child

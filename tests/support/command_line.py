@@ -1,4 +1,4 @@
-"""Runs `unghost` as people do: a process with its own home, arguments and exit code."""
+"""Runs `unghost` as a command with its own home folder, and returns what it wrote."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ class Answer:
 
 @dataclass(frozen=True)
 class CommandLine:
-    """`unghost` in a folder of its own."""
+    """Runs `unghost` in a folder of its own, with these environment variables."""
 
     folder: Path
     settings: Mapping[str, str]
     anew: bool = False
-    """Start Python itself, for tests that look at its arguments in /proc."""
+    """Start a new Python interpreter, for tests that look at its arguments in /proc."""
 
     @property
     def environ(self) -> dict[str, str]:
@@ -57,7 +57,7 @@ class CommandLine:
 
     @contextmanager
     def running(self, *words: object) -> Iterator[Process]:
-        """The command as a process that still runs; it is ended with the block."""
+        """Start the command; it is killed when the block ends."""
         given = list(map(str, words))
         process: Process
         if self.anew:

@@ -1,4 +1,4 @@
-"""A data folder that is served, or examined, backed up and restored while it is not."""
+"""Serves, examines, backs up and restores data folders."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.support.servers import RunningServer, running_server
 
 @contextmanager
 def served(data: Path, **settings: str) -> Iterator[tuple[RunningServer, Api]]:
-    """A server of a data folder, and an admin's client of it."""
+    """Serve a data folder; yields the server, and a client with the admin's token."""
     with running_server(data, settings) as server:
         api = Api.at(server.url, server.headers)
         with api.http:
@@ -32,18 +32,18 @@ def silently(_title: str, _unit: str) -> Iterator[Advance]:
 
 
 def backed_up(data: Path, target: Path, *, incomplete: bool = False) -> Path:
-    """A backup of a data folder."""
+    """Back up a data folder that is not served, and return the path of the backup."""
     settings = Settings(data=data)
     return make_backup(settings, target, incomplete=incomplete, steps=silently).path
 
 
 def restored(backup: Path, data: Path) -> Restored:
-    """A data folder of a backup."""
+    """Restore a backup into a data folder."""
     return restore(Settings(data=data), backup, silently)
 
 
 def examined(data: Path, **settings: object) -> dict[str, Finding]:
-    """The faults that `unghost doctor --verify` finds."""
+    """The findings of `unghost doctor --verify` that are not OK, by their check."""
     chosen = Settings.model_validate({"data": data, **settings_of(data), **settings})
     return {
         finding.check: finding
@@ -53,7 +53,7 @@ def examined(data: Path, **settings: object) -> dict[str, Finding]:
 
 
 def blobs(data: Path) -> list[Path]:
-    """The stored files of a data folder."""
+    """The paths of the images and other files that a data folder stores, sorted."""
     return sorted(
         path for path in (data / "blobs").glob("??/*") if len(path.name) == 64
     )

@@ -1,10 +1,11 @@
-"""Databases of a test's own: a file in its data folder, or one on a PostgreSQL server.
+"""Makes databases for tests: SQLite files, or databases of a PostgreSQL server.
 
-UNGHOST_TEST_DATABASE names a database of a server, such as
-``postgresql+psycopg://postgres@127.0.0.1:5432/postgres``: then every data folder of the
-tests has a database of that server in place of its file, made anew and dropped again.
+UNGHOST_TEST_DATABASE may name a database of a server, such as
+``postgresql+psycopg://postgres@127.0.0.1:5432/postgres``. Then each data folder of the
+tests gets a new database on that server in place of its SQLite file, and all of them
+are dropped again.
 
-UNGHOST_TEST_SERVER names a database of the server on which single tests make theirs.
+UNGHOST_TEST_SERVER names a database of the server that single tests of PostgreSQL use.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from app.db.tables import Installation
 from app.package import migrations_dir
 from app.storage import make_folder
 
-# Read here: the tests see no UNGHOST_* variables.
+# Read at import: the tests later run without any UNGHOST_* variables.
 CHOSEN = os.environ.get("UNGHOST_TEST_DATABASE", "")
 SERVER_VARIABLE = "UNGHOST_TEST_SERVER"
 _USUAL = "postgresql+psycopg://postgres@127.0.0.1:5432/postgres"
@@ -53,9 +54,10 @@ _template: list[URL] = []
 
 @contextmanager
 def empty_postgres(language: str = "") -> Iterator[str]:
-    """The URL of a new database, dropped at the end; a skip if no server answers.
+    """Yield the URL of a new, empty database, and drop it at the end.
 
-    It sorts as the server does, or as a language, such as ``en-US``, does.
+    Skips the test if no server answers. The database sorts text as the server does, or
+    by the rules of `language`, such as ``en-US``.
     """
     own = f" TEMPLATE template0 LOCALE_PROVIDER icu ICU_LOCALE '{language}'"
     yield from _temporary(own if language else "")
@@ -63,27 +65,27 @@ def empty_postgres(language: str = "") -> Iterator[str]:
 
 @contextmanager
 def migrated_postgres() -> Iterator[str]:
-    """As `empty_postgres`, with all tables."""
+    """Yield the URL of a new database like `empty_postgres`, but with all tables."""
     _require_postgres()
     yield from _temporary(f" TEMPLATE {_migrated().database}")
 
 
 def settings_of(data: Path) -> dict[str, str]:
-    """What `Settings` of a data folder say of its database."""
+    """The keys of `Settings` that name the database of a data folder."""
     return {"database_url": _text(_database_of(data))} if CHOSEN else {}
 
 
 def environment_of(data: Path) -> dict[str, str]:
-    """The same as variables of a process."""
+    """The same as `settings_of`, as variables of a process's environment."""
     return {DATABASE_URL: _text(_database_of(data))} if CHOSEN else {}
 
 
 def give_tables(data: Path, settings: Mapping[str, object]) -> None:
-    """Put a database with all tables, but no rows, into a data folder that is new.
+    """Put a database with all tables, but no rows, into a new data folder.
 
-    A service makes them itself where they are missing: that takes longer than all
-    else that it does at its start. `settings` are those of the service; where they
-    name another place for its database or its files, it starts without.
+    A service makes missing tables itself, but that takes longer than the rest of its
+    start. `settings` are those of the service: nothing is done if they name another
+    place for the database or the files.
     """
     named = {name.removeprefix("UNGHOST_").lower() for name in settings}
     is_new = not data.exists() or not any(data.iterdir())
@@ -95,13 +97,13 @@ def give_tables(data: Path, settings: Mapping[str, object]) -> None:
 
 
 def url_of(data: Path) -> str:
-    """The database of a data folder."""
+    """The URL of the database of a data folder."""
     return _text(_database_of(data)) if CHOSEN else sqlite_url(data / FILE)
 
 
 @contextmanager
 def database_of(data: Path) -> Iterator[Connection]:
-    """A connection to that database, without the service; commits at the end."""
+    """Connect to the database of a data folder past the service; commits at the end."""
     with (
         closing(Database(url_of(data))) as database,
         database.engine.begin() as connection,
@@ -110,20 +112,20 @@ def database_of(data: Path) -> Iterator[Connection]:
 
 
 def rows_of(data: Path, statement: str, **values: object) -> list[tuple]:
-    """What a statement finds in the database of a data folder."""
+    """Run a statement on the database of a data folder, and return the rows."""
     with database_of(data) as connection:
         return [tuple(row) for row in connection.execute(text(statement), values)]
 
 
 def change(data: Path, *statements: str, **values: object) -> None:
-    """Change the database of a data folder past the service."""
+    """Run statements that change the database of a data folder, past the service."""
     with database_of(data) as connection:
         for statement in statements:
             connection.execute(text(statement), values)
 
 
 def everything_in(data: Path) -> str:
-    """Every row of every table."""
+    """All rows of all tables as one text, to compare two states of a database."""
     with database_of(data) as connection:
         tables = sorted(inspect(connection).get_table_names())
         return "\n".join(
@@ -136,7 +138,7 @@ def everything_in(data: Path) -> str:
 
 
 def problems_of(data: Path) -> list[str]:
-    """What `unghost doctor` says of a database that nobody serves."""
+    """The problems that `unghost doctor` finds in a database that is not served."""
     if not CHOSEN:
         return inspection.problems_of(data / FILE)
     with closing(Database(_text(_database_of(data)))) as database:
@@ -145,14 +147,14 @@ def problems_of(data: Path) -> list[str]:
 
 @contextmanager
 def writing(data: Path) -> Iterator[None]:
-    """Hold the lock for writing, as a long transaction does."""
+    """Hold the database's write lock during the block, as a long transaction does."""
     with closing(Database(url_of(data))) as database, database.write() as session:
         session.connection()
         yield
 
 
 def drop_unused() -> None:
-    """Drop the databases of folders that no service has open any more."""
+    """Drop the databases of data folders to which no connection is open any more."""
     with _server() as server:
         rows = server.execute(text("SELECT DISTINCT datname FROM pg_stat_activity"))
         open_now = set(rows.scalars())
@@ -162,7 +164,7 @@ def drop_unused() -> None:
 
 
 def drop_all() -> None:
-    """Drop everything that was made here."""
+    """Drop all databases of data folders, and the one that they were copied from."""
     if not _of_folders and not _template:
         return
     with _server() as server:
@@ -173,7 +175,7 @@ def drop_all() -> None:
 
 
 def answers(server: URL | str = SERVER) -> bool:
-    """Whether a server answers."""
+    """Whether a PostgreSQL server answers at this URL."""
     try:
         with _server(server):
             return True
@@ -192,7 +194,7 @@ def _temporary(options: str) -> Iterator[str]:
 
 
 def _require_postgres() -> None:
-    # Only in continuous integration, or if it is named, a missing server is a failure.
+    # In continuous integration, or if one is named, a missing server is a failure.
     if not (answers() or CHOSEN or os.environ.get("CI")):
         pytest.skip(f"no PostgreSQL answers at {SERVER.host}:{SERVER.port}")
 
@@ -206,13 +208,16 @@ def _database_of(data: Path) -> URL:
 
 
 def _give_own_id(url: str) -> None:
-    """A copy has the id of what it was copied from, by which workers know theirs."""
+    """Give a copied database an installation id of its own.
+
+    Workers recognise the database of their server by this id.
+    """
     with closing(Database(url)) as database, database.engine.begin() as connection:
         connection.execute(update(Installation).values(id=str(uuid.uuid4())))
 
 
 def _migrated() -> URL:
-    """A database with all tables, of which copies are made: migrating takes longer."""
+    """The database that others are copied from: copying is faster than migrating."""
     if not _template:
         url = _created("")
         engine = make_engine(_text(url))

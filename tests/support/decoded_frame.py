@@ -1,4 +1,4 @@
-"""A rendered frame of the street with its files decoded."""
+"""A rendered frame of the demo street whose PNG files are decoded when first used."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from unghost.street.street import StreetFrame
 
 @dataclass(eq=False)
 class DecodedFrame:
-    """A frame with its files decoded."""
+    """The decoded images, annotation and rectangles of one frame."""
 
     frame: StreetFrame
 
@@ -30,13 +30,13 @@ class DecodedFrame:
 
     @cached_property
     def instances(self):
-        """Tags and numbers: red, and green + 256 blue."""
+        """Two images: semantic tags (red), and instance numbers (green + 256 blue)."""
         rgb = _decoded(self.frame.instances_png).astype(np.int32)
         return rgb[..., 0].astype(np.uint8), rgb[..., 1] + 256 * rgb[..., 2]
 
     @cached_property
     def depth(self):
-        """Metres, of 24 bits from red, the lowest, to blue."""
+        """Metres, from 24 bits of which red holds the lowest and blue the highest."""
         rgb = _decoded(self.frame.depth_png).astype(np.float64)
         steps = rgb[..., 0] + 256 * rgb[..., 1] + 65536 * rgb[..., 2]
         return steps * (1000.0 / ((1 << 24) - 1))
@@ -51,7 +51,7 @@ class DecodedFrame:
 
     @cached_property
     def places(self):
-        """Flat places of each number's pixels: sought once, not once for each box."""
+        """The flat indexes of each instance's pixels, found once for all boxes."""
         flat = self.instances[1].ravel()
         order = np.argsort(flat, kind="stable")
         numbers, starts = np.unique(flat[order], return_index=True)
@@ -59,12 +59,15 @@ class DecodedFrame:
         return dict(zip(numbers.tolist(), parts, strict=True))
 
     def pixels_of(self, number):
-        """Rows and columns of an instance."""
+        """Rows and columns of the pixels of an instance."""
         places = self.places.get(number, np.zeros(0, np.int64))
         return np.unravel_index(places, self.instances[1].shape)
 
     def own_pixels(self, line):
-        """Where the thing of a line of the truth shows a tag that its class accepts."""
+        """Rows and columns of the pixels that should count for one line of the truth.
+
+        They belong to its instance, and have a tag that its class accepts.
+        """
         row, column = self.pixels_of(line["instance"])
         accepted = accept_mask_of(line["class"], "carla-0.9.14")
         own = (accepted >> self.instances[0][row, column].astype(int)) & 1 == 1

@@ -1,4 +1,4 @@
-"""Reads a Dockerfile: instructions in order, by stage. Just what this project uses."""
+"""Parses a Dockerfile into its stages; only the syntax that this project uses."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Instruction:
-    """One line of a Dockerfile, continuation lines joined."""
+    """One instruction of a Dockerfile, with its continuation lines joined."""
 
     keyword: str
     rest: str
@@ -18,27 +18,27 @@ class Instruction:
 
 @dataclass(frozen=True)
 class Stage:
-    """From one FROM to the next."""
+    """The instructions from one FROM to the next."""
 
     instructions: tuple[Instruction, ...]
 
     def all(self, keyword: str) -> list[str]:
-        """What follows each occurrence of the keyword."""
+        """The arguments of each instruction with this keyword."""
         return [each.rest for each in self.instructions if each.keyword == keyword]
 
     def last(self, keyword: str) -> str:
-        """What follows the occurrence that counts."""
+        """The arguments of the last instruction with this keyword, which wins."""
         return self.all(keyword)[-1]
 
     @property
     def environment(self) -> dict[str, str]:
-        """Every ENV, later ones over earlier ones."""
+        """The variables that ENV sets; a later value replaces an earlier one."""
         pairs = (part for rest in self.all("ENV") for part in shlex.split(rest))
         return dict(pair.split("=", 1) for pair in pairs)
 
     @property
     def command(self) -> list[str]:
-        """CMD in its exec form."""
+        """The words of CMD, which must be in its exec form (a JSON list)."""
         return [str(word) for word in json.loads(self.last("CMD"))]
 
 

@@ -1,4 +1,4 @@
-"""The documentation as text: its files, links, code blocks and tables."""
+"""Reads the Markdown documentation: its files, links, anchors and code blocks."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 
 def read(name: str) -> str:
-    """A document, by its path from the top of the checkout."""
+    """The text of a document, by its path from the top of the checkout."""
     return (CHECKOUT / name).read_text("utf-8")
 
 
 def without_code(text: str) -> str:
-    """The prose alone: a link in a code block is no link."""
+    """The text without code: what looks like a link in code is none."""
     return re.sub(r"`[^`\n]+`", "", _BLOCK.sub("", text))
 
 
 def links(text: str) -> list[str]:
-    """Where the document points to."""
+    """The targets of all links and images of a document."""
     return _LINK.findall(without_code(text))
 
 
@@ -40,5 +40,5 @@ def anchors(text: str) -> set[str]:
 
 
 def blocks(text: str, language: str) -> list[str]:
-    """The code blocks in one language."""
+    """The contents of the code blocks that are marked with a language."""
     return [code for found, code in _BLOCK.findall(text) if found == language]

@@ -1,7 +1,8 @@
-"""Servers that die, as by a power cut, at a named point of their work.
+"""Servers that kill themselves (SIGKILL) at a point that a test chooses.
 
-Only this module knows of the points: run as a program it wraps what the server calls,
-and serves.
+A point is before or after a step that stores or confirms data, such as a flush of a
+file or a commit. The service knows nothing of this: run as a program, this module
+wraps the functions that the service calls in such steps, and serves.
 """
 
 from __future__ import annotations
@@ -26,12 +27,12 @@ from tests.support.sources import CHECKOUT
 POINTS = ("draft", "flush_file", "rename", "flush_folder", "commit", "answer")
 LIVES_AT_MOST_S = 60
 ARMED = "armed"
-"""A file of this name beside the data folder: from now on the point counts."""
+"""The server counts towards its point while a file of this name is beside its data."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """A moment: before or after the n-th call of a kind."""
+    """The moment to die: before or after the `turn`-th step of this name."""
 
     name: str
     after: bool
@@ -43,31 +44,31 @@ class Point:
 
 @dataclass
 class Nursery:
-    """Servers of one data folder, one after the other."""
+    """Starts servers of one data folder, one after the other."""
 
     data: Path
     _living: Process | None = None
 
     def server(self, point: Point | None = None) -> tuple[str, str]:
-        """Address and token of a server that dies at a point, once it is armed."""
+        """Start a server that dies at a point after `arm`; its address and token."""
         (self.data.with_name(ARMED)).unlink(missing_ok=True)
         return self._link({"point": None if point is None else vars(point)})
 
     def poisoned(self, kind: str) -> tuple[str, str]:
-        """The same of a server that dies of poison, at the latest when it is asked."""
+        """Start a server that dies of a kind of poison; its address and token."""
         return self._link({"poison": kind})
 
     def dies(self, kind: str) -> int:
-        """The exit status of a server that dies of poison before anybody asks it."""
+        """Start a poisoned server that dies without any request; its exit status."""
         self._start({"poison": kind})
         return self.ended(ask=False)
 
     def arm(self) -> None:
-        """Begin to count calls towards the point."""
+        """From now on, let the server count the steps towards its point."""
         self.data.with_name(ARMED).touch()
 
     def ended(self, *, ask: bool) -> int:
-        """Wait for the end of the server, asked for or not; its exit status."""
+        """Wait for the server's end; its exit status. `ask` sends SIGTERM first."""
         process, self._living = self._living, None
         assert process is not None
         with process:
@@ -80,7 +81,7 @@ class Nursery:
                 return process.wait()
 
     def end(self) -> None:
-        """End the server that a test has left when it failed."""
+        """Stop the server that a failed test has left running."""
         if self._living is not None:
             stop(self._living)
 
@@ -101,7 +102,7 @@ class Nursery:
 
 @contextmanager
 def nursery(data: Path) -> Iterator[Nursery]:
-    """Servers of this data folder."""
+    """Yield a `Nursery` of a data folder, and stop its last server at the end."""
     made = Nursery(data)
     try:
         yield made
@@ -110,13 +111,13 @@ def nursery(data: Path) -> Iterator[Nursery]:
 
 
 class Fuse:
-    """Counts the calls of one kind, and ends the process at one of them."""
+    """Counts the steps of one kind, and kills this process at the chosen one."""
 
     def __init__(self, point: Point, armed: Path) -> None:
         self._point, self._armed, self._seen = point, armed, 0
 
     def pass_by(self, name: str, *, after: bool) -> None:
-        """One call begins, or has returned."""
+        """Note that a step begins or, with `after`, has ended; die if it is the one."""
         if (name, after) != (self._point.name, self._point.after):
             return
         if not self._armed.exists():
@@ -124,11 +125,11 @@ class Fuse:
         self._seen += 1
         if self._seen == self._point.turn:
             os.kill(os.getpid(), signal.SIGKILL)
-            time.sleep(60)  # until the signal is there, nothing more happens
+            time.sleep(60)  # so that nothing more happens before the signal arrives
 
 
 def wrapped(fuse: Fuse, call: Callable[..., Any], name_of: Callable[..., str]) -> Any:
-    """The call, with the fuse before and after it where it has a name."""
+    """Wrap a function so that the fuse counts its calls; `name_of` names the step."""
 
     def passing(*args: Any, **more: Any) -> Any:
         name = name_of(*args)
@@ -177,7 +178,7 @@ def wrap_calls(fuse: Fuse) -> None:
 
 
 def become_server(point: Point | None, poison: str | None) -> None:
-    """Replace this process by a server."""
+    """Serve in this process, with the point or the poison prepared."""
     from app.serve import serve
     from app.settings import Settings
 

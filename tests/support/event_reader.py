@@ -1,4 +1,4 @@
-"""Server-sent events as a browser reads them."""
+"""Reads server-sent events as a browser does, for tests of jobs' progress."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Event:
 def open_events(
     api: Api, job_id: int, last: str | None = None, *, of: str = "runs"
 ) -> Iterator[Iterator[Event]]:
-    """Events of a job, for as long as the block lasts or the server sends some."""
+    """Yield the events of a job as they arrive, until the block or the stream ends."""
     headers = {} if last is None else {"Last-Event-ID": last}
     url = f"{BASE}/{of}/{job_id}/events"
     with api.http.stream("GET", url, headers=headers) as answer:
         assert answer.status_code == 200, answer.read()
         assert answer.headers["content-type"].startswith("text/event-stream")
-        # Named, because the response is closed when its last reader is deleted.
+        # Kept in a name: the response closes when its last reader is deleted.
         stream = parsed(answer.iter_lines())
         yield stream
 
@@ -46,7 +46,10 @@ def events(
 
 
 def parsed(lines: Iterator[str]) -> Iterator[Event]:
-    """As the standard says: fields up to an empty line; a colon begins a comment."""
+    """Parse lines of a stream into events, by the standard's rules.
+
+    An empty line ends an event; a line that begins with a colon is a comment.
+    """
     fields: dict[str, str] = {}
     for line in lines:
         if line:

@@ -1,4 +1,4 @@
-"""Makes `Evidence` of a few boxes, with defaults for all that is not given."""
+"""Makes `Evidence` of a few boxes, with defaults for all values that are not given."""
 
 from __future__ import annotations
 

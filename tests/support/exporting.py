@@ -1,4 +1,4 @@
-"""Small exports: boxes and frames as a server hands them out, files as they come."""
+"""Makes small frames, runs exports and conversions, and collects their files."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ HEAD = ExportHead(CLASSES, {"dataset": "d", "config": "0" * 64})
 
 @dataclass(frozen=True)
 class MadeBox:
-    """A box that a frame can be made of: its whole decision, and how it came."""
+    """A box for `frame`: its decision, and its annotation as it was sent."""
 
     decision: dict[str, Any]
     given: dict[str, Any]
 
 
 def box(number, xyxy=(10, 20, 30, 60), verdict="kept", class_name="car", **more):
-    """A box with its decision; `given` is what else its annotation has."""
+    """A box with its decision; `given` holds further keys of its annotation."""
     given = more.pop("given", {})
     if not given.keys() & GEOMETRIES:
         given = {"xyxy": list(xyxy or OUTSIDE), **given}
@@ -65,12 +65,12 @@ def box(number, xyxy=(10, 20, 30, 60), verdict="kept", class_name="car", **more)
 
 @lru_cache
 def black(wh):
-    """A black image."""
+    """A black PNG of this width and height."""
     return png(np.zeros((wh[1], wh[0], 3), np.uint8))
 
 
 def frame(key, *boxes, wh=WH, annotation=None, **more):
-    """A frame with a black image; `annotation` is what it has besides its boxes."""
+    """A frame with a black image; `annotation` holds its keys besides the boxes."""
     image = black(wh)
     whole = {**(annotation or {}), "boxes": [one.given for one in boxes]}
     return ExportFrame(
@@ -88,7 +88,7 @@ def frame(key, *boxes, wh=WH, annotation=None, **more):
 
 
 def street(count, boxes=10, **more):
-    """Frames with kept, rejected and cut boxes."""
+    """Frames with kept and rejected boxes, some of which reach out of the image."""
     for number in range(count):
         made = [
             box(
@@ -109,7 +109,7 @@ def column(decisions, name, dtype=np.float64, absent=np.nan):
 
 
 def columns(decisions):
-    """Decisions, each a dict, as the columns that labels are written from."""
+    """Turn decisions (dicts) into the columns that label formats are written from."""
     names = tuple({one["class"]: None for one in decisions})
 
     def rectangles(name):
@@ -134,7 +134,7 @@ def columns(decisions):
 
 
 def table_columns(decisions):
-    """The same as what tables of decisions have besides those columns."""
+    """Turn decisions into the further columns that only tables of decisions need."""
     numbers = ("threshold", "margin", "area_percent", "crowding")
     reviews = [one.get("review") or {} for one in decisions]
     return DecisionColumns(
@@ -152,7 +152,7 @@ def table_columns(decisions):
 
 
 def export(name, frames, head=HEAD, **options):
-    """The files of an export by name, each written once and after the other."""
+    """Run an export; returns its files by name, each of which must be written once."""
     files = {}
 
     def sink(file, pieces):
@@ -165,7 +165,7 @@ def export(name, frames, head=HEAD, **options):
 
 
 def convert(name, folder, layout="auto", **options):
-    """A folder into files of a format, every box taken over."""
+    """Convert a folder of labels into files of a format, with every box included."""
     found = read_source(folder, layout)
     needs = FORMATS[name].needs
     made = list(export_sources(found, FilterConfig(), needs=needs, workers=1))
@@ -178,10 +178,10 @@ def convert(name, folder, layout="auto", **options):
 
 
 def unpacked(folder, files):
-    """The files in a folder."""
+    """Write the files of an export into a folder."""
     return write_files(folder, files)
 
 
 def labels_of(files):
-    """All but manifest.json, which says where the boxes came from."""
+    """All files but manifest.json, which also says where the boxes came from."""
     return {name: one for name, one in files.items() if name != "manifest.json"}

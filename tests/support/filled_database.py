@@ -1,4 +1,4 @@
-"""Databases of every revision with rows of that time: SQL and values, no models."""
+"""Fills a database of any revision with rows of that time, without using the models."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Rows = dict[str, list[dict[str, Any]]]
 
 
 def revisions() -> list[str]:
-    """Every revision, the oldest first."""
+    """The ids of all migrations, the oldest first."""
     config = Config()
     config.set_main_option("script_location", str(migrations_dir()))
     known = ScriptDirectory.from_config(config).walk_revisions()
@@ -26,7 +26,7 @@ def revisions() -> list[str]:
 
 
 def fill(engine: Engine, revision: str) -> None:
-    """Rows of every table that there was at a revision, in all their forms."""
+    """Insert rows into every table that exists at a revision."""
     with engine.begin() as connection:
         connection.execute(text("DELETE FROM id_blocks"))
         for known in revisions():
@@ -49,7 +49,7 @@ def contents(engine: Engine) -> Rows:
 
 
 def restricted(rows: Rows, to: Rows) -> Rows:
-    """Only the tables and columns that the other one has as well."""
+    """`rows` without the tables and columns that `to` does not have."""
     known = {row["name"] for row in to.get("sqlite_sequence", ())}
     rows = dict(rows)
     if known:

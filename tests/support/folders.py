@@ -1,4 +1,4 @@
-"""Small folders to read: paths and contents in, files out."""
+"""Writes small folders of files and images for tests that read them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from filter_core.segmentation.palettes import FAMILIES
 
 
 def write_files(root, files):
-    """Files of text or bytes; None makes a small PNG."""
+    """Write files, by path below `root`, of text or bytes; None makes a small PNG."""
     for name, content in files.items():
         path = root / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -26,12 +26,12 @@ def png(pixels):
 
 
 def painted(tags, family="carla-0.9.14"):
-    """PNG bytes of tags in a family's colours."""
+    """PNG bytes of a tag image, painted in a palette family's colours."""
     return png(FAMILIES[family].paint(tags))
 
 
 def street(car_xyxy=(10, 10, 50, 40), wh=(80, 60)):
-    """Tags: road below sky, and one car."""
+    """A tag image: sky above, road below, and one car."""
     tags = np.full((wh[1], wh[0]), 11, np.uint8)
     tags[wh[1] // 2 :] = 1
     x_min, y_min, x_max, y_max = car_xyxy
@@ -40,6 +40,6 @@ def street(car_xyxy=(10, 10, 50, 40), wh=(80, 60)):
 
 
 def annotation_of(frame):
-    """A frame's annotation, which it must have."""
+    """The annotation of a frame that was read without a problem."""
     assert frame.annotation is not None, frame.problem
     return frame.annotation

@@ -47,7 +47,7 @@ def image(number: int = 0) -> bytes:
 
 
 def as_json(value: object) -> bytes:
-    """An annotation as it is sent."""
+    """An annotation as the JSON bytes that are sent."""
     return json.dumps(value).encode()
 
 
@@ -66,7 +66,7 @@ def annotation() -> dict[str, object]:
 def write_manifest(
     folder: Path, count: int, *, bad: frozenset[int] = frozenset()
 ) -> Path:
-    """A folder of `count` frames; of those in `bad` a box has no number at all."""
+    """Write a folder of `count` frames; those in `bad` have a faulty box."""
     (folder / "rgb").mkdir(parents=True)
     (folder / "seg").mkdir()
     lines = []
@@ -86,7 +86,7 @@ def write_manifest(
 def put(
     client: Client, dataset: str, key: str, number: int = 0, **options: Any
 ) -> StoredFrame:
-    """Send one frame."""
+    """Send one frame with an image, a segmentation and two boxes."""
     return client.put_frame(
         dataset,
         key,

@@ -1,4 +1,4 @@
-"""The oracle's cases as cameras and boxes, and how far a projection is from them."""
+"""Turns cases of known projections into cameras and boxes, and measures the error."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def camera_of(case: Case) -> Camera:
 
 
 def box3d_vertices(transform, location, extent, rotation) -> FloatArray:
-    """World corners of one box, of which each part is written in any known way."""
+    """The eight world corners of a box; each part may have any accepted form."""
     actor, faults = as_transform(transform), Faults()
     parts = [
         actor.location,
@@ -52,7 +52,7 @@ def vertices_of(case: Case) -> FloatArray:
 
 
 def miss(found: FloatArray | None, expected: list[float] | None) -> float:
-    """Largest difference in px; infinite if only one of the two is there."""
+    """The largest difference in px; infinite if only one rectangle exists."""
     if found is None or expected is None:
         return 0.0 if found is None and expected is None else np.inf
     return float(np.abs(found - expected).max())

@@ -1,4 +1,4 @@
-"""The wheel, installed where nothing else of this checkout is."""
+"""Installs the built wheel into an environment apart from this checkout."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Installation:
-    """A Python that has the wheel installed, and an empty folder to work in."""
+    """A Python with the wheel installed, and an empty folder to work in."""
 
     python: Path
     folder: Path
@@ -29,12 +29,12 @@ class Installation:
         )
 
     def command(self, name: str) -> Path:
-        """An installed console script."""
+        """The path of an installed console script."""
         return self.python.with_name(name)
 
 
 def install(wheel: Path, folder: Path) -> Installation:
-    """An environment with the wheel, and the dependencies of the one that runs this."""
+    """Install the wheel in a new environment that also sees this one's dependencies."""
     home = folder / "venv"
     venv.create(home, with_pip=False, symlinks=True)
     python = home / "bin" / "python"

@@ -1,4 +1,4 @@
-"""Leases of processes that are dead, or on another machine."""
+"""Gives leases of jobs to processes that have ended or are on another machine."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from app.db.tables import Lease
 from app.jobs.leases import LEASE_LASTS
 
 ELSEWHERE = "another-machine/1/2/3"
-"""The name of a process of which nobody here can tell whether it has ended."""
+"""A holder's name on another machine: from here nobody can tell if it has ended."""
 WHO = "from app.jobs.leases import this_process; print(this_process())"
 
 
 def give(session, job, holder, lasts=LEASE_LASTS):
-    """Let this process have the lease of a job, whoever has it now."""
+    """Give `holder` the lease of a job, in place of the present holder."""
     session.merge(
         Lease(kind=job.kind, job_id=job.id, holder=holder, until=utc_now() + lasts)
     )
@@ -23,14 +23,14 @@ def give(session, job, holder, lasts=LEASE_LASTS):
 
 
 def take_away(session, job):
-    """Leave a job without a lease."""
+    """Delete the lease of a job."""
     if (lease := session.get(Lease, job)) is not None:
         session.delete(lease)
         session.flush()
 
 
 def ended_process():
-    """The holder name of a process of this machine that has ended."""
+    """The holder's name of a process of this machine that has already ended."""
     done = subprocess.run(
         [sys.executable, "-c", WHO], capture_output=True, text=True, check=True
     )

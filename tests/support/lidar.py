@@ -1,4 +1,4 @@
-"""Files of semantic LiDAR points."""
+"""Makes small PLY and NPY files of semantic LiDAR points."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def npy(array: np.ndarray) -> bytes:
 
 
 def npy_of_columns(name: str) -> bytes:
-    """Two rows of two numbers; the first is named as Python writes `name`."""
+    """An NPY file of two rows and two columns, the first of which is called `name`."""
     described = f"[({name!r}, '<f4'), ('a', '<f4')]"
     text = f"{{'descr': {described}, 'fortran_order': False, 'shape': (2,)}}".encode()
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + bytes(16)

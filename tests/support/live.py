@@ -1,4 +1,4 @@
-"""The service with probe routes added, in a thread, on a real port."""
+"""Runs the service with the probe routes added, in a thread of this process."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Live:
 
 @contextmanager
 def resting(engine: LocalEngine) -> Iterator[None]:
-    """The one thread that works off jobs has something else to do: they wait."""
+    """Keep the one thread for jobs busy, so that jobs wait during the block."""
     done = threading.Event()
 
     def rest() -> None:

@@ -1,4 +1,4 @@
-"""Datasets whose runs take seconds, so that something can happen in the middle."""
+"""Makes datasets whose runs take seconds, so that tests can interrupt them."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from tests.support.api import Api
 LARGER = 28
 WIDE, HIGH = scene.WIDTH * LARGER, scene.HEIGHT * LARGER
 FROM_PIXELS = {"profile": "carlasimu"}
-"""A configuration that needs other numbers than a new dataset has."""
+"""A configuration for which the pixels of a new dataset have to be measured again."""
 OTHER_PIXELS = [
     {"palette": palette, "channel_order": order, "lossy_segmentation": lossy}
     for palette in ("auto", scene.FAMILY)
     for order in ("auto", "rgb")
     for lossy in ("refuse", "nearest")
 ][1:]
-"""Configurations that need numbers of their own each, and decide alike."""
+"""Configurations that need a measurement each, and all give the same verdicts."""
 
 
 def annotation(number: int) -> dict[str, object]:
-    """Of a frame with a car and a ghost, unlike those of other numbers."""
+    """An annotation with a car and a ghost that differs for each number."""
     boxes = [
         {"id": name, "class": "car", "xyxy": [LARGER * side for side in xyxy]}
         for name, xyxy in (("real", scene.ON_THE_CAR), ("ghost", scene.IN_THE_SKY))
@@ -32,12 +32,12 @@ def annotation(number: int) -> dict[str, object]:
 
 
 def fill(api: Api, frames: int) -> str:
-    """A dataset of so many frames, each of which takes some twenty milliseconds."""
+    """Create a dataset of `frames` frames that take some 20 ms each; its name."""
     tags = np.kron(scene.tags(), np.ones((LARGER, LARGER), np.uint8))
     noise = np.random.default_rng(7).integers(0, 2, tags.shape, np.uint8)
     palette = FAMILIES[scene.FAMILY]
     road = palette.tag_of("Road")
-    # Noise between road and car makes the picture cost what a real one costs.
+    # Noise makes the picture as slow to decode as a real one.
     tags = np.where((tags == road) & (noise == 1), palette.tag_of("Sky"), tags)
     segmentation = scene.png(palette.paint(tags))
     picture = np.zeros((HIGH, WIDE, 3), np.uint8)

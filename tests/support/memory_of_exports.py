@@ -1,8 +1,8 @@
-"""How much memory an export takes for each frame, measured in a process of its own.
+"""A program that measures how much memory exports take for each further frame.
 
 `python -m tests.support.memory_of_exports FOLDER` writes one JSON object: for each
-export format, how many bytes more its peak is for each further frame. Nothing else runs
-in this process, so that nothing else is counted.
+export format, the bytes by which its peak grows per frame. It is a process of its own
+so that only the export is measured.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ FEW, MANY = 30, 110
 
 
 def growth(name: str, temporary: Path) -> float:
-    """Bytes that the peak grows by with each frame of ten boxes."""
+    """The bytes by which the peak grows with each frame of ten boxes."""
     few, many = (peak(name, temporary, count) for count in (FEW, MANY))
     return (many - few) / (MANY - FEW)
 
 
 def peak(name: str, temporary: Path, count: int) -> int:
-    """The most bytes that were held at a time, by an export of so many frames."""
-    # Small buffers, so that few boxes fill them; what is left is what would grow.
+    """The most bytes that an export of `count` frames holds at a time."""
+    # Small buffers are soon full; what still grows after that grows with each frame.
     head = replace(HEAD, temporary=temporary, buffer_bytes=4096, group_rows=100)
     chosen = {"images": "none"} if "images" in FORMATS[name].options else {}
     options = ExportOptions.from_mapping(chosen)
@@ -42,14 +42,14 @@ def peak(name: str, temporary: Path, count: int) -> int:
 
 
 def without_garbage(frames: Iterable[ExportFrame]) -> Iterator[ExportFrame]:
-    """Frames, each after Python has freed what was left of the one before."""
+    """Yield the frames; garbage is collected before each of them."""
     for one in frames:
         gc.collect()
         yield one
 
 
 def swallow(_file: str, pieces: Iterable[bytes]) -> None:
-    """A sink that keeps nothing."""
+    """A sink that reads all pieces and keeps none."""
     for _ in pieces:
         pass
 
@@ -57,7 +57,7 @@ def swallow(_file: str, pieces: Iterable[bytes]) -> None:
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
     for each in EXPORT_FORMATS:
-        peak(each, folder, 1)  # what is made once
-    # What is imported by now is not looked at for every frame.
+        peak(each, folder, 1)  # make what is made only once
+    # Keep the collector from looking at all imported objects for every frame.
     gc.freeze()
     print(json.dumps({each: growth(each, folder) for each in EXPORT_FORMATS}))

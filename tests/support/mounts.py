@@ -1,4 +1,4 @@
-"""File systems of a test's own, small or read-only, where the machine allows it."""
+"""Mounts small or read-only file systems; skips the test where that is not allowed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 @contextmanager
 def small_disk(folder: Path, size_mib: int) -> Iterator[Path]:
-    """A folder that is a file system in memory, of this size."""
+    """Mount a file system of this size, in memory, as the folder."""
     folder.mkdir()
     _mount("-t", "tmpfs", "-o", f"size={size_mib}m,mode=700", "tmpfs", str(folder))
     try:
@@ -23,7 +23,7 @@ def small_disk(folder: Path, size_mib: int) -> Iterator[Path]:
 
 @contextmanager
 def read_only(folder: Path) -> Iterator[None]:
-    """A folder that nobody can write to, not even root, while the block lasts."""
+    """Make a folder read-only during the block, for root too."""
     _mount("--bind", str(folder), str(folder))
     try:
         _mount("-o", "remount,bind,ro", str(folder))
@@ -40,5 +40,5 @@ def _mount(*words: str) -> None:
 
 
 def _unmount(folder: Path) -> None:
-    # Lazily: whoever still has a file open keeps it, and nothing is left behind.
+    # Lazily: it also works while some process still has a file open.
     subprocess.run(["umount", "--lazy", str(folder)], check=True, capture_output=True)

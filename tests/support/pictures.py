@@ -1,4 +1,4 @@
-"""Small pictures for tests: drawn with letters, encoded in every form there is."""
+"""Makes small tag images from letters, and PNG and JPEG files of every kind."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def tag_image(*rows: str) -> np.ndarray:
 
 
 def painted(tags: np.ndarray, family: str = FAMILY) -> np.ndarray:
-    """RGB, as CARLA colours these tags."""
+    """RGB pixels in the colours that CARLA gives these tags."""
     return FAMILIES[family].paint(tags)
 
 
@@ -47,7 +47,7 @@ def jpeg(rgb: np.ndarray, quality: int = 95) -> bytes:
 
 
 def with_alpha(rgb: np.ndarray, alpha: int = 255) -> np.ndarray:
-    """RGBA of RGB."""
+    """RGB pixels with an alpha channel of one value added."""
     fourth = np.full((*rgb.shape[:2], 1), alpha, np.uint8)
     return np.concatenate([rgb, fourth], axis=2)
 
@@ -59,7 +59,7 @@ def chunk(kind: bytes, body: bytes = b"") -> bytes:
 
 
 def png_of_chunks(header: tuple[int, ...], *chunks: bytes) -> bytes:
-    """A PNG from its header's numbers (width, height, depth, colour type) on."""
+    """A PNG of these chunks; `header` is width, height, bit depth and colour type."""
     first = chunk(b"IHDR", struct.pack(">IIBBBBB", *header, 0, 0, 0))
     return b"\x89PNG\r\n\x1a\n" + first + b"".join(chunks) + chunk(b"IEND")
 
@@ -79,7 +79,7 @@ def frame_boxes(
     classes: str | Sequence[str] = "car",
     accept: Mapping[str, int] = MappingProxyType(ACCEPT),
 ) -> FrameBoxes:
-    """Boxes of one class, or of a class each."""
+    """`FrameBoxes` of rectangles; `classes` is one name for all, or one for each."""
     boxes = np.asarray(xyxy, np.float64).reshape(-1, 4)
     names = [classes] * len(boxes) if isinstance(classes, str) else list(classes)
     return FrameBoxes.of(boxes, names, accept, wh)

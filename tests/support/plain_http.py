@@ -1,4 +1,4 @@
-"""httpx without encryption: reading certificates takes longer than most requests."""
+"""httpx without TLS: loading certificates takes longer than most requests."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Pictures, decisions and exports that kill the process that works on them.
+"""Makes a process kill itself when it works on certain pictures, runs or exports.
 
-The process dies where the service calls a library: when OpenCV decodes one of the
-`poisoned_files`, when SQLAlchemy stores what a run flips, when a zip file is written.
-To be laid in processes of the tests' own, before these begin to work. Who stores a
-picture decodes it, too: let a process without poison store these files.
+It dies where the service calls a library: when OpenCV decodes one of the
+`poisoned_files`, when SQLAlchemy stores the verdicts that a run changes, or when a zip
+file is written. Call `lay_poison` in a process of the test before it begins to work.
+Storing a picture decodes it as well, so let a process without poison store these files.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from tests.support import frames
 
 FRAMES, DECISIONS, EXPORTS = "frames", "decisions", "exports"
 EMPTY = {"boxes": [], "carla_version": "0.9.15"}
-"""The annotation of a poisoned frame: raw tags need a version."""
+"""The annotation of a poisoned frame; raw tags are only read with a version."""
 _MARK = b"poison"
 
 
 def poisoned_files() -> dict[str, bytes]:
-    """A frame whose segmentation has a mark behind the end of the PNG.
+    """The files of a frame whose segmentation ends with a mark, after the PNG's end.
 
-    It is grey, and so decoded by OpenCV.
+    The segmentation is grey, because OpenCV decodes grey images.
     """
     grey = np.zeros((frames.HEIGHT, frames.WIDTH), np.uint8)
     png = cv2.imencode(".png", grey)[1].tobytes()
@@ -38,7 +38,7 @@ def poisoned_files() -> dict[str, bytes]:
 
 
 def lay_poison(kind: str = FRAMES) -> None:
-    """Let this process die where it would do such a thing."""
+    """Let this process kill itself when it does work of this kind."""
     if kind == FRAMES:
         _wrap(cv2, "imdecode", lambda content, *_: content.tobytes().endswith(_MARK))
     elif kind == DECISIONS:
@@ -65,7 +65,7 @@ def _die_of_flips(_connection: Any, _cursor: Any, statement: str, *_: Any) -> No
 
 def _die() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
-    time.sleep(60)  # until the signal is there, nothing more happens
+    time.sleep(60)  # so that nothing more happens before the signal arrives
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
-"""A worker whose process dies of poisoned pictures (`tests.support.poison`).
+"""A worker whose process kills itself at poisoned pictures (`tests.support.poison`).
 
-Without arguments it is the one that starts such processes, as `unghost worker` is.
+Without arguments this is the supervisor that starts such processes, as
+`unghost worker` does; with arguments it is one of them.
 """
 
 from __future__ import annotations

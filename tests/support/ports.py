@@ -1,4 +1,4 @@
-"""Ports for programs that need the same port again after a restart."""
+"""Reserves ports for servers that need the same port again after a restart."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from contextlib import contextmanager
 
 HOST = "127.0.0.1"
 _CHOICE = range(20_000, 30_000)
-"""Below those from which systems take ports for connections and for port 0."""
+"""Below the ports that systems give to outgoing connections and to port 0."""
 
 
 @contextmanager
 def reserved_port() -> Iterator[int]:
-    """A TCP port of this machine on which nobody else listens until the block ends.
+    """A TCP port of this machine that stays free for the test until the block ends.
 
-    A port that the system picks may be given to any other connection while its server
-    is stopped. This one is outside the range from which systems pick, and a UDP socket
-    with the same number reserves it among the tests.
+    While a server is stopped, the system may give a port that it picked to any other
+    connection. So this port is outside the range from which systems pick, and a UDP
+    socket with the same number keeps other tests from taking it.
     """
     for port in _CHOICE:
         with socket.socket(type=socket.SOCK_DGRAM) as claim, socket.socket() as probe:
-            # As servers do: a port with closed connections in TIME_WAIT counts as free.
+            # As servers do, count a port with connections in TIME_WAIT as free.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 claim.bind((HOST, port))

@@ -1,9 +1,9 @@
-"""A PostgreSQL server of one's own: for a test that kills it, or for a whole run.
+"""Starts a PostgreSQL server of its own, for one test or for a whole run of tests.
 
-``python -m tests.support.postgres_cluster COMMAND ...`` runs a command for which
-UNGHOST_TEST_SERVER (`tests/support/databases.py`) names a server that answers: the one
-that it named before or, where PostgreSQL is installed, a new one that ends with the
-command.
+``python -m tests.support.postgres_cluster COMMAND ...`` runs a command with a server:
+UNGHOST_TEST_SERVER (`tests/support/databases.py`) names it. If the server that the
+variable names already answers, it is used. Otherwise, where PostgreSQL is installed, a
+new one is started, and stopped when the command ends.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ max_connections = 200
 
 @dataclass(frozen=True)
 class Cluster:
-    """A server on a loopback port; `url` names a database of it."""
+    """A PostgreSQL server on a local port; `url` names one of its databases."""
 
     folder: Path
     programs: Path
@@ -54,18 +54,18 @@ class Cluster:
         self._control("start", "-l", log, "-t", str(START_WAIT_S))
 
     def stop(self, mode: str = "immediate") -> None:
-        """By default as a machine that loses its power: nothing is written any more."""
+        """Stop the server; by default at once, without writing anything more."""
         self._control("stop", "-m", mode)
 
     def kill(self) -> None:
-        """End the server's first process by force; the others follow it."""
+        """Kill the server's first process and its children with SIGKILL."""
         pid = int((self.folder / "data" / "postmaster.pid").read_text().split()[0])
         group = [pid, *_children(pid)]
         for each in group:
             os.kill(each, signal.SIGKILL)
 
     def kill_backends(self, sig: signal.Signals = signal.SIGKILL) -> int:
-        """End the processes that serve the connections of others; how many."""
+        """Signal the server's processes for `unghost` connections; how many."""
         engine = create_engine(self.url, poolclass=NullPool)
         others = (
             "SELECT pid FROM pg_stat_activity WHERE application_name = 'unghost' "
@@ -78,7 +78,7 @@ class Cluster:
         return len(pids)
 
     def end_a_transaction(self) -> int:
-        """End one connection that is in the middle of something; 0 if none is."""
+        """End one `unghost` connection that is not idle; 0 if all are."""
         engine = create_engine(self.url, poolclass=NullPool)
         ended = (
             "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
@@ -98,10 +98,10 @@ def _children(pid: int) -> list[int]:
 
 @contextmanager
 def own_cluster() -> Iterator[Cluster]:
-    """A server that is gone at the end; a skip where PostgreSQL is not installed."""
+    """Start a server until the block ends; skips where PostgreSQL is not installed."""
     programs = _programs()
     if programs is None:
-        # Only in continuous integration is that a failure.
+        # In continuous integration it must be installed.
         assert not os.environ.get("CI"), NOT_INSTALLED
         pytest.skip(NOT_INSTALLED)
     folder = Path(tempfile.mkdtemp(prefix="unghost-cluster-"))
@@ -126,13 +126,13 @@ def own_cluster() -> Iterator[Cluster]:
 
 
 def run(program: Path, *words: str) -> None:
-    """As the user that PostgreSQL runs as: it refuses to be root's."""
+    """Run a program of PostgreSQL; not as root, which the server refuses."""
     done = subprocess.run(
         [program, *words],
         user="postgres" if os.geteuid() == 0 else None,
         cwd="/",
         env={**os.environ, "LC_ALL": "C"},
-        # Its log would hold a pipe open for as long as the server lives.
+        # A pipe would stay open for as long as the server that is started runs.
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         timeout=2 * START_WAIT_S,
@@ -142,14 +142,14 @@ def run(program: Path, *words: str) -> None:
 
 
 def main(*command: str) -> int:
-    """Run the command with a server; its exit status."""
+    """Run the command with a server that answers; returns its exit status."""
     has_server = databases.answers() or _programs() is None
     for ends in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ends, lambda number, _: sys.exit(128 + number))
     with nullcontext() if has_server else own_cluster() as cluster:
         own = {databases.SERVER_VARIABLE: cluster.url} if cluster else {}
         process = subprocess.Popen(command, env={**os.environ, **own})
-        # A terminal interrupts the command too: wait until it has cleaned up.
+        # Ctrl-C in a terminal reaches the command as well: wait until it has ended.
         signal.signal(signal.SIGINT, lambda *_: None)
         for ends in (signal.SIGTERM, signal.SIGHUP):
             signal.signal(ends, lambda number, _: process.send_signal(number))
@@ -157,7 +157,7 @@ def main(*command: str) -> int:
 
 
 def _programs() -> Path | None:
-    """The folder of the server's programs; None where they cannot be run."""
+    """The folder of PostgreSQL's programs; None where they cannot be run."""
     initdb = path_of("initdb")
     return Path(initdb).parent if initdb and _may_be_run() else None
 

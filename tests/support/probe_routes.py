@@ -1,4 +1,4 @@
-"""Routes that only tests have: each raises, stores or streams one thing."""
+"""Routes that only tests add: they raise an error, write a row, stream or block."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from filter_core.errors import AnnotationError, AnnotationErrors
 router = ApiRouter(prefix="/probe")
 open_router = OpenRouter(prefix="/open")
 no_more_endless = threading.Event()
-"""Set when an endless answer is given up."""
+"""Set when the service stops sending an endless response."""
 both_are_in = threading.Barrier(2, timeout=30)
 is_held = threading.Event()
 let_go = threading.Event()
-"""Cleared by a test that wants `hold` and `wait` to hold."""
+"""Tests clear it to make `hold` and `wait` block."""
 let_go.set()
 waiting = threading.Semaphore(0)
 
@@ -56,7 +56,7 @@ RAISED: dict[str, Exception] = {
 
 
 class Note(BaseModel):
-    """A body."""
+    """The body of a request."""
 
     name: str
     count: int = 0
@@ -74,14 +74,14 @@ def item(item_id: RowId, limit: int = 100) -> dict[str, int]:
 
 @router.post("/tokens", status_code=201)
 def add_token(body: Note, session: WriteSession) -> dict[str, str]:
-    """The row is only written by the commit, which may refuse it."""
+    """Add a token whose row is written at the commit, which may fail."""
     session.add(Token(name=body.name, role="viewer", hash=body.name))
     return {"stored": body.name}
 
 
 @router.post("/slow", status_code=201)
 def add_slowly(body: Note, session: WriteSession) -> dict[str, int]:
-    """Writes when two requests have got this far at the same time."""
+    """Write only once two requests have come this far at the same time."""
     both_are_in.wait()
     session.execute(
         text(
@@ -100,7 +100,7 @@ def count_tokens(session: ReadSession) -> int:
 
 @router.post("/tokens/early", status_code=201)
 def add_early(body: Note, session: WriteSession) -> Note:
-    """Holds the writer's place from here until the commit."""
+    """Add a token at once, and so hold the write lock until the commit."""
     session.add(Token(name=body.name, role="viewer", hash=body.name))
     session.flush()
     return body
@@ -136,7 +136,7 @@ async def endless() -> StreamingResponse:
 
 @router.get("/hold")
 async def hold() -> str:
-    """Holds the event loop, as nothing should."""
+    """Block the event loop, as no real route may."""
     is_held.set()
     let_go.wait(60)
     return "gone on"
@@ -145,7 +145,7 @@ async def hold() -> str:
 @open_router.get("/wait")
 @router.get("/wait")
 def wait() -> str:
-    """Holds a thread."""
+    """Block a thread."""
     waiting.release()
     let_go.wait(60)
     return "gone on"

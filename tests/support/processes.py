@@ -1,9 +1,10 @@
-"""Python programs as processes of their own, quick to start.
+"""Starts Python programs as separate processes, quickly.
 
-`start` is ``python -m MODULE WORDS``. Where the system can, the process is forked from
-a template that has imported everything; what counts is the same: it has its own number,
-folder, environment, streams, signals and exit code. `start_anew` starts a command
-itself, for tests of the start, or that look at memory or at arguments in /proc.
+`start` does what ``python -m MODULE WORDS`` does. Where the system supports it, it
+forks the process from a template that has imported everything already
+(`tests/support/template.py`). The fork has its own process id, folder, environment,
+streams, signals and exit code. `start_anew` starts a command itself, for tests of the
+start, of memory, or of the arguments in /proc.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ from typing import IO, TypeAlias
 CAN_FORK = hasattr(os, "pidfd_open")
 _TEMPLATE = Path(__file__).with_name("template.py")
 _NUMBER = 32
-# What Python and the libraries read before any of our code runs; the template has read
-# it already. Modules are found by PYTHONPATH later, too.
+# Variables that Python and libraries read when they start, which the template has
+# done already. PYTHONPATH is looked at again in each fork.
 _READ_AT_START = ("PYTHON", "LC_", "LANG", "LD_", "MALLOC_", "OMP_", "OPENBLAS_", "TZ")
 _READ_LATER_TOO = "PYTHONPATH"
 
 
 class Forked:
-    """A forked process; what it offers is as of `subprocess.Popen`."""
+    """A forked process, with the methods of `subprocess.Popen` that tests use."""
 
     stdin = None
 
@@ -52,7 +53,7 @@ class Forked:
         self.pid = int(told.recv(_NUMBER))
 
     def poll(self) -> int | None:
-        """The exit code; None while it runs."""
+        """The exit code; None while the process runs."""
         with suppress(subprocess.TimeoutExpired):
             self.wait(0)
         return self.returncode
@@ -63,7 +64,7 @@ class Forked:
         Raises
         ------
         subprocess.TimeoutExpired
-            It runs after so many seconds.
+            It still runs after `timeout` seconds.
         """
         too_late = subprocess.TimeoutExpired(self.args, timeout or 0)
         if not self._asking.acquire(timeout=-1 if timeout is None else timeout):
@@ -80,7 +81,7 @@ class Forked:
         return self.returncode
 
     def communicate(self, timeout: float | None = None) -> tuple[str, str]:
-        """Read all that it says until its end: standard output and errors."""
+        """Read its standard output and errors until it ends."""
         said = ["", ""]
 
         def read(number: int, stream: IO[str]) -> None:
@@ -135,10 +136,10 @@ def start(
     environ: Mapping[str, str],
     errors: IO[str] | None = None,
 ) -> Process:
-    """A process that does ``python -m MODULE WORDS`` in a folder.
+    """Start a process that does ``python -m MODULE WORDS`` in a folder.
 
-    Its standard output can be read, and its errors unless they go to a file; there is
-    nothing on its standard input.
+    Its standard output can be read, and so can its errors unless they go to a file. Its
+    standard input is empty.
     """
     if not CAN_FORK or _early(environ) != _early(os.environ):
         return start_anew([sys.executable, "-m", *words], folder, environ, errors)
@@ -163,7 +164,7 @@ def start_anew(
     environ: Mapping[str, str],
     errors: IO[str] | None = None,
 ) -> subprocess.Popen[str]:
-    """As `start`, for any command, and without the template."""
+    """Start any command as a new process, without the template."""
     return subprocess.Popen(
         command,
         cwd=folder,
@@ -185,9 +186,9 @@ def _early(environ: Mapping[str, str]) -> dict[str, str]:
 
 @cache
 def _orders() -> socket.socket:
-    """Where the template of this process takes orders; it ends with us."""
+    """The socket to this process's template, which ends with this process."""
     ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    # With more, the library for matrices would start threads, which no fork has.
+    # With more, OpenBLAS would start threads, which a fork would not have.
     environ = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     with its:
         template = subprocess.Popen(

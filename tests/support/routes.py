@@ -1,4 +1,4 @@
-"""Every route of the service, and the role that each is meant to need."""
+"""All routes of the service, and the role that each must require."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NEEDS: dict[Operation, Role | None] = {
     ("GET", "/readyz"): ANYBODY,
     ("POST", f"{V1}/session"): ANYBODY,
     ("GET", "/docs"): ANYBODY,
-    # Whoever has the key, which is one of one file.
+    # Needs no token, but a key that is valid for one file.
     ("GET", f"{V1}/exports/{{export_id}}/file"): ANYBODY,
 }
 _READING = {
@@ -68,7 +68,7 @@ NEEDS |= dict.fromkeys(_ADMINISTRATION, "admin")
 
 
 def every_route() -> Iterator[APIRoute]:
-    """The routes of all modules, those outside of the OpenAPI document too."""
+    """The routes of all modules, including those that OpenAPI does not list."""
     for router in ROUTERS:
         yield from _below(router.routes)
 
@@ -84,7 +84,7 @@ def _below(found: list[BaseRoute]) -> Iterator[APIRoute]:
 
 
 def operations(route: APIRoute) -> set[Operation]:
-    """The methods of a route, each with its path."""
+    """Pairs of each method of a route and its path."""
     return {(method, route.path) for method in route.methods or ()}
 
 
@@ -94,7 +94,7 @@ def at(path: str, values: Mapping[str, object]) -> str:
 
 
 def values_of_paths(number: int) -> dict[str, object]:
-    """What stands for each parameter of a path, with one number for all ids."""
+    """A value for each parameter of any path; all ids are `number`."""
     ids = ("box_id", "frame_id", "run_id", "export_id", "token_id", "code_id")
     return {
         **dict.fromkeys((*ids, "batch_id"), number),

@@ -1,6 +1,6 @@
-"""Runs a notebook in a kernel of its own and prints it, outputs included.
+"""A program that runs a notebook in a new kernel, and prints it with its outputs.
 
-A program and no function: what Jupyter warns about is no fault of a test.
+It is not a function, so that Jupyter's warnings do not fail the tests.
 """
 
 from __future__ import annotations

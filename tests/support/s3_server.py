@@ -1,7 +1,7 @@
-"""A server that speaks S3, as a process of its own, and a gate in front of it.
+"""An S3 server as a process of its own, and a gate that cuts the connection to it.
 
-What it stores is in its memory: a store that goes away and comes back with all that it
-had is the gate, shut and opened again.
+The server keeps everything in its memory. To let a store go away and come back with
+all of its objects, shut the gate in front of it and open it again.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _CHUNK = 1 << 16
 
 @dataclass(frozen=True)
 class TestBucket:
-    """A bucket that nobody else has, and how a service is told of it."""
+    """A bucket that only one test uses, and the settings that name it."""
 
     __test__ = False
 
@@ -45,7 +45,7 @@ class TestBucket:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What `Settings` say of it."""
+        """The keys of `Settings` that name this bucket."""
         return {
             "storage": f"s3://{self.name}/{self.prefix}",
             "storage_endpoint": self.url,
@@ -54,36 +54,36 @@ class TestBucket:
 
     @property
     def environment(self) -> dict[str, str]:
-        """The same as variables of a process, and the keys."""
+        """The same as environment variables, with the access keys."""
         own = {f"UNGHOST_{name.upper()}": str(v) for name, v in self.settings.items()}
         return {**own, **KEYS}
 
     def place(self, **more: Any) -> S3Place:
-        """The same for a store that is opened by hand."""
+        """The bucket as an `S3Place`, to open a store without a service."""
         bucket = Bucket(self.name, self.prefix)
         chosen = {"region": None, "plain": True, "timeout_s": 20.0, **more}
         return S3Place(bucket, self.url, **chosen)
 
     def behind(self, url: str, **more: Any) -> TestBucket:
-        """The same bucket, asked at another address."""
+        """The same bucket through another address, such as a gate's."""
         return replace(self, url=url, more=more)
 
     def keys(self) -> list[str]:
-        """What lies in it, with the prefix, past the service."""
+        """The keys of all objects in it, with the prefix, past the service."""
         found = [one["path"] for some in self._client.list() for one in some]
         return sorted(f"{self.prefix}/{path}" for path in found)
 
     def blobs(self) -> list[str]:
-        """Digests of what the service has put."""
+        """The digests of the files that the service has stored."""
         names = [key.rpartition("/")[2] for key in self.keys()]
         return [name for name in names if len(name) == 64]
 
     def overwrite(self, digest: str, content: bytes) -> None:
-        """Damage a blob."""
+        """Replace the content of a stored file, past the service."""
         self._client.put(place_of(digest), content)
 
     def delete(self, digest: str) -> None:
-        """Lose a blob."""
+        """Delete a stored file, past the service."""
         self._client.delete(place_of(digest))
 
     @cached_property
@@ -93,14 +93,14 @@ class TestBucket:
 
 @dataclass(frozen=True)
 class S3Server:
-    """The server; anybody may make buckets in it."""
+    """The running server, in which tests make buckets."""
 
     url: str
     process: subprocess.Popen[str]
 
     @contextmanager
     def at_another_time(self, offset_s: float) -> Iterator[None]:
-        """What is put meanwhile was put so much later, or earlier, as it says."""
+        """Shift the server's clock during the block; objects get the shifted time."""
         self._set_clock(offset_s)
         try:
             yield
@@ -115,7 +115,7 @@ class S3Server:
         assert float(self.process.stdout.readline()) == offset_s
 
     def bucket(self) -> TestBucket:
-        """A new one."""
+        """Create a new bucket."""
         name = f"tests-{uuid.uuid4().hex}"
         plain_http.put(f"{self.url}/{name}").raise_for_status()
         return TestBucket(self.url, name)
@@ -123,7 +123,7 @@ class S3Server:
 
 @contextmanager
 def s3_server() -> Iterator[S3Server]:
-    """A server on a free port; it ends with us, however we end."""
+    """Start a server on a free port; it ends with this process in any case."""
     process = subprocess.Popen(
         [sys.executable, "-m", "tests.support.s3_server"],
         cwd=CHECKOUT,
@@ -143,7 +143,7 @@ def s3_server() -> Iterator[S3Server]:
 
 
 def main() -> None:
-    """Serve until the standard input ends; each line of it shifts the clock."""
+    """Serve until standard input ends; each line of it is an offset of the clock."""
     from moto.core.utils import utcnow
     from moto.s3 import models
     from moto.server import ThreadedMotoServer
@@ -171,10 +171,10 @@ def _say(text: str) -> None:
 
 
 class Gate:
-    """Lets connections through to a server, or not.
+    """A proxy in front of a server that can be shut or held.
 
-    Shut, it refuses them and cuts those that there are; held, it takes them and is
-    silent.
+    Shut, it refuses new connections and cuts those that are open. Held, it accepts
+    connections but passes nothing on.
     """
 
     def __init__(self, url: str) -> None:
@@ -190,11 +190,11 @@ class Gate:
 
     @property
     def url(self) -> str:
-        """Its address, the same whenever it is open."""
+        """The gate's address, which stays the same after it was shut."""
         return f"http://127.0.0.1:{self.port}"
 
     def open(self) -> None:
-        """Let connections through from now on."""
+        """Accept connections from now on."""
         if self._listener is not None:
             return
         listener = socket.create_server(("127.0.0.1", self.port), backlog=128)
@@ -203,15 +203,15 @@ class Gate:
         threading.Thread(target=self._accept, args=(listener,), daemon=True).start()
 
     def hold(self) -> None:
-        """Pass on nothing, until it flows again."""
+        """Pass nothing on until `flow` is called."""
         self._flowing.clear()
 
     def flow(self) -> None:
-        """Pass on what was held, and all that comes."""
+        """Pass on what was held, and everything that follows."""
         self._flowing.set()
 
     def shut(self) -> None:
-        """Refuse new connections, and cut those that there are in the middle."""
+        """Refuse new connections, and cut the open ones."""
         listener, self._listener = self._listener, None
         if listener is None:
             return
@@ -262,7 +262,7 @@ def _end(one: socket.socket) -> None:
 
 @contextmanager
 def gate(url: str) -> Iterator[Gate]:
-    """A gate in front of a server, open at first."""
+    """Yield an open gate in front of a server; it is shut at the end."""
     made = Gate(url)
     try:
         yield made
@@ -272,18 +272,18 @@ def gate(url: str) -> Iterator[Gate]:
 
 
 Answer = Callable[[Mapping[str, str]], tuple[int, str]]
-"""What a server says to the headers of a request: a status, and a document."""
+"""A function from a request's headers to a status and a document."""
 
 
 @contextmanager
 def answering(say: Answer) -> Iterator[str]:
-    """The address of a server that answers every request in one way."""
+    """Start a server that answers every request with `say`; yields its address."""
 
     class Handler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
 
         def answer(self) -> None:
-            """One request."""
+            """Answer one request of any method."""
             self.rfile.read(int(self.headers.get("content-length") or 0))
             status, text = say(dict(self.headers))
             body = b"" if self.command == "HEAD" else text.encode()
@@ -295,7 +295,7 @@ def answering(say: Answer) -> Iterator[str]:
             self.wfile.write(body)
 
         def log_message(self, *_: object) -> None:
-            """Nothing."""
+            """Print no log."""
 
     for method in ("GET", "HEAD", "PUT", "POST", "DELETE"):
         setattr(Handler, f"do_{method}", Handler.answer)

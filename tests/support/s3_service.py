@@ -1,4 +1,4 @@
-"""A service whose files are in a bucket, behind a gate that can be shut."""
+"""Starts a service that stores its files in an S3 bucket behind a gate."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PATIENCE_S = "2"
 
 @dataclass(frozen=True)
 class OnS3:
-    """A server, a client of it, its bucket, and what stands between those two."""
+    """A server, a client of it, its bucket, and the gate between server and bucket."""
 
     server: RunningServer
     api: Api
@@ -28,7 +28,7 @@ class OnS3:
 
 @contextmanager
 def served_on_s3(folder: Path, s3: S3Server, **settings: str) -> Iterator[OnS3]:
-    """A server of its own bucket; it waits two seconds for an answer of the store."""
+    """Start a server with a new bucket; it waits two seconds for the store."""
     data, bucket = folder / "data", s3.bucket()
     with gate(bucket.url) as way:
         through = bucket.behind(way.url, storage_timeout_s=PATIENCE_S)

@@ -1,4 +1,4 @@
-"""A real HTTP server on a free port that answers what a test tells it to."""
+"""A real HTTP server on a free port that gives the answers that a test sets."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def problem(status: int, code: str, **more: object) -> Reply:
 
 
 class ScriptedServer:
-    """Answers with `replies` in turn, and remembers what it was asked."""
+    """Answers requests with `replies` in turn, and records them in `asked`."""
 
     def __init__(self) -> None:
         self.replies: list[Reply] = []

@@ -1,4 +1,4 @@
-"""Small depth and instance images, made up for tests."""
+"""Makes small depth and instance images, and a scene with a hidden car."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from filter_core.segmentation.palettes import palette_of
 
 
 def depth_png(metres: np.ndarray) -> bytes:
-    """CARLA's raw depth: red is the lowest byte."""
+    """A PNG of CARLA's raw depth: 24 bits, of which red holds the lowest."""
     steps = np.rint(np.asarray(metres) / 1000.0 * (2**24 - 1)).astype(np.int64)
     planes = [steps >> 16, steps >> 8 & 255, steps & 255]
     return _png(np.stack(planes, axis=-1))
 
 
 def instance_png(tags: np.ndarray, ids: np.ndarray, *, swapped: bool = False) -> bytes:
-    """CARLA's instance image: red is the tag, the id is green + 256 blue."""
+    """A PNG of instances as CARLA writes it: red: tag; green + 256 blue: id."""
     wide = np.asarray(ids, np.int64)
     bgr = np.stack([wide >> 8, wide & 255, np.asarray(tags)], axis=-1)
     return _png(bgr[..., ::-1] if swapped else bgr)
 
 
 def box_ahead(distance: float, half: float, right: float = 0.0) -> np.ndarray:
-    """(8, 3): a cube in front of a camera at the origin."""
+    """(8, 3) corners of a cube in front of a camera at the origin."""
     return np.asarray(CORNER_SIGNS * half + np.array([distance, right, 0.0]))
 
 
@@ -67,7 +67,7 @@ ANNOTATION: dict[str, Any] = {
 
 
 def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Tags, metres and instances: one car, and nothing of the one behind it."""
+    """Tags, metres and instance ids: the near car is seen, the one behind it is not."""
     tags = np.full((HEIGHT, WIDTH), ROAD, np.uint8)
     metres, ids = np.full(tags.shape, 60.0), np.zeros(tags.shape, int)
     seen = np.s_[41:79, 61:99]

@@ -1,4 +1,4 @@
-"""The real service as a process of its own, on a port that the system picks."""
+"""Starts the real service as a separate process, on a free port."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from tests.support.processes import Process
 
 STOP_WAIT_S = 30
 SERVER = (sys.executable, "-m", "app")
-"""The command that serves."""
+"""The command that starts a server."""
 SESSION_KEY = "unghost.session.v1"
-"""Where the page keeps its session in the browser's storage."""
+"""The key under which the page stores its session in the browser."""
 
 
 @dataclass(frozen=True)
@@ -34,18 +34,18 @@ class RunningServer:
 
     @property
     def login_link(self) -> str:
-        """What a person would open: a new one each time, because it works once."""
+        """A new link to sign in with in a browser; each link works once."""
         return self.login_link_of(self.token)
 
     def login_link_of(self, token: str) -> str:
-        """As `login_link`, for whoever has this token."""
+        """A new link to sign in with as the owner of this token."""
         headers = {"Authorization": f"Bearer {token}"}
         made = plain_http.post(f"{self.url}/api/v1/login-codes", headers=headers)
         assert made.status_code == 201, made.text
         return f"{self.url}/#code={made.json()['code']}"
 
     def signed_in(self, token: str = "") -> dict[str, Any]:
-        """The browser storage of somebody who is signed in, as Playwright takes it."""
+        """The browser storage of a signed-in user, as Playwright takes it."""
         body = {"token": token or self.token}
         opened = plain_http.post(f"{self.url}/api/v1/session", json=body)
         assert opened.status_code == 201, opened.text
@@ -57,7 +57,7 @@ class RunningServer:
 
     @property
     def headers(self) -> dict[str, str]:
-        """The header with the first token."""
+        """The header that sends the data folder's first token."""
         return {"Authorization": f"Bearer {self.token}"}
 
 
@@ -70,8 +70,8 @@ def running_server(
 ) -> Iterator[RunningServer]:
     """Serve this data folder; `settings` are UNGHOST_* variables.
 
-    `anew` starts Python itself and lets the service make its database, as benchmarks
-    do, and tests of the start.
+    `anew` starts a new Python interpreter, and lets the service make its database: for
+    benchmarks and for tests of the start.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def running_server(
 def start(
     words: Sequence[str], data: Path, log: Path, settings: Mapping[str, str]
 ) -> Process:
-    """``python -m MODULE WORDS``, beside its data, without the developer's settings."""
+    """Start ``python -m MODULE WORDS`` next to its data, with only these settings."""
     with log.open("a", encoding="utf-8") as errors:
         return processes.start(words, data.parent, environ_of(data, settings), errors)
 
@@ -102,14 +102,14 @@ def start(
 def start_anew(
     command: Sequence[str], data: Path, log: Path, settings: Mapping[str, str]
 ) -> Process:
-    """As `start`, for any command, in a new Python interpreter."""
+    """Start any command as `start` does, in a new Python interpreter."""
     environ = environ_of(data, settings)
     with log.open("a", encoding="utf-8") as errors:
         return processes.start_anew(command, data.parent, environ, errors)
 
 
 def environ_of(data: Path, settings: Mapping[str, str]) -> dict[str, str]:
-    """Variables of a process of this data folder."""
+    """The environment of a process that uses this data folder."""
     clean = {k: v for k, v in os.environ.items() if not k.startswith("UNGHOST_")}
     own = {"UNGHOST_DATA": str(data), "UNGHOST_PORT": "0"}
     state = {"XDG_STATE_HOME": str(data.with_name(f"{data.name}-state"))}
@@ -117,7 +117,7 @@ def environ_of(data: Path, settings: Mapping[str, str]) -> dict[str, str]:
 
 
 def wait_for_link(process: Process, log: Path) -> str:
-    """The login link that the server prints when it is ready."""
+    """Wait for the login link that the server prints when it is ready."""
     assert process.stdout is not None
     for line in process.stdout:
         if "/#code=" in line:
@@ -131,7 +131,7 @@ def token_of(data: Path) -> str:
 
 
 def stop(process: Process) -> None:
-    """End it as a service manager does: SIGTERM, then SIGKILL."""
+    """End the process as a service manager does: SIGTERM, then SIGKILL."""
     process.terminate()
     try:
         process.wait(STOP_WAIT_S)

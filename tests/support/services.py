@@ -1,4 +1,4 @@
-"""The services over a real database in a folder, without HTTP in between."""
+"""Calls the service's functions over a real database, without HTTP in between."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ from tests.support.waiting import until
 from unghost.wire.boxes import BulkIn, ReviewIn
 
 FLIPS = "INSERT INTO flips "
-"""A statement that begins like this is of the transaction that ends a run."""
+"""The beginning of a statement of the transaction that ends a run."""
 
 _numbers = count(1)
 
 
 @contextmanager
 def running_services(folder: Path, **chosen: Any) -> Iterator[Services]:
-    """The context of a service without a port: database, storage, engine, pools."""
+    """Yield the services of a data folder, with database, storage, engine and pools."""
     give_tables(folder, chosen)
     chosen = {**settings_of(folder), **chosen}
     with running(Settings(data=folder, workers=2, **chosen)) as context:
@@ -61,7 +61,7 @@ def running_services(folder: Path, **chosen: Any) -> Iterator[Services]:
 
 
 def filled_folder(data: Path, **chosen: Any) -> Path:
-    """A data folder of two frames with an image and a segmentation each, not served."""
+    """Make a data folder with two frames, each with an image and a segmentation."""
     with running_services(data, **chosen) as services:
         street = services.dataset()
         for number in range(2):
@@ -75,10 +75,10 @@ def filled_folder(data: Path, **chosen: Any) -> Path:
 
 
 class Resting(LocalEngine):
-    """An engine that does not begin jobs."""
+    """An engine that never begins a job."""
 
     def submit(self, work: Callable[[], None], job: Job | None = None) -> None:
-        """Leave it to others."""
+        """Do nothing: a test carries the job out, or nobody."""
 
 
 def run_job(run_id: int) -> Job:
@@ -88,13 +88,13 @@ def run_job(run_id: int) -> Job:
 
 @dataclass(frozen=True)
 class Services:
-    """What a user does, one transaction each."""
+    """The context of a service, and an author for what tests do with it."""
 
     context: ServiceContext
     author: str = "ada"
 
     def dataset(self, name: str = "", **reading: Any) -> Street:
-        """A new dataset; without a name, with one of its own."""
+        """Create a dataset; without a name it gets an unused one."""
         name = name or f"street-{next(_numbers)}"
         wanted = datasets.NewDataset(
             DatasetReading(name, **reading), "", None, FilterConfig(), self.author
@@ -106,7 +106,7 @@ class Services:
 
 @dataclass(frozen=True)
 class Street:
-    """One dataset of a service."""
+    """One dataset of a service: each method does one thing that a user can do."""
 
     services: Services
     name: str
@@ -119,7 +119,7 @@ class Street:
 
     @property
     def resting(self) -> ServiceContext:
-        """The context, where nobody begins with a job before a test says so."""
+        """The context with an engine that leaves jobs for the test to carry out."""
         return replace(self.context, engine=Resting(1))
 
     @property
@@ -145,7 +145,7 @@ class Street:
             review_box(session, box_id, given, self.services.author)
 
     def bulk(self, box_ids: Sequence[int], verdict: str) -> int:
-        """An answer on boxes as they are now; the id of the batch."""
+        """Give one answer on several boxes as they are now; the batch's id."""
         seen = self.revisions(box_ids)
         given = BulkIn.model_validate(
             {
@@ -159,7 +159,7 @@ class Street:
             return review_many(self.context, AuditTrail(session, self.by), given).id
 
     def revisions(self, box_ids: Sequence[int]) -> dict[int, int]:
-        """The revision of each of these boxes that is current."""
+        """The revision of each of these boxes that has a current decision."""
         rows = select(Decision.box_id, Decision.revision)
         with self.context.database.read() as session:
             found = session.execute(rows.where(Decision.box_id.in_(box_ids)))
@@ -173,7 +173,7 @@ class Street:
     def request(
         self, config: Mapping[str, Any], *, activate: bool = True, **reading: Any
     ) -> int:
-        """A run that is queued, and that nobody carries out yet."""
+        """Queue a run that is not carried out yet; its id."""
         wanted = RunRequest(
             FilterConfig.from_mapping(config),
             self.services.author,
@@ -186,14 +186,14 @@ class Street:
     def run(
         self, config: Mapping[str, Any], *, activate: bool = True, **reading: Any
     ) -> Run:
-        """A run from its request to its end."""
+        """Request a run and carry it out to its end."""
         run_id = self.request(config, activate=activate, **reading)
         drive_job(self.context, run_job(run_id))
         with self.context.database.read() as session:
             return RunRepository(session).with_id(run_id)
 
     def change(self, **reading: Any) -> int:
-        """Another way to read segmentations; the run that will apply it."""
+        """Change how segmentations are read; the id of the run that applies it."""
         with self.context.database.write() as session:
             run = datasets.change_dataset(
                 self.resting, session, self.row(session), reading, self.services.author
@@ -202,7 +202,7 @@ class Street:
             return run.id
 
     def wait(self, run_id: int) -> Run:
-        """The run, once all jobs before this one are over."""
+        """Wait until the engine has done all jobs submitted so far; returns the run."""
         over = threading.Event()
         self.context.engine.submit(over.set)
         assert over.wait(60)
@@ -210,10 +210,10 @@ class Street:
             return RunRepository(session).with_id(run_id)
 
     def cancelled_while_it_ends(self, run_id: int) -> str:
-        """Carry out a run that is cancelled within its last transaction.
+        """Carry out a run, and cancel it during its last transaction.
 
-        Returns the state that who cancels is told. Where one writer has the database,
-        the run holds the place that cancelling waits for.
+        Returns the state that the one who cancels is told. In a database with a single
+        writer, cancelling has to wait for that transaction.
         """
         job, engine = run_job(run_id), self.context.engine
         answers = []
@@ -273,7 +273,7 @@ class Street:
             return TallyRepository(session).of_dataset(self.id)
 
     def recounted(self) -> Counter[TallyKey]:
-        """The tallies by their definition: look at every decision."""
+        """The tallies counted anew from all decisions, to compare with the stored."""
         review = func.coalesce(Decision.review, "")
         rows = select(Decision.class_id, Decision.reason, Decision.toss_up, review)
         with self.context.database.read() as session:

@@ -1,4 +1,4 @@
-"""Where the large oracles and the real frames are, if they lie beside the checkout."""
+"""Finds large test data in the folder `shared` beside the checkout, if it exists."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SHARED = _BESIDE if _BESIDE.is_dir() else None
 
 
 def shared(path: str) -> Path:
-    """The file or folder, or a skip that says what is missing."""
+    """The path of a file or folder there; skips the test if it is missing."""
     if SHARED is None or not (SHARED / path).exists():
         pytest.skip(f"needs {path}, which is not beside this checkout")
     return SHARED / path

@@ -1,4 +1,4 @@
-"""Reference implementations, pixel by pixel: the fast code must give the same."""
+"""Slow reference implementations, with which tests compare the fast ones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 def slow_counts(
     tags: np.ndarray, box: np.ndarray, mask: int, ignore: np.ndarray | None = None
 ) -> tuple[int, int, list[int]]:
-    """Pixels, matched pixels and histogram of one box; profile `paper`."""
+    """Count the pixels, matched pixels and tags of one box in profile `paper`."""
     height, width = tags.shape
     histogram = [0] * 31
     x0, y0, x1, y1 = (float(value) for value in box)
@@ -30,7 +30,7 @@ def slow_counts(
 
 
 def slow_crowding(xyxy: np.ndarray, masks: np.ndarray) -> list[float]:
-    """The largest percentage of each box that one other like box covers."""
+    """How many percent of each box one other box with a common tag covers at most."""
     return [
         max(
             (

@@ -1,4 +1,4 @@
-"""The project's own files, read once for every rule. Vendored code is not ours."""
+"""Reads the project's own source files, without vendored code."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FOREIGN = frozenset({"__pycache__", "vendor", "node_modules"})
 
 @dataclass(frozen=True)
 class Source:
-    """One file: its path from the top of the checkout, and its text."""
+    """A file's path from the top of the checkout, and its text."""
 
     name: str
     text: str
@@ -46,7 +46,7 @@ def sources(folders: tuple[str, ...], *suffixes: str) -> tuple[Source, ...]:
 
 
 def python_sources(*folders: str) -> tuple[Source, ...]:
-    """The Python modules of these folders; of all when none is named."""
+    """The Python modules of these folders, or of all folders if none is named."""
     return sources(folders or PYTHON, ".py")
 
 

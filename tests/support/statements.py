@@ -1,4 +1,4 @@
-"""The SQL that is run, as SQLAlchemy hands it to the driver: noted, or interrupted."""
+"""Records the SQL statements that are run, or calls a function at one of them."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 from sqlalchemy import Connection, Engine, event
 
 Statement = tuple[str, Any]
-"""Its text and its parameters, those of the first row where there are many."""
+"""The text and the parameters of a statement (of many rows, those of the first)."""
 
 
 @contextmanager
 def statements_of(engine: Engine | Connection) -> Iterator[list[Statement]]:
-    """What is run until the block ends, by whichever thread."""
+    """Collect the statements that any thread runs until the block ends."""
     found: list[Statement] = []
 
     def note(_connection, _cursor, statement, parameters, *_rest):
@@ -32,9 +32,10 @@ def statements_of(engine: Engine | Connection) -> Iterator[list[Statement]]:
 def interrupted_at(
     engine: Engine, words: str, act: Callable[[], object], *, after: bool = False
 ) -> Iterator[None]:
-    """Call `act` once: at the first statement with these words, before or after it.
+    """Call `act` once, before or after the first statement that contains `words`.
 
-    It is called in the thread that runs the statement, which goes on behind it.
+    It is called in the thread that runs the statement, which waits for it. Fails if no
+    such statement is run.
     """
     waiting = [act]
 

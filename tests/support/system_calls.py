@@ -1,4 +1,4 @@
-"""What a server asks of the operating system, in the order in which it does."""
+"""Runs a server under strace, and reads its system calls in order."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TRACED = ",".join(
     ]
 )
 STOP_WAIT_S = 120
-# 123 fsync(7</data/blobs/ab>) = 0
+# A line of strace's output: 123 fsync(7</data/blobs/ab>) = 0
 _CALL = re.compile(
     r"^(?P<pid>\d+) +(?P<name>\w+)\((?P<words>.*)\) += (?P<result>-?\d+)"
 )
@@ -39,14 +39,14 @@ _RESUMED = re.compile(r"^(?P<pid>\d+) +<\.\.\. \w+ resumed>(?P<rest>.*)$")
 
 @dataclass(frozen=True)
 class Call:
-    """One call that succeeded; `words` are its arguments, with paths for numbers."""
+    """A call that succeeded; `words` are its arguments, with paths beside numbers."""
 
     name: str
     words: str
 
 
 def require_strace() -> str:
-    """Where strace is; a skip without it, but never in continuous testing."""
+    """The path of strace; skips the test without it, but fails in CI."""
     found = shutil.which("strace")
     if found is None and os.environ.get("CI") != "true":
         pytest.skip("strace is not installed: `make test` installs it with apt")
@@ -56,7 +56,7 @@ def require_strace() -> str:
 
 @contextmanager
 def traced_server(data: Path) -> Iterator[tuple[RunningServer, Path]]:
-    """A server whose system calls are written to a file, complete after the block."""
+    """Start a server whose system calls strace writes to a file."""
     log, trace = data.with_name("traced.log"), data.with_name("trace")
     strace = [require_strace(), "--follow-forks", "--decode-fds=path"]
     strace += ["--seccomp-bpf", "--string-limit=48", "--signal=none"]
@@ -66,7 +66,7 @@ def traced_server(data: Path) -> Iterator[tuple[RunningServer, Path]]:
         url = wait_for_link(process, log).partition("/#")[0]
         yield RunningServer(url, token_of(data), data, log, process), trace
     finally:
-        # strace passes no signals on: the server itself is asked to stop.
+        # strace passes no signals on, so send the signal to the server itself.
         for child in _children(process.pid):
             os.kill(child, signal.SIGTERM)
         try:
@@ -81,7 +81,7 @@ def traced_server(data: Path) -> Iterator[tuple[RunningServer, Path]]:
 def calls_of(trace: Path) -> list[Call]:
     """The calls that succeeded, in the order in which they returned.
 
-    A call that others overlapped is written in two halves; it is over with the second.
+    strace writes a call that overlaps with others as two lines; the second ends it.
     """
     begun: dict[str, str] = {}
     found = []

@@ -1,10 +1,10 @@
-"""A program that has imported everything, and forks a process for every order.
+"""A program that imports everything once, and forks a process for every order.
 
-Starting Python and importing the service takes two seconds, a fork some milliseconds.
+Starting Python and importing the service takes two seconds, a fork a few milliseconds.
 Each fork becomes what ``python -m MODULE WORDS`` would be, with its own folder,
-environment, standard streams, handlers of signals, seeds and exit code; only what /proc
-says of its arguments and its environment is that of this program. The orders come from
-`tests.support.processes`. Nothing here may start a thread: forks would be without it.
+environment, standard streams, signal handlers, seeds and exit code. Only /proc still
+shows this program's arguments and environment. The orders come from
+`tests.support.processes`. Nothing here may start a thread: forks would lack it.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ IMPORTED_LATE = (
     "uvicorn.lifespan.on",
     "uvicorn.loops.auto",
 )
-"""What a server or a command imports of others when it first needs it."""
+"""Modules of other packages that a server or command imports only when needed."""
 FOR_CLUSTERS = "distributed"
-"""The same, of nodes of a cluster only; it takes as long as all the rest."""
+"""Imported for nodes of a cluster only: it takes as long as all the rest."""
 
 
 def import_everything() -> None:
-    """Import what any process of the tests may need."""
+    """Import everything that a process of the tests may need."""
     for package in map(importlib.import_module, PACKAGES):
         for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             if not found.name.endswith(".__main__"):
@@ -53,7 +53,7 @@ def import_everything() -> None:
 
 
 def share_memory() -> None:
-    """Let forks leave alone what is here now, so that they need no copy of it."""
+    """Freeze all objects, so that garbage collection in forks does not copy them."""
     threads = len(list(Path("/proc/self/task").iterdir()))
     assert threads == 1, f"an import has started {threads - 1} threads"
     gc.collect()
@@ -61,10 +61,10 @@ def share_memory() -> None:
 
 
 def next_fork(orders: socket.socket) -> tuple[dict[str, Any], list[int]] | None:
-    """Fork for every order that comes, and tell how each fork ends.
+    """Fork for every order that comes, and report how each fork ends.
 
-    Returns in every fork, with its order and its standard streams, and at the end of
-    all orders in the template, with nothing.
+    In each fork, returns its order and its standard streams. In the template, returns
+    None when there are no more orders.
     """
     running: dict[int, tuple[int, socket.socket]] = {}
     with selectors.PollSelector() as waiting:
@@ -93,7 +93,7 @@ def next_fork(orders: socket.socket) -> tuple[dict[str, Any], list[int]] | None:
 
 
 def next_order(orders: socket.socket) -> tuple[dict[str, Any] | None, list[int]]:
-    """What a fork is to be, its standard streams, and where to tell its end."""
+    """Read an order, and the file descriptors that come with it; None at the end."""
     text, given, _, _ = socket.recv_fds(orders, LONGEST_ORDER, STREAMS + 1)
     if not text:
         return None, given
@@ -112,7 +112,7 @@ def close(
     orders: socket.socket,
     running: dict[int, tuple[int, socket.socket]],
 ) -> None:
-    """Close in a fork what is the template's."""
+    """Close, in a fork, the sockets and descriptors that belong to the template."""
     for ends, (_, others_teller) in running.items():
         os.close(ends)
         others_teller.close()
@@ -121,21 +121,21 @@ def close(
 
 
 def tell_the_end(ends: int, pid: int, teller: socket.socket) -> None:
-    """Say with which code a fork has ended to whoever asked for it."""
+    """Send the exit code of a fork that has ended to the process that ordered it."""
     os.close(ends)
     _, status = os.waitpid(pid, 0)
-    with teller, suppress(BrokenPipeError):  # nobody wants to know any more
+    with teller, suppress(BrokenPipeError):  # the one who ordered it is gone
         teller.send(str(os.waitstatus_to_exitcode(status)).encode())
 
 
 def kill(pids: Iterable[int]) -> None:
-    """Nobody is there any more who could end them."""
+    """Kill the forks that still run when there are no more orders."""
     for pid in pids:
         os.kill(pid, signal.SIGKILL)
 
 
 def become(order: dict[str, Any], streams: list[int]) -> None:
-    """Let this fork be as if it had just been started."""
+    """Give this fork the streams, folder, environment and arguments of its order."""
     for number, stream in enumerate(streams):
         os.dup2(stream, number)
         os.close(stream)
@@ -150,12 +150,12 @@ def become(order: dict[str, Any], streams: list[int]) -> None:
 
 
 def folders_given() -> list[str]:
-    """Where modules are looked for because the environment says so."""
+    """The folders that PYTHONPATH names."""
     return [one for one in os.environ.get("PYTHONPATH", "").split(os.pathsep) if one]
 
 
 def run(words: list[str]) -> None:
-    """Be the program; its errors and its end are the interpreter's, as of any other."""
+    """Run the module as the main program; exits with its code or raises its error."""
     try:
         runpy.run_module(words[0], run_name="__main__", alter_sys=True)
     except SystemExit as ended:
@@ -169,7 +169,7 @@ def run(words: list[str]) -> None:
 
 
 def leave() -> None:
-    """End at once where an exit code is known: clearing all modules takes long."""
+    """Exit at once if the code is known: clearing all modules would take long."""
     if ends_with:
         sys.stdout.flush()
         sys.stderr.flush()
@@ -179,9 +179,9 @@ def leave() -> None:
 if __name__ == "__main__":
     ends_with: list[int] = []
     folders_of_python = [one for one in sys.path[1:] if one not in folders_given()]
-    # Before all imports: what they register for the end runs before this.
+    # Registered before all imports, so that it runs after what they register.
     atexit.register(leave)
-    # Who interrupts the tests means them, and they end this program.
+    # Ctrl-C is meant for the tests, which end this program when they stop.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     import_everything()
     fork = next_fork(socket.socket(fileno=int(sys.argv[1])))

@@ -1,4 +1,4 @@
-"""Checks of a finished run, whoever worked on it and however often it was resumed."""
+"""Starts runs, waits for them, and checks that their results are complete."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def asked(
     *,
     activate: bool = True,
 ) -> int:
-    """Ask for a run that reads pixels; returns its id."""
+    """Request a run that has to read pixels; returns its id."""
     body = {"config": config, "activate": activate}
     answer = api.post(f"/datasets/{dataset}/runs", body)
     assert answer.status_code == 202, answer.text
@@ -37,7 +37,7 @@ def begun_run(
     *,
     activate: bool = True,
 ) -> int:
-    """As `asked`, once some frames are measured, and not all."""
+    """Request a run, and wait until it has measured some frames; returns its id."""
     run_id = asked(api, dataset, config, activate=activate)
     until(lambda: state_of(api, run_id)["done"] > 0, "the run does not begin")
     return run_id
@@ -51,9 +51,10 @@ def ended(api: Api, run_id: int) -> dict[str, Any]:
 def check_totals(
     api: Api, dataset: str, run: dict[str, Any], frames: int, *, empty: int = 0
 ) -> None:
-    """Nothing is lost, nothing is there twice, and all is as if nobody had died.
+    """Check that a run's results are complete, as if no process had died meanwhile.
 
-    `empty` of the frames have no boxes; the others are those of `fill`.
+    Every box must be there once, with the right verdict. `empty` of the frames have no
+    boxes; the others are those of `fill`.
     """
     assert (run["state"], run["done"], run["total"]) == ("done", frames, frames), run
     shown = api.boxes(dataset, limit=1000)

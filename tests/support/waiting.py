@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 PATIENCE_S = 120
-"""Longer than anything takes on a busy machine; nothing waits for it that goes well."""
+"""Longer than anything takes on a busy machine; only failing tests wait so long."""
 LOOK_EVERY_S = 0.01
 
 
@@ -15,7 +15,7 @@ Found = TypeVar("Found")
 
 
 def until(holds: Callable[[], Found], what: object = "it never holds") -> Found:
-    """Wait until this is true, and return it; fails with `what` if it never is."""
+    """Wait until `holds()` is true, and return it; fails with `what` if it never is."""
     end = time.monotonic() + PATIENCE_S
     while not (found := holds()):
         assert time.monotonic() < end, what() if callable(what) else what

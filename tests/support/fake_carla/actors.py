@@ -1,4 +1,4 @@
-"""The actors of the fake world, as the library shows them."""
+"""The actors of the fake world, with the interface of the real library's actors."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ class Actor:
             raise RuntimeError("trying to operate on a destroyed actor")
         x, y, z = SIZES.get(self.kind, (0.0, 0.0, 0.0))
         if self.kind == "bicycle":
-            # As CARLA gives them: no width, and a place somewhere else.
+            # CARLA's boxes of bicycles are wrong like this: no width, and far from it.
             return carla.BoundingBox(carla.Location(0, 40, 0), carla.Vector3D(x, 0, z))
         height = 0.0 if self.kind == "walker" else z
         return carla.BoundingBox(carla.Location(0, 0, height), carla.Vector3D(x, y, z))
 
     def solid(self) -> Solid | None:
-        """What of it stops light, if anything."""
+        """The solid that rays hit, or None for an actor without a body."""
         if self.kind not in SIZES or self.is_dormant:
             return None
         x, y, z = SIZES[self.kind]
@@ -63,10 +63,10 @@ class Actor:
     def get_transform(self) -> carla.Transform:
         if self.parent is None:
             return carla.Transform(self.pose.location, self.pose.rotation)
-        # All mounts of the tests are level and look forward.
+        # In the tests, all mounted actors are level and look forward.
         under = self.parent.get_transform()
         here = self.pose.location
-        # The library moves the point that it is given, so it gets one of its own.
+        # The library changes the point that it is given, so it gets a copy.
         place = under.transform(carla.Location(here.x, here.y, here.z))
         return carla.Transform(
             carla.Location(place.x, place.y, place.z), under.rotation
@@ -139,7 +139,7 @@ class Sensor(Actor):
         return self._callback is not None
 
     def receive(self, measurement: Measurement) -> None:
-        """What the simulator calls; a sensor that was stopped stays silent."""
+        """Pass a measurement to the callback; a stopped sensor has none."""
         callback = self._callback
         if callback is not None:
             callback(measurement)

@@ -1,4 +1,4 @@
-"""The blueprints of the fake simulator."""
+"""The blueprints of the fake simulator, and their library."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ _TYPES = {
     Type.Bool: {"is_invincible"},
     Type.RGBColor: {"color"},
 }
-"""Kinds as the simulator declares them; all others are Float."""
+"""The attribute types that the simulator declares; all other attributes are Float."""
 
 
 class ActorAttribute:
@@ -72,7 +72,7 @@ class ActorAttribute:
         )
 
     def _of(self, kind: Type) -> str:
-        """The text; like the library, an attribute of another kind does not say it."""
+        """The value as text; raises for another type, as the real library does."""
         if self.type != kind:
             raise RuntimeError(f"{self.id}: bad attribute cast: cannot convert")
         return self._value

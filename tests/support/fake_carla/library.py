@@ -1,4 +1,4 @@
-"""The module `carla` in front of a fake simulator."""
+"""A module `carla` whose client talks to a fake simulator."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from unghost.capture import simulator as known
 
 
 class Library(types.ModuleType):
-    """The module; what it has without a simulator is the real library's own."""
+    """The module; what needs no simulator is taken from the real library."""
 
     Client: Callable[[str, int], known.Client]
     AttachmentType = real.AttachmentType
@@ -42,7 +42,7 @@ class Library(types.ModuleType):
 
 
 def as_library(simulator: Simulator) -> Library:
-    """What `import carla` finds; its client speaks to this simulator."""
+    """The module that `import carla` shall find; its client talks to this simulator."""
     library: known.Carla = Library(simulator)
     assert isinstance(library, Library)
     return library
@@ -307,7 +307,7 @@ class World:
     def get_random_location_from_navigation(self) -> real.Location | None:
         places = self._simulator.sidewalk
         if places:
-            # In turn, as if by chance.
+            # One place after the other, where the real library picks at random.
             places.append(places.pop(0))
             return places[-1]
         return None
@@ -326,7 +326,7 @@ class World:
 
 
 def _copied(settings: known.Settings) -> real.WorldSettings:
-    """Settings are values: what a client changes is its own copy."""
+    """A copy, as in the real library: changing it does not change the simulator's."""
     copy = real.WorldSettings()
     for name in _SETTINGS:
         setattr(copy, name, getattr(settings, name))
@@ -339,7 +339,7 @@ _SETTINGS = (
     "deterministic_ragdolls", "tile_stream_distance", "actor_active_distance",
 )  # fmt: skip
 VALUES = tuple(name for name in vars(Library) if not name.startswith("_"))
-"""What the fake library takes from the real one."""
+"""The names that the fake library takes from the real one."""
 FAKES: Mapping[str, type] = {
     "Client": Client,
     "World": World,
@@ -363,4 +363,4 @@ FAKES: Mapping[str, type] = {
     "SemanticLidarMeasurement": measurements.SemanticLidarMeasurement,
     "RadarMeasurement": measurements.RadarMeasurement,
 }
-"""The fake's classes by the names of the real ones."""
+"""The fake's classes by the names of the real classes that they stand for."""

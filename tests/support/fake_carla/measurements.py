@@ -1,4 +1,4 @@
-"""What the fake sensors deliver; pixels are computed when somebody looks at them."""
+"""What the fake sensors deliver; pixels are computed when they are first read."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _COLORS = {1: (128, 64, 128), 3: (70, 70, 70), 11: (70, 130, 180), 12: (220, 20,
 
 @dataclass
 class Shared:
-    """What the measurements of one tick have in common."""
+    """Views that the measurements of one tick share, so that each is computed once."""
 
     lock: Lock = field(default_factory=Lock)
     views: dict = field(default_factory=dict)
@@ -58,7 +58,7 @@ class Image(Shot):
 
     @cached_property
     def raw_data(self) -> memoryview:
-        # All cameras of a tick sit at one place: what they see is computed once.
+        # All cameras of a tick are at one place: cast the rays once for all of them.
         with self.shared.lock:
             key = (self.width, self.height, self.fov, *self._pose.get_matrix()[0])
             if key not in self.shared.views:
@@ -85,7 +85,7 @@ class Image(Shot):
 
 
 class LidarMeasurement(Shot):
-    """A ring of beams; semantic or not."""
+    """The points that a ring of beams hits, with tags if the LiDAR is semantic."""
 
     @cached_property
     def raw_data(self) -> memoryview:
@@ -113,7 +113,7 @@ class SemanticLidarMeasurement(LidarMeasurement):
 
 
 class RadarMeasurement(Shot):
-    """Three detections of known place."""
+    """Three detections at known places."""
 
     _detections = (
         (-2.0, 0.1, 0.05, 10.0),

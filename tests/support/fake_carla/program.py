@@ -1,7 +1,7 @@
-"""`unghost` in a process whose `import carla` finds the fake street.
+"""Runs `unghost` in a process in which `import carla` finds the fake street.
 
-`python -m tests.support.fake_carla.program STATE ARGS...`: the world's state is
-written to the file STATE when the program ends, however it ends.
+`python -m tests.support.fake_carla.program STATE ARGS...` runs ``unghost ARGS...`` and
+always writes the final state of the fake world to the file STATE.
 """
 
 from __future__ import annotations

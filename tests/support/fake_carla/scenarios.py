@@ -1,4 +1,4 @@
-"""A small scenario of the street."""
+"""A small scenario for captures of the fake street."""
 
 from __future__ import annotations
 
@@ -20,5 +20,5 @@ SMALL: dict[str, Any] = {
 
 
 def scenario(**changes: Any) -> Scenario:
-    """A small scenario of the street, with these keys changed."""
+    """Parse the small scenario with these keys changed."""
     return parse_scenario({**SMALL, **changes}, "test.yaml")

@@ -1,4 +1,4 @@
-"""Solids of the fake world, and rays that find them: the truth about what is seen."""
+"""Box-shaped solids of the fake world, and a ray caster that finds what is visible."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Solid:
 
 
 def rays(width, height, fov):
-    """(H, W, 3) directions in the camera's axes; one metre forward each."""
+    """(H, W, 3) ray directions in the camera's axes, each one metre long forwards."""
     focal = width / (2 * np.tan(np.radians(fov) / 2))
     v, u = np.mgrid[0:height, 0:width]
     right = (u + 0.5 - width / 2) / focal
@@ -32,7 +32,7 @@ def rays(width, height, fov):
 
 
 def cast(solids, pose, directions):
-    """Distance in units of `directions`, tag and owner of what each ray meets first."""
+    """Distance (in lengths of `directions`), tag and owner of each ray's first hit."""
     to_world = np.array(pose.get_matrix())
     flat = directions.reshape(-1, 3)
     world = flat @ to_world[:3, :3].T
@@ -54,7 +54,7 @@ def cast(solids, pose, directions):
 
 
 def _distance(solid, start, world):
-    """Where rays enter a solid; infinite where they miss it or start inside."""
+    """Distances at which rays enter a solid; infinite for a miss or a start in it."""
     inverse = np.array(solid.pose.get_inverse_matrix())
     origin = inverse[:3, :3] @ start + inverse[:3, 3] - solid.centre
     local = world @ inverse[:3, :3].T

@@ -1,4 +1,4 @@
-"""The fake simulator: its world, its clock, and what can go wrong in it."""
+"""The fake simulator: its world, its clock, and faults that tests can switch on."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ def at(x=0.0, y=0.0, z=0.0, yaw=0.0):
 
 @dataclass
 class Faults:
-    """What goes wrong; a tick is counted from the first one in synchronous mode.
+    """What goes wrong in the simulator; ticks are counted from 1.
 
     Attributes
     ----------
     lost, late : set of (sensor's last word, tick)
-        Its measurement never comes, or comes with that of the next tick.
+        This sensor's measurement of this tick is never sent, or only at the next tick.
     pose_shift : metres
-        By which an image's transform is wrong.
+        By how much the transform that is reported for an RGB image is wrong.
     on_tick : called with the simulator and the number of the tick
     boxless : ids of actors whose bounding_box raises
     unsnapped : ids of actors that no snapshot has
     no_light_boxes : get_light_boxes raises, as on some maps
     foreign_ticks : ticks at which another client ticks, too
-    gone : no request is answered, as after a crash
+    gone : no request is answered, as after a crash of the simulator
     """
 
     lost: set[tuple[str, int]] = field(default_factory=set)
@@ -69,7 +69,7 @@ class Faults:
 
 
 class Simulator:
-    """Everything that is on the server's side."""
+    """The state of the server's side: actors, solids, weather, settings, ticks."""
 
     def __init__(self, version: str = "0.9.16", client_version: str | None = None):
         self.version, self.client_version = version, client_version or version
@@ -96,7 +96,7 @@ class Simulator:
         self._postman.start()
 
     def answer(self) -> None:
-        """What every request waits for."""
+        """Stands for the server's answer to a request: raises if the server is gone."""
         if self.faults.gone:
             self.unanswered += 1
             raise RuntimeError("time-out while waiting for the simulator")
@@ -108,7 +108,7 @@ class Simulator:
         pose: carla.Transform,
         parent: Actor | None = None,
     ) -> Actor:
-        """A new actor."""
+        """Create an actor of this type, and return it."""
         made = next(cls for start, cls in _CLASSES if type_id.startswith(start))
         self.next_id += 1
         actor = made(self, self.next_id, type_id, dict(attributes), pose, parent)
@@ -117,7 +117,7 @@ class Simulator:
         return actor
 
     def is_taken(self, pose: carla.Transform) -> bool:
-        """Whether a vehicle or walker stands there already."""
+        """Whether a vehicle or walker is at this place already."""
         return any(
             actor.get_transform().location.distance(pose.location) < 0.5
             for actor in self.actors.values()
@@ -125,7 +125,7 @@ class Simulator:
         )
 
     def remove(self, actor_id: int) -> bool:
-        """Whether there was such an actor; it is gone."""
+        """Remove an actor; False if there was none with this id."""
         actor = self.actors.pop(actor_id, None)
         if actor is None:
             return False
@@ -133,7 +133,7 @@ class Simulator:
         return True
 
     def tick(self) -> int:
-        """One step: things move, then every sensor measures."""
+        """Advance one tick: move vehicles, then measure. Returns the frame's number."""
         self.ticks += 1
         self.faults.on_tick(self, self.ticks)
         self.frame += 1
@@ -181,19 +181,19 @@ class Simulator:
         (self._held if late else mail).append((sensor, shot))
 
     def visible_solids(self, without):
-        """Everything that stands in the world now, but the ego vehicle itself."""
+        """All solids of the world at this moment, without the actor `without`."""
         moving = (
             actor.solid() for actor in self.actors.values() if actor is not without
         )
         return (*self.solids, *(solid for solid in moving if solid is not None))
 
     def _deliver(self):
-        # The library calls back in a thread of its own.
+        # As in the real library, callbacks run in another thread.
         while (one := self._mail.get()) is not None:
             sensor, shot = one
             sensor.receive(shot)
 
     def close(self):
-        """End the thread."""
+        """End the thread that delivers measurements."""
         self._mail.put(None)
         self._postman.join()

@@ -1,4 +1,4 @@
-"""A small street in the fake world, of which every verdict is known."""
+"""A small street in the fake world whose correct verdicts are known."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def box(x, y, z, half, yaw=0.0):
 
 
 def _park(simulator):
-    """A parked car, a mirrored one, and a part of one that is no vehicle."""
+    """Add boxes of a parked car, of a mirrored one, and of a mere part of a car."""
     label = carla.CityObjectLabel.Car
     boxes = [
         box(14, 9, 0.75, (2.4, 1.0, 0.75)),
@@ -43,7 +43,7 @@ def _park(simulator):
         box(14, 9, 0.4, (0.3, 0.3, 0.2)),
     ]
     for number, one in enumerate(boxes, 1):
-        # As in CARLA, the object has a transform too, which is not for its box.
+        # As in CARLA, the object also has a transform, which does not apply to its box.
         made = EnvironmentObject(
             2**40 + number, f"Car_{number}", label, at(99, 99), one
         )
@@ -54,7 +54,7 @@ def _park(simulator):
 
 
 def _light(simulator):
-    """A traffic light with two heads, a slim one and a pedestrian's button."""
+    """Add a traffic light with a head, a slim head, and a pedestrian's button."""
     light = simulator.add("traffic.traffic_light", {}, at(22, 9))
     light.semantic_tags = [5, 18]
     light.heads = [

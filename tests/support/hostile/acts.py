@@ -1,4 +1,4 @@
-"""What sequences are made of: names, answers, filters, and frames as they are sent."""
+"""Keys, answers, frames and filters from which random test sequences are built."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FROM_PIXELS: tuple[dict[str, str], ...] = (
 
 
 def config_of(threshold, pixels):
-    """A configuration of one threshold for boxes of any size."""
+    """A configuration with the same threshold for small and large boxes."""
     both = {"threshold_small_box": threshold, "threshold_big_box": threshold}
     return {**both, **pixels}
 
@@ -54,7 +54,7 @@ def files_of(content):
 
 
 def members_of(number, key, content):
-    """One frame of an archive."""
+    """The files of one frame as members of a tar archive."""
     document = json.dumps({**annotation_of(content), "key": key}).encode()
     files = files_of(content).items()
     return [

@@ -1,9 +1,10 @@
-"""A fuzzer that is guided by the lines that an input reaches, and by how many they are.
+"""A fuzzer that is guided by the lines of code that its inputs reach.
 
-Inputs that reach a new line, or take more work for their size than any before, are
-kept and changed further. Work is counted in lines of Python, which no machine and no
-neighbour changes: a reader that never ends, or whose work grows faster than its input,
-is stopped and told. What happens in C is bounded by processor time.
+An input is kept and changed further if it reaches a new line, or takes more work for
+its size than any before it. Work is counted in executed lines of Python, so the result
+does not depend on the machine or its load. A reader that never ends, or whose work
+grows faster than its input, is stopped, and the test fails. Time in C code is limited
+by processor seconds.
 """
 
 from __future__ import annotations
@@ -23,24 +24,24 @@ from typing import Any
 from tests.support.hostile.mutations import TELLING
 
 MOST_BYTES = 1 << 16
-"""Of an input: enough for what grows with the square to be seen."""
+"""The longest input: long enough to notice work that grows with the square of it."""
 
 Read = Callable[[bytes], object]
 Repair = Callable[[bytes], bytes]
 
 
 class TooMuchWork(BaseException):
-    """Raised into a reader that goes on for too long: nothing of ours catches it."""
+    """Raised inside a reader that works for too long; no code of ours catches it."""
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What reading an input may take."""
+    """The most lines, processor seconds and bytes that reading one input may take."""
 
     lines: int = 20_000
     lines_per_byte: float = 30
     seconds: float = 3.0
-    """Of the processor, tracing included."""
+    """Processor time, including the cost of tracing."""
     memory: int = 96 * 1024**2
 
     def lines_for(self, content: bytes) -> int:
@@ -49,10 +50,10 @@ class Bounds:
 
 @dataclass
 class Fuzzer:
-    """One reader, what it may take, and the inputs that have proved telling.
+    """Tries inputs on one reader, and collects those that reach something new.
 
-    `errors` are its own words for bad input; `folders` are where its code is; `repair`
-    puts right what a random change always breaks, such as checksums.
+    `errors` are the reader's own exceptions for bad input; `folders` hold its code;
+    `repair` restores what any random change breaks, such as checksums.
     """
 
     read: Read
@@ -65,13 +66,13 @@ class Fuzzer:
     most_per_byte: float = 0.0
 
     def run(self, samples: Sequence[bytes], tries: int, seed: int) -> None:
-        """Try all samples, and so many changed ones.
+        """Try all samples, then `tries` inputs that are changed from kept ones.
 
         Raises
         ------
         AssertionError
-            One of them took too much, or ended in an error that is not the reader's
-            own; the text has the input.
+            An input took too much, or raised an error that is not one of `errors`; the
+            text contains the input.
         """
         dice = random.Random(seed)
         for sample in samples:
@@ -91,7 +92,7 @@ class Fuzzer:
         return content
 
     def _try(self, content: bytes, seed: int) -> bool:
-        """Whether the input told something new."""
+        """Read one input within the bounds; whether it reached something new."""
         lines: set[tuple[CodeType, int]] = set()
         most = self.bounds.lines_for(content)
         told = f"seed {seed}, input {packed(content)}"
@@ -143,8 +144,8 @@ class Fuzzer:
 
 
 def changed(content: bytes, other: bytes, dice: random.Random) -> bytes:
-    """One place changed; small changes and large ones are as likely."""
-    # Headers stand at the beginning, and have most to tell.
+    """`content` with one random change, as often a small one as a large one."""
+    # Prefer the beginning, where the headers are.
     start = dice.randint(0, min(len(content), dice.choice((16, MOST_BYTES))))
     length = min(dice.choice((0, 1, 2, 4, 16, 512)), len(content) - start)
     before, after = content[:start], content[start + length :]
@@ -170,7 +171,7 @@ def changed(content: bytes, other: bytes, dice: random.Random) -> bytes:
 
 
 def packed(content: bytes) -> str:
-    """An input as it is told; `unpacked` gives it back."""
+    """An input as short text for messages; `unpacked` turns it back."""
     return base64.b85encode(zlib.compress(content, 9)).decode()
 
 
@@ -180,7 +181,7 @@ def unpacked(text: str) -> bytes:
 
 @contextmanager
 def little_memory(most: int, told: str) -> Iterator[None]:
-    """Fails if what happens in it holds more than this at any moment."""
+    """Fail if the block holds more than `most` bytes at any moment."""
     was_tracing = tracemalloc.is_tracing()
     if not was_tracing:
         tracemalloc.start()

@@ -1,4 +1,4 @@
-"""Configurations, annotations and folders of labels that are as they should be."""
+"""Valid configurations, annotations and folders of labels, for fuzzers to damage."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ ANNOTATION = {
 
 
 def _samples() -> dict[str, dict[str, bytes]]:
-    """Small folders of every layout, whole."""
+    """The files of a small valid folder of each layout."""
     frames = [
         frame("a", box(0), box(1, (50, 10, 70, 30), "rejected", distance=12.5)),
         frame("b", box(2, class_name="traffic light")),

@@ -1,7 +1,8 @@
-"""Clients that write all kinds of things and note what they were promised.
+"""Clients that write to a server until it dies, and note what it confirmed.
 
-Each client owns what it writes about, so the order of its own notes is the order of
-what the service must know; at its end, at most one of its writes is without an answer.
+Each client has keys and boxes that no other client writes to. So the order of its
+notes is the order in which the service must have stored its writes, and when the
+server dies at most one of its writes is without an answer.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ ANSWER_WAIT_S: Final = 60
 
 @dataclass
 class Ledger:
-    """What was asked of one dataset: promised, or in flight when the server died."""
+    """The writes to one dataset: those that were confirmed, and those in flight."""
 
     dataset: str
     stored: dict[str, int] = field(default_factory=dict)
-    """The number of the content that was promised under each key."""
+    """The number of the content that was confirmed under each key."""
     sending: dict[str, set[int]] = field(default_factory=dict)
-    """Contents under way, which may be there or not."""
+    """Contents that were sent without an answer: the service may have them or not."""
     answers: dict[int, list[str]] = field(default_factory=dict)
-    """Promised answers of each box, in order."""
+    """The confirmed answers of each box, in order."""
     maybe_answers: list[tuple[frozenset[int], str]] = field(default_factory=list)
-    """Acts without an answer: of all these boxes, or of none."""
+    """Unconfirmed acts: they must be stored for all these boxes or for none."""
     undos: list[int] = field(default_factory=list)
     maybe_undone: list[frozenset[int]] = field(default_factory=list)
     digests: set[str] = field(default_factory=set)
@@ -44,23 +45,23 @@ class Ledger:
     maybe_runs: int = 0
 
     def promises(self) -> int:
-        """How many writes were acknowledged."""
+        """How many writes were confirmed."""
         said = sum(map(len, list(self.answers.values())))
         return len(self.stored) + said + len(self.digests) + len(self.runs)
 
 
 def annotation(number: int) -> dict[str, Any]:
-    """Of a frame unlike those of other numbers."""
+    """An annotation that differs for each number."""
     return {**scene.annotation(), "number": number}
 
 
 def files(number: int) -> dict[str, bytes]:
-    """Its image and its segmentation."""
+    """The image and the segmentation of the frame with this number."""
     return {"image": scene.image(number), "segmentation": scene.segmentation()}
 
 
 def digest(number: int) -> str:
-    """Of the content of a frame, as the documentation defines it."""
+    """The digest of a frame's content, computed as the documentation defines it."""
     lines = ["frame 1"]
     for name, content in sorted(files(number).items()):
         lines.append(f"{name} {hashlib.sha256(content).hexdigest()}")
@@ -70,7 +71,7 @@ def digest(number: int) -> str:
 
 @dataclass(frozen=True)
 class Writer:
-    """One client, its dice, and the boxes that are its own."""
+    """One client with its own random numbers and its own boxes."""
 
     api: Api
     ledger: Ledger
@@ -79,7 +80,7 @@ class Writer:
     box_ids: tuple[int, ...]
 
     def write(self) -> None:
-        """Go on until the server is gone."""
+        """Write again and again until the server no longer answers."""
         acts: dict[str, Callable[[int], None]] = {
             "uploads": self._upload,
             "batches": self._push,
@@ -129,7 +130,7 @@ class Writer:
         return [(f"{place}.json", document), *named]
 
     def _lines(self, archive: bytes) -> Iterator[dict[str, Any]]:
-        """Each line as it comes: what was said before the end counts."""
+        """Send a batch; yield each line as it arrives, until the server ends."""
         url = f"/api/v1/datasets/{self.ledger.dataset}/batches"
         headers = {"Content-Type": "application/x-tar"}
         with self.api.http.stream(

@@ -1,7 +1,8 @@
-"""What the service should know about one dataset, in plain lists and dictionaries.
+"""A simple model of one dataset, to compare the service's answers with.
 
-It decides by counting single pixels, and undoes answers from a stack of acts per box:
-it shares nothing with the service but the words on the wire.
+It uses plain lists and dictionaries, decides by counting single pixels, and undoes
+answers from a stack of acts for each box. It shares no code with the service, only the
+words of the API.
 """
 
 from __future__ import annotations
@@ -25,19 +26,19 @@ RECTANGLES: Final = (
     OUTSIDE,
 )
 THRESHOLDS: Final = (5, 40, 60)
-"""In percent; no rectangle of any scene lies on one."""
+"""In percent; the match of no rectangle in any scene equals one of them."""
 
 
 @dataclass(frozen=True)
 class Content:
-    """What a frame is sent as: its rectangles, and where its car stands if known."""
+    """A frame: its rectangles, and its car's shift (None: without a segmentation)."""
 
     boxes: tuple[tuple[int, ...], ...]
     shift: int | None
     number: int = 0
 
     def verdict(self, place: int, threshold: int) -> str:
-        """By the definition: the share of the box's pixels that are car."""
+        """The verdict by the definition: the share of the box's pixels that are car."""
         x0, y0, x1, y1 = self.boxes[place]
         if self.boxes[place] == OUTSIDE:
             return REJECTED
@@ -50,7 +51,7 @@ class Content:
 
 @dataclass(frozen=True)
 class Said:
-    """One answer as the history shows it."""
+    """One answer in a box's history."""
 
     verdict: str
     batch: int | None = None
@@ -64,12 +65,12 @@ class ModelBox:
     verdict: str
     answers: list[Said] = field(default_factory=list)
     pile: list[tuple[int | None, str]] = field(default_factory=list)
-    """Acts that count, the newest last: batch and what was said."""
+    """Acts that are not undone, the newest last: batch, and the answer given."""
     verdicts: list[str] = field(default_factory=list)
 
     @property
     def review(self) -> str | None:
-        """What counts as the latest answer."""
+        """The latest answer; None if there is none or it was cleared."""
         said = self.answers[-1].verdict if self.answers else "clear"
         return None if said == "clear" else said
 
@@ -79,11 +80,11 @@ class ModelBox:
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether a person says the opposite of the filter."""
+        """Whether a person's answer is the opposite of the filter's verdict."""
         return (self.review, self.verdict) in (("keep", REJECTED), ("reject", KEPT))
 
     def passes(self, wanted: Mapping[str, str]) -> bool:
-        """Whether a filter of a list selects it."""
+        """Whether a list with this filter shows the box."""
         review = self.review
         states = {
             "undecided": review not in OF_ANSWER,
@@ -104,7 +105,7 @@ class ModelBox:
         self.pile.append((batch, verdict))
 
     def take_back(self, batch: int, undo: int) -> bool:
-        """Undo the newest act, if it is this one."""
+        """Undo the newest act if it belongs to this batch; whether it did."""
         if not self.pile or self.pile[-1][0] != batch:
             return False
         self.pile.pop()
@@ -115,7 +116,7 @@ class ModelBox:
 
 @dataclass
 class ModelFrame:
-    """The newest revision under a key."""
+    """The newest revision of the frame with a key."""
 
     content: Content
     boxes: dict[int, ModelBox]
@@ -123,7 +124,7 @@ class ModelFrame:
 
 @dataclass
 class Model:
-    """A dataset: its frames by key, and the threshold that counts."""
+    """A dataset: its frames by key, and the active threshold."""
 
     threshold: int
     frames: dict[str, ModelFrame] = field(default_factory=dict)
@@ -132,7 +133,7 @@ class Model:
     runs: int = 0
 
     def boxes(self) -> dict[int, ModelBox]:
-        """All current boxes by the server's id."""
+        """The boxes of all frames, by the server's id."""
         return {
             number: box
             for frame in self.frames.values()
@@ -140,7 +141,7 @@ class Model:
         }
 
     def expected_status(self, key: str, content: Content, *, replace: bool) -> int:
-        """What an upload is answered with."""
+        """The status code with which an upload must be answered."""
         frame = self.frames.get(key)
         if frame is None:
             return 201
@@ -149,7 +150,7 @@ class Model:
         return 201 if replace else 409
 
     def store(self, key: str, content: Content, box_ids: list[int]) -> None:
-        """A new revision; answers stay with boxes that are the same."""
+        """Store a new revision of a frame; unchanged boxes keep their answer."""
         before = self.frames.get(key)
         boxes: dict[int, ModelBox] = {}
         for place, number in enumerate(box_ids):
@@ -173,11 +174,11 @@ class Model:
         return next(box for box in before.boxes.values() if box.place == place)
 
     def selected(self, wanted: Mapping[str, str]) -> list[int]:
-        """The boxes of a filter."""
+        """The ids of the boxes that a filter selects, sorted."""
         return sorted(one for one, box in self.boxes().items() if box.passes(wanted))
 
     def run(self, threshold: int, *, activate: bool) -> int:
-        """Decide again; how many boxes change sides."""
+        """Decide all boxes with this threshold; how many change their verdict."""
         changed = 0
         for frame in self.frames.values():
             for box in frame.boxes.values():
@@ -198,14 +199,14 @@ class Model:
         self.batches[batch] = box_ids
 
     def undo(self, batch: int, undo: int) -> int:
-        """Undo a batch where it is the newest act; returns on how many boxes."""
+        """Undo a batch on the boxes where it is the newest act; on how many."""
         boxes = self.boxes()
         of_batch = [boxes[one] for one in self.batches[batch] if one in boxes]
         self.undone.add(batch)
         return sum([box.take_back(batch, undo) for box in of_batch])
 
     def stats(self) -> dict[str, Any]:
-        """Counts as the service names them."""
+        """The counts under the names that the service uses."""
         boxes = list(self.boxes().values())
         verdicts = Counter(box.verdict for box in boxes)
         effective = Counter(box.effective for box in boxes)

@@ -1,4 +1,4 @@
-"""Files as somebody might send them: whole ones, damaged in all kinds of ways."""
+"""Hypothesis strategies for files and JSON documents that are damaged at random."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "10"))
 ROOM = 96 * 1024**2
-"""Bytes that reading a sample of a few kilobytes may take at most."""
+"""The most bytes of memory that reading a sample of a few kilobytes may take."""
 
 many = settings(max_examples=EXAMPLES)
 
@@ -62,7 +62,7 @@ def damaged(draw: st.DrawFn, samples: Sequence[bytes]) -> bytes:
 
 
 def damaged_text(samples: Sequence[str]) -> st.SearchStrategy[bytes]:
-    """The same of texts."""
+    """The same as `damaged`, for samples of text."""
     return damaged([sample.encode() for sample in samples])
 
 
@@ -85,7 +85,7 @@ json_values: st.SearchStrategy[object] = st.recursive(
 
 @st.composite
 def bent(draw: st.DrawFn, document: object) -> object:
-    """A JSON document in which one value is another, or has gone."""
+    """A JSON document in which one value is replaced or removed."""
     if isinstance(document, dict) and document and draw(st.integers(0, 9)):
         key = draw(st.sampled_from(sorted(document)))
         changed = dict(document)
@@ -102,7 +102,7 @@ def bent(draw: st.DrawFn, document: object) -> object:
 
 @contextmanager
 def little_memory() -> Iterator[None]:
-    """Fails if what happens in it ever holds more than `ROOM`."""
+    """Fail if the block holds more than `ROOM` bytes at any moment."""
     tracemalloc.start()
     try:
         yield

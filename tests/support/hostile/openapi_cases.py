@@ -1,4 +1,4 @@
-"""What requests are made of when they are made from the OpenAPI document."""
+"""Sets up schemathesis to make requests from the service's OpenAPI document."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ EXAMPLES: Final = int(os.environ.get("OPENAPI_EXAMPLES", "2"))
 IS_LONG: Final = EXAMPLES > 50
 DATASET, KEPT_KEYS, DELETED_KEY = "street", ("run/0", "run/1"), "run/2"
 MALFORMED: Final = ("invalid_request", "unknown_parameter")
-"""Codes for requests that are not of the documented form; all others are refusals of
-their content, which no schema can express."""
+"""Error codes of requests that do not have the documented form. All other codes refuse
+the content of a request, which no schema can describe.
+"""
 _BY_VALIDATOR: Final = "value_error"
 _IDS: Final = ("box_id", "frame_id", "run_id", "export_id", "batch_id", "token_id")
 _OWN_TOKENS: Final = 2
@@ -30,7 +31,7 @@ _REFUSALS: Final = ["2xx", "3xx", "400", "401", "403", "404", "409", "412", "413
 
 
 def _described() -> BaseSchema:
-    """The document, with things that exist among the values to try."""
+    """The service's schema, with names and ids that exist among the values to try."""
     never_made = Path(gettempdir()) / "unghost-never-made"
     document = create_app(Settings(data=never_made)).openapi()
     return schemathesis.openapi.from_dict(document, config=_config())
@@ -69,13 +70,13 @@ def _config() -> schemathesis.Config:
 
 @schemathesis.serializer("application/x-tar")
 def _archive(_context: Any, value: Any) -> bytes:
-    """What was made up as one file of an archive that is whole."""
+    """The generated value as a file in a valid tar archive."""
     content = value if isinstance(value, bytes) else str(value).encode()
     return archives.packed([("a.json", content), ("a.image.png", content)])
 
 
 def says_what_is_wrong(_context: CheckContext, response: Response, case: Case) -> None:
-    """A request as documented is never refused for its form."""
+    """Check that a request of the documented form is not refused as malformed."""
     if response.status_code < 400:
         return
     problem = response.json()
@@ -88,7 +89,7 @@ def says_what_is_wrong(_context: CheckContext, response: Response, case: Case) -
 
 
 def spared(case: Case) -> Case:
-    """The case, but the tokens that the test itself shows stay."""
+    """The case, changed so that it revokes no token that the test itself uses."""
     path: dict[str, Any] = case.path_parameters or {}
     token_id = path.get("token_id")
     if isinstance(token_id, int) and token_id <= _OWN_TOKENS:
@@ -97,14 +98,14 @@ def spared(case: Case) -> Case:
 
 
 def restore(api: Api) -> None:
-    """Have everything there again that a request may have deleted."""
+    """Create the dataset and frames again that a request may have deleted."""
     api.post("/datasets", {"name": DATASET})
     for key in (*KEPT_KEYS, DELETED_KEY):
         assert api.put(DATASET, key, replace=True).status_code in (200, 201)
 
 
 def populate(api: Api) -> None:
-    """A dataset with answers, a batch of them, a second run and an export."""
+    """Make a dataset with answers, a batch of answers, a second run and an export."""
     restore(api)
     api.run(DATASET, {"threshold_small_box": 40})
     box_ids = [box["box_id"] for box in api.boxes(DATASET)]

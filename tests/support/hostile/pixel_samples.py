@@ -1,4 +1,4 @@
-"""Pictures and point clouds, most of them as they should be."""
+"""Images and point clouds for fuzzers to damage; most of them are valid."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def npy(array: np.ndarray, version: tuple[int, int] = (1, 0)) -> bytes:
 
 
 def npy_of(header: str) -> bytes:
-    """A file of this header, with some bytes behind it."""
+    """An NPY file with this header, followed by 64 zero bytes."""
     text = header.encode("latin-1", "replace")
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + bytes(64)
 

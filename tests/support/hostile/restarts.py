@@ -1,4 +1,4 @@
-"""One server that is ended in every way and comes back over the same folder."""
+"""A server that tests end in several ways and start again over the same data folder."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ WAYS: Final = ("terminated", "killed", "migrated down and up")
 
 
 class Restarting:
-    """A server, and how to end it."""
+    """A running server that can be restarted."""
 
     server: RunningServer
     api: Api
@@ -42,7 +42,7 @@ class Restarting:
         self._open.enter_context(self.api.http)
 
     def restart(self, way: str) -> None:
-        """End the server in one of `WAYS`, and have another one."""
+        """End the server in one of `WAYS`, and start another over the same folder."""
         if way != "terminated":
             self.server.process.kill()
             self.server.process.wait()

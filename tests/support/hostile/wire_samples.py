@@ -1,4 +1,4 @@
-"""Archives and forms that are as they should be."""
+"""Tar archives and a multipart form, mostly valid, for fuzzers to damage."""
 
 from __future__ import annotations
 

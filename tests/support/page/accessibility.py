@@ -1,4 +1,4 @@
-"""What axe finds on a page."""
+"""Runs axe, a checker of accessibility, on a page."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from playwright.sync_api import Page
 
 AXE = (Path(__file__).parent / "vendor" / "axe-core-4.14.1.min.js").read_text("utf-8")
-# A colour half way through its transition is nobody's choice: contrast counts at rest.
+# axe runs after short animations: colours within them have no meaning for contrast.
 RUN = """async () => {
   const moving = document.getAnimations()
     .filter((one) => one.effect.getComputedTiming().endTime < 2000);
@@ -21,7 +21,7 @@ SERIOUS = ("serious", "critical")
 
 
 def findings(page: Page) -> list[dict[str, str]]:
-    """What axe finds that keeps people out."""
+    """The findings of axe that are serious or critical."""
     page.evaluate(AXE)
     found: list[dict[str, str]] = page.evaluate(RUN)
     return [finding for finding in found if finding["impact"] in SERIOUS]

@@ -1,4 +1,4 @@
-"""Frames with many boxes, and what is on show of them in the grid and in the queue."""
+"""Makes frames with many boxes, and reads what the grid and the queue show of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.support.page.scenes import Scene
 
 
 def crowd(count: int) -> list[dict[str, Any]]:
-    """Boxes by turns on the car, hence kept, and in the sky, hence rejected."""
+    """Boxes that are by turns on the car (kept) and in the sky (rejected)."""
     boxes = []
     for index in range(count):
         x0, y0, *_ = scenes.CAR if index % 2 == 0 else scenes.SKY
@@ -24,7 +24,7 @@ def crowd(count: int) -> list[dict[str, Any]]:
 
 
 def fill(api: httpx.Client, dataset: str, frames: int, boxes: int) -> None:
-    """A dataset of so many frames with so many boxes each."""
+    """Create a dataset of `frames` frames with `boxes` boxes each."""
     made = api.post("/datasets", json={"name": dataset, "palette": scenes.FAMILY})
     assert made.status_code == 201, made.text
     place = {"x": 0, "y": 0, "z": 0}
@@ -43,7 +43,7 @@ def fill(api: httpx.Client, dataset: str, frames: int, boxes: int) -> None:
 
 
 def grid(scene: Scene, **query: str) -> str:
-    """The address of the grid, in the order of the boxes unless said otherwise."""
+    """The address of the grid, sorted by box id unless `query` says otherwise."""
     search = "&".join(f"{k}={v}" for k, v in {"sort": "id", **query}.items())
     return f"#/datasets/{scene.dataset}/grid?{search}"
 
@@ -59,13 +59,13 @@ def cell(page: Page, index: int) -> Locator:
 
 
 def selected(page: Page) -> list[int]:
-    """Places of the selected cells."""
+    """The indexes of the selected cells, sorted."""
     marked = page.locator(".cell[aria-selected=true]").all()
     return sorted(int(one.get_attribute("data-index") or -1) for one in marked)
 
 
 def answers(scene: Scene) -> dict[str, str]:
-    """What the server has stored, by the sender's name of the box."""
+    """The stored answers, by the sender's box id."""
     found = answered(scene)
     names = {box["id"]: box["review"]["verdict"] for box in found}
     assert len(names) == len(found), "boxes of several frames share their names"
@@ -80,12 +80,12 @@ def answered(scene: Scene) -> list[dict[str, Any]]:
 
 
 def review(scene: Scene, box_id: int, verdict: str) -> None:
-    """An answer that somebody else gives."""
+    """Give an answer through the API, as another person would."""
     revision = scenes.get(scene.api, f"/boxes/{box_id}")["revision"]
     body = {"verdict": verdict, "seen_revision": revision}
     assert scene.api.post(f"/boxes/{box_id}/reviews", json=body).status_code == 201
 
 
 def queued(page: Page) -> str:
-    """The box that the queue shows, by its sender's name."""
+    """The sender's id of the box that the queue shows."""
     return page.locator(".inspector__head h2").inner_text().split()[-1]

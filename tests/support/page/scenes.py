@@ -1,6 +1,7 @@
-"""A street of one car, drawn so that every verdict occurs and its pixels are known.
+"""A drawn street with one car, in which every verdict occurs and all pixels are known.
 
-The picture is one even grey, so that whatever else is on the stage was drawn there.
+The picture is plain grey, so that all other colours on the stage were drawn by the
+page.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def tags() -> np.ndarray:
     scene[150:] = palette.tag_of("Road")
     _fill(scene, CAR, palette.tag_of("Car"))
     _fill(scene, HALF_HIDDEN, palette.tag_of("Vegetation"))
-    # 4 % of the box: 100 x 4 of its 100 x 100 pixels
+    # 4 % of the box: 100 x 4 of its 100 x 100 pixels show a car
     _fill(scene, (300, 228, 400, 232), palette.tag_of("Car"))
     _fill(scene, WALKER, palette.tag_of("Pedestrian"))
     return scene
@@ -84,7 +85,7 @@ def push(
     boxes: list[dict[str, Any]] | None = None,
     form: str = "palette",
 ) -> dict[str, Any]:
-    """Send one frame; the frame with its decisions as the server shows it."""
+    """Send one frame; returns it with its decisions, as the server shows it."""
     place = {"x": 0, "y": 0, "z": 0}
     camera = {"width": WIDTH, "height": HEIGHT, "fov": 90, "transform": place}
     annotation = {
@@ -106,7 +107,7 @@ def push(
 
 
 def decide(api: httpx.Client, dataset: str, config: Mapping[str, object]) -> None:
-    """A run that is over when this returns."""
+    """Start a run with this configuration, and wait until it is done."""
     body = {"config": config, "activate": True}
     answer = api.post(f"/datasets/{dataset}/runs", json=body)
     assert answer.status_code == 202, answer.text
@@ -125,19 +126,19 @@ def get(api: httpx.Client, path: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Scene:
-    """A dataset of the test's own and its first frame."""
+    """A dataset that only this test uses, and its first frame."""
 
     api: httpx.Client
     dataset: str
     frame: dict[str, Any]
 
     def box_id(self, name: str) -> int:
-        """The server's id of the box that the sender called so."""
+        """The server's id of a box, by the sender's id."""
         found: int = self._box(name)["box_id"]
         return found
 
     def review(self, name: str) -> Any:
-        """What the server has stored as the latest answer; None without one."""
+        """The latest answer on a box that the server has stored; None without one."""
         return scenes.get(self.api, f"/boxes/{self.box_id(name)}")["review"]
 
     def revision(self, name: str) -> int:
@@ -146,17 +147,17 @@ class Scene:
         return revision
 
     def link(self, name: str = "", **query: str) -> str:
-        """The address of the frame with a box selected."""
+        """The address of the frame, with the box `name` selected if it is given."""
         wanted = {**({"box": str(self.box_id(name))} if name else {}), **query}
         search = "&".join(f"{key}={value}" for key, value in wanted.items())
         return f"#/frames/{self.frame['id']}{'?' if search else ''}{search}"
 
     def decide(self, **config: object) -> None:
-        """Make a configuration the one that decides, and wait until it does."""
+        """Activate a configuration, and wait until its run is done."""
         scenes.decide(self.api, self.dataset, config)
 
     def push(self, key: str, **kwargs: Any) -> dict[str, Any]:
-        """One more frame."""
+        """Send one more frame to this dataset."""
         return scenes.push(self.api, self.dataset, key, **kwargs)
 
     def _box(self, name: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Reading what is really drawn on the stage."""
+"""Reads the pixels and the view of the stage, the canvas that shows a frame."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def view(page: Page) -> tuple[float, float, float]:
 
 
 def point(page: Page, x: float, y: float) -> tuple[float, float]:
-    """Where an image pixel is in the window."""
+    """The place in the window of a place in the image, in px."""
     scale, x0, y0 = view(page)
     corner = page.locator(".stage").bounding_box()
     assert corner is not None
@@ -48,7 +48,7 @@ def drawings(page: Page) -> int:
 
 
 def after_drawing(page: Page) -> None:
-    """Wait until what was asked for has been drawn."""
+    """Wait for two animation frames, by which all pending drawing is done."""
     page.evaluate(
         "() => new Promise((done) => requestAnimationFrame("
         "() => requestAnimationFrame(done)))"
@@ -56,7 +56,7 @@ def after_drawing(page: Page) -> None:
 
 
 def edge_runs(page: Page, xyxy: tuple[int, ...]) -> int:
-    """Separate strokes along a box's lower edge: one is solid, many are dashes."""
+    """How many strokes a box's lower edge has: 1 if solid, many if dashed."""
     scale, x0, y0 = view(page)
     base = layer(page, "base").astype(int)
     row = round(xyxy[3] * scale + y0)

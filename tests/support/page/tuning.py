@@ -1,4 +1,4 @@
-"""Boxes with a known match, and moving and reading histograms."""
+"""Makes boxes with a known match, and moves and reads the page's histograms."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from tests.support.page import scenes
 from tests.support.page.scenes import Scene
 
 LEFT, RIGHT = 40, 20
-"""The axis and the padding beside the plot, in px of the page."""
+"""The widths of the axis and of the padding beside the plot, in px of the page."""
 
 
 def car_at(share: int, index: int) -> dict[str, Any]:
-    """A box as large as the scene's car, moved up until `share` percent hold it."""
+    """A box of the size of the scene's car, moved up to match `share` percent."""
     x0, y0, x1, y1 = scenes.CAR
     up = (y1 - y0) * (100 - share) // 100
     return {
@@ -28,14 +28,14 @@ def car_at(share: int, index: int) -> dict[str, Any]:
 
 
 def applied_config(scene: Scene) -> dict[str, Any]:
-    """The keys that decide now."""
+    """The active configuration of the dataset."""
     answer = scene.api.get(f"/datasets/{scene.dataset}/config")
     config: dict[str, Any] = answer.json()["config"]
     return config
 
 
 def dragged(page: Page, handle: Locator, *, to: float) -> None:
-    """Take the handle with the mouse and leave it at a percentage."""
+    """Drag a handle of a threshold with the mouse to a percentage of its track."""
     own, track = handle.bounding_box(), handle.locator("..").bounding_box()
     assert own is not None
     assert track is not None
@@ -48,7 +48,7 @@ def dragged(page: Page, handle: Locator, *, to: float) -> None:
 
 
 def column(canvas: Locator, *, percent: float) -> int:
-    """How many colours there are in the middle of the bar at a percentage."""
+    """How many colours the histogram's bar at a percentage has."""
     drawn = canvas.screenshot()
     pixels = cv2.imdecode(np.frombuffer(drawn, np.uint8), cv2.IMREAD_COLOR)
     assert pixels is not None

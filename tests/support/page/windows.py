@@ -1,4 +1,4 @@
-"""Browser windows: how Chromium is started, sizes, and a person in front of one."""
+"""Starts Chromium, opens windows of several sizes, and acts as a user of the page."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ ARGUMENTS = (
     "--disable-component-update",
     "--disable-sync",
     "--no-first-run",
-    # One process for all windows that show the server: each would start its own.
+    # One process for all windows of the server: otherwise each starts its own.
     "--process-per-site",
 )
-# What is between the narrow and the wide, and dark, is looked at by the long tests.
+# Only the long tests look at the middle width, and at the dark scheme.
 SCHEMES = ["light", pytest.param("dark", marks=pytest.mark.long)]
 WIDTHS = [390, pytest.param(820, marks=pytest.mark.long), 1440]
 WIDE = ViewportSize(width=1440, height=900)
@@ -45,20 +45,20 @@ RE_SAVED = re.compile(r"savestate--saved")
 
 @dataclass
 class Visitor:
-    """A person with a browser window, signed in."""
+    """A user who is signed in, with a page in a browser window."""
 
     page: Page
     url: str
 
     def open(self, link: str) -> Page:
-        """Go somewhere and wait until it can be used."""
+        """Go to a view of the page; a frame's view is waited for until it is drawn."""
         self.page.goto(f"{self.url}/{link}")
         if link.startswith("#/frames/"):
             self.ready()
         return self.page
 
     def ready(self) -> None:
-        """The stage has been drawn with its picture."""
+        """Wait until the stage has drawn its picture."""
         stage = self.page.locator(".stage")
         expect(stage).to_have_attribute("data-picture", "shown")
         expect(stage).to_have_attribute("data-view", RE_VIEW)
@@ -69,7 +69,7 @@ class Visitor:
             self.page.keyboard.press(key)
 
     def saved(self) -> None:
-        """Every answer is on the server."""
+        """Wait until the page shows that every answer is saved on the server."""
         expect(self.page.locator(".savestate")).to_have_class(RE_SAVED)
 
 
@@ -78,12 +78,12 @@ RouteHandler = Callable[[Route], object]
 
 
 def kept_session(page: Page) -> Any:
-    """What the page has stored; None when nobody is signed in."""
+    """The session that the page has stored in the browser; None if signed out."""
     return page.evaluate("(key) => JSON.parse(localStorage.getItem(key))", SESSION_KEY)
 
 
 def lose_session(page: Page) -> None:
-    """From now on the server knows this window's session no more."""
+    """Replace this window's stored session by one that the server does not know."""
     page.evaluate(
         """(key) => {
           const kept = JSON.parse(localStorage.getItem(key));
@@ -94,7 +94,7 @@ def lose_session(page: Page) -> None:
     )
 
 
-# Answered by the server with 200, and by its route with 204.
+# The server answers this with 200, its route with 204.
 IS_ROUTED = "/healthz?routed"
 ASK_UNTIL_ROUTED = """async (address) => {
   while ((await fetch(address)).status !== 204);
@@ -102,11 +102,11 @@ ASK_UNTIL_ROUTED = """async (address) => {
 
 
 def route_loaded(page: Page, url: str | re.Pattern[str], handler: RouteHandler) -> None:
-    """Route what a document asks for that is loaded already, from now on.
+    """Route requests of a document that is already loaded.
 
-    `page.route` returns before a loaded document knows of its first route: what a busy
-    one asks for meanwhile goes past it. A document that is loaded later knows it from
-    the start.
+    `page.route` returns before a loaded document knows of its first route, so requests
+    of a busy document would go past it for a while. This waits until one is routed.
+    Documents that are loaded later know their routes from the start.
     """
     page.route(f"**{IS_ROUTED}", lambda route: route.fulfill(status=204))
     page.route(url, handler)
@@ -122,10 +122,10 @@ FILL = """() => {
     setItem.call(this, name, value);
   };
 }"""
-"""From now on this window's browser has no room for more."""
+"""Let the browser's storage refuse, from now on, all values that need more room."""
 
 
-# The page keeps nothing elsewhere in the browser.
+# Local storage is the only place in the browser where the page stores something.
 KEEP_ONLY = """(items) => {
   localStorage.clear();
   for (const { name, value } of items) localStorage.setItem(name, value);
@@ -135,21 +135,21 @@ OPTIONS: dict[str, Any] = {"viewport": WIDE, "reduced_motion": "reduce"}
 
 @dataclass(frozen=True)
 class Plain:
-    """The window of whoever asks for nothing special; a new page each time."""
+    """The window of tests without special wishes; each test gets a new page in it."""
 
     context: BrowserContext
     kept: Page
-    """Stays open, without a script: a window that loses its last page is no quicker."""
+    """Stays open: a window that lost its last page is slow to open another."""
 
     def page(self, state: StorageState) -> Page:
-        """A page of somebody who is signed in and has been nowhere yet."""
+        """A new page, signed in with this stored state, without an address yet."""
         (origin,) = state["origins"]
         self.context.clear_cookies()
         self.kept.evaluate(KEEP_ONLY, origin["localStorage"])
         return self.context.new_page()
 
     def leave(self) -> None:
-        """Take away what a test has left; each page takes its own things with it."""
+        """Undo what a test changed in the window, and close its pages."""
         self.context.set_offline(False)
         self.context.unroute_all()
         for page in self.context.pages:
@@ -159,7 +159,7 @@ class Plain:
 
 @contextmanager
 def launched() -> Iterator[Browser]:
-    """Chromium of the system, or Playwright's own."""
+    """Start Chromium: the system's, or else Playwright's own."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=system_chromium(), args=list(ARGUMENTS)
@@ -172,7 +172,7 @@ def launched() -> Iterator[Browser]:
 
 @contextmanager
 def new_context(browser: Browser, **options: Any) -> Iterator[BrowserContext]:
-    """A window of a size, a colour scheme, a person of its own."""
+    """Open a window with its own storage; `options` are those of Playwright."""
     context = browser.new_context(**{**OPTIONS, **options})
     context.set_default_timeout(15_000)
     yield context

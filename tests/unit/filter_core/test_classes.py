@@ -1,4 +1,4 @@
-"""Classes: what a blueprint is, and whose pixels count."""
+"""The class of each blueprint, and the tags that count for each class."""
 
 from __future__ import annotations
 

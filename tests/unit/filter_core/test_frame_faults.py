@@ -1,4 +1,4 @@
-"""Every kind of fault in a frame, its camera and its JSON, with the exact words."""
+"""Each fault of a frame, its camera or its JSON has the right pointer and message."""
 
 from __future__ import annotations
 
@@ -303,7 +303,7 @@ def test_of_many_faults_the_first_are_kept_and_the_others_counted(text, count):
 
 
 def test_a_fault_names_its_place_shortly():
-    """However long the keys are: there may be a hundred faults below each."""
+    """Long keys are cut, because there may be a hundred faults below each."""
     key = "k" * 100_000
     text = json.dumps({"boxes": [], key: {key: [NAN]}})
 

@@ -1,4 +1,4 @@
-"""JSON of strangers: what is refused before it is parsed, and that it takes no time."""
+"""Reading untrusted JSON: bad or oversized text is refused quickly, before parsing."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def test_oversized_json_is_refused_before_it_is_held(raw):
 
 
 HALFWAY = b"9007199254740993." + b"0" * 980 + b"1,"
-"""Between two floats: which one is nearer is only told by the last of its digits."""
+"""A number halfway between two floats: only its last digit decides which is nearer."""
 
 
 def test_numbers_that_take_long_to_read_are_refused_before_they_are_read():

@@ -1,4 +1,4 @@
-"""Many frames: in order, on any number of threads, and only a few at a time."""
+"""Filtering many frames locally: order, threads, reading ahead, and faults."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
 
 @pytest.fixture
 def folder(tmp_path):
-    """Twelve frames in YOLO form; of the fourth the segmentation is broken."""
+    """Twelve YOLO frames; the segmentation of the fourth is cut off."""
     files: dict[str, object] = {"classes.txt": "car\nwalker\n"}
     for number in range(12):
         files[f"images/{number:03}.png"] = None

@@ -1,4 +1,4 @@
-"""A folder's channels compared with a file of truths, or with its instances."""
+"""Evaluating frames locally against a file of truths or against their instances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One frame through the whole filter, as a library user calls it."""
+"""`filter_frame`: one frame through the whole filter, as users of the library do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Closed sets of words that types name, and the tables that describe each word."""
+"""The words in type hints are those of the enumerations and tables they stand for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A command that needs a PostgreSQL server gets one, and leaves none behind."""
+"""The program that runs a command with a PostgreSQL server, and then stops it."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def cluster() -> Iterator[Cluster]:
 
 @pytest.fixture
 def nobody(cluster: Cluster) -> Iterator[str]:
-    """The address of a server that does not run."""
+    """The address of a server that is stopped during the test."""
     cluster.stop()
     yield cluster.url
     cluster.start()
 
 
 def with_a_server(server: str, script: str) -> subprocess.Popen[str]:
-    """A script that is run with this server, or with one of its own."""
+    """Run a shell script with this server if it answers, or else with a new one."""
     module = "tests.support.postgres_cluster"
     return subprocess.Popen(
         [sys.executable, "-m", module, "sh", "-c", script],

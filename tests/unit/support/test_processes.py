@@ -1,4 +1,4 @@
-"""What is forked from the template is what Python would have started anew."""
+"""A process forked from the template behaves like a newly started interpreter."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ ENDS = {
 
 @pytest.fixture
 def both(tmp_path):
-    """Start a program forked, and anew; two processes."""
+    """A function that starts a program twice: forked, and in a new interpreter."""
 
     def begin(program, *words, **more):
         (tmp_path / "program.py").write_text(program)
@@ -101,7 +101,7 @@ def test_a_fork_takes_signals(both, number):
             process.send_signal(number)
             assert process.wait(60) == -number
             assert process.poll() == -number
-            process.kill()  # nobody is there any more, which is no error
+            process.kill()  # it has ended already, which is no error
 
 
 def test_two_forks_have_other_seeds(both):

@@ -1,4 +1,4 @@
-"""Without Node the page's checks are skipped on a machine at hand, never in CI."""
+"""Without Node the checks of the page are skipped locally, but fail in CI."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tests need of the system is installed with apt, where it is missing."""
+"""Programs that the tests need are installed with apt if they are missing."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from tests.support.sources import CHECKOUT
 from tools.ensure_programs import POSTGRESQL
 
-# An apt that notes what it is asked for, and installs it as an empty program.
+# An apt-get that logs its arguments, and installs an empty program.
 APT = """#!/bin/sh
 echo "$@" >>"$0.log"
 [ "$1" = install ] || exit 0
@@ -27,13 +27,13 @@ exec /usr/bin/"$@"
 """
 
 PROGRAM_OF = {"nodejs": "node", "postgresql": "initdb"}
-# Installed already where Debian keeps it outside the PATH.
+# PostgreSQL may be installed already, where Debian keeps it outside the PATH.
 SERVER = [] if any(POSTGRESQL.glob("*/bin/initdb")) else ["postgresql"]
 
 
 @pytest.fixture
 def programs(tmp_path: Path) -> Path:
-    """A folder with all programs of a machine: apt, and sudo for who is not root."""
+    """A folder with the only programs on the PATH: apt-get and (unless root) sudo."""
     for name, text in [("apt-get", APT), ("sudo", SUDO)]:
         (tmp_path / name).write_text(text)
         (tmp_path / name).chmod(0o755)
@@ -41,7 +41,7 @@ def programs(tmp_path: Path) -> Path:
 
 
 def ensure(programs: Path, **more: str) -> str:
-    """What is said of the programs in the end."""
+    """Run the tool with only these programs on the PATH; returns what it prints."""
     environ = {key: value for key, value in os.environ.items() if key != "CI"}
     return subprocess.run(
         [sys.executable, "-m", "tools.ensure_programs"],

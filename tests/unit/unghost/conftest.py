@@ -1,4 +1,4 @@
-"""A real HTTP server on a free port that answers what a test tells it to."""
+"""Fixtures: a scripted HTTP server, a client of it, and a port without a server."""
 
 from __future__ import annotations
 
@@ -26,6 +26,6 @@ def client(scripted: ScriptedServer) -> Iterator[Client]:
 
 @pytest.fixture
 def closed_port() -> Iterator[int]:
-    """A port of this machine on which nobody listens."""
+    """A port of this machine on which no program listens."""
     with reserved_port() as port:
         yield port

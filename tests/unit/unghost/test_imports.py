@@ -1,4 +1,4 @@
-"""Importing the client costs little: it runs where CARLA runs."""
+"""Importing the client loads no large modules, since it also runs where CARLA runs."""
 
 from __future__ import annotations
 

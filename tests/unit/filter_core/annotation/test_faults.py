@@ -1,4 +1,4 @@
-"""Every kind of fault in a box: its pointer, its code and its words."""
+"""Each fault of a box is reported with the right pointer, code and message."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def faults_of(raw, **options):
 
 
 def box_faults(box, **frame):
-    """Faults of a box that is the second of its frame and has the id 217."""
+    """The faults of a box that is the second of its frame, with id 217."""
     first = {"id": "a", "class": "car", "xyxy": [1, 2, 3, 4]}
     second = {"id": "217", "class": "car", **box}
     return [

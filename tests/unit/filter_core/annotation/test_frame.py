@@ -1,4 +1,4 @@
-"""From annotations to the rectangles that are measured."""
+"""Turning annotations into the 2D rectangles that the filter measures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Annotations that are in order: what is read, kept and given back."""
+"""Parsing valid annotations: accepted forms, defaults, and keys that are kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Configuration files: our own, the paper's published one, and hostile ones."""
+"""Loading configuration files: our keys, the paper's published file, invalid files."""
 
 from __future__ import annotations
 

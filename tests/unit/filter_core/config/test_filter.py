@@ -1,4 +1,4 @@
-"""The configuration: what it accepts, how it names itself, and what it refuses."""
+"""The filter's configuration: defaults, digests, limits, faults and JSON schema."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ NUMBERS = [
 
 
 def test_a_configuration_of_which_nothing_is_said_has_every_default():
-    """Which ones they are, and their order, is pinned with the digests."""
+    """The default values, and their order, are pinned in tests/pins."""
     defaults = {name: key.default for name, key in keys_of(FilterConfig).items()}
 
     assert FilterConfig().as_dict() == {**defaults, "classes": {}}
@@ -51,7 +51,7 @@ def test_lists_of_keys_begin_with_the_profile_and_what_classes_can_override():
 
 
 def test_what_classes_can_override_is_numbers():
-    """Otherwise arrays of values by class (`limits_by_class`) would lack a key."""
+    """Otherwise the arrays by class (`limits_by_class`) would lack a key."""
     allowed = {name: key.allowed for name, key in keys_of(ClassKeys).items()}
 
     assert {
@@ -69,7 +69,7 @@ def test_the_annotation_of_a_key_is_the_kind_of_number_that_it_allows():
 
 
 def test_the_digest_never_changes_for_the_same_configuration():
-    """Stored with every run: another value would orphan every stored decision."""
+    """It is stored with every run: stored decisions would lose their configuration."""
     digest = "02b9fd0b"
 
     assert FilterConfig().digest.startswith(digest)
@@ -78,7 +78,7 @@ def test_the_digest_never_changes_for_the_same_configuration():
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WithNewKey(FilterConfig):
-    """The keys of today and a new one."""
+    """A configuration with one more key than today's."""
 
     min_side: int = key(counted("pixels"), 2, "Shortest side of a box.")
 
@@ -125,10 +125,10 @@ FIRST_KEYS = {
     "lossy_segmentation": "refuse",
     "classes": {},
 }
-"""The keys that stored digests contain, also by default. Never add one."""
+"""The keys that every digest contains, even at their default. Never add one."""
 
 DEFAULTS_OF_NEW_KEYS: dict[str, object] = {}
-"""Of all other keys: the default of a new key, which must never change again."""
+"""The defaults of all later keys. Such a default must never change again."""
 
 
 def test_a_digest_by_default_is_that_of_the_first_keys():
@@ -136,9 +136,9 @@ def test_a_digest_by_default_is_that_of_the_first_keys():
 
 
 def test_the_default_of_a_new_key_never_changes():
-    """A digest leaves out a new key by default.
+    """A digest leaves out a new key that has its default.
 
-    With another default, one digest would stand for two configurations.
+    If that default changed, the same digest would mean two configurations.
     """
     new = {
         name: key.default
@@ -362,7 +362,7 @@ OTHER = {
     name: other_than(key.default, key.allowed)
     for name, key in keys_of(FilterConfig).items()
 }
-"""A value beside the default, for every key."""
+"""For every key, a valid value other than its default."""
 
 
 @pytest.mark.parametrize("name", keys_of(FilterConfig))
@@ -384,7 +384,7 @@ def test_accept_says_that_images_may_have_to_be_read_again():
 
 
 def boxes_of_all_sorts():
-    """Numbers of every channel around every default, for 500 boxes."""
+    """Evidence of 500 boxes with random numbers around the defaults of all channels."""
     random = np.random.default_rng(0)
     rows = range(500)
     counts = random.integers(0, 12, (4, len(rows)))

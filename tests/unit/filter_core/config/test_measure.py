@@ -1,4 +1,7 @@
-"""What measured numbers depend on; the digests themselves are in tests/pins."""
+"""Which keys change the measured numbers, and which measurements can be reused.
+
+The digests themselves are pinned in tests/pins.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ def measuring(**keys):
 
 
 def stored(config):
-    """As a measurement's row has it."""
+    """A configuration as the database stores it with a measurement."""
     plain = {**config.as_dict(), "sources": dict(config.reading.sources)}
     return json.loads(json.dumps(plain))
 
@@ -28,7 +31,7 @@ def stored(config):
     [
         {"threshold_small_box": 3},
         {"max_distance": 9, "min_visible_pixels": 7},
-        {"depth_tolerance": 2},  # nothing measures depth
+        {"depth_tolerance": 2},  # this configuration does not measure depth
         {"classes": {"van": {"threshold_big_box": 5}}},
     ],
 )
@@ -108,7 +111,7 @@ def test_a_measurement_travels_to_other_processes():
 @pytest.mark.parametrize("extra", [(), ("lidar",), ("ordered", "instance")])
 @pytest.mark.parametrize("evidence", ["auto", "depth", "depth_center", "instance"])
 def test_measurements_of_one_digest_refuse_the_same_depths(evidence, extra):
-    """Configurations that decide by different evidence can measure under one digest."""
+    """Configurations with different evidence can share one measurement's digest."""
     config = measuring(evidence=evidence).with_channels(extra)
     other = FilterConfig().measuring().as_measured(stored(config))
 

@@ -1,4 +1,4 @@
-"""Channels decide boxes that they have a number for, and say what they compared."""
+"""A channel decides a box if it has a number for it, and reports what it compared."""
 
 from __future__ import annotations
 

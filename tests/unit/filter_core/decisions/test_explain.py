@@ -1,4 +1,7 @@
-"""Sentences about decisions: true, and never rounded into a lie."""
+"""The sentence that explains a decision, and how its percentages are rounded.
+
+A percentage is never rounded to a value that would contradict the verdict.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
     Reason.HIDDEN_BY_INSTANCE: "instance",
     Reason.TOO_FEW_LIDAR_POINTS: "lidar",
 }
-"""The reasons that only channels give, and a channel that gives each."""
+"""Reasons that only channels give, each with one channel that gives it."""
 
 
 @pytest.mark.parametrize(
@@ -71,7 +74,7 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
             ),
             "rejected: 10 % of its pixels are Car, more than 10 % are needed",
         ),
-        (  # all of it lies under an ignore mask
+        (  # an ignore mask covers the whole box
             ExplainedBox(
                 Reason.BELOW_THRESHOLD, "car", threshold=10, accepted=("Car",)
             ),

@@ -1,4 +1,4 @@
-"""The rules: which one fires, the threshold that applied, and when it was close."""
+"""The rules of deciding: the reason given, the threshold applied, close decisions."""
 
 from __future__ import annotations
 

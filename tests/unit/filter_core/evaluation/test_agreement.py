@@ -1,4 +1,4 @@
-"""Kappa against textbooks, and what people said of the same boxes."""
+"""Cohen's kappa against textbook values, and agreement of people on the same boxes."""
 
 from __future__ import annotations
 

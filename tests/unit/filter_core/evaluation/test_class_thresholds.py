@@ -1,4 +1,4 @@
-"""Thresholds for every class from boxes whose truth is known."""
+"""Suggested thresholds for each class, from boxes whose true visibility is known."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CAR = {"class_index": 1, "match_percent": 70.0}
 
 
 def gathered(config=None):
-    """Frames whose classes stand in different orders."""
+    """A collector of two frames that list the same classes in different orders."""
     collector = TruthCollector(config or FilterConfig())
     poles = [POLE, POLE_IN_FRONT_OF_ONE, CAR]
     names = ("traffic_light", "car")

@@ -1,4 +1,4 @@
-"""Channels compared with the truth, box by box."""
+"""Evaluation: the verdicts of each channel are compared with the truth of each box."""
 
 from __future__ import annotations
 

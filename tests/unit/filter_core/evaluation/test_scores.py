@@ -1,4 +1,4 @@
-"""Scores and their intervals, against textbook values and slow definitions."""
+"""Precision, recall, F1 and their intervals, against textbooks and definitions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Suggested thresholds where one can see what the best one is."""
+"""Suggested thresholds for small sets of answers whose best threshold is obvious."""
 
 from __future__ import annotations
 
@@ -92,6 +92,6 @@ def test_the_interval_narrows_with_answers_and_is_always_the_same():
     assert many == again
     width = [found.interval[1] - found.interval[0] for found in (few, many)]
     assert width[1] < width[0] / 2
-    # Best is where keeping is as likely as half the best F1, 0.97: at 19.7 percent.
+    # F1 is best where the chance of keep is half the best F1 (0.97): at 19.7 percent.
     assert many.interval[0] < 19.7 < many.interval[1]
     assert {10.0, many.threshold} <= {point.threshold for point in many.curve}

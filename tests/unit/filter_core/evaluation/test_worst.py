@@ -1,4 +1,4 @@
-"""Which disagreements are listed, and in which order."""
+"""An evaluation lists the largest disagreements with the truth, largest first."""
 
 from __future__ import annotations
 

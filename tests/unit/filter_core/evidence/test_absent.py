@@ -1,4 +1,4 @@
-"""Evidence of which nothing was measured."""
+"""`absent` tables: every column holds the value that means "not measured"."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every kind of evidence accepts the same tags by the same mask."""
+"""All kinds of evidence interpret the mask of accepted tags in the same way."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MASKS = [
     1 << LAST_TAG,
     0b101 << 13,
     (1 << LAST_TAG + 1) - 1,
-    (1 << 63) - 1,  # with bits that no tag has
+    (1 << 63) - 1,  # also has bits of tags that do not exist
 ]
 
 
@@ -40,7 +40,7 @@ def expected(mask):
 
 
 def one_box_per_tag(mask):
-    """In an image of one row, pixel t has tag t, and box t is that pixel."""
+    """256 boxes of one pixel each, in an image of one row whose pixel t has tag t."""
     xyxy = np.array([[tag, 0, tag + 1, 1] for tag in range(256)], np.float64)
     return FrameBoxes.of(xyxy, ["car"] * 256, {"car": mask}, (256, 1))
 

@@ -1,4 +1,4 @@
-"""Whole frames judged by depth, instances, order and LiDAR."""
+"""Whole frames decided by depth, instances, order of distance and LiDAR."""
 
 from __future__ import annotations
 
@@ -206,7 +206,7 @@ def test_boxes_can_be_measured_without_an_annotation():
     assert found.owned_pixels.tolist() == [38 * 38, 0, NOT_MEASURED]
     assert found.explained_by.tolist() == [NOT_MEASURED, 0, NOT_MEASURED]
     assert found.instance_pixels.tolist() == [38 * 38, 0, 0]
-    # There is no camera, and no box has corners.
+    # Depth needs a camera and corners: there are none.
     assert found.depth_pixels.tolist() == [NOT_MEASURED] * 3
 
 
@@ -230,7 +230,7 @@ def test_boxes_that_were_left_out_are_not_measured():
 
     assert found is not None
     assert found.explained_by.tolist() == [NOT_MEASURED, 0]
-    # None of them has corners, so none has a depth or a volume.
+    # Depth and LiDAR need corners: no box has any.
     assert found.depth_pixels.tolist() == [NOT_MEASURED] * 2
     assert np.isnan(found.center_gap).all()
     assert found.lidar_points.tolist() == [NOT_MEASURED] * 2

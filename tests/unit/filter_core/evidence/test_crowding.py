@@ -1,4 +1,4 @@
-"""How much of a box one other like box covers."""
+"""Crowding: the largest share of a box that one other box of a like class covers."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Depth: metres from pixels, what is refused, and what a box has of its own depth."""
+"""Depth images: reading metres, refusing coarse files, counting a box's own pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Instances: reading them, and which one belongs to which box."""
+"""Instance images: reading them, and assigning each box its instance."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CARS = 1 << CAR
 
 
 def measured(tags, ids, xyxy, *, distance=None, accept=CARS, given=None):
-    """The numbers of some boxes in one instance image."""
+    """The instance channel's numbers of boxes in one image."""
     image = read_instances(instance_png(tags, ids))
     count = len(xyxy)
     boxes = FrameBoxes.of(xyxy, ["car"] * count, {"car": accept}, image.wh, distance)
@@ -35,7 +35,7 @@ def measured(tags, ids, xyxy, *, distance=None, accept=CARS, given=None):
 
 
 def two_cars() -> tuple[np.ndarray, np.ndarray]:
-    """A car of 6 x 4 px beside one of 3 x 4 px."""
+    """Tags and ids of two cars: one of 6 x 4 px (id 54321), one of 3 x 4 px (77)."""
     ids = np.zeros((6, 12), int)
     ids[1:5, 1:7], ids[1:5, 8:11] = 54_321, 77
     return np.where(ids > 0, CAR, 0), ids

@@ -1,4 +1,4 @@
-"""Semantic LiDAR files, and which of their points are in a box."""
+"""Point files: reading LiDAR, checking LiDAR and radar, counting points in boxes."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def test_a_file_that_is_not_what_its_header_says_is_refused(content, sensor, wor
 @pytest.mark.parametrize("blank", [" ", "\n", "\r\n", "\t\t"])
 @pytest.mark.parametrize("size", [1, 2, 5])
 def test_words_are_counted_where_portions_meet_as_they_are_read(blank, size):
-    """Words of several lengths, so that each of them is cut somewhere."""
+    """Words of several lengths, so that portions of the file end inside all of them."""
     points = 40_000 * size
     words = [f"{number % 10**size}" for number in range(points * 6)]
     text = header("ascii", points) + blank.join(words).encode()

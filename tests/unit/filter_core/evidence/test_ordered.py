@@ -1,4 +1,4 @@
-"""Order of distance: who owns a pixel."""
+"""The channel `ordered`: which box owns a pixel that several boxes cover."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from filter_core.evidence.silhouettes import AcceptedPixels, Silhouette
 
 
 def box(row, x0, x1, mask=None):
-    """The pixels x0 .. x1 - 1 of an image of one row."""
+    """A box of the pixels x0 to x1 - 1 of a single row; `mask`: the accepted ones."""
     pixels = np.ones((1, x1 - x0), bool) if mask is None else np.array([mask], bool)
     return AcceptedPixels(Silhouette(row, x0, 0, x1, 1), pixels)
 
@@ -21,7 +21,7 @@ def owned(boxes, distance, ids=None, wh=(20, 1)):
 
 
 def drawing(row, x0, y0, picture, centred=None):
-    """A box whose region is drawn: # is accepted."""
+    """A box whose accepted pixels are drawn as # in `picture`."""
     mask = np.array([[pixel == "#" for pixel in line] for line in picture])
     height, width = mask.shape
     own = None if centred is None else np.array(centred, bool)

@@ -1,4 +1,4 @@
-"""Evidence of boxes on small pictures."""
+"""Measuring boxes on small segmentations: pixels, matches, histograms, area."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ NAN = float("nan")
 
 
 def evidence(box, *, of="car", profile="paper", tags=PICTURE, ignore=None):
-    """What is measured of one box; twice, with and without the histogram."""
+    """Measure one box with and without the histogram, which must give the same."""
     boxes = frame_boxes([box], (tags.shape[1], tags.shape[0]), of)
     segmentation = segmentation_from_tags(tags, FAMILY)
     full, quick = (
@@ -169,7 +169,7 @@ def test_another_size_is_an_error_that_says_which(what):
 
 
 class TestPublishedCode:
-    """Profile `carlasimu`: bit for bit what the paper's authors published."""
+    """Profile `carlasimu` gives exactly the numbers of the paper's published code."""
 
     @pytest.mark.parametrize(
         ("box", "pixels", "matched", "percent"),
@@ -195,8 +195,8 @@ class TestPublishedCode:
 
     def test_counts_one_colour_even_if_the_family_does_not_have_it(self):
         rgb = painted(np.full((8, 20), 1, np.uint8))
-        rgb[0, 0] = (100, 40, 40)  # Fence of carlasimu's table and of carla-0.9.10
-        rgb[2:6, 2:6] = (0, 60, 100)  # Bus, which carla-0.9.10 does not have
+        rgb[0, 0] = (100, 40, 40)  # Fence in carlasimu's table and carla-0.9.10
+        rgb[2:6, 2:6] = (0, 60, 100)  # Bus, a tag that carla-0.9.10 lacks
         segmentation = read_segmentation(png(rgb))
         boxes = frame_boxes([(2, 2, 6, 6)], (20, 8), "bus", {"bus": 0})
 
@@ -215,7 +215,7 @@ class TestPublishedCode:
 
 
 class TestAmbiguity:
-    """(0, 0, 142) is Car in one family and Vehicle in the other."""
+    """The image fits two families: (0, 0, 142) is Car in one, Vehicle in the other."""
 
     AMBIGUOUS = png(painted(tag_image("ssss", ".cc.")))
 

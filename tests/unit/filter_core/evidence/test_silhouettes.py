@@ -1,4 +1,4 @@
-"""Outlines as pixels, drawn by hand."""
+"""The pixels that an outline touches or whose centres it holds, for simple shapes."""
 
 from __future__ import annotations
 

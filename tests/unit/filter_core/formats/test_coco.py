@@ -1,4 +1,4 @@
-"""COCO files as they are found: read image by image, dirt named, the rest survives."""
+"""Reading COCO files, also faulty ones: a fault is reported, other frames are read."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ def test_values_are_whole_wherever_a_piece_of_the_file_ends(tmp_path):
 
 
 def test_a_real_file_with_real_dirt_is_survived_and_reported():
-    """249 images share 193 ids: 57 are called "_semantic", with ten bad boxes."""
+    """Of its 249 images 57 are called "_semantic": one bad frame, and 192 good ones."""
     folder = shared("data/DanielHfnr_Carla-Object-Detection-Dataset")
 
     frames = read_source(folder, "coco")

@@ -1,4 +1,4 @@
-"""What holds for every format that there is: table, counts, bytes, memory."""
+"""Checks of every format: registration, counts, stable bytes, memory, file names."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tests.support.folders import write_files
 
 
 def test_every_module_of_a_format_is_in_the_list():
-    """A `Format` that a module declares and nobody lists could never be used."""
+    """A `Format` that is declared but not listed could never be used."""
     modules = [
         import_module(found.name)
         for found in iter_modules(formats.__path__, "filter_core.formats.")
@@ -75,13 +75,13 @@ def test_a_frame_without_boxes_is_in_every_format(name):
     told = b"".join(
         content for file, content in files.items() if file != "manifest.json"
     )
-    # A table has a row for each box, so a frame without boxes is only counted.
+    # Tables have a row for each box, so they only count a frame without boxes.
     assert b"one" in told or "decision_columns" in FORMATS[name].needs
 
 
 @pytest.fixture(scope="module")
 def growth(tmp_path_factory):
-    """How many bytes each format takes for a further frame."""
+    """The bytes by which each format's peak memory grows with each frame."""
     measured = subprocess.run(
         [
             sys.executable,
@@ -98,7 +98,7 @@ def growth(tmp_path_factory):
 
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
 def test_memory_does_not_grow_with_the_dataset(name, growth):
-    """A frame leaves a mark of its name behind, and nothing of its boxes."""
+    """Of a frame only a trace of its name stays in memory, nothing of its boxes."""
     assert growth[name] < 300
 
 
@@ -211,7 +211,7 @@ def test_a_folder_appears_whole_or_not_at_all(tmp_path):
 
 
 def write_into(folder, head):
-    """A YOLO export of one frame as a folder."""
+    """Export one frame as YOLO into a folder."""
     with folder_sink(folder) as sink:
         write_export("yolo", [frame("a", box(0))], sink, head, ExportOptions(split=1.0))
 

@@ -1,4 +1,4 @@
-"""Each format says what its own specification wants, to the letter."""
+"""The files of each export format follow the format's own specification exactly."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_kitti_takes_the_occlusion_that_depth_measured():
 
 
 def test_kitti_ignores_what_others_keep_under_its_keys():
-    """Both keys are free for everybody, so what stands there need not be KITTI's."""
+    """Any sender may use these keys, so their values need not be KITTI's."""
     given = {"kitti": {"alpha": "north", "dimensions": ["a", "b", "c"]}}
     beside = {"dontcare": [["left", "top", "right", "bottom"], [1, 2, 3, 4]]}
     made = frame("a", box(0, given=given), annotation=beside)

@@ -1,4 +1,4 @@
-"""KITTI folders: rectangles, 3D boxes in both directions, regions, calibrations."""
+"""Reading and writing KITTI: rectangles, 3D boxes, DontCare regions, calibrations."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_a_line_is_a_rectangle_with_what_kitti_says_besides(tmp_path):
         "location": [1.84, 1.47, 8.41],
         "rotation_y": 0.01,
     }
-    # The centre is half a height above the bottom; P2 stands 6 cm to the left.
+    # The centre is half a height above the bottom; P2's camera is 6 cm to the left.
     assert read.distance == pytest.approx(
         np.linalg.norm([1.84 + 0.0604, 1.47 - 0.945, 8.41 + 0.005]), abs=2e-3
     )
@@ -84,7 +84,7 @@ def test_a_line_with_only_a_3d_box_is_projected(tmp_path):
     made = frame_boxes_2d(parsed, (1224, 370))
 
     assert parsed.boxes[0].form == "vertices"
-    # KITTI's people drew the rectangle by hand, around the same pedestrian.
+    # KITTI's authors drew the rectangle around this pedestrian by hand.
     np.testing.assert_allclose(made.xyxy[0], [712, 143, 811, 308], atol=10)
 
 
@@ -104,7 +104,7 @@ def test_3d_boxes_are_the_same_in_kitti_s_words(yaw):
 
 
 def test_a_car_that_drives_ahead_has_kitti_s_heading():
-    """Ahead is -pi/2 and to the right 0: KITTI counts from the right, downwards."""
+    """KITTI's rotation_y is 0 to the right and -pi/2 straight ahead."""
     found = to_kitti_box(AHEAD, Camera.from_fov(800, 600, 90.0, HIGH))
 
     assert found.rotation_y == pytest.approx(-np.pi / 2)

@@ -1,4 +1,4 @@
-"""Folders are read whole: what belongs together is found, the rest is listed."""
+"""Reading folders: their layout is recognised, files matched, the rest listed."""
 
 from __future__ import annotations
 
@@ -314,7 +314,7 @@ def test_a_layout_is_recognised_by_its_files(tmp_path, files, layout):
 
 
 def test_files_of_several_layouts_are_asked_about_in_one_order(tmp_path):
-    """A manifest settles it, then KITTI's folders, then carlasimu's."""
+    """A manifest comes first, then KITTI's folders, then carlasimu's."""
     undecided = {"a.xml": "", "a.txt": "", "data.yaml": NAMES, "a.json": EMPTY_COCO}
     write_files(tmp_path, undecided)
     with pytest.raises(LayoutError, match="could be voc or yolo or coco;"):
@@ -329,7 +329,7 @@ def test_files_of_several_layouts_are_asked_about_in_one_order(tmp_path):
 
 
 def test_labels_that_nobody_can_read_are_not_left_out_in_silence(tmp_path):
-    """Images beside labels without class names are no layout until one is named."""
+    """Images with YOLO labels but no class names have no layout unless it is named."""
     write_files(tmp_path, {"images/1.png": None, "labels/1.txt": YOLO_LINE})
 
     assert possible_layouts(tmp_path) == ()

@@ -1,4 +1,4 @@
-"""The manifest: a line is a frame, and a bad line is only its own problem."""
+"""Reading manifests: each line is a frame, and a bad line does not stop the others."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""What others read: pycocotools itself, and the rules of tools too large to install.
+"""Exports are readable by other tools: pycocotools, and rules of larger tools.
 
-`make readers` runs Ultralytics, supervision and Datumaro on an export.
+Tools that are too large to install here are replaced by their rules. `make readers`
+runs Ultralytics, supervision and Datumaro themselves on an export.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ KEYS = ["Town05_1.5km", "a/000001", "a/000002", "straße 7", "empty", "IMG.v2"]
 
 
 def street(*, empty="empty"):
-    """Frames with boxes of every class, one of them cut, and one frame without."""
+    """Six frames with boxes of every class; the frame `empty` has none."""
     generator = np.random.default_rng(5)
     for number, key in enumerate(KEYS):
         corners = generator.uniform(0, 60, (0 if key == empty else 5, 2))
@@ -86,12 +87,15 @@ def test_pycocotools_does_not_count_what_is_to_be_ignored(tmp_path, capsys):
     scored.summarize()
     capsys.readouterr()
 
-    # Counted as an object, the better-scored ghost would be a false positive.
+    # If it counted as an object, the ghost would be a false positive.
     assert scored.stats[0] == pytest.approx(1.0)
 
 
 def ultralytics_labels(root):
-    """A YOLO dataset as `check_det_dataset` and `verify_image_label` look at it."""
+    """Check a YOLO dataset by the rules of Ultralytics; yields each label's values.
+
+    They are those of its `check_det_dataset` and `verify_image_label`.
+    """
     data = yaml.safe_load((root / "data.yaml").read_text("utf-8"))
     assert "path" not in data
     assert list(data["names"]) == list(range(len(data["names"])))

@@ -1,4 +1,4 @@
-"""Images with their segmentations: told by a folder or by the end of a name."""
+"""The layout `pairs`: segmentations are found by their folder or the name's end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A folder in, filtered, a folder out, and read again: only the ghosts are gone."""
+"""Read a folder, filter it, export it, read it again: only the ghosts are missing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LABELS = "0 0.3765625 0.42083333 0.496875 0.49166667\n1 0.8125 0.79 0.125 0.25\n
 
 
 def filtered_folder(source):
-    """The frames of a folder as the local filter leaves them, ready for export."""
+    """The frames of a folder after filtering, ready for export."""
     frames = read_source(source)
     return export_sources(frames, FilterConfig(), measure=True)
 

@@ -1,4 +1,4 @@
-"""Pascal VOC files: their corners, their size, and what is wrong with them."""
+"""Reading Pascal VOC files: corners, sizes, and messages about faults."""
 
 from __future__ import annotations
 

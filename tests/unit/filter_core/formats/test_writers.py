@@ -1,4 +1,4 @@
-"""What is exported: YOLO that trains as it is, decisions, and counts that add up."""
+"""Exports of YOLO and of decisions: files, chosen boxes, counts and safe names."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def manifest_of(files):
 
 
 def fates(counts):
-    """What became of boxes, without how they were judged."""
+    """Only the counts of what became of the boxes, without their verdicts."""
     return {name: counts[name] for name in ("in", "out", "dropped", "clipped")}
 
 

@@ -1,4 +1,4 @@
-"""Rectangles: forms, Algorithm 1 in both profiles, and the pixels they touch."""
+"""Rectangles: their forms, their correction (Algorithm 1), the pixels they touch."""
 
 from __future__ import annotations
 

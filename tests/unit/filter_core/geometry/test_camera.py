@@ -1,4 +1,4 @@
-"""Cameras and poses: CARLA's own matrices, every way to write them, and bad ones."""
+"""Cameras and transforms: CARLA's matrices, all ways to write them, and faults."""
 
 from __future__ import annotations
 

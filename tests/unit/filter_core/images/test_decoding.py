@@ -1,4 +1,4 @@
-"""Colour images decoded in steps and by OpenCV: the same pixels and faults."""
+"""Colour images: the fast way of decoding gives the pixels and faults of OpenCV."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PIXELS = RNG.integers(0, 256, (HEIGHT, WIDTH, 4), np.uint8)
 STREET = RNG.integers(0, 256, (300, 400, 3), np.uint8)
 PASSES = [(0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4)]
 PASSES += [(2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1)]
-"""First row, first column, and the steps to the next, of an interlaced PNG."""
+"""First row and column, and steps in both, of each pass of an interlaced PNG."""
 
 
 def chunk(kind: bytes, body: bytes) -> bytes:
@@ -36,7 +36,7 @@ def chunk(kind: bytes, body: bytes) -> bytes:
 
 
 def rows(pixels: np.ndarray, filters=b"\0") -> bytes:
-    """Rows as a PNG has them; filters, taken in turns, are 0, 1 or 2."""
+    """Pixels as the filtered rows of a PNG; `filters` (0, 1 or 2) are used in turns."""
     zeros = np.zeros_like(pixels)
     left, above = zeros.copy(), zeros.copy()
     left[:, 1:], above[1:] = pixels[:, :-1], pixels[:-1]
@@ -63,7 +63,7 @@ def framed(pixels, form: bytes, *bodies: bytes, extra: tuple[bytes, ...] = ()) -
 
 
 def filtered(pixels, filters, pieces=1, kept=slice(None)) -> bytes:
-    """A PNG with these filters, its pixels in so many pieces; `kept` of the rows."""
+    """A PNG with these filters, its data in `pieces` chunks, and `kept` of its rows."""
     body = zlib.compress(rows(pixels, filters)[kept])
     size = -(-len(body) // pieces)
     bodies = [body[start : start + size] for start in range(0, len(body), size)]
@@ -139,7 +139,7 @@ def test_a_file_has_the_same_pixels_whoever_decodes_it(content, order):
 
 @contextmanager
 def watching_opencv():
-    """What OpenCV is given to decode."""
+    """Collect the files that OpenCV is given to decode."""
     asked = list[bytes]()
 
     def decode(content, flags):
@@ -156,7 +156,7 @@ def test_files_of_carla_and_opencv_are_decoded_the_fast_way(name):
     with watching_opencv() as asked:
         decoded(FILES[name], "rgb")
 
-    # What OpenCV gets is not compressed: one last block, or more, after zlib's header.
+    # OpenCV gets uncompressed data: after zlib's header, stored blocks.
     stored = [re.search(rb"IDAT\x78\x01[\0\1]", one) for one in asked]
     assert [bool(one) for one in stored] == ([] if name in IN_STEPS else [True])
 
@@ -291,7 +291,7 @@ def test_a_rotation_in_exif_turns_no_decoded_picture():
 
 
 def with_more_pixels(color_type, depth, interlaced, more, wh=(WIDTH, HEIGHT)):
-    """A PNG of zeros that inflates to so many bytes more than its header says."""
+    """A PNG of zeros that inflates to `more` bytes more than its header says."""
     head = struct.pack(">IIBBBBB", *wh, depth, color_type, 0, 0, interlaced)
     width, height = wh
     header = PngHeader(width, height, depth, color_type, bool(interlaced))
@@ -309,7 +309,7 @@ KINDS += [(INDEXED, 4), (INDEXED, 8), (4, 8), (4, 16), (RGBA, 8), (RGBA, 16)]
 @pytest.mark.parametrize("interlaced", [0, 1])
 @pytest.mark.parametrize(("color_type", "depth"), KINDS)
 def test_no_more_is_inflated_than_the_header_says(color_type, depth, interlaced):
-    """What follows would be inflated as well, a thousand times its size."""
+    """Decoders would also inflate what follows, to a thousand times its size."""
     for wh in ((WIDTH, HEIGHT), (1, 1), (3, 9)):
         whole = with_more_pixels(color_type, depth, interlaced, 0, wh)
         short = with_more_pixels(color_type, depth, interlaced, -1, wh)
@@ -326,7 +326,7 @@ def test_no_more_is_inflated_than_the_header_says(color_type, depth, interlaced)
 
 
 def test_pixels_that_are_longer_than_uncompressed_ones_are_refused():
-    """Empty blocks, or a bomb: no encoder writes more than it was given."""
+    """No encoder writes more than the raw pixels: it is a bomb, or empty blocks."""
     bomb = with_more_pixels(RGB, 8, 0, 200_000_000)
 
     with pytest.raises(ImageError, match="when they are not compressed"):

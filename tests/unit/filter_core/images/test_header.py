@@ -1,4 +1,4 @@
-"""What is believed of a file before anything is decoded."""
+"""Reading an image's header, and refusing bad files, before anything is decoded."""
 
 import struct
 import time
@@ -145,7 +145,7 @@ def segment(marker, body=b""):
 
 
 def frame(marker=0xC0, wh=(5, 3), channels=3, depth=8):
-    """The header of a frame."""
+    """A JPEG's frame header (SOF)."""
     size = struct.pack(">BHHB", depth, wh[1], wh[0], channels)
     return segment(marker, size + b"\x01\x11\x00" * channels)
 
@@ -160,7 +160,7 @@ NOTE = segment(0xFE, b"a note")
 
 
 def test_a_decoder_is_never_led_past_what_the_header_reader_sees():
-    """0xFF 0x00 is no marker: libjpeg goes on at the next one, inside of the length."""
+    """0xFF 0x00 is no marker: libjpeg searches on, inside what looks like a segment."""
     hidden = cv2.imencode(".jpg", np.zeros((1000, 1000, 3), np.uint8))[1].tobytes()
     start, pixels = hidden.index(b"\xff\xdb"), hidden.index(b"\xff\xda")
     inner = hidden[start : pixels + 20]

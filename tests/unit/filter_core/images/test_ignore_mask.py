@@ -1,4 +1,4 @@
-"""Pixels that never count, from a picture or from polygons."""
+"""Ignore masks, from an image or from polygons: pixels that never count."""
 
 import numpy as np
 import pytest

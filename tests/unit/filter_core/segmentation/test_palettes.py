@@ -1,4 +1,4 @@
-"""Tag, name and colour of every family, against the table read from CARLA's clients."""
+"""Tags, names and colours of each palette family, against CARLA's own tables."""
 
 import json
 

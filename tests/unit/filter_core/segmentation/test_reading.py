@@ -1,4 +1,4 @@
-"""Segmentations of every form are read, and what cannot be trusted is refused."""
+"""Reading segmentations of every encoding, and refusing those that are unreliable."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ TERRAIN_BEFORE_0_9_14 = (145, 170, 100)
 
 
 def rows(*rgb: tuple[int, int, int], width: int = 10) -> np.ndarray:
-    """A picture with one row of each colour."""
+    """An image with one row of each colour."""
     return np.repeat(np.array(rgb, np.uint8)[:, None, :], width, axis=1)
 
 

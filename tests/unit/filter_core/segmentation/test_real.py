@@ -1,4 +1,4 @@
-"""Segmentations that other people wrote with CARLA, with what went wrong in them."""
+"""Segmentations that other people recorded with CARLA, with their mistakes."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_raw_tags_in_the_blue_channel_are_recognised_and_prove_their_family():
     recognised = (found.family, found.encoding, found.channel_order)
     assert recognised == ("carla-0.9.14", "raw", "bgr")
     assert (found.unknown_pixels, found.tags.shape) == (0, (720, 1280))
-    # As many as the blue channel has of each number.
+    # The blue channel of the file has these tags this often.
     assert np.bincount(found.tags.ravel())[[1, 3, 14]].tolist() == [
         130584,
         550598,
@@ -52,7 +52,7 @@ def test_the_swapped_instance_image_has_the_tags_of_the_semantic_one():
     )
 
     semantic = read_segmentation(content(f"{SWAPPED}/semantic_id_r.png"))
-    # CARLA's semantic camera looks through glass and leaves, its instance one does not.
+    # CARLA's semantic camera sees through glass and leaves, its instance camera not.
     assert (instances.tags == semantic.tags).mean() > 0.95
 
 

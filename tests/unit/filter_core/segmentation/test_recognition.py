@@ -1,4 +1,4 @@
-"""Which family and channel order the colours that occur belong to."""
+"""Recognising the palette family and the channel order from an image's colours."""
 
 import pytest
 
@@ -19,7 +19,7 @@ SKY = ROCK[::-1]
 
 
 def street(*colors, order="rgb"):
-    """The codes of a street's colours and of some more."""
+    """The codes of the colours of a street, and of `colors`."""
     palette = palette_of("carla-0.9.14")
     rgb = [palette.tags[palette.tag_of(name)].rgb for name in STREET]
     return [CODE_OF[packed(color, order)] for color in (*rgb, *colors)]

@@ -1,4 +1,4 @@
-"""Who decides how a segmentation is read, and what happens when two disagree."""
+"""Several sources may say how to read a segmentation; contradictions are refused."""
 
 import numpy as np
 import pytest

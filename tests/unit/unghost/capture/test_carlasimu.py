@@ -54,7 +54,7 @@ FILES: dict[str, dict[str, Any]] = {
 
 @pytest.fixture
 def folder(tmp_path):
-    """carlasimu's seven files."""
+    """A folder with the seven configuration files of carlasimu."""
     for name, content in FILES.items():
         write(tmp_path, name, content)
     return tmp_path

@@ -1,4 +1,4 @@
-"""Where the demo keeps its street, before any server has made the folder."""
+"""The demo creates its data folder for its owner alone, before a server runs."""
 
 from __future__ import annotations
 

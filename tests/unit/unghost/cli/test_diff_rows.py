@@ -1,4 +1,4 @@
-"""What `unghost diff` shows of an answer: no numbers that nobody counted."""
+"""The rows of `unghost diff`: numbers that the server did not send stay empty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every expected error has an exit code and a sentence; only a bug has a traceback."""
+"""Each expected error has an exit code and a message; only bugs have a traceback."""
 
 from __future__ import annotations
 

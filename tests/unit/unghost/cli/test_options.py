@@ -1,4 +1,4 @@
-"""Options take the words of the library, which is loaded only to work with it."""
+"""Options accept the library's words, but help does not import the library."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_an_option_takes_the_words_of_the_table_that_owns_them(command, option, 
 def test_help_lists_every_layout_and_format(command, words):
     listed = f"{', '.join(words[:-1])} or {words[-1]}."
 
-    # Without white space: lines end anywhere, also inside of a longer name.
+    # Compared without white space: help breaks lines anywhere, even within a name.
     help_text = run(command, "--help").output
     assert "".join(listed.split()) in "".join(help_text.split())
 
@@ -94,11 +94,11 @@ def test_a_command_that_measures_nothing_starts_without_the_library(words, tmp_p
         capture_output=True,
         text=True,
         cwd=tmp_path,
-        # Nobody answers there.
+        # No server answers at this address.
         env={"HOME": str(tmp_path), "UNGHOST_SERVER": "http://127.0.0.1:1"},
     )
 
-    # Typer itself reads arguments with pydantic.
+    # pydantic may be loaded: Typer itself uses it to read arguments.
     assert set(answer.stdout.split()).isdisjoint({*HEAVY} - {"pydantic"})
 
 

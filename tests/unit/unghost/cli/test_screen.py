@@ -1,4 +1,4 @@
-"""Data goes to standard output, everything else to standard error."""
+"""`Screen` writes data to standard output, and all else to standard error."""
 
 from __future__ import annotations
 

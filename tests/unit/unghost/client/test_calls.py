@@ -1,4 +1,4 @@
-"""A call is described once; the client's methods are what it says."""
+"""The client's methods: docstrings, parameters, pages, and unreadable answers."""
 
 from __future__ import annotations
 

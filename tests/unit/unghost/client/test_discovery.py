@@ -1,4 +1,4 @@
-"""The server and its token are found by rules that people can rely on."""
+"""How the client finds the server's address and its token, in a fixed order."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LOCAL = "http://127.0.0.1:8000"
 
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty home, in which the current folder is."""
+    """An empty home folder that is also the current folder."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -1,4 +1,4 @@
-"""A download appears whole or not at all, and goes on where it stopped."""
+"""Downloads: interrupted ones are resumed, and only a complete file appears."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every answer that is not a success becomes the exception that says what it is."""
+"""Each failed or unreadable answer raises the exception that describes it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A token that was found is shown to no other user's program on the server's port."""
+"""A token found on disk is not sent if another user's program has the port."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or os.geteuid() != 0,
     reason="needs Linux, and root to start programs of other users",
 )
-# Tells its port, then the Authorization header of each request, one a line.
+# Prints its port, then the Authorization header of each request on a line.
 LISTENER = """
 import http.server, socket, sys
 class Handler(http.server.BaseHTTPRequestHandler):
@@ -52,7 +52,7 @@ class Listener:
     port: int
 
     def heard(self) -> list[str]:
-        """What it was shown, until now; ends it."""
+        """End the listener, and return the Authorization headers that it received."""
         self.process.kill()
         assert self.process.stdout is not None
         heard = self.process.stdout.read().split("\n")[:-1]
@@ -65,7 +65,7 @@ Listen = Callable[..., Listener]
 
 @pytest.fixture
 def listen() -> Iterator[Listen]:
-    """Starts a listener of a user on a free port."""
+    """A function that starts a listener as a user, by default on a free port."""
     started: list[subprocess.Popen[str]] = []
 
     def start(uid: int, host: str = "127.0.0.1", port: int = 0) -> Listener:
@@ -74,7 +74,7 @@ def listen() -> Iterator[Listen]:
             ["/usr/bin/env", "python3", "-c", LISTENER, host, family, str(port)],
             user=uid,
             cwd="/",
-            # The interpreter of the tests may lie where others may not look.
+            # Other users may have no access to the interpreter that runs the tests.
             env={"PATH": "/usr/local/bin:/usr/bin:/bin"},
             stdout=subprocess.PIPE,
             text=True,
@@ -93,7 +93,7 @@ def listen() -> Iterator[Listen]:
 
 @pytest.fixture
 def token_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The token of a server of OWNER; no other is to be found."""
+    """The token file of a server of OWNER, the only token that can be found."""
     for name in ("UNGHOST_TOKEN", "UNGHOST_DATA", "UNGHOST_SERVER", "XDG_STATE_HOME"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", str(tmp_path))
@@ -113,7 +113,7 @@ def noted(url: str, token_file: Path) -> None:
 
 
 def connected(url: str, token: str | None = None) -> closing[Transport]:
-    """What a client of this server sends its calls by."""
+    """The transport of a client of this server, with the token that it finds."""
     retry = RetryPolicy(attempts=1)
     return closing(Transport(find_server(url, token), timeout=60, retry=retry))
 

@@ -1,4 +1,4 @@
-"""Calls are repeated when that is safe and may help, and not otherwise."""
+"""The client repeats a call only if that is safe and may help."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many frames travel in batches; each one's fate is known, whatever breaks."""
+"""`push` sends frames in batches, and reports what became of each, after faults too."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ def test_a_file_that_shrinks_under_way_costs_its_frame_alone(batches, client, tm
         yield from many(240)
         yield OutgoingFrame("a", {"boxes": []}, {"image": image})
         yield from (outgoing(f"after {number}") for number in range(9))
-        # 250 frames were looked at; the last fifty wait for their batch to be full.
+        # 250 frames were taken; the last fifty wait until their batch is full.
         image.write_bytes(b"pix")
         yield outgoing("last")
 
@@ -197,7 +197,7 @@ def test_a_file_that_shrinks_under_way_costs_its_frame_alone(batches, client, tm
 
     assert outcomes.pop("a") == "refused"
     assert set(outcomes.values()) == {"stored"}
-    # The others of its batch were sent again, so some of them twice.
+    # The rest of its batch was sent again, so the server got some frames twice.
     assert set(batches.keys) == set(outcomes)
 
 

@@ -1,4 +1,4 @@
-"""What waiting for a server's work says when the server goes away."""
+"""Waiting for runs and exports: restarts of the server, lost servers, Ctrl-C."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RUN |= {"config": "", "activate": False, "changed": 0, "created_by": "ada"}
 
 
 class Impatient(Screen):
-    """Of somebody who presses Ctrl-C when the first progress is shown."""
+    """A screen whose user presses Ctrl-C at the first progress."""
 
     @contextmanager
     def progress(self, *_):

@@ -1,4 +1,4 @@
-"""A short drive through every town, rendered once."""
+"""Fixture: the first frames of the demo's drive, rendered once for all tests."""
 
 from __future__ import annotations
 
@@ -12,5 +12,5 @@ FRAMES = 12
 
 @pytest.fixture(scope="session")
 def drive():
-    """The first frames of the demo, towns by turns."""
+    """The first twelve frames of the demo; the three towns take turns."""
     return [DecodedFrame(frame) for frame in StreetScene(0).frames(FRAMES)]

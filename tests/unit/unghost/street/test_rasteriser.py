@@ -1,4 +1,4 @@
-"""The z-buffer: every covered pixel once, by the nearest triangle."""
+"""The rasteriser draws each covered pixel once, from the nearest triangle."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def drawn(triangles):
 
 
 def slow_nearness(triangles):
-    """The definition: pixel by pixel, by the signs of three areas."""
+    """The definition, pixel by pixel: three areas' signs tell if a centre is inside."""
     nearest = np.zeros((HEIGHT, WIDTH))
     for corners in np.array(triangles, float):
         a, b, c = corners
@@ -39,7 +39,7 @@ def area(a, b, c):
     return (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
 
 
-# Off the grid, so that no edge meets a pixel's centre and there are no ties to settle.
+# Off the pixel grid, so that no edge goes through a pixel's centre.
 corner = st.tuples(
     st.integers(-8, 32).map(lambda n: n + 0.13170),
     st.integers(-8, 26).map(lambda n: n + 0.29314),

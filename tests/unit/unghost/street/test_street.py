@@ -1,4 +1,4 @@
-"""The rendered frames: consistent with each other and with the truth they come with."""
+"""The demo's rendered frames agree with each other and with their truth."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from unghost.street.sensors import GHOST_KINDS
 from unghost.street.street import StreetScene
 from unghost.street.towns import STYLES, build_town
 
-# A dozen rendered frames take a minute or two; tests/packaging tries the demo itself.
+# Rendering takes a minute or two; tests/packaging tries the demo itself.
 pytestmark = pytest.mark.long
 
 TRAFFIC_CLASSES = {
@@ -27,7 +27,7 @@ TRAFFIC_CLASSES = {
 
 @pytest.fixture(scope="module")
 def raw_frame():
-    """The drive's first frame from another scene, its segmentation as raw tags."""
+    """The drive's first frame, rendered again with raw tags as its segmentation."""
     return StreetScene(0, raw=True).render_frame(0)
 
 
@@ -168,10 +168,11 @@ def test_tight_visible_boxes_are_filled_as_in_real_recordings(drive):
 
 
 def _fill_if_unhidden(own, box, *, whole):
-    """The filled share of the tight rectangle, or of the `whole` box.
+    """The filled share of the tight rectangle, or of the `whole` box; a list.
 
-    Only of things whose pixels reach almost all sides of their box; the upright of a
-    traffic light does not count, so that its tags end above the ground.
+    The list is empty for things that something hides: their pixels do not reach almost
+    all sides of the box. The pole of a traffic light has other tags, so those of its
+    head may end above the ground.
     """
     rows, columns = own
     tight = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
@@ -197,7 +198,7 @@ def test_pixels_of_a_thing_lie_inside_its_3d_box(drive):
 
 
 def _outside_m(decoded, camera, own, box3d):
-    """How far the farthest of some pixels lies outside a box, metres."""
+    """How many metres the farthest of these pixels lies outside a box."""
     row, column = own
     depth = decoded.depth[row, column]
     right = (column + 0.5 - 640) / 640 * depth

@@ -1,4 +1,4 @@
-"""Projection of triangles: what is cut, what is left out, what is hidden."""
+"""Projecting triangles to the screen: clipping, hidden faces, and closed meshes."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_solids_are_closed_and_face_outwards(mesh):
     outwards = np.sum(plane * mesh.normals.sum(axis=1), axis=1)
     oriented = np.where(outwards[:, None] < 0, -plane, plane)
 
-    # Gauss: the areas of a closed surface add up to nothing, and enclose a volume.
+    # Gauss: the oriented areas of a closed surface add up to 0, and enclose a volume.
     assert oriented.sum(axis=0) == pytest.approx(np.zeros(3), abs=1e-9)
     assert np.sum(oriented * (a - a.mean(axis=0))) > 0
 

@@ -1,4 +1,4 @@
-"""The street as a dataset in a folder."""
+"""Writing the demo's street as a dataset: manifest, files, truth and progress."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from unghost.street.street import write_street
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """A dataset of one frame, and what was said while it was made."""
+    """The manifest of a dataset of one frame, and the progress that was reported."""
     folder, said = tmp_path_factory.mktemp("demo") / "street", []
     manifest = write_street(folder, 1, progress=lambda *step: said.append(step))
     return manifest, said

@@ -1,4 +1,4 @@
-"""Answers are checked where they are built, and not where they are read."""
+"""Response models are strict where they are built, and lenient where they are read."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from unghost.wire.model import (
 
 
 class Wheel(ResponseModel):
-    """A part of a part."""
+    """A model that is nested in another one."""
 
     side: Literal["left", "right"]
 
 
 class Car(ResponseModel):
-    """One of everything that an answer can hold."""
+    """A model with each kind of field that a response can have."""
 
     id: int
     class_name: str = Field(alias="class")
@@ -41,7 +41,7 @@ class Car(ResponseModel):
 
 
 class Order(RequestModel):
-    """What is asked for."""
+    """A model of a request."""
 
     cars: int = 1
 

@@ -1,4 +1,4 @@
-"""Results are read from JSON that an older or newer server wrote."""
+"""The client reads results of older and newer servers: missing and unknown keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wire's words are those of the library's and of the service's own tables."""
+"""The API's words are the same as in the library's and the service's own tables."""
 
 from __future__ import annotations
 
