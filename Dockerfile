@@ -1,4 +1,4 @@
-# The service in a container: docker compose up, then docker compose logs shows the login link.
+# The service in a container: run `docker compose up`; `docker compose logs` shows the login link.
 FROM python:3.12-slim AS build
 WORKDIR /source
 COPY . .
@@ -7,7 +7,7 @@ RUN python -m pip wheel --no-cache-dir --no-deps --wheel-dir /wheels .
 FROM python:3.12-slim
 LABEL org.opencontainers.image.title="Unghost" \
       org.opencontainers.image.licenses="Apache-2.0"
-# For PostgreSQL, S3 and a cluster of workers: --build-arg EXTRAS="[cluster,postgres,s3]".
+# For PostgreSQL, S3 and a cluster of workers, build with --build-arg EXTRAS="[cluster,postgres,s3]".
 ARG EXTRAS=""
 COPY --from=build /wheels /wheels
 RUN python -m pip install --no-cache-dir "$(ls /wheels/*.whl)$EXTRAS" && rm -r /wheels \

@@ -8,20 +8,21 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 PYTEST := $(BIN)/python -m pytest
-# A line with the variable itself would be run by `make -n test` as well.
+# Even `make -n test` runs a recipe line that contains $(MAKE); this variable avoids that.
 AGAIN := $(MAKE) --no-print-directory
-# Those that are marked as long, too, and no time-out that a few hours would meet.
+# Includes the tests that are marked as long; the time-out allows for hours.
 LONG := $(PYTEST) -m "" --capture=no --timeout=14400
-# A database of a server on which the tests make and drop others.
+# Any database of a server on which the tests may create and drop databases.
 DATABASE ?= postgresql+psycopg://postgres@127.0.0.1:5432/postgres
-# Hundreds of processes would compile all that they import, each anew.
+# With it, each of the tests' hundreds of processes would compile all that it imports again.
 unexport PYTHONDONTWRITEBYTECODE
 CODE := app filter_core unghost migrations tests benchmarks tools setup.py
-# Each stamp says that a step is done; touching what it depends on does it again.
+# Each of these files says that a step is done. The step is repeated if a file on which it
+# depends is newer.
 PROGRAM := $(VENV)/.program
 DEVELOPMENT := $(VENV)/.development
 CHROMIUM := $(VENV)/.chromium
-# More is installed where CI is set.
+# If CI is set, more programs are installed; that is another step.
 SYSTEM := $(VENV)/.system$(if $(CI),-ci)
 
 help: ## List the targets
@@ -38,7 +39,7 @@ setup: $(DEVELOPMENT) ## Install everything that development needs into .venv
 ifdef ARGS
 test: check
 endif
-test: $(CHROMIUM) $(SYSTEM) ## Set up and pass the checks and the tests, the browser's too
+test: $(CHROMIUM) $(SYSTEM) ## Set up, then run all checks and tests, also those in the browser
 ifdef ARGS
 	$(PYTEST) $(ARGS)
 else
@@ -51,7 +52,7 @@ test-postgres: $(CHROMIUM) $(SYSTEM) ## The tests with PostgreSQL in place of SQ
 
 check: lint types imports js ## Every check that runs no Python test
 
-fmt: $(DEVELOPMENT) ## Format the code and mend what can be mended by a machine
+fmt: $(DEVELOPMENT) ## Format the code and fix what ruff can fix
 	$(BIN)/ruff format $(CODE)
 	$(BIN)/ruff check --fix $(CODE)
 
@@ -71,7 +72,7 @@ js: ## Types and tests of the page's modules (where Node is installed)
 unit: $(DEVELOPMENT) ## The quick tests: no server, no browser
 	$(PYTEST) tests/unit tests/property $(ARGS)
 
-test-long: $(DEVELOPMENT) ## Kill, fuzz and compare with a model for hours; docs/reliability.md has the figures
+test-long: $(DEVELOPMENT) ## The long tests, for hours: kill servers, fuzz, compare with a model (docs/reliability.md)
 	$(PYTEST) -m long $(ARGS)
 	PROPERTY_EXAMPLES=100 $(LONG) tests/property $(ARGS)
 	FAILPOINTS=all GARBAGE_ROUNDS=100 KILL_ROUNDS=50 $(LONG) tests/durability $(ARGS)
@@ -83,7 +84,7 @@ test-long: $(DEVELOPMENT) ## Kill, fuzz and compare with a model for hours; docs
 browser: $(CHROMIUM) ## The review page in a real Chromium
 	$(PYTEST) tests/browser $(ARGS)
 
-bench: $(DEVELOPMENT) ## Measure; the figures of docs/benchmarks.md
+bench: $(DEVELOPMENT) ## Run all benchmarks (docs/benchmarks.md)
 	@for bench in $(notdir $(basename $(wildcard benchmarks/bench_*.py))); do \
 		echo "== $$bench"; $(BIN)/python -m benchmarks.$$bench $(ARGS) || exit 1; done
 
@@ -98,11 +99,11 @@ $(VENV)/.readers: | $(DEVELOPMENT)
 migrate: $(PROGRAM) ## Bring the data folder's database to the newest schema
 	$(BIN)/python -m tools.migrate
 
-docs: $(DEVELOPMENT) ## Write what the documentation repeats of the code, and check the rest
+docs: $(DEVELOPMENT) ## Generate the tables of the documentation from the code, and check the rest
 	$(BIN)/python -m tools.reference
 	$(PYTEST) tests/docs $(ARGS)
 
-screenshots: $(CHROMIUM) ## Take the pictures of the review page anew, from a demo of their own
+screenshots: $(CHROMIUM) ## Take the screenshots of the review page again, from a new demo
 	$(BIN)/python -m tools.screenshots $(ARGS)
 
 clean: ## Remove what make made; the data folders stay
@@ -113,7 +114,8 @@ $(SYSTEM): $(DEVELOPMENT) tools/ensure_programs.py
 	$(BIN)/python -m tools.ensure_programs
 	@touch $@
 
-# Order-only: an environment that is there is never thrown away because a script changed.
+# Without prerequisites, and only after `|` in those of others: an existing environment is not
+# replaced because a script has changed.
 $(VENV)/pyvenv.cfg:
 	@sh tools/make_venv.sh $(VENV)
 
@@ -122,8 +124,8 @@ $(PROGRAM): pyproject.toml setup.py | $(VENV)/pyvenv.cfg
 	@$(PIP) install --editable .
 	@touch $@
 
-# A recent pip takes less time to choose versions. Python compiles the modules that
-# are imported: most of these never are.
+# A recent pip chooses versions faster. Modules are not compiled here: most are never imported,
+# and Python compiles the others when they are.
 $(DEVELOPMENT): pyproject.toml setup.py | $(VENV)/pyvenv.cfg
 	@echo "Installing Unghost and its development tools into $(VENV) ..."
 	@$(PIP) install --upgrade pip
