@@ -1,4 +1,4 @@
-"""What every test shares: reproducible examples, a data folder, a real server."""
+"""Fixtures and settings for all tests: Hypothesis, data folders, databases, servers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.support.api import Api
 from tests.support.s3_server import KEYS, S3Server, s3_server
 from tests.support.servers import RunningServer, StartServer, running_server
 
-# Few, because every run tries others; `make test-long` tries more.
+# Few examples each time, since every run tries other ones; `make test-long` tries more.
 settings.register_profile(
     "machine",
     deadline=None,
@@ -29,7 +29,8 @@ settings.register_profile("ci", settings.get_profile("machine"), derandomize=Tru
 settings.load_profile("ci" if os.environ.get("CI") else "machine")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    # Started in the background: what the tests start is to be interrupted all the same.
+    # A shell starts programs in the background with SIGINT ignored, and their children
+    # inherit that. Some tests interrupt the programs that they start.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 StartApi = Callable[..., tuple[RunningServer, Api]]
@@ -37,7 +38,7 @@ StartApi = Callable[..., tuple[RunningServer, Api]]
 
 @pytest.fixture(scope="session", autouse=True)
 def _no_settings_from_outside() -> Iterator[None]:
-    """A developer's own UNGHOST_* variables never change the outcome of a test."""
+    """Remove UNGHOST_* variables of the environment, which would change the tests."""
     with pytest.MonkeyPatch.context() as patch:
         for name in [key for key in os.environ if key.startswith("UNGHOST_")]:
             patch.delenv(name)
@@ -46,7 +47,7 @@ def _no_settings_from_outside() -> Iterator[None]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What is about SQLite's own files has no meaning where there are none."""
+    """Skip tests marked `sqlite_files` when the tests run on another database."""
     for item in items:
         marker = item.get_closest_marker("sqlite_files")
         if marker is not None and databases.CHOSEN:
@@ -55,21 +56,21 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """What has been imported stays: the collector need not look at it again."""
+    """Exclude what has been imported from garbage collection, to save time."""
     gc.collect()
     gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _no_databases_left() -> Iterator[None]:
-    """Databases on a server go with the tests."""
+    """Drop all databases of the tests from the database server at the end."""
     yield
     databases.drop_all()
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _few_databases_at_a_time() -> Iterator[None]:
-    """Hundreds of them would fill the disk of a server."""
+    """Drop unused databases after each module: hundreds would fill a server's disk."""
     yield
     if databases.CHOSEN:
         databases.drop_unused()
@@ -77,7 +78,7 @@ def _few_databases_at_a_time() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def s3() -> Iterator[S3Server]:
-    """One server that speaks S3 for all tests; each makes its own buckets."""
+    """One S3 server for all tests; each test makes its own buckets."""
     with pytest.MonkeyPatch.context() as patch, s3_server() as running:
         for name in [key for key in os.environ if key.startswith("AWS_")]:
             patch.delenv(name)
@@ -96,16 +97,17 @@ def data_dir(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
-    """One server for all tests that only add to it; name your datasets apart."""
+    """One server for all tests that only add datasets, with names of their own."""
     with running_server(tmp_path_factory.mktemp("server") / "data") as running:
         yield running
 
 
 @pytest.fixture
 def start_server(data_dir: Path) -> Iterator[StartServer]:
-    """Starts a server of the test's own: `start_server(UNGHOST_MAX_PARTS="3")`.
+    """Starts a server for this test alone: `start_server(UNGHOST_MAX_PARTS="3")`.
 
-    Called again, it serves the same data folder; all are ended with the test.
+    A second call starts another server on the same data folder. All of them are stopped
+    after the test.
     """
     with ExitStack() as started:
 
@@ -117,7 +119,7 @@ def start_server(data_dir: Path) -> Iterator[StartServer]:
 
 @pytest.fixture
 def start_api(start_server: StartServer) -> Iterator[StartApi]:
-    """`start_server`, and a client of it that is an admin."""
+    """Starts a server as `start_server` does; gives it and a client of an admin."""
     with ExitStack() as opened:
 
         def start(**settings: str) -> tuple[RunningServer, Api]:

@@ -1,4 +1,7 @@
-"""A service at work: what the static rules say of its modules is looked at, too."""
+"""What the service's modules do with the database while it runs.
+
+The rules are checked against this record as well as against the source code.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from tests.support.live import live
 
 @pytest.fixture(scope="session")
 def acts(tmp_path_factory: pytest.TempPathFactory) -> Acts:
-    """What modules did with the database while every route was asked."""
+    """What each module did with the database during a walk over the API."""
     folder = tmp_path_factory.mktemp("at-work") / "data"
     with (
         live(folder) as service,

@@ -1,4 +1,4 @@
-"""What the product imports is what it declares, and nothing is declared for nothing."""
+"""The product declares the packages that it imports, and uses all that it declares."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ MODULE_OF = {
     "pyyaml": "yaml",
     "zlib-ng": "zlib_ng",
 }
-# The first versions without a known hole that somebody could reach from outside.
+# The first versions without a known vulnerability that requests could exploit.
 FLOORS = {
     "defusedxml": "0.7.1",
-    "h11": "0.16",  # chunks that are none
-    "python-multipart": "0.0.34",  # headers of parts without end
-    "starlette": "0.49.1",  # ranges in numbers
+    "h11": "0.16",  # malformed chunks
+    "python-multipart": "0.0.34",  # endless headers of parts
+    "starlette": "0.49.1",  # very many ranges
 }
 EXTRAS = ("parquet", "postgres", "s3", "cluster", "carla")
-# Used by name, never imported: uvicorn serves with them.
+# Never imported by the product: uvicorn finds them by name and uses them.
 NOT_IMPORTED = {"httptools", "uvloop"}
 
 
 def imported() -> set[str]:
-    """Top-level modules that the product imports, without its own and Python's."""
+    """The top-level modules of others that the product imports."""
     names = {
         name.split(".")[0]
         for source in python_sources(*PRODUCT)
@@ -52,7 +52,7 @@ def imports_of(node: ast.AST) -> list[str]:
 
 
 def declared(extra: str = "") -> set[str]:
-    """The modules of the packages that an installation or an extra brings."""
+    """The modules of the packages that the product, or this extra of it, declares."""
     requirements = metadata.requires("unghost") or []
     names = [
         re.split(r"[^\w.-]", requirement)[0].lower()

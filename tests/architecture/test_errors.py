@@ -1,4 +1,4 @@
-"""Every error that can be raised has an answer: a status and a code of its own tree."""
+"""Every error that the code can raise has a status, a stable code and a docstring."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from app.errors import AppError, DamagedFile
 from app.http.problems import STATUS
 from filter_core.errors import FilterError
 
-# What neither another request nor waiting can mend.
+# Errors that may have a status of 500: neither another request nor waiting helps.
 NOBODYS_FAULT = (AppError, DamagedFile)
 
 
@@ -26,7 +26,7 @@ def load_everything() -> None:
 
 
 def below(cls: type[Exception]) -> list[type[Exception]]:
-    """The class and everything derived from it."""
+    """The class and all classes derived from it."""
     return [cls, *(found for child in cls.__subclasses__() for found in below(child))]
 
 

@@ -1,4 +1,7 @@
-"""How often the code steps outside of types and rules: a number that only sinks."""
+"""How often the code uses `Any` or `cast`, or silences a tool; each has a maximum.
+
+The maxima are only ever lowered.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ import pytest
 from tests.support.sources import PYTHON, python_sources
 
 MOST: Final = {"app": 27, "filter_core": 10, "unghost": 17}
-"""`Any`, `cast`, ``type: ignore`` and ``noqa``: to be lowered when there are fewer."""
+"""The number of `Any`, `cast`, ``type: ignore`` and ``noqa`` in each package."""
 _WORDS: Final = frozenset({"Any", "cast"})
 _REMARK: Final = re.compile(r"\b(?:type: ignore|noqa)\b")
 _WITH_REASON: Final = re.compile(r"(?:# (?:type: ignore\[.+?\]|noqa: [\w, ]+) +)+# \S")
@@ -29,7 +32,7 @@ def test_fewer_and_fewer_escapes_from_the_types(package):
 
 
 def escapes(text: str) -> int:
-    """Uses of `Any` and `cast` that are no import, and remarks that silence a tool."""
+    """How often a text uses `Any` or `cast` (imports aside) or silences a tool."""
     count = 0
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         is_import = token.line.lstrip().startswith(("from ", "import "))
@@ -42,7 +45,7 @@ def escapes(text: str) -> int:
 
 @pytest.mark.parametrize("folder", PYTHON)
 def test_a_silenced_tool_has_a_reason(folder):
-    """That they name what they silence, mypy and ruff see to."""
+    """A comment gives the reason; mypy and ruff check that it names the rule."""
     silent = [
         f"{source.name}: {comment}"
         for source in python_sources(folder)
@@ -54,8 +57,8 @@ def test_a_silenced_tool_has_a_reason(folder):
 
 
 def comments(text: str) -> list[str]:
-    """The comments of a module, if one of them silences a tool."""
-    if not _REMARK.search(text):  # to find out is quicker than to read every comment
+    """The comments of a module; none if no word of it could silence a tool."""
+    if not _REMARK.search(text):  # quicker than reading the comments
         return []
     tokens = tokenize.generate_tokens(io.StringIO(text).readline)
     return [token.string for token in tokens if token.type == tokenize.COMMENT]

@@ -1,4 +1,4 @@
-"""No file names a folder of the machine or the person that wrote it."""
+"""No file holds a path of somebody's own machine."""
 
 from __future__ import annotations
 

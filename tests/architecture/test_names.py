@@ -1,4 +1,7 @@
-"""A name says what the thing is; these names say nothing."""
+"""Names of modules and packages mean something: none is called `utils` or the like.
+
+Also: imports are absolute, and every module of the product has a docstring.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Which room of the service may import which: the list below, and only downwards.
+"""Which part of the service may import which other part: only those below it.
 
-Each folder and each module directly below `app` is one room.
+A part, here called a room, is a folder or a module directly below `app`.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ LEVELS: Final = (
     {"incoming", "metrics"},
     {"addresses", "errors", "logs", "memory", "package", "security"},
 )
-"""From the top down: a room imports what stands below it, and nothing else."""
+"""The rooms from the top down: each may import only rooms of the lines below it."""
 
 
 def room_of(module: str) -> str:
-    """The part of a module's name that follows `app`; empty for `app` itself."""
+    """The room of a module: the part of its name after `app`; empty for `app`."""
     return module.partition(".")[2].partition(".")[0]
 
 
 def imported_rooms() -> set[tuple[str, str]]:
-    """Who imports whom, as pairs of rooms; what a function imports counts, too."""
+    """(importing room, imported room) of all imports, those in functions included."""
     pairs = set()
     for source in python_sources("app"):
         mine = room_of(source.name.removesuffix(".py").replace("/", "."))

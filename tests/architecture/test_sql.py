@@ -1,6 +1,7 @@
-"""Only queries build SQL; elsewhere are sessions and errors, no statements.
+"""Only modules of queries build and run SQL statements.
 
-No contract of import-linter says this: for it SQLAlchemy is one module.
+Other modules may import SQLAlchemy's sessions and errors, nothing that could build a
+statement. import-linter cannot check this: for it SQLAlchemy is one module.
 """
 
 from __future__ import annotations
@@ -10,15 +11,15 @@ from fnmatch import fnmatchcase
 
 from tests.support.sources import Source, python_sources
 
-# Opening, passing on and closing; nothing with which a statement could be written.
+# Names for connecting and for types and errors; none of them can build a statement.
 HARMLESS = {"URL", "Connection", "Engine", "Session", "event", "exc", "make_url"}
 HARMLESS_MODULES = ("sqlalchemy.exc",)
 HOLD_STATEMENTS = (
     *("app/db/*.py", "app/*/queries.py", "app/verdicts.py"),
     *("app/boxes/current.py", "app/boxes/filter.py", "app/boxes/orders.py"),
-    # Rows that are understood only with what surrounds them.
+    # Their statements are understood only together with the code around them.
     *("app/jobs/chunks.py", "app/jobs/leases.py"),
-    # Keeps its own rows of answers; takes away rows of all tables.
+    # The first one has a table to itself; the second one removes rows of all tables.
     *("app/http/idempotency.py", "app/maintenance/removals.py"),
 )
 STATEMENT = {"execute", "exec_driver_sql", "scalars", "scalar"}

@@ -1,4 +1,7 @@
-"""Every table has one owner: the room of the service that alone writes its rows."""
+"""Every table belongs to one room of the service, and only that room writes to it.
+
+A room is a folder or a module directly below `app`.
+"""
 
 from __future__ import annotations
 
@@ -25,16 +28,20 @@ OWNERS: Final = {
     "review": ("Review", "ReviewBatch", "Claim"),
     "runs": ("Run", "Flips"),
 }
-"""A row is read by whoever needs it, and written by one room."""
+"""The tables that each room writes; any room may read them."""
 DRIVEN: Final = {("jobs", "runs"), ("jobs", "exports")}
-"""Rooms that write tables of others: a job's state is in the row of its kind."""
+"""(room, table) where a room writes a table of another room.
+
+Jobs keep the state of a run or an export in the row of that run or export.
+"""
 CLEARING: Final = ("app/maintenance/removals.py", "app/maintenance/queries.py")
-"""Take away what a deleted dataset leaves in all tables, and blobs of no frame."""
+"""Modules that may delete rows of all tables: those of deleted datasets, and blobs
+that no frame uses."""
 ONE_DOOR: Final = {
     "app/boxes/current.py": ("Decision", "Tally"),
     "app/review/queries.py": ("Review", "ReviewBatch", "Claim"),
 }
-"""Tables that one module of their room writes, so that nobody counts in another way."""
+"""Tables that only one module of their room writes, so that counts have one rule."""
 WRITES: Final = frozenset(
     {"insert", "update", "delete", "upsert", "upsert_in"}
     | {"insert_rows", "insert_columns", "update_rows"}
@@ -44,12 +51,12 @@ WRITES: Final = frozenset(
 def written(source: Source) -> Iterator[str]:
     """The tables in which a module inserts, updates or deletes rows.
 
-    By a statement, also of a module (`sa.update`), or by setting a column of a row that
-    no other table has.
+    Found are statements (`update`, `sa.update`), and assignments to an attribute whose
+    name is that of a column in one table only.
     """
     for node in ast.walk(source.tree):
         if isinstance(node, ast.Call) and name_of(node.func) in WRITES:
-            # The table comes first, or after the session.
+            # The table is the first argument, or the second one after a session.
             named = [name_of(one) for one in node.args[:2]]
             yield from (name for name in named if name in TABLES)
         elif isinstance(node, ast.Assign | ast.AugAssign):
@@ -59,14 +66,14 @@ def written(source: Source) -> Iterator[str]:
 
 
 def name_of(node: ast.expr) -> str:
-    """The last part of a name; empty for any other expression."""
+    """The last part of a dotted name; empty for any other expression."""
     if isinstance(node, ast.Attribute):
         return node.attr
     return node.id if isinstance(node, ast.Name) else ""
 
 
 def columns_set(target: ast.expr) -> list[str]:
-    """The columns that an assignment sets, of an object that is not its own."""
+    """The columns that an assignment sets on another object than `self`."""
     parts = target.elts if isinstance(target, ast.Tuple) else [target]
     return [
         part.attr
@@ -79,7 +86,7 @@ def columns_set(target: ast.expr) -> list[str]:
 
 TABLES: Final = {mapper.class_.__name__ for mapper in Base.registry.mappers}
 SHARED_NAMES: Final = frozenset({"annotation", "until"})
-"""Columns whose names objects other than rows have as well."""
+"""Names of columns that are attributes of other objects than rows, too."""
 _COLUMNS: Final = [
     (column.key, mapper.class_.__name__)
     for mapper in Base.registry.mappers
@@ -91,7 +98,7 @@ TABLE_OF: Final = {
     for name, table in _COLUMNS
     if _HAVE[name] == 1 and name not in SHARED_NAMES
 }
-"""The only table that has a column of this name."""
+"""The table of each column name that only one table has."""
 
 
 def test_every_table_has_an_owner():

@@ -1,7 +1,7 @@
-"""What tests may know: the product's public names, and helpers in `tests/support`.
+"""Tests use only public names of the product, and helpers only from `tests/support`.
 
-They replace none of the product's names: what they want to go wrong goes wrong in a
-library, in a file or on a connection.
+They never replace a name of the product, for example by `monkeypatch`. To make
+something fail, they change a library, a file or a connection.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import pytest
 from tests.support.sources import PRODUCT, Source, python_sources
 
 REPLACE = {"setattr", "delattr", "__setattr__", "object"}
-"""Functions whose first argument gets another value for one of its names."""
+"""Functions that change an attribute of their first argument."""
 
 
 def imported(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """The line and the full dotted name of everything that a module imports."""
+    """(line, full dotted name) of everything that a module imports."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, one.name) for one in node.names)
@@ -28,7 +28,7 @@ def imported(tree: ast.Module) -> Iterator[tuple[int, str]]:
 
 
 def is_of_pytest(name: str) -> bool:
-    """Whether a dotted name leads into a file that pytest collects."""
+    """Whether a dotted name is that of something in a test module or a conftest."""
     return any(
         part == "conftest" or part.startswith("test_") for part in name.split(".")[:-1]
     )
@@ -39,7 +39,10 @@ def is_private(name: str) -> bool:
 
 
 def of_others(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Private names that a module imports, reads off something else, or patches."""
+    """(line, name) of private names that a module imports, reads or patches.
+
+    Its own attributes, such as `self._name`, do not count.
+    """
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
             names = [*(node.module or "").split("."), *(one.name for one in node.names)]
@@ -54,7 +57,7 @@ def of_others(tree: ast.Module) -> Iterator[tuple[int, str]]:
 
 
 def is_own(value: ast.expr) -> bool:
-    """Whether this is `self`, `cls` or `super()`; `os._exit` has no other name."""
+    """Whether this is `self`, `cls` or `super()`; or `os`, because of `os._exit`."""
     if isinstance(value, ast.Call):
         value = value.func
     return isinstance(value, ast.Name) and value.id in ("self", "cls", "super", "os")
@@ -66,7 +69,7 @@ def is_setattr(function: ast.expr) -> bool:
 
 
 def replaced(tree: ast.Module) -> Iterator[int]:
-    """Lines where a module or a class of the product gets other names."""
+    """The lines in which an attribute of something of the product is replaced."""
     ours = {
         name.asname or name.name
         for node in ast.walk(tree)

@@ -1,4 +1,7 @@
-"""Whoever opens a session ends it; what is given one does neither."""
+"""A function that is given a database session neither ends it nor opens another one.
+
+The exceptions are listed here.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +15,13 @@ ALLOWED = {
     "app/http/transaction.py:commit_and_respond",
     *("app/jobs/service.py:interrupt", "app/datasets/service.py:remove_dataset"),
 }
-"""Each says why."""
+"""Functions that may do so all the same; each explains it in its docstring."""
 LOOKS_AROUND = {"app.jobs.chunks", "app.jobs.queries"}
-"""A final step that takes long asks now and then whether its job is cancelled, and on
-PostgreSQL says how far it is: `Task` in `app.jobs.kind`."""
+"""Modules that may open a second transaction while another one writes.
+
+A final step of a job that takes long reads from time to time whether the job has been
+cancelled, and on PostgreSQL stores its progress: see `Task` in `app.jobs.kind`.
+"""
 
 
 def is_given_a_session(function):
@@ -27,7 +33,7 @@ def is_given_a_session(function):
 
 
 def oversteps(function):
-    """Whether it ends a session, or opens one beside that which it is given."""
+    """Whether a function ends a session, or is given one and opens another one."""
     given = is_given_a_session(function)
     calls = [
         (ast.unparse(node.func.value), node.func.attr)
@@ -54,6 +60,6 @@ def test_functions_with_a_session_leave_transactions_alone():
 
 
 def test_nobody_begins_a_transaction_within_one_that_writes(acts):
-    """Others wait to write meanwhile, and what it reads is another state."""
+    """Others wait to write meanwhile, and the inner one reads another state."""
     assert acts.writes
     assert acts.within <= LOOKS_AROUND

@@ -1,4 +1,7 @@
-"""Others' libraries that the page carries are exactly what their authors published."""
+"""Libraries of others that the page carries are byte by byte as published.
+
+Each has a record of its origin and its licence.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page in a real browser against the real server, with data sent over HTTP."""
+"""Fixtures of the browser tests: a browser, a real server, and data sent over HTTP."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.support.page.windows import (
 )
 from tests.support.servers import RunningServer
 
-# Busy machines are slow, not wrong; what is right is seen at once all the same.
+# Long enough for a busy machine; an expectation that holds ends the wait at once.
 expect.set_options(timeout=15_000)
 
 
@@ -43,7 +43,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="session")
 def api(server: RunningServer) -> Iterator[httpx.Client]:
-    """The server as a program sees it."""
+    """An HTTP client of the server's API, with the rights of an admin."""
     base = f"{server.url}/api/v1"
     with plain_http.Client(base_url=base, headers=server.headers, timeout=60) as client:
         yield client
@@ -51,7 +51,7 @@ def api(server: RunningServer) -> Iterator[httpx.Client]:
 
 @pytest.fixture
 def make_scene(api: httpx.Client) -> MakeScene:
-    """`make_scene(form="raw", boxes=[...])`: a new dataset with one frame."""
+    """Makes a new dataset with one frame: `make_scene(form="raw", boxes=[...])`."""
 
     def make(form: str = "palette", boxes: list[dict[str, Any]] | None = None) -> Scene:
         dataset = f"scene-{next(_numbers)}"
@@ -70,13 +70,13 @@ def scene(make_scene: MakeScene) -> Scene:
 
 @pytest.fixture(scope="session")
 def signed_in(server: RunningServer) -> StorageState:
-    """What signing in leaves in a browser; the sign-in itself has its own tests."""
+    """What the browser stores for somebody who is signed in as an admin."""
     return cast("StorageState", server.signed_in())
 
 
 @pytest.fixture(scope="session")
 def plain(browser: Browser, server: RunningServer) -> Iterator[Plain]:
-    """One window for all tests: making another takes as long as a page does."""
+    """A window that all tests share, since opening one takes as long as a page does."""
     with new_context(browser) as context:
         kept = context.new_page()
         kept.goto(f"{server.url}/healthz")
@@ -87,9 +87,10 @@ def plain(browser: Browser, server: RunningServer) -> Iterator[Plain]:
 def visit(
     browser: Browser, server: RunningServer, signed_in: StorageState, plain: Plain
 ) -> Iterator[Visit]:
-    """Opens a window: `visit(color_scheme="dark")`. No script may fail in it.
+    """Opens a window: `visit(color_scheme="dark")`.
 
-    The first that asks for nothing gets the one of all tests, emptied.
+    The first call of a test without options gets the shared window, emptied. The test
+    fails at its end if a script failed in any of its windows.
     """
     faults: list[str] = []
     taken = False
@@ -109,7 +110,8 @@ def visit(
         return Visitor(page, server.url)
 
     def note(kind: str, text: str) -> None:
-        # A refused request is part of some tests; a broken policy never is.
+        # Requests may fail: some tests want that. Other errors, such as a violation of
+        # the content security policy, are faults.
         if kind == "error" and not text.startswith("Failed to load resource"):
             faults.append(text)
 

@@ -1,4 +1,7 @@
-"""Keyboard and speech; what axe finds is asked of every view in `test_every_view`."""
+"""Use by keyboard alone, visible focus, and announcements to screen readers.
+
+The checks of axe are in `test_every_view`.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ def test_focus_is_always_visible(scene, ada):
     page = ada.open(scene.link("ghost"))
     focused = "document.activeElement"
     outlines = []
-    for _ in range(30):  # once round, from wherever the browser begins
+    for _ in range(30):  # enough for one round through the page
         ada.press("Tab")
         if page.evaluate(f"{focused} !== document.body"):
             outlines.append(page.evaluate(f"getComputedStyle({focused}).outlineStyle"))

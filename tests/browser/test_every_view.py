@@ -1,4 +1,7 @@
-"""Every view and its states: nothing is cut off, and axe finds nothing serious."""
+"""Every view, in each of its states, is checked for cut-off content and by axe.
+
+axe is a checker of accessibility; it must find nothing serious.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ CHANNELS = 6
 
 @dataclass(frozen=True)
 class Tools:
-    """What a view needs to show its states: a window, data, an empty folder."""
+    """What a function of `VIEWS` needs: a window, a maker of data, an empty folder."""
 
     ada: Visitor
     make_scene: MakeScene
@@ -39,7 +42,7 @@ class Tools:
 
 
 View = Callable[[Tools], Iterator[str]]
-"""Goes through the states of a view, and names each when it is on show."""
+"""Brings a view into one state after another, and yields the name of each."""
 
 
 def lists_and_menus(tools: Tools) -> Iterator[str]:
@@ -223,7 +226,7 @@ def runs(tools: Tools) -> Iterator[str]:
 
 
 def unfold_filters(page: Page) -> None:
-    """Show the filters, which narrow windows fold away."""
+    """Show the filters; narrow windows hide them behind a button."""
     filters = page.get_by_role("button", name="Filters", exact=True)
     if filters.is_visible():
         filters.click()

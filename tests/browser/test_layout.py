@@ -1,4 +1,4 @@
-"""Long names, narrow windows, empty datasets: nothing stretches, breaks or touches."""
+"""The layout holds with long names, narrow windows and empty datasets."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def test_a_dataset_without_answers_is_not_shown_as_answered(make_scene, ada, emp
     [
         pytest.param("grid-view", PHONE, id="grid"),
         pytest.param("queue", PHONE, id="queue"),
-        # On a phone, one scrolls from the frame to its boxes.
+        # Not on a phone, where this view is meant to scroll.
         pytest.param("review", WIDE, id="frame"),
     ],
 )
@@ -188,7 +188,7 @@ def test_numbers_of_a_narrow_window_stay_on_the_line_of_their_units(
 
 
 def with_many_answers(route: Route) -> None:
-    """The same answer of the server, with counts of two and three digits."""
+    """Give the server's own answer, with counts of two and three digits in it."""
     quality = route.fetch().json()
     counts = {"kept_keep": 409, "rejected_reject": 383, "kept_reject": 111}
     quality["confusion"] |= {**counts, "rejected_keep": 29}

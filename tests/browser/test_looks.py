@@ -1,4 +1,4 @@
-"""Dark and light, wide and narrow; empty, loading and failing."""
+"""Dark and light, window widths, touch, and the states empty, loading and failing."""
 
 from __future__ import annotations
 

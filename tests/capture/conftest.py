@@ -1,4 +1,7 @@
-"""A fake simulator in place of CARLA's, watched for what is left behind."""
+"""A fake simulator in place of CARLA's.
+
+A test can compare its state after a capture with its state before.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,8 @@ import pytest
 from tests.support.fake_carla.scenarios import scenario
 
 if importlib.util.find_spec("carla") is None:
-    # CARLA has no client library for this machine: nothing here can run.
+    # Without CARLA's client library, which not every machine can install, no test of
+    # this folder can run.
     collect_ignore_glob = ["test_*.py"]
 else:
     from tests.support.fake_carla.library import as_library
@@ -26,7 +30,7 @@ Capture = Callable[..., Recorded]
 
 
 class Stage:
-    """A simulator, what it was before, and a folder to record into."""
+    """A fake simulator, its state at the beginning, and a folder to record into."""
 
     def __init__(self, simulator: Simulator, folder: Path) -> None:
         self.simulator, self.folder = simulator, folder
@@ -45,21 +49,21 @@ class Stage:
         }
 
     def capture(self, **changes: Any) -> Recorded:
-        """Record the small scenario."""
+        """Record the small scenario, with these keys changed."""
         request = Request(
             scenario(**changes), self.folder, self.notes.append, lambda *_: None
         )
         return record(as_library(self.simulator), request)
 
     def left_behind(self) -> dict[str, Any]:
-        """What differs from before; empty: nothing."""
+        """What of the simulator's state differs from the beginning, by name."""
         now = self._state()
         return {k: v for k, v in now.items() if v != self._before[k]}
 
 
 @pytest.fixture
 def make_stage(tmp_path: Path) -> Iterator[Callable[..., Stage]]:
-    """Stages, each with a street of its own; their threads end with the test."""
+    """Makes stages, each with its own simulator, which is closed after the test."""
     made: list[Stage] = []
 
     def make(version: str = "0.9.16", client_version: str | None = None) -> Stage:
@@ -74,12 +78,12 @@ def make_stage(tmp_path: Path) -> Iterator[Callable[..., Stage]]:
 
 @pytest.fixture
 def stage(make_stage: Callable[..., Stage]) -> Stage:
-    """The street on CARLA 0.9.16."""
+    """A stage whose simulator is a street on CARLA 0.9.16."""
     return make_stage()
 
 
 @pytest.fixture
 def as_carla(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> Stage:
-    """The stage, which `import carla` now finds."""
+    """The stage, whose fake library replaces the module `carla` during the test."""
     monkeypatch.setitem(sys.modules, "carla", as_library(stage.simulator))
     return stage

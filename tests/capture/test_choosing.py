@@ -1,4 +1,4 @@
-"""Blueprints are chosen and set as CARLA's own attributes have it."""
+"""How a scenario chooses blueprints, and how their attributes are set for CARLA."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ CALM = {"frames": 1, "camera": {"width": 48, "height": 32}, "walkers": {}}
 
 
 def spawned(stage, **vehicles):
-    """The vehicles other than the ego that were spawned."""
+    """The kinds of vehicles that a capture spawned, without the ego vehicle."""
     stage.capture(**CALM, vehicles={"count": 3, "filter": "vehicle.*", **vehicles})
     return {one for one in stage.simulator.spawned[2:] if one.startswith("vehicle.")}
 

@@ -1,4 +1,4 @@
-"""The command without a simulator, and with one that is not there."""
+"""The command `unghost capture`: dry runs, mistakes, exit codes and reports."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_a_mistake_ends_with_1_and_its_words(unghost, tmp_path):
 
 def test_without_a_simulator_it_ends_with_69(unghost, tmp_path):
     with socket.socket() as taken:
-        # Bound but not listening: nobody else can answer there meanwhile.
+        # Bound but not listening, so that no other program can listen on this port.
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
         said = unghost("capture", written(tmp_path, port=port, timeout_s=1))
@@ -78,7 +78,7 @@ def test_without_a_simulator_it_ends_with_69(unghost, tmp_path):
 
 
 def test_a_host_that_nobody_knows_ends_with_69(unghost, tmp_path):
-    # The end of a name that the resolvers of the world keep free.
+    # No host has a name that ends in ".invalid": it is reserved for this.
     said = unghost("capture", written(tmp_path, host="simulator.invalid"))
 
     assert said.code == 69, said.err

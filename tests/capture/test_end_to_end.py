@@ -1,4 +1,4 @@
-"""The command itself, in a process of its own, up to a live service."""
+"""`unghost capture` in a process of its own, sending its frames to a live service."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ WAIT_S = 120
 
 
 class CaptureLine(CommandLine):
-    """`unghost` before a fake street; what is left of it is in `state`."""
+    """Runs `unghost` with a fake simulator.
+
+    `left` is the state of the simulator when the command has ended.
+    """
 
     @property
     def left(self):
@@ -73,7 +76,8 @@ def test_a_hundred_frames_reach_a_live_service(tmp_path, server: RunningServer):
         manifest = (tmp_path / "out" / "manifest.jsonl").read_text()
         first = json.loads(manifest.splitlines()[0])
         stored = client.frame_by_key("captured-street", first["key"])
-        # Of the ten boxes a car and a walker are hidden, and a car is behind.
+        # In each frame seven of ten boxes are kept. A wall hides a car and a walker,
+        # and one car is behind the camera.
         assert (stats.kept, stats.rejected, stats.unmeasured) == (700, 300, 0)
         again = line("push", "out", "--dataset", "captured-street")
         assert (again.code, again.out.split("\t")[:2]) == (

@@ -1,4 +1,7 @@
-"""The fake cannot drift: names and signatures are those of the real library."""
+"""The fake of CARLA's library has the names and signatures of the real one.
+
+The protocols that the product's types use are compared with it, too.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ from unghost.capture.simulator import (
     WEATHER_PRESETS,
 )
 
-# What the fakes have for the tests alone, besides what the library has.
+# Names that the fakes have for the tests alone, and that the real library lacks.
 OWN = {
     *("kind", "pose", "solid", "receive", "heads", "autopilot", "light_state"),
     *("speed", "walking", "attributes", "shared", "solids", "true_pose"),
@@ -27,13 +30,13 @@ OWN = {
 
 
 def public(thing):
-    """Names that a class or an object offers."""
+    """The public names of a class or an object."""
     fields = getattr(thing, "__dataclass_fields__", {})
     return {name for name in {*dir(thing), *fields} if not name.startswith("_")}
 
 
 OPERATORS = ("__iter__", "__len__", "__getitem__")
-"""What makes a `for` and a `[0]` work; the library's texts say nothing of them."""
+"""Methods behind `for` and `[0]`; the library's docstrings do not describe them."""
 PROTOCOLS = {
     known.Vector: ("Location", "Vector3D"),
     known.Turn: ("Rotation",),
@@ -64,7 +67,7 @@ PROTOCOLS = {
     known.TrafficManager: ("TrafficManager",),
     known.Client: ("Client",),
 }
-"""The library's classes that each protocol describes."""
+"""Each protocol, with the names of the library's classes that it describes."""
 METHODS = [
     (name, method)
     for name, cls in FAKES.items()
@@ -147,7 +150,7 @@ def test_real_actors_have_everything_that_fake_actors_have(stage):
 
         real = getattr(carla, type(actor).__name__)
 
-        # A sensor has no box until 0.9.16, where every actor has one.
+        # Left out: sensors have no bounding box before 0.9.16, where all actors do.
         assert public(actor) - OWN - {"bounding_box"} <= set(dir(real))
 
 
@@ -172,7 +175,10 @@ def test_the_client_is_made_as_the_real_one():
 
 
 def parameters(documentation, method):
-    """(name, is optional) of each parameter but the object, from Boost's text."""
+    """(name, is optional) of each parameter without `self`.
+
+    They are read from the docstring that Boost.Python gives the library's methods.
+    """
     line = next(
         line for line in documentation.splitlines() if line.startswith(f"{method}(")
     )

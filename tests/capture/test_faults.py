@@ -1,4 +1,8 @@
-"""Whatever goes wrong: frames are right or counted, and nothing is left behind."""
+"""Faults during a capture: late or lost measurements, vanished actors, errors, stops.
+
+Every frame that is written is right, the others are counted, and the simulator is
+left as it was before.
+"""
 
 from __future__ import annotations
 
@@ -13,17 +17,18 @@ from unghost.capture.simulator import CaptureError
 
 
 def frames(stage):
-    """The frames of the manifest."""
+    """The frames that the recorded manifest lists."""
     path = stage.folder / "manifest.jsonl"
     return [json.loads(line) for line in path.read_text("utf-8").splitlines()]
 
 
 def ticks(stage):
-    """The ticks that were recorded, counted from the world's first."""
+    """The ticks that were recorded, counted from the first tick of the world."""
     return [frame["extra"]["capture"]["frame"] - 1000 for frame in frames(stage)]
 
 
-# One tick when walkers get their controllers, ten of warm-up; then every second one.
+# The first recorded tick: after one in which walkers get their controllers, and ten of
+# warm-up. From there on every second tick is recorded.
 FIRST = 12
 TINY = {"width": 48, "height": 32}
 CALM = {"frames": 3, "interval_s": 0.1, "camera": TINY}
@@ -178,7 +183,8 @@ def test_ticks_that_another_client_made_are_not_recorded(stage):
 
     done = stage.capture(**CALM)
 
-    # The one that was overtaken, and the one after it, whose step was too long.
+    # Missed are the tick that the other client made, and the one after it, since the
+    # time between the two recorded ticks would be too long.
     assert done.missed == {"another client ticked the world": 2}
     assert done.frames == 3
     assert stage.left_behind() == {}

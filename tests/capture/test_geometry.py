@@ -1,4 +1,4 @@
-"""Boxes as they are stored say what the real library says of them."""
+"""Geometry as it is stored agrees with what CARLA's real library computes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A captured folder is read by everybody else, and says what is visible."""
+"""What a capture writes: frames, images, points, boxes and their attributes.
+
+The filter reads the folder and tells visible objects from hidden ones.
+"""
 
 from __future__ import annotations
 
@@ -25,19 +28,19 @@ ALL |= {"lidar": FAR, "semantic_lidar": FAR}
 
 
 def lines(stage):
-    """The frames of the manifest."""
+    """The frames that the recorded manifest lists."""
     text = (stage.folder / "manifest.jsonl").read_text("utf-8")
     return [json.loads(line) for line in text.splitlines()]
 
 
 def keys(count, **changes):
-    """The keys that the first frames of a scenario get."""
+    """The keys that the first `count` frames of the changed scenario get."""
     take = f"Town10HD/{scenario(**changes).digest[:8]}"
     return [f"{take}/{number:06d}" for number in range(count)]
 
 
 def verdicts(stage, **config):
-    """What the filter says of each box of the first frame, by id."""
+    """The filter's verdict on each box of the first frame, by the box's id."""
     found = filter_source(read_source(stage.folder), FilterConfig(**config), workers=1)
     first = next(iter(found))
     assert first.decisions is not None
@@ -45,14 +48,14 @@ def verdicts(stage, **config):
 
 
 def picture(stage, name):
-    """A file of the folder as an array."""
+    """An image file of the recorded folder, as an array of pixels."""
     read = cv2.imread(str(stage.folder / name), cv2.IMREAD_UNCHANGED)
     assert read is not None
     return read
 
 
 def by_place(stage):
-    """Ids of the first frame's actors by where they stand."""
+    """The ids of the first frame's actors, by their position (x, y)."""
     boxes = lines(stage)[0]["boxes"]
     placed = [box for box in boxes if "transform" in box["box3d"]]
     return {
@@ -115,7 +118,8 @@ def test_tags_depth_and_ids_are_stored_without_loss(stage):
     assert set(np.unique(tags)) == {1, 3, 7, 11, 12, 14}
     metres = depth.metres((slice(None), slice(None)))
     assert metres[sky] == pytest.approx(1000)
-    # The last row looks down by half the image less half a pixel, from 2.4 m.
+    # The camera is 2.4 m above the road. The centre of the last row is half a pixel
+    # less than half the image below the horizon, which gives the distance.
     assert metres[road] == pytest.approx(2.4 * 80 / 47.5, abs=1e-3)
     seen = {int(one) for one in np.unique(ids.ids[tags == 14])}
     at = by_place(stage)
@@ -127,7 +131,7 @@ def test_the_picture_is_in_true_colours(stage):
 
     frame = lines(stage)[0]
     shown = picture(stage, frame["image"])
-    assert shown[0, 80].tolist() == [180, 130, 70]  # the sky, blue first
+    assert shown[0, 80].tolist() == [180, 130, 70]  # the sky, as BGR
 
 
 def test_points_are_stored_as_measured(stage):
@@ -186,7 +190,7 @@ def test_a_two_wheeler_without_width_is_left_out_on_request(stage):
     )
 
     assert [box for box in lines(stage)[0]["boxes"] if box["class"] == "bicycle"] == []
-    assert done.left_out["impossible_box"] == 2  # a pedestrian's button, too
+    assert done.left_out["impossible_box"] == 2  # one is a pedestrian's button
 
 
 def test_an_object_that_the_map_and_the_actors_both_have_is_there_once(stage):

@@ -1,4 +1,7 @@
-"""What does not fit is refused in words, before anything is spawned or written."""
+"""What does not fit is refused with a message before anything is spawned or written.
+
+That is: scenarios that this simulator cannot play, and folders of something else.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ CALM = {"frames": 3, "camera": {"width": 48, "height": 32}}
 
 
 def frames(stage):
-    """The frames of the manifest."""
+    """The frames that the recorded manifest lists."""
     path = stage.folder / "manifest.jsonl"
     return [json.loads(line) for line in path.read_text("utf-8").splitlines()]
 

@@ -1,4 +1,7 @@
-"""Signals, closed terminals and simulators that are gone: nothing is lost or hangs."""
+"""A capture that is interrupted, loses its terminal or loses its simulator.
+
+It ends soon, and puts the simulator back as it was wherever that is possible.
+"""
 
 from __future__ import annotations
 
@@ -10,26 +13,26 @@ from unghost.capture.simulator import SimulatorAway
 
 CALM = {"frames": 3, "camera": {"width": 48, "height": 32}}
 TICK = 12
-"""The first one that is recorded."""
+"""The first tick that is recorded."""
 
 
 @pytest.fixture(autouse=True)
 def from_a_terminal():
-    """Whoever runs the tests may do so with nohup; a user at a terminal does not."""
+    """Restore the default action of SIGHUP, which `nohup` lets the tests ignore."""
     before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield
     signal.signal(signal.SIGHUP, before)
 
 
 class Closed:
-    """Notes of a terminal that is gone."""
+    """Stands for `stage.notes` when the terminal is closed: every note fails."""
 
     def append(self, _text):
         raise OSError(5, "Input/output error")
 
 
 def at_tick(stage, tick, act):
-    """Let something happen at one tick."""
+    """Call `act` when the simulator makes this tick."""
     stage.simulator.faults.on_tick = lambda _, now: act() if now == tick else None
 
 
@@ -54,7 +57,8 @@ def test_a_stop_does_not_wait_for_a_silent_sensor(stage):
     stage.simulator.faults.lost = {("rgb", tick) for tick in range(200)}
     at_tick(stage, TICK, lambda: signal.raise_signal(signal.SIGINT))
 
-    # Waiting as long as is allowed here would end the test by its time-out.
+    # The sensor may stay silent for an hour: if the stop waited for it, the test would
+    # time out.
     with pytest.raises(KeyboardInterrupt):
         stage.capture(**CALM, sensor_wait_s=3600)
 
@@ -93,7 +97,8 @@ def test_a_simulator_that_is_gone_is_not_asked_again_and_again(stage):
         stage.capture(**CALM, weather={"preset": "WetNoon"})
 
     assert stage.notes[-1] == "the simulator is gone: it was not put back"
-    # The tick, the first step of putting back, and twice whether it is still there.
+    # Unanswered are the tick, the first step of putting the simulator back, and two
+    # requests that ask whether it is still there.
     assert stage.simulator.unanswered == 4
 
 

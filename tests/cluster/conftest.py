@@ -1,4 +1,4 @@
-"""One cluster for a module: a scheduler, two workers and a server."""
+"""A cluster for the tests of a module: a scheduler, two workers and a server."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.support.servers import RunningServer
 
 @dataclass
 class Whole:
-    """All nodes of a cluster that works."""
+    """A running cluster: its nodes, its server, and an API client of an admin."""
 
     cluster: Cluster
     scheduler: Node
@@ -27,7 +27,7 @@ class Whole:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
     with cluster(tmp_path_factory.mktemp("cluster")) as made:
         scheduler = made.scheduler()
-        # A worker wants a database that a server has made.
+        # The server comes first: it creates the database, which a worker needs.
         with made.server() as (server, api):
             workers = [made.worker(joined=False) for _ in range(2)]
             for worker in workers:

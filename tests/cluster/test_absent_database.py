@@ -1,4 +1,4 @@
-"""A worker that starts while the database is away waits for it, and says so."""
+"""A worker that cannot reach its database waits, and then gives up with a message."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def made(tmp_path):
 
 @pytest.fixture
 def nowhere():
-    """The address of a PostgreSQL server that does not run."""
+    """A setting with the address of a PostgreSQL server that is not running."""
     with reserved_port() as port:
         address = f"postgresql://postgres:{SECRET}@127.0.0.1:{port}/nothing"
         yield {"UNGHOST_DATABASE_URL": address}
 
 
 def test_a_worker_gives_up_in_words_where_no_database_answers(made, nowhere):
-    """It ended with a traceback, and as if its settings were wrong."""
+    """Formerly it ended with a traceback, and with the exit code of wrong settings."""
     worker = made.worker("--patience", "1", joined=False, **nowhere)
 
     assert worker.ended() == 69

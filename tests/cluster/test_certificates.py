@@ -1,4 +1,7 @@
-"""`unghost certificates` and `unghost scheduler`: what they make and refuse."""
+"""What `unghost certificates` writes, and what other commands refuse.
+
+`unghost scheduler` and `unghost worker` name what they lack or cannot use.
+"""
 
 from __future__ import annotations
 
@@ -113,7 +116,7 @@ def test_a_scheduler_on_a_port_that_is_taken_says_so(made, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
 
-        # A process of its own: the library that binds leaves its socket to the exit.
+        # In a new process: the library that listens closes its socket only at the exit.
         answer = CommandLine(tmp_path, {}, anew=True)(
             "scheduler", "--host", "127.0.0.1", "--port", port, *words
         )

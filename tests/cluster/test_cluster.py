@@ -1,4 +1,7 @@
-"""A cluster on loopback: the same results as here, and nobody else is let in."""
+"""A cluster on loopback gives the same results as one process.
+
+Its ports accept only clients with a certificate of the cluster's authority.
+"""
 
 from __future__ import annotations
 
@@ -25,18 +28,21 @@ from tests.support.waiting import until
 
 FRAMES = 50
 AT_ONCE_S = 10
-"""Longer than a busy machine takes for what needs no work."""
+"""Longer than even a busy machine needs to answer a request that does no work."""
 AWAY = 69
 
 
 @pytest.fixture(scope="module")
 def long_street(whole):
-    """Frames that take some ten milliseconds each."""
+    """Frames that take some ten milliseconds each to measure."""
     return fill(whole.api, FRAMES)
 
 
 def exported(api, dataset):
-    """The hashes of its labels in two formats."""
+    """Export a dataset in two formats.
+
+    Gives the hashes of both archives, and the address of the first one.
+    """
     asked = [
         api.finished(api.post(f"/datasets/{dataset}/exports", {"format": form}))
         for form in ("decisions-jsonl", "yolo")
@@ -59,7 +65,7 @@ def test_a_cluster_gives_byte_by_byte_what_one_process_gives(whole):
 
     with whole.cluster.server(UNGHOST_ENGINE="local") as (_, alone):
         by_itself, _ = exported(alone, dataset)
-        # Measured once more here: other numbers would be seen as other labels.
+        # Measured once more by this server: a difference would change the statistics.
         again = alone.run(dataset, {**OTHER_PIXELS[3], "threshold_small_box": 30})
         back = alone.run(dataset, {**FROM_PIXELS, "threshold_small_box": 30})
         after = alone.json(f"/datasets/{dataset}/stats")
@@ -79,7 +85,7 @@ def test_channels_that_workers_measure_are_compared_as_those_measured_here(whole
         run = api.finished(api.post(f"/datasets/{dataset}/evaluations"))
         assert (run["kind"], run["state"], run["done"]) == ("measure", "done", 25), run
         found = api.json(f"/datasets/{dataset}/evaluations")
-        # What each got wrong is named by ids, and those are another dataset's.
+        # The worst boxes are named by ids, which differ between the two datasets.
         return [{**one, "worst": len(one["worst"])} for one in of_channels(found)]
 
     def of_channels(found):
@@ -107,7 +113,7 @@ def test_the_server_itself_measures_only_what_is_uploaded(whole, long_street):
 
 
 def measured_here(api):
-    """How many frames the server's own process has measured."""
+    """How many frames the server's own process has measured, from its metrics."""
     lines = api.http.get("/metrics").text.splitlines()
     (found,) = [one for one in lines if one.startswith("unghost_measure_seconds_count")]
     return float(found.split()[-1])
@@ -119,7 +125,7 @@ def test_a_worker_that_is_killed_costs_nothing_but_time(whole, long_street):
     killed = kill_working_process(whole.workers[0])
 
     check_totals(whole.api, long_street, ended(whole.api, run_id), FRAMES)
-    # Its parent has started another one.
+    # The worker has started another process in its place.
     until(lambda: working_process(whole.workers[0]) != killed, "no other process")
     whole.workers[0].waits_for("starting another")
 
@@ -137,14 +143,17 @@ def test_cancelling_ends_a_run_and_its_work_within_a_second(whole, long_street):
     assert answer.json()["state"] == "cancelled"
     assert took_s < AT_ONCE_S
     assert state_of(whole.api, run_id)["done"] == done < FRAMES
-    # What was measured is not measured again.
+    # The next run measures the rest, and all frames are decided.
     check_totals(
         whole.api, long_street, whole.api.run(long_street, OTHER_PIXELS[0]), FRAMES
     )
 
 
 def ports_of_workers(whole):
-    """Where each listens, once all do: one may just be starting its process again."""
+    """The addresses on which each worker listens.
+
+    Waits for all of them, since one may just be starting its process again.
+    """
 
     def found():
         return [
@@ -204,7 +213,10 @@ def test_every_port_of_work_asks_for_a_certificate_of_the_authority(whole, tmp_p
 
 
 def answered(port, certificates):
-    """Whether a node says anything to who shows this certificate, or none."""
+    """Whether a node answers a client with the certificate in this folder.
+
+    None stands for a client that shows no certificate.
+    """
     shown = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     shown.check_hostname, shown.verify_mode = False, ssl.CERT_NONE
     if certificates is not None:

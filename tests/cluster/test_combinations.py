@@ -1,4 +1,7 @@
-"""The same dataset gives the same labels, wherever the three addresses point."""
+"""A dataset gives the same labels with every combination of engine, database, store.
+
+Each of the three has an address in the settings.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ FARTHEST = ("cluster", "postgres", "s3")
 
 @contextmanager
 def service(places: tuple[str, str, str], folder: Path, s3: S3Server) -> Iterator[Api]:
-    """A service whose engine, database and store are these."""
+    """A service with this engine, database and store; gives an API client of it."""
     engine, database, store = places
     settings: dict[str, str] = {}
     with ExitStack() as opened:
@@ -48,7 +51,7 @@ def service(places: tuple[str, str, str], folder: Path, s3: S3Server) -> Iterato
 
 
 def made_by(api: Api) -> dict[str, Any]:
-    """Verdicts of a run that measures again, and the hash of every export."""
+    """Upload frames, run and export them; give the run's counts and exports' hashes."""
     assert api.post("/datasets", {"name": "same"}).status_code == 201
     for number in range(FRAMES):
         files = {
@@ -68,7 +71,7 @@ def made_by(api: Api) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory: pytest.TempPathFactory, s3: S3Server) -> dict[str, Any]:
-    """What one process with one folder makes."""
+    """What one process with SQLite and a folder makes, to compare the others with."""
     with service(LOCAL, tmp_path_factory.mktemp("alone"), s3) as api:
         return made_by(api)
 

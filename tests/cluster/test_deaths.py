@@ -1,4 +1,4 @@
-"""What happens when something dies: every node, in the middle of a run."""
+"""Each node of a cluster is killed or stopped in the middle of a run or an export."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ def made(tmp_path):
 
 
 def at_work(made, api, config=FROM_PIXELS, *, workers=1):
-    """Workers in the middle of a run: they, the dataset's name and the run's number."""
+    """Start workers and a run.
+
+    Gives the workers, the dataset's name and the run's number while the run goes on.
+    """
     joined = [made.worker() for _ in range(workers)]
     name = fill(api, FRAMES)
     return joined, name, begun_run(api, name, config)
@@ -48,13 +51,14 @@ def test_a_scheduler_that_dies_is_waited_for(made):
 
 def test_a_scheduler_that_stands_still_holds_nobody(made):
     scheduler = made.scheduler()
-    # Nothing but the count of workers is to find the connection that stands still.
+    # The library's own regular requests are made rare, so that only the service's count
+    # of workers meets the connection that does not answer.
     quiet = {"DASK_DISTRIBUTED__CLIENT__SCHEDULER_INFO_INTERVAL": "1 hour"}
     with made.server(**quiet) as (server, api):
         _, _, run_id = at_work(made, api)
         scheduler.process.send_signal(signal.SIGSTOP)
         try:
-            # Beyond what is remembered of how many workers there are.
+            # Longer than the service keeps its count of workers before it counts again.
             time.sleep(4)
             answer = api.post(f"/runs/{run_id}/cancel")
             begun = time.monotonic()

@@ -1,4 +1,4 @@
-"""PostgreSQL is killed while workers carry a run."""
+"""PostgreSQL is killed while the workers of a cluster measure for a run."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_a_database_that_is_killed_under_workers_costs_nothing_but_time(tmp_path
 
 
 def is_over(api, run_id) -> bool:
-    """Whether a run has ended; not while the database is away."""
+    """Whether a run has ended; False while the service answers 503."""
     answer: httpx.Response = api.get(f"/runs/{run_id}")
     assert answer.status_code in (200, 503), answer.text
     return answer.status_code == 200 and answer.json()["state"] in FINISHED

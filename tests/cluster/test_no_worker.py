@@ -1,4 +1,4 @@
-"""A service whose scheduler no worker has joined says so, and not again and again."""
+"""A service whose scheduler has no workers logs that at once, then only rarely."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_a_service_without_workers_says_so_once(tmp_path):
             body = {"config": FROM_PIXELS, "activate": True}
             run_id = api.post(f"/datasets/{name}/runs", body).json()["id"]
             until(lambda: SAID in server.log.read_text("utf-8"), "it says nothing")
-            # It counts anew several times.
+            # In this time the service counts the workers several times.
             time.sleep(3 * COUNTED_FOR_S)
             said = server.log.read_text("utf-8").count(SAID)
             made.worker()

@@ -1,4 +1,4 @@
-"""docs/api.md and the OpenAPI document name the same routes."""
+"""docs/api.md lists the routes of the OpenAPI document, and its examples are right."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ IN_PROSE = re.compile(rf"`({'|'.join(METHODS)}) (/[^`?\s]*)")
 
 @pytest.fixture(scope="module")
 def routes():
-    """Method and path of every route that the service offers."""
+    """(method, path) of every route of the OpenAPI document."""
     paths = create_app(Settings()).openapi()["paths"]
     return {
         (method.upper(), path)
@@ -32,7 +32,7 @@ def routes():
 
 
 def shape(path):
-    """A path without the names of its parameters."""
+    """A path with `{}` in place of each parameter, to compare paths."""
     return re.sub(r"\{[^}]*\}", "{}", path)
 
 
@@ -80,7 +80,7 @@ def test_the_example_of_an_error_is_what_the_server_answers(start_server):
         files = {"annotation": ("annotation.json", annotation, "application/json")}
         problem = client.put(shown["instance"], files=files).json()
 
-    # The title is Python's name for the status, and newer Pythons name 422 anew.
+    # The title is Python's name of the status, which newer Pythons changed for 422.
     for of_the_moment in ("request_id", "title"):
         assert shown.pop(of_the_moment)
         assert problem.pop(of_the_moment)

@@ -1,4 +1,7 @@
-"""ARCHITECTURE.md is true where a machine can tell: names, files, imports, figures."""
+"""ARCHITECTURE.md agrees with the code where a program can compare them.
+
+That is: files, names, steps of walks, imports and figures.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +23,12 @@ TEXT = (CHECKOUT / "ARCHITECTURE.md").read_text("utf-8")
 WORDS = " ".join(TEXT.split())
 NAMED = sorted(set(re.findall(r"`([^`\n]+)`", TEXT)))
 SUFFIXES = (".py", ".js", ".md", ".json", ".toml")
-# What other programs call so.
+# Words in code style that other programs define: SQLite, PostgreSQL, browsers.
 FOREIGN = {
     *("BEGIN IMMEDIATE", "COPY", "executemany", "synchronous=FULL", "count(*)"),
     "requestAnimationFrame",
 }
-# Constants, functions and classes of the page; methods of what a function returns.
+# Definitions in JavaScript: constants, functions, classes, and methods of objects.
 JAVASCRIPT = re.compile(
     r"\b(?:const|function|class)\s+(\w+)|^ +(?:async )?(\w+)(?:\(.*\) \{$|: \()", re.M
 )
@@ -34,7 +37,7 @@ COMMANDS = ("python -m", "make", "npm run", "POST ", "UNGHOST_")
 
 @cache
 def files() -> frozenset[str]:
-    """Files and folders that the document may name, from the top of the checkout."""
+    """All files and folders that the document may name, relative to the checkout."""
     tops = (
         "app filter_core unghost static migrations tests benchmarks tools deploy docs"
     )
@@ -48,14 +51,17 @@ def files() -> frozenset[str]:
 
 
 def matching(named: str) -> list[str]:
-    """Files and folders whose path ends like this: a room may lack its package."""
+    """Files and folders whose path ends with `named`, which may lack its first parts.
+
+    The document writes `boxes/reader.py` where `app/boxes/reader.py` is clear.
+    """
     wanted = named.rstrip("/")
     return [file for file in files() if f"/{file}".endswith(f"/{wanted}")]
 
 
 @cache
 def defined_in(file: str) -> frozenset[str]:
-    """The names that a file defines: functions, classes, fields, parameters."""
+    """The names that a file defines: functions, classes, variables, parameters."""
     text = (CHECKOUT / file).read_text("utf-8")
     if not file.endswith(".py"):
         return frozenset(one or other for one, other in JAVASCRIPT.findall(text))
@@ -65,7 +71,10 @@ def defined_in(file: str) -> frozenset[str]:
 
 
 def names_of(node: ast.AST) -> list[str]:
-    """The names that one node of Python's syntax tree brings in, table names too."""
+    """The names that one node of a Python syntax tree defines.
+
+    Strings count as well, since they hold the names of tables and views.
+    """
     if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         return [node.name]
     if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
@@ -79,7 +88,7 @@ def names_of(node: ast.AST) -> list[str]:
 
 @cache
 def definitions() -> frozenset[str]:
-    """All names that the code defines, and the names of its modules."""
+    """All names that the code defines, and the names of all files without suffix."""
     sources = (*python_sources(), *page_sources())
     stems = {PurePosixPath(file).stem for file in files()}
     code = (source.name for source in sources if source.name.endswith((".py", ".js")))
@@ -122,7 +131,7 @@ def test_names_are_in_the_files_that_are_said(one, other):
 
 
 def walks() -> list[tuple[str, str]]:
-    """The numbered steps below "Data in motion", each with the heading above it."""
+    """(heading, text) of each numbered step in the section "Data in motion"."""
     part = TEXT.partition("\n## Data in motion\n")[2].partition("\n## ")[0]
     steps = []
     for section in part.split("\n### ")[1:]:

@@ -1,4 +1,4 @@
-"""docs/benchmarks.md knows every benchmark, and `make bench` runs each."""
+"""docs/benchmarks.md lists every benchmark, and each of them has a docstring."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The examples of docs/client.md run, one after the other, against a server."""
+"""The examples of docs/client.md are run in order, against a server."""
 
 from __future__ import annotations
 

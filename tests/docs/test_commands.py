@@ -1,4 +1,4 @@
-"""The commands that people type exist, and say what they do."""
+"""Commands in the documents exist, can be parsed, and have a help text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COMMANDS = dict(commands())
 
 
 def shell_lines():
-    """Every command of the documents' shell examples."""
+    """Every command line in the documents' shell examples."""
     return [
         line.strip()
         for document in DOCUMENTS
@@ -90,7 +90,7 @@ def test_make_alone_lists_every_target():
     listing = subprocess.run(
         ["make", "--no-print-directory"],
         cwd=CHECKOUT,
-        # Not those of a make that runs this test.
+        # Without the variables of the `make` that may be running this test.
         env={k: v for k, v in os.environ.items() if not k.startswith("MAKE")},
         check=True,
         capture_output=True,

@@ -1,4 +1,4 @@
-"""docs/configuration.md says what the code does: every key, every setting, defaults."""
+"""docs/configuration.md lists every key and setting with the default of the code."""
 
 from __future__ import annotations
 

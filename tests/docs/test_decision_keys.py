@@ -1,4 +1,7 @@
-"""Every definition of a decision has the keys of the library's, and the same types."""
+"""Every place that defines the keys of a decision has the same keys and types.
+
+The library's definition is the one that the others are compared with.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,8 @@ from filter_core.types import HiddenBy
 from tests.support.documents import read
 from unghost.wire import boxes, frames
 
-# A table of plain values has corners for rectangles, and leaves out what is nested.
+# Keys without a column in tables: rectangles are written as four columns of corners,
+# and nested values are left out.
 NOT_IN_TABLES = {
     "id",  # the column is called box
     "explanation",
@@ -33,7 +37,7 @@ NOT_IN_TABLES = {
 
 
 def schema_of(model: type[BaseModel]) -> dict[str, object]:
-    """Its keys on the wire, and the type of each."""
+    """The keys of a model's JSON object, and the type of each value."""
     return {
         field.alias or name: plain(field.annotation)
         for name, field in model.model_fields.items()
@@ -41,7 +45,10 @@ def schema_of(model: type[BaseModel]) -> dict[str, object]:
 
 
 def plain(kind: object) -> object:
-    """A type as the wire has it: models are objects, and a choice is what it is of."""
+    """The JSON type of a Python type.
+
+    Models become the types of their keys, and a `Literal` the type of its values.
+    """
     if get_origin(kind) is Literal:
         (one,) = {type(value) for value in get_args(kind)}
         return one

@@ -1,4 +1,4 @@
-"""Annotations that the documentation shows are annotations that are taken."""
+"""Every annotation that docs/*.md shows as an example can be parsed as one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""docs/formats.md lists the layouts, formats and options that there are."""
+"""docs/formats.md lists every layout, every format of exports and every option."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _, GOING_OUT = DOCUMENT.split("## Writing")
 
 
 def rows_with(column):
-    """First cells of the rows of the table of formats that have something there."""
+    """The formats that have text in this column of the document's table of formats."""
     part = part_pattern("formats").search(DOCUMENT)
     assert part is not None
     header, _, *rows = (line.strip("| ").split(" | ") for line in part[2].splitlines())
@@ -74,13 +74,13 @@ def test_every_export_option_names_the_formats_that_have_it(option):
 
 
 def named(text: str) -> set[str]:
-    """The formats that a cell means: "`yolo`, `coco`", or "labels but `cvat`"."""
+    """The formats that a cell stands for: "`yolo`, `coco`", or "labels but `cvat`"."""
     some, _, others = text.partition(" but ")
     return members(some) - members(others)
 
 
 def members(text: str) -> set[str]:
-    """The formats of a group by its name, or those that are listed."""
+    """The formats of a group, such as "labels", or those named in backticks."""
     groups = {
         "all": EXPORT_FORMATS,
         "labels": [name for name in FORMATS if "boxes" in FORMATS[name].options],

@@ -1,4 +1,4 @@
-"""The examples of docs/library.md run, one after the other, beside a recording."""
+"""The examples of docs/library.md are run in order, in a folder with a recording."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CAR_COLOR_BGR = (142, 0, 0)
 
 @pytest.fixture
 def recording(tmp_path, monkeypatch):
-    """One frame and its manifest: a car that fills the left half of its box."""
+    """A folder to run in, with one frame: a car that fills the left half of its box."""
     colors = np.full((120, 160, 3), 70, np.uint8)
     colors[30:90, 40:80] = CAR_COLOR_BGR
     (tmp_path / "seg").mkdir()

@@ -1,4 +1,4 @@
-"""The notebooks run against a live demo server, and are kept without outputs."""
+"""The notebooks run against a live demo server, and are stored without outputs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NOTEBOOKS = sorted((CHECKOUT / "docs" / "notebooks").glob("*.ipynb"))
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """The address and token of `unghost demo`, as soon as it is filled."""
+    """Run `unghost demo`; give its address and token as variables of a client."""
     unghost = CommandLine(tmp_path_factory.mktemp("demo"), {})
     with unghost.running("demo", "--frames", 2, "--port", 0, "--json") as process:
         assert process.stdout is not None
@@ -28,7 +28,7 @@ def demo(tmp_path_factory):
 
 
 def run(path: Path, folder: Path, settings: dict[str, str]) -> str:
-    """What the cells print, one after the other."""
+    """Run a notebook; give what its cells print, and the types of other outputs."""
     answer = subprocess.run(
         [sys.executable, "-m", "tests.support.run_notebook", path],
         cwd=CHECKOUT,

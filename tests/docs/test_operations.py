@@ -1,4 +1,4 @@
-"""docs/operations.md names what there is: metrics, checks, log keys, settings."""
+"""docs/operations.md names the metrics, checks, log keys and settings that exist."""
 
 from __future__ import annotations
 
@@ -27,17 +27,20 @@ def section(title):
 
 
 def first_cells(text):
-    """What is named in the first column of the section's tables."""
+    """The names in backticks in the first column of a section's tables."""
     rows = [line for line in text.splitlines() if line.startswith("| `")]
     return {name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])}
 
 
 def exposed(server):
-    """The names of all metrics, once the blobs were counted as well."""
+    """The names of all metrics of a server.
+
+    Waits for those of blobs, which are there only when files have been counted.
+    """
     for _ in range(MOST_LOOKS):
         answer = httpx.get(f"{server.url}/metrics", headers=server.headers)
         found = list(text_string_to_metric_families(answer.text))
-        # The reader takes the ending off the names of counters.
+        # The parser removes the ending from names of counters.
         ends = {"counter": "_total"}
         names = {family.name + ends.get(family.type, "") for family in found}
         if "unghost_blobs" in names:

@@ -1,4 +1,4 @@
-"""What the README shows can be typed as it stands."""
+"""The examples of the README are run as they are printed."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ CAR_COLOR_BGR = (142, 0, 0)
 
 
 def run(example):
-    """Runs a block as a program of its own."""
+    """Run a code block as a program of its own."""
     exec(compile(example, "README.md", "exec"), {"__name__": "__main__"})
 
 
 @pytest.fixture
 def one_frame(tmp_path, monkeypatch):
-    """The example's two files, in the folder that it runs in."""
+    """A folder to run in, with the image and the segmentation of the examples."""
     monkeypatch.chdir(tmp_path)
     colors = np.full((720, 1280, 3), 70, np.uint8)
     colors[CAR_OF_THE_EXAMPLE] = CAR_COLOR_BGR
@@ -75,7 +75,7 @@ def test_the_curl_example_uploads_a_frame(tmp_path):
 
 
 def json_documents(text):
-    """JSON values that stand one behind the other."""
+    """The JSON values that follow one another in a text."""
     while text.strip():
         value, end = json.JSONDecoder().raw_decode(text.lstrip())
         yield value

@@ -1,4 +1,4 @@
-"""What docs/security.md promises is shown by tests that are there."""
+"""docs/security.md names tests that exist for every attack, and lists every limit."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ATTACKS = re.findall(
     r"^\| (.+?) \| (.+?) \| (.+) \|$", TEXT.split("## Attacks")[1], re.M
 )
 TEST = re.compile(r"`(tests/[\w/]+\.py)::(test_\w+)`")
-# Holes that similar services had; a row says what becomes of each here.
+# Published vulnerabilities of similar services; the document has a row for each.
 PUBLISHED = {
     *("CVE-2023-47117", "CVE-2023-43791", "CVE-2026-22033", "CVE-2023-47115"),
     *("CVE-2024-23633", "CVE-2025-25295", "CVE-2026-23516", "CVE-2025-47783"),

@@ -1,4 +1,4 @@
-"""Which folder of the page's modules may import which, and where their tests are."""
+"""Which folders the page's modules may import from, and how their tests are named."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ LEVELS = [
     ["boxes"],
     ["core"],
 ]
-"""The folders of the page's modules, from what is put together to what it is made of: a
-module imports from its own folder and from those below."""
+"""The folders of the page's modules, from the top down: a module may import from its
+own folder and from those of the lines below."""
 _IMPORTED = re.compile(r"""(?:from\s+|import\(\s*)"(\.[^"]+)\"""")
 
 
@@ -30,7 +30,7 @@ def test_modules_import_from_folders_below_their_own():
     upwards = []
     for file in sorted(STATIC.glob("js/**/*.js")):
         own = file.parent.relative_to(STATIC / "js").as_posix()
-        # Imports of types count too: who reads one file has to know the other.
+        # Imports of types count too, since readers of one file need the other.
         for named in _IMPORTED.findall(file.read_text()):
             other = (file.parent / named).resolve().parent
             if other == file.parent or "vendor" in other.parts:
@@ -52,7 +52,7 @@ def test_each_test_is_named_for_the_module_it_tests():
     alone = [
         name
         for name in named
-        # A description of types is a module, too: those of the API are tested.
+        # A file of types (.d.ts) counts as a module: those of the API have a test.
         if not any(
             (STATIC / "js" / f"{name}{end}").is_file() for end in (".js", ".d.ts")
         )

@@ -1,4 +1,4 @@
-"""An empty database of each kind."""
+"""An empty database of each kind: SQLite and PostgreSQL."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.support.databases import empty_postgres
 
 @pytest.fixture(params=["sqlite", "postgresql"])
 def engine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Engine]:
-    """An empty database."""
+    """An engine for an empty database; each test runs once for each kind."""
     if request.param == "sqlite":
         yield from _engine(sqlite_url(tmp_path / "empty.sqlite3"))
         return

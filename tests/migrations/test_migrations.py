@@ -1,4 +1,4 @@
-"""The schema goes up, down and up again, on SQLite and on PostgreSQL."""
+"""Migrations up and down, on SQLite and on PostgreSQL, and what they refuse."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def add_dataset(session: Session, name: str) -> tables.Dataset:
 
 
 def is_of(engine):
-    """Whether an index is one of the database at hand."""
+    """A function that says whether an index belongs to this kind of database."""
     here = engine.dialect.name
     return lambda item, *_: getattr(item, "info", {}).get("only", here) == here
 
@@ -65,7 +65,7 @@ def test_up_down_and_up_again(engine):
 
 
 def test_migrations_are_called_by_their_revisions(engine):
-    """So that Alembic is not needed to know which there are."""
+    """The names of their files tell which revisions there are, without Alembic."""
     known = revisions()
 
     assert head_revision(SCRIPTS) == known[-1]
@@ -231,7 +231,7 @@ def test_a_downgrade_that_would_lose_datasets_is_refused(engine):
 
 
 def test_a_downgrade_ends_sessions_and_keeps_tokens_and_the_audit_log(engine):
-    """Nobody made a session, a code or an address by hand: people sign in again."""
+    """Sessions, login codes and download links may end: people just sign in again."""
     migrate(engine, SCRIPTS)
     fill(engine, revisions()[-1])
     above = contents(engine)

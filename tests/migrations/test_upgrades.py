@@ -1,4 +1,7 @@
-"""A database of any revision goes up and down, and what both know is not changed."""
+"""Databases of every revision keep their rows on the way up and down.
+
+Compared are the columns that both revisions have.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ REVISIONS = revisions()
 
 
 def went_down(rows, revision):
-    """What a revision cannot say is said in its words."""
+    """The rows as they are after a downgrade: 0001 has "failed" for "cancelled"."""
     if revision == "0001":
         for export in rows["exports"]:
             if export["state"] == "cancelled":
@@ -31,7 +34,10 @@ def went_down(rows, revision):
 
 
 def without_sessions(rows, revision):
-    """Sessions were cookies once: they end on the way to 0008, and back from it."""
+    """The rows without sessions, which end on the way to 0008 and back from it.
+
+    Before 0008 sessions were cookies.
+    """
     return {**rows, "login_sessions": []} if revision < "0008" else rows
 
 

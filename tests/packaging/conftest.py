@@ -1,4 +1,4 @@
-"""The wheel of this checkout, built once, and installed where nothing else of it is.
+"""The wheel of this checkout, built once, and installed in an empty environment.
 
 The dependencies come from the environment that runs the tests; the project itself
 comes from the wheel and from nowhere else.
@@ -35,16 +35,16 @@ def distributions(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def wheel(distributions: Path) -> Path:
-    """The wheel."""
+    """The path of the wheel."""
     (found,) = distributions.glob("unghost-*.whl")
     return found
 
 
 @pytest.fixture(scope="session")
 def installation(wheel: Path) -> Iterator[Installation]:
-    """The wheel in an environment of its own, far from the checkout."""
+    """The wheel, installed in an environment of its own outside of the checkout."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        # As an installation is: for every user of the machine to read.
+        # Every user of the machine can read an installation.
         folder.chmod(0o755)
         yield install(wheel, folder)

@@ -1,4 +1,7 @@
-"""The cluster's recipe, read as its programs would; nginx takes its part for real."""
+"""The cluster's example files for compose and Kubernetes fit the code.
+
+They are read as their programs read them; nginx runs with its real configuration.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,7 @@ NGINX = shutil.which("nginx", path=f"{os.environ['PATH']}:/usr/sbin")
 
 
 def environment(name: str) -> dict[str, str]:
-    """The variables of a container, with a value for each that people choose."""
+    """A container's environment, with "chosen" for each value that users must set."""
     given: dict[str, str] = SERVICES[name].get("environment", {})
     return {
         key: re.sub(r"\$\{\w+:\?[^}]*\}", "chosen", value)
@@ -88,7 +91,7 @@ def test_containers_run_commands_that_exist():
 
 
 def containers(part: Any) -> Iterator[dict[str, Any]]:
-    """Every container below a part of the Kubernetes example."""
+    """Every container in a part of the Kubernetes example, at any depth."""
     if isinstance(part, dict):
         yield from part.get("containers", ())
         for inner in part.values():
@@ -114,7 +117,7 @@ def test_the_kubernetes_example_has_settings_and_commands_of_this_version(monkey
 
 
 def pods(part: Any) -> Iterator[dict[str, Any]]:
-    """What every pod of the Kubernetes example is made of."""
+    """Every pod specification in a part of the Kubernetes example, at any depth."""
     if isinstance(part, dict):
         yield from [part] if "containers" in part else []
         for inner in part.values():
@@ -122,7 +125,10 @@ def pods(part: Any) -> Iterator[dict[str, Any]]:
 
 
 def test_no_pod_takes_the_name_of_a_kubernetes_service_for_a_setting(monkeypatch):
-    """UNGHOST_PORT=tcp://..., of a Service that is called unghost, ended each pod."""
+    """Kubernetes would set UNGHOST_PORT=tcp://... for a Service called unghost.
+
+    Formerly that ended each pod.
+    """
     monkeypatch.setenv("UNGHOST_PORT", "tcp://10.0.0.1:80")
     found = [pod for part in KUBERNETES for pod in pods(part)]
 
@@ -154,14 +160,17 @@ def test_the_image_takes_the_extras_that_the_cluster_needs():
 
 @contextmanager
 def proxy(folder: Path, ports: list[int]) -> Iterator[str]:
-    """The recipe's own nginx, before servers on these ports."""
+    """Run nginx as the proxy of servers on these ports; gives the proxy's address."""
     with reserved_port() as port, nginx(folder, port, ports):
         yield f"http://127.0.0.1:{port}"
 
 
 @contextmanager
 def nginx(folder: Path, port: int, ports: list[int]) -> Iterator[None]:
-    """It listens on one port, before servers on others."""
+    """Run nginx with the configuration of `deploy`, its addresses replaced.
+
+    It listens on `port` and passes requests to servers on `ports`.
+    """
     assert NGINX is not None
     text = (CHECKOUT / "deploy" / "nginx.conf").read_text("utf-8")
     for number, own in enumerate(ports, 1):
@@ -169,7 +178,7 @@ def nginx(folder: Path, port: int, ports: list[int]) -> Iterator[None]:
     text = text.replace("listen 8080", f"listen 127.0.0.1:{port}")
     text = text.replace("/tmp/", f"{folder}/")
     file = folder / "nginx.conf"
-    # Its workers run as its own user, or could not write where this test may.
+    # As root, nginx would run its workers as another user, who may not write here.
     user = "user root;\n" if os.geteuid() == 0 else ""
     file.write_text(user + text, "utf-8")
     command = [NGINX, "-p", str(folder), "-c", str(file), "-g", "daemon off;"]
@@ -194,7 +203,7 @@ def wait_for(url: str) -> None:
 
 @pytest.fixture
 def servers(tmp_path) -> Iterator[list[RunningServer]]:
-    """Two services on one database and one folder."""
+    """Two services that share one database and one data folder."""
     with migrated_postgres() as url, ExitStack() as stack:
         extra = {"UNGHOST_DATABASE_URL": url}
         yield [

@@ -1,4 +1,7 @@
-"""The container's recipe, followed by hand: no container engine is needed for it."""
+"""The container's Dockerfile and compose file are read and their steps checked.
+
+No container engine is needed: the start command runs as an ordinary process.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +27,8 @@ from tests.support.sources import CHECKOUT
 STAGES = parse_dockerfile((CHECKOUT / "Dockerfile").read_text("utf-8"))
 IMAGE = STAGES[-1]
 NOBODY = 65534
-# Any user but root, with no right but to read: the Python that runs the tests may lie
-# in a folder that is root's own.
+# Runs a command as a user other than root, who may read every file and no more: the
+# Python that runs the tests may be in a folder that only root can read.
 AS_NOBODY = [
     "setpriv",
     f"--reuid={NOBODY}",
@@ -45,7 +48,7 @@ def service():
 
 @pytest.fixture
 def nobodys_folder() -> Iterator[Path]:
-    """A folder of the user that the service runs as, reachable by that user."""
+    """A folder that belongs to the user that the service runs as."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if os.geteuid() == 0:
@@ -54,7 +57,7 @@ def nobodys_folder() -> Iterator[Path]:
 
 
 def health_check(stage: Stage) -> list[str]:
-    """The command of HEALTHCHECK in its exec form."""
+    """The words of the command that HEALTHCHECK runs."""
     words: list[str] = json.loads(re.sub(r"^.*?CMD ", "", stage.last("HEALTHCHECK")))
     return words
 
@@ -117,7 +120,7 @@ def test_the_start_command_serves_as_an_ordinary_user(
 
 
 def here(environment: dict[str, str], folder: Path) -> dict[str, str]:
-    """The image's environment, with its volume and its port moved to ours."""
+    """The image's environment, with our data folder, and any free port."""
     moved = {
         name: value.replace("/data", str(folder / "data"), 1)
         for name, value in environment.items()
@@ -126,5 +129,5 @@ def here(environment: dict[str, str], folder: Path) -> dict[str, str]:
 
 
 def at(url: str, command: list[str]) -> list[str]:
-    """The health check for a server on another port."""
+    """The health check's command, for a server at another address."""
     return [word.replace("http://127.0.0.1:8000", url) for word in command]

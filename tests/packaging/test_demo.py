@@ -1,4 +1,4 @@
-"""`unghost demo` from an installation, in a folder that has nothing of the project."""
+"""`unghost demo` works from an installation, in a folder without the checkout."""
 
 from __future__ import annotations
 

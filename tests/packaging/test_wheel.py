@@ -1,4 +1,7 @@
-"""What `pip install` gives: complete, light to import, and working anywhere."""
+"""The wheel has all files that the package needs and no others.
+
+The client imports no heavy packages, and resources are found once installed.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +16,13 @@ from tests.support.sources import CHECKOUT
 
 
 def names_in(wheel: Path) -> list[str]:
-    """Every file of the wheel."""
+    """The names of all files in the wheel."""
     with zipfile.ZipFile(wheel) as archive:
         return archive.namelist()
 
 
 def shipped(folder: str, pattern: str) -> set[str]:
-    """The files of a checkout's folder that belong into the wheel."""
+    """The names of a checkout folder's files that belong in the wheel."""
     return {
         path.relative_to(CHECKOUT / folder).as_posix()
         for path in (CHECKOUT / folder).rglob(pattern)

@@ -1,33 +1,36 @@
-"""What must stay as it is while code moves: stored bytes, digests, answers and names.
+"""Pins: values that must not change when code is rearranged.
 
-Each pin computes a value from the code as it is and compares it with a file in
-``stored/`` that was written by an earlier version. A failure names the place that
-differs, with both values. None of them says that a value is right, only that it is the
-same as before; whether it is right is for the other tests.
+They are stored bytes, digests, answers and names. Each pin computes a value from the
+present code and compares it with a file in ``stored/`` that was written by an earlier
+version. A failure names the place that differs, with both values. No pin says that a
+value is right, only that it is the same as before; the other tests check that it is
+right.
+
+These commands rewrite the files:
 
     python -m tests.pins.write            # all of them
     python -m tests.pins.write openapi    # some, by name
 
-rewrites the files. That is allowed where users are meant to see the difference, and
-then a line of CHANGELOG.md says so; never to make a mere rearrangement pass.
+Do that only if users are meant to see the difference, and add a line to CHANGELOG.md;
+never to make a mere rearrangement of code pass.
 
-What a file holds, and what of it is replaced because it differs from run to run:
+What each file holds, and what of it is replaced because it differs from run to run:
 
 * ``digests``: configurations, and what is measured by, as stored in the database.
-* ``records``: evidence and flips as bytes, of arrays that `records` writes down.
+* ``records``: evidence and flips as bytes, of fixed arrays in the module `records`.
 * ``rows``: evidence and flips as the service stores them for the frames of `street`.
 * ``exports``: every format, each file of the archive by its SHA-256. Times in
   ``manifest.json`` are replaced; Parquet is compared by its rows and its schema, since
   its bytes name the version of the library that wrote them.
 * ``demo``: the first frame of ``unghost demo`` in every format, in the same way. The
   copied image is only compared with the one that was rendered.
-* ``openapi``: the OpenAPI document. It is partly the work of FastAPI and pydantic: a
-  new version of them may change it where nothing of ours has.
+* ``openapi``: the OpenAPI document. FastAPI and pydantic generate parts of it, so a new
+  version of them may change it without a change of our code.
 * ``routes``: every route in the order in which they are tried.
 * ``decisions``: the keys of a decision in their order, wherever one is written.
 * ``names``: what `filter_core` and `unghost` offer, and what documents import.
-* ``modules``: what an import loads of other people's packages. Of our own modules the
-  number is an upper bound.
+* ``modules``: which packages of others an import loads, and the largest number of our
+  own modules that it may load.
 * ``walk``: a walk over the API with every response. Times, secrets, ids of requests and
   the version are replaced, and of drawn pictures the size is kept and not the pixels.
   Counts by class or reason are sorted, since databases have no order for them.

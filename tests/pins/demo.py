@@ -1,7 +1,7 @@
-"""What every format makes of the first frame that ``unghost demo`` renders.
+"""A pin of every format's export of the first frame that ``unghost demo`` renders.
 
-A crowded street: 166 boxes of eight classes, of which 75 are kept, where the frames of
-`street` are tiny and have a dozen.
+It is a crowded street: 166 boxes of eight classes, of which 75 are kept, where the
+frames of `street` are tiny and have a dozen.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from tests.pins.service import digest
 from unghost.street.street import write_street
 
 SEED: Final = 0
-"""That of ``unghost demo`` where no other is asked for."""
+"""The default seed of ``unghost demo``."""
 
 
 def found() -> dict[str, dict[str, Any]]:
-    """Each file of an export by its digest, by format.
+    """The digest of each exported file, by the file's name, by format.
 
-    A copied image is only compared with the one that was rendered: its pixels are light
-    and shadow, which other machines and other versions of numpy may round otherwise.
+    An image is only compared with the one that was rendered, and has no digest: other
+    machines and other versions of numpy may round its light and shadow otherwise.
     """
     with tempfile.TemporaryDirectory() as folder:
         write_street(Path(folder), frames=1, seed=SEED)

@@ -1,4 +1,4 @@
-"""Digests that the database keeps: of configurations, and of what is measured by."""
+"""Pins of digests in the database: of configurations and of what is measured by."""
 
 from __future__ import annotations
 
@@ -87,11 +87,11 @@ def _plan(
     ignored: Any = None,
     channels: list[str] | None = None,
 ) -> dict[str, Any]:
-    """What the database stores of a plan. The one place that knows its classes.
+    """What the database stores of a plan; only this function uses the plan's classes.
 
-    `config` are keys of a configuration, `dataset` what the dataset says of its
-    segmentations, `ignored` its polygons, `channels` what is measured beyond what the
-    configuration decides by.
+    `config` has keys of a configuration, `dataset` settings of how the dataset's
+    segmentations are read, and `ignored` its mask of polygons. `channels` names those
+    that are measured in addition to the ones that the configuration decides by.
     """
     from app.measuring.plan import DatasetReading, plan_for
 

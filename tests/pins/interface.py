@@ -1,4 +1,4 @@
-"""What others build on: the OpenAPI document, routes, names, and what imports load."""
+"""Pins of what others build on: the OpenAPI document, routes, names, loaded modules."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.support.documents import DOCUMENTS, blocks
 from tests.support.routes import every_route, operations
 
 OWN: Final = ("app", "filter_core", "unghost")
-# Loaded by others for some versions of Python alone.
+# Packages that others load only with some versions of Python; they are left out.
 _BACKPORTS: Final = {"exceptiongroup", "typing_extensions"}
 IMPORTS: Final = {
     "filter_core": "import filter_core",
@@ -44,7 +44,7 @@ def openapi() -> dict[str, Any]:
 
 
 def routes() -> list[str]:
-    """Method and path of each in the order in which they are tried, hidden ones too."""
+    """Method and path of all routes, hidden ones too, in the order they are tried."""
     return [
         f"{method} {path}"
         for route in every_route()
@@ -53,7 +53,7 @@ def routes() -> list[str]:
 
 
 def names() -> dict[str, list[str]]:
-    """What can be imported, and what each document does import."""
+    """The public names of the packages, and the imports in the documents' examples."""
     for module in (filter_core, unghost):
         missing = [name for name in module.__all__ if not hasattr(module, name)]
         assert not missing, f"{module.__name__} promises what it lacks: {missing}"
@@ -73,7 +73,7 @@ def names() -> dict[str, list[str]]:
 
 
 def modules() -> dict[str, dict[str, Any]]:
-    """Other people's packages that an import loads, and how many modules of ours."""
+    """Which packages of others each import loads, and how many modules of ours."""
     return {name: _loaded(statement) for name, statement in IMPORTS.items()}
 
 

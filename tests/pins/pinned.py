@@ -1,4 +1,4 @@
-"""All pins by name: what each finds in the code as it is."""
+"""All pins by name, each with the function that computes it from the present code."""
 
 from __future__ import annotations
 

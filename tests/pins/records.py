@@ -1,4 +1,4 @@
-"""Evidence and flips as bytes, of arrays that stand here."""
+"""A pin of the bytes that evidence and flips are stored as, from fixed arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a running service answers, stores and writes, for the frames of `street`."""
+"""Pins of what a running service answers, stores and writes for frames of `street`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ EXPORTS: Final[Mapping[str, dict[str, Any]]] = {
     "voc, what the filter keeps": {"include": "kept", "rejected": "dontcare"},
     "manifest, unmeasured too": {"include_unmeasured": True, "images": "none"},
 }
-"""Beside every format as it is by default."""
+"""Options of exports that are made in addition to every format with its defaults."""
 
 _STORED: Final = (
     ("measurements", "id digest pixel_digest options", "id"),
@@ -44,12 +44,12 @@ _STORED: Final = (
     ),
     ("flips", "run_id first_box_id last_box_id boxes", "run_id, first_box_id"),
 )
-"""Tables, their columns and their order."""
+"""(table, its columns, the columns that its rows are ordered by)."""
 
 
 @cache
 def found() -> dict[str, Any]:
-    """All pins that need a service, by name; one service for them all."""
+    """The values of all pins that need a service, by name, from one service."""
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "data"
         with running_server(data) as server, _client(server) as http:
@@ -76,7 +76,7 @@ def _exports(http: httpx.Client) -> tuple[dict[str, Any], dict[str, dict[str, by
     }
     digests = {
         name: {
-            # It has times, so it stands there as it is.
+            # Stored as JSON and not by its digest, since its times are replaced.
             file: plain(json.loads(content))
             if file == "manifest.json"
             else digest(file, content)
@@ -94,7 +94,7 @@ def _archive(
     made = http.post(f"{BASE}/datasets/{DATASET}/exports", json=body)
     assert made.status_code == 202, made.text
     place = made.headers["location"]
-    # Its events end with it.
+    # Waits for the job: the stream of events ends when the job does.
     http.get(f"{place}/events")
     assert http.get(place).json()["state"] == FINISHED[0]
     content = http.get(f"{place}/download").content
@@ -103,7 +103,7 @@ def _archive(
 
 
 def digest(file: str, content: bytes) -> Any:
-    """The SHA-256 of a file; of a Parquet file, its schema and that of its rows."""
+    """The SHA-256 of a file; for Parquet, its schema and the SHA-256 of its rows."""
     if file.endswith(".parquet"):
         table = pyarrow.parquet.read_table(io.BytesIO(content))
         rows = json.dumps(table.to_pylist(), ensure_ascii=False).encode()
@@ -117,7 +117,7 @@ def _schema(content: bytes) -> list[str]:
 
 
 def _rows(data: Path) -> dict[str, Any]:
-    """Every row of evidence and of flips; bytes by their number and their SHA-256."""
+    """Every row of evidence and of flips; for bytes, their number and SHA-256."""
     return {
         table: [
             dict(zip(columns.split(), map(_cell, row), strict=True))
@@ -173,7 +173,7 @@ def _library() -> dict[str, list[str]]:
 
 
 def keys_of(objects: Any) -> list[str]:
-    """The keys of some objects in order, and those of the objects in them."""
+    """The keys of some objects in order, with those of nested objects."""
     return list(dict.fromkeys(key for each in objects for key in _keys(each)))
 
 
@@ -187,7 +187,7 @@ def _keys(value: Mapping[str, Any], before: str = "") -> Iterator[str]:
 
 
 def _command_line(folder: Path) -> list[Any]:
-    """The lines of ``unghost filter --json`` for the same frames in a folder."""
+    """What ``unghost filter --json`` prints for the same frames in a folder."""
     lines = []
     for frame in street.frames():
         paths = {}

@@ -1,4 +1,4 @@
-"""The stored files: written, read, and compared so that a person sees what differs."""
+"""Writes and reads the stored files of pins, and lists differences in words."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _ABSENT: Final = object()
 
 
 def write(name: str, found: Any) -> Path:
-    """Store what a pin has found; a list of objects as one line each."""
+    """Store the value of a pin; each item of a list is written on its own line."""
     path = FOLDER / f"{name}.json"
     FOLDER.mkdir(exist_ok=True)
     path.write_text(_text(found) + "\n", "utf-8")
@@ -32,8 +32,8 @@ def read(name: str) -> Any:
 
 
 def complaint(name: str, found: Any) -> str:
-    """What differs from the stored file, in words; empty if nothing does."""
-    # Through JSON, so that a tuple is what it would be in the file.
+    """A message that lists the differences from the stored file; empty if none."""
+    # Through JSON, so that tuples become lists as in the file.
     differing = list(differences(read(name), json.loads(json.dumps(found))))
     if not differing:
         return ""
@@ -51,7 +51,7 @@ def complaint(name: str, found: Any) -> str:
 
 
 def differences(stored: Any, found: Any, place: str = "") -> Iterator[str]:
-    """Each place that differs, with both values."""
+    """One line for each place that differs, with both values."""
     if isinstance(stored, dict) and isinstance(found, dict):
         yield from _of_objects(stored, found, place)
     elif isinstance(stored, list) and isinstance(found, list):
@@ -95,7 +95,7 @@ def _of_words(stored: list[str], found: list[str], place: str) -> Iterator[str]:
 
 
 def _order(stored: Iterable[str], found: Iterable[str]) -> str:
-    """Where two orders of the same words part."""
+    """The first place at which two orders of the same words differ."""
     at, (before, now) = next(
         (at, pair)
         for at, pair in enumerate(zip(stored, found, strict=True))
@@ -105,7 +105,7 @@ def _order(stored: Iterable[str], found: Iterable[str]) -> str:
 
 
 def _step(item: Any, at: int) -> str:
-    """A step of a walk is known by its name."""
+    """How a message names an item of a list; steps of a walk have a name."""
     named = isinstance(item, dict) and isinstance(item.get("step"), str)
     return f"{at}: {item['step']}" if named else str(at)
 

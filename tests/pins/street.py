@@ -1,8 +1,8 @@
-"""Three tiny frames with every sensor, drawn in whole numbers.
+"""Three tiny frames with every kind of sensor, drawn with whole numbers.
 
-Nothing here is rendered or compressed by a library, and nothing is turned: the same
-bytes come out on every machine and with every version of numpy, OpenCV and zlib. The
-camera looks along x with a focal length of 48 px, 1.5 m above the road.
+No library renders or compresses anything here, and nothing is rotated: the same bytes
+come out on every machine and with every version of numpy, OpenCV and zlib. The camera
+looks along x with a focal length of 48 px, 1.5 m above the road.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ POINT: Final = np.dtype(
 
 @dataclass(frozen=True)
 class Thing:
-    """A cuboid: its centre in metres before the camera, half its size, what it is."""
+    """A cuboid: its kind, its centre in metres from the camera, and half its size."""
 
     id: str
     kind: str
@@ -44,12 +44,12 @@ class Thing:
 
     @property
     def near(self) -> float:
-        """Metres to the side that faces the camera."""
+        """The distance in metres of the side that faces the camera."""
         return self.center[0] - self.half[0]
 
     @property
     def front(self) -> tuple[int, int, int, int]:
-        """The same side in pixels."""
+        """The rectangle of the same side in the image, in pixels."""
         (_, y, z), (_, half_y, half_z) = self.center, self.half
         across = [
             WIDTH / 2 + FOCAL * side / self.near for side in (y - half_y, y + half_y)
@@ -63,7 +63,7 @@ class Thing:
         return x0, y0, x1, y1
 
     def as_box(self) -> dict[str, Any]:
-        """The cuboid as an annotation has it."""
+        """The box of an annotation for this cuboid."""
         still = {"pitch": 0.0, "yaw": 0.0, "roll": 0.0}
         x, y, _ = self.center
         height = {"x": 0.0, "y": 0.0, "z": self.center[2]}
@@ -80,7 +80,7 @@ class Thing:
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame as it is uploaded."""
+    """What is uploaded for a frame: key, annotation, and files by kind."""
 
     key: str
     annotation: dict[str, Any]
@@ -88,7 +88,7 @@ class Frame:
 
 
 def frames() -> list[Frame]:
-    """All of them, in order."""
+    """All three frames, in order."""
     return [_frame(number) for number in range(FRAMES)]
 
 
@@ -97,7 +97,7 @@ def _frame(number: int) -> Frame:
     tags = np.full((HEIGHT, WIDTH), _SKY, np.uint8)
     tags[HEIGHT // 2 :] = _ROAD
     ids = np.zeros((HEIGHT, WIDTH), np.int64)
-    # Whole centimetres.
+    # In whole centimetres.
     depth = np.full((HEIGHT, WIDTH), 100_000, np.int64)
     rows = np.arange(HEIGHT // 2)
     depth[HEIGHT // 2 :] = (FOCAL * 300 // (2 * rows + 1))[:, None]
@@ -133,7 +133,8 @@ def _things(number: int) -> list[Thing]:
 
 def _annotation(number: int, things: list[Thing]) -> dict[str, Any]:
     level = {"x": 0, "y": 0, "z": EYE, "pitch": 0, "yaw": 0, "roll": 0}
-    # Whole numbers, where a field of view of 90 degrees gives 48.00000000000001 px.
+    # Given as a matrix of whole numbers: a focal length computed from a field of view
+    # of 90 degrees would be 48.00000000000001 px.
     intrinsic = [[FOCAL, 0, WIDTH // 2], [0, FOCAL, HEIGHT // 2], [0, 0, 1]]
     size = {"width": WIDTH, "height": HEIGHT}
     camera = {**size, "intrinsic": intrinsic, "transform": level}
@@ -151,7 +152,7 @@ def _annotation(number: int, things: list[Thing]) -> dict[str, Any]:
     return {
         "carla_version": "0.9.15",
         "map": "Town10HD",
-        # Of another century than the tests' own times, which are replaced.
+        # In another century, since times of this one are replaced in the pins.
         "captured_at": f"1999-12-31T23:59:{50 + number}Z",
         "weather": {"fog_density": 2.5},
         "camera": camera,
@@ -162,7 +163,7 @@ def _annotation(number: int, things: list[Thing]) -> dict[str, Any]:
 
 
 def _points(things: list[Thing]) -> bytes:
-    """Nine points on the front of whatever is drawn."""
+    """A LiDAR file with nine points on the front of each cuboid that is drawn."""
     rows = [
         (thing.near + 0.125, y + side / 2, z - EYE + top / 2, 1, thing.instance, tag)
         for thing in things

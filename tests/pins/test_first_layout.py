@@ -1,7 +1,7 @@
-"""Records as the first version stored them can be read for ever.
+"""Records as the first version stored them can still be read.
 
-The bytes stand here, where no rewriting of pins reaches them: those of the pin
-``records`` at the first layout. A column that is added later is not in them.
+The bytes are written in this file, where rewriting the pins cannot change them. They
+are those of the pin ``records`` at the first layout, without columns added later.
 """
 
 from __future__ import annotations

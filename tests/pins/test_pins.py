@@ -1,4 +1,4 @@
-"""Nothing that others rely on has changed; the package's docstring says what it is."""
+"""The present code gives every pinned value; `tests.pins` explains what pins are."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.pins.pinned import PINS
 
 
 def lowered(name: str, found: Any) -> Any:
-    """What was found; of our own modules fewer than were stored are as good."""
+    """The found value, in which fewer modules of our own count as the stored number."""
     if name != "modules":
         return found
     limits = stored.read(name)

@@ -1,4 +1,4 @@
-"""A walk over the API of a service with the frames of `street`, answer by answer."""
+"""A fixed series of API requests on the frames of `street`, with every response."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ from tests.support.archives import packed
 BASE: Final = "/api/v1"
 DATASET: Final = "street"
 FINISHED: Final = ("done", "failed", "cancelled")
-# Headers of safety are the same everywhere and have tests of their own.
+# The headers that are kept. Those for security are left out: all answers have the same
+# ones, and they have tests of their own.
 HEADERS: Final = (
     "accept-ranges",
     "allow",
@@ -41,13 +42,13 @@ HEADERS: Final = (
 )
 _TIME: Final = re.compile(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?(Z|[+-]\d\d:\d\d)")
 _SECRET: Final = re.compile(r"\bu[a-z]+_[\w-]{20,}|(?<=key=)[\w-]{20,}")
-# Titles are Python's names of the statuses, which change. When a token was used is
-# noted now and then.
+# Keys whose values are replaced. Titles are Python's names of statuses, which differ
+# between versions; the last use of a token is only stored now and then.
 _OF_THE_MOMENT: Final = ("request_id", "title", "snapshot", "last_used_at", "python")
-# In whatever order the database counts them.
+# Objects whose keys are sorted, since their order depends on the database.
 _UNORDERED: Final = ("by_reason", "by_class")
 _COUNTED_LATELY: Final = ("unghost_blobs gauge", "unghost_blob_bytes gauge")
-"""There once files were counted, which happens beside the requests."""
+"""Metrics that are there only after files have been counted, in the background."""
 _OF_SQLITE: Final = "unghost_wal_bytes gauge"
 _PARTIAL: Final = 206
 _WAIT_S: Final = 60
@@ -55,13 +56,13 @@ _WAIT_S: Final = 60
 
 @dataclass
 class Walk:
-    """A client that notes what it asked and what was answered."""
+    """An API client that records its requests and the responses."""
 
     http: httpx.Client
     steps: list[dict[str, Any]] = field(default_factory=list)
 
     def ask(self, step: str, method: str, path: str, **request: Any) -> httpx.Response:
-        """Ask, and note the answer under the name of the step."""
+        """Send a request, and record the response under the name of the step."""
         answer = self.http.request(method, path, **request)
         headers = {
             name: plain_text(answer.headers[name])
@@ -93,7 +94,7 @@ class Walk:
         ).json()  # fmt: skip
 
     def wait(self, step: str, path: str) -> Any:
-        """Ask until a job is over, and note the last answer alone."""
+        """Ask until a job is over, and record only the last response."""
         until = time.monotonic() + _WAIT_S
         while self.http.get(BASE + path).json()["state"] not in FINISHED:
             assert time.monotonic() < until, path
@@ -102,7 +103,7 @@ class Walk:
 
 
 def members(number: int, frame: Frame) -> list[tuple[str, bytes]]:
-    """A frame as the files of a batch."""
+    """The files (name, content) of a frame in a batch's archive."""
     annotation = json.dumps({"key": frame.key, **frame.annotation}).encode()
     suffix = {"lidar": "npy"}
     return [
@@ -115,12 +116,12 @@ def members(number: int, frame: Frame) -> list[tuple[str, bytes]]:
 
 
 def multipart(frame: Frame) -> dict[str, Any]:
-    """A frame as the parts of an upload."""
+    """The multipart fields of a frame's upload."""
     return {"annotation": json.dumps(frame.annotation).encode(), **frame.files}
 
 
 def plain(value: Any) -> Any:
-    """A JSON value without what differs each time."""
+    """A JSON value with placeholders for what differs from run to run."""
     if isinstance(value, dict):
         return {key: _plain_item(key, item) for key, item in value.items()}
     if isinstance(value, list):
@@ -137,14 +138,14 @@ def _plain_item(key: str, item: Any) -> Any:
 
 
 def plain_text(text: str) -> str:
-    """A text without times, secrets and the version."""
+    """A text with placeholders for times, secrets and the version."""
     if text == VERSION:
         return "<version>"
     return _SECRET.sub("<secret>", _TIME.sub("<time>", text))
 
 
 def _body(answer: httpx.Response) -> Any:
-    """What is kept of a body: without what differs from one run to the next."""
+    """What is recorded of a response's body, by its type."""
     kind = answer.headers.get("content-type", "").partition(";")[0]
     if answer.url.path == "/readyz":
         return {"checks": list(answer.json()["checks"])}
@@ -181,7 +182,7 @@ def _size(answer: httpx.Response) -> Any:
 
 
 def _last_event(answer: httpx.Response) -> Any:
-    # How often it tells in between depends on the machine.
+    # The number of earlier events depends on the speed of the machine.
     *_, last = answer.text.strip().split("\n\n")
     event = dict(line.split(": ", 1) for line in last.splitlines())
     return {"event": event["event"], "data": plain(json.loads(event["data"]))}
@@ -195,11 +196,11 @@ _READERS: Final[Mapping[str, Callable[[httpx.Response], Any]]] = {
     "image/jpeg": _size,
     "text/event-stream": _last_event,
 }
-"""By media type; of any other body the SHA-256 is kept."""
+"""What is recorded of a body, by media type; of other types, the SHA-256."""
 
 
 def walked(http: httpx.Client) -> list[dict[str, Any]]:
-    """The whole walk; it leaves a dataset with all frames, a run and some answers."""
+    """All steps of the walk, which leaves a dataset with frames, a run and answers."""
     walk = Walk(http)
     for part in _PARTS:
         part(walk)
@@ -456,7 +457,7 @@ def _ends(walk: Walk) -> None:
 
 
 def _batches(walk: Walk, path: str) -> None:
-    """Frames that are stored, that are there already, and that are refused."""
+    """Upload batches with frames that are new, already there, or refused."""
     first, second, _ = street.frames()
     other = Frame(second.key, {**second.annotation, "map": "Town01"}, second.files)
     cut = {**first.files, "segmentation": first.files["segmentation"][:900]}

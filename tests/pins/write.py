@@ -1,6 +1,6 @@
-"""Rewrite stored pins: ``python -m tests.pins.write [NAME ...]``.
+"""Rewrites stored pins: ``python -m tests.pins.write [NAME ...]``.
 
-The package's docstring says when that is allowed.
+The docstring of `tests.pins` says when that is allowed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Two servers on two ports, of one PostgreSQL database and one data folder."""
+"""Two servers on two ports that share one PostgreSQL database and one data folder."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _numbers = count(1)
 
 @dataclass(frozen=True)
 class Replica:
-    """One of the servers, and an admin's client of it."""
+    """One of the two servers, and an API client of it with the rights of an admin."""
 
     server: RunningServer
     api: Api
@@ -27,7 +27,7 @@ class Replica:
 
 @dataclass(frozen=True)
 class Replicas:
-    """Both, and the database that they share."""
+    """Both servers, and the address of the database that they share."""
 
     one: Replica
     two: Replica
@@ -38,7 +38,7 @@ class Replicas:
         return self.one, self.two
 
     def people(self, role: str = "reviewer") -> tuple[Api, Api]:
-        """One person's client of each server; made by the first of them."""
+        """Make a person on the first server, and give a client of each server."""
         made = self.one.api.post(
             "/tokens", {"name": f"person-{next(_numbers)}", "role": role}
         )
@@ -48,7 +48,10 @@ class Replicas:
         return one, two
 
     def street(self, frames: int = 1) -> str:
-        """A dataset; each frame has a car and a ghost. The servers take turns."""
+        """Make a dataset, uploading its frames to the two servers in turn.
+
+        Each frame has a visible car and a ghost, a box without an object.
+        """
         name = self.one.api.dataset()
         for number in range(frames):
             api = self.both[number % 2].api
@@ -58,7 +61,7 @@ class Replicas:
 
 @pytest.fixture(scope="module")
 def replicas(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Replicas]:
-    """They start at the same time, over an empty folder."""
+    """Two running servers, of one empty database and one empty folder."""
     data = tmp_path_factory.mktemp("shared") / "data"
     with migrated_postgres() as url, ExitStack() as opened:
         settings = {"UNGHOST_DATABASE_URL": url, "UNGHOST_WORKERS": "1"}
@@ -73,7 +76,7 @@ def replicas(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Replicas]:
 
 @pytest.fixture
 def person(replicas: Replicas) -> Iterator[Callable[[], tuple[Api, Api]]]:
-    """Makes reviewers; their clients are closed with the test."""
+    """Makes a reviewer: a client of each server, which are closed after the test."""
     with ExitStack() as opened:
 
         def make() -> tuple[Api, Api]:

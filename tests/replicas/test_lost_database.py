@@ -1,4 +1,7 @@
-"""A database server that is killed, restarted or away: nothing answered is lost."""
+"""The database server is killed, restarted or unreachable while requests are made.
+
+What was acknowledged is stored, and everything else gets an error to retry.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ GOOD = {200, 201, 202, 412}
 
 @dataclass(frozen=True)
 class Place:
-    """A server of a cluster of its own, and an admin's client."""
+    """A PostgreSQL cluster, the only server that uses it, and a client of an admin."""
 
     cluster: Cluster
     server: RunningServer
@@ -49,7 +52,7 @@ def place(tmp_path_factory) -> Iterator[Place]:
 
 @dataclass
 class Writers:
-    """Clients that write without end and note what they were answered."""
+    """Clients that upload and review until told to stop, and note the answers."""
 
     place: Place
     dataset: str
@@ -105,7 +108,7 @@ class Writers:
         return False
 
     def check(self) -> None:
-        """What was acknowledged is there, and refusals were proper ones."""
+        """All that was acknowledged is stored; refusals were 503 with `Retry-After`."""
         for answer in self.refused:
             assert answer.status_code == 503, answer.text
             assert int(answer.headers["Retry-After"]) > 0
@@ -132,7 +135,7 @@ def every(api, path):
 
 
 def until_it_answers(api):
-    """The service itself is never started again; how long it takes to recover."""
+    """Wait until the service, which is not restarted, recovers; give the seconds."""
     begun = time.monotonic()
     while True:
         try:
@@ -148,7 +151,7 @@ def lose_connections(cluster):
 
 
 def kill_a_backend(cluster):
-    """The server then ends all others and goes through its recovery."""
+    """Kill one process of PostgreSQL, which then restarts all others to recover."""
     assert cluster.kill_backends() > 0
 
 
@@ -254,7 +257,7 @@ def test_a_batch_that_loses_the_database_says_what_is_stored(place):
 
 @pytest.fixture(scope="module")
 def street(place):
-    """A dataset that takes a second to measure."""
+    """A dataset that takes about a second to measure."""
     return fill(place.api, FRAMES)
 
 
@@ -282,12 +285,12 @@ def test_a_run_goes_on_by_itself(place, street, lose):
 
 
 def cut_at_work(cluster):
-    """End one connection in the middle of a transaction; all others go on."""
+    """End one connection in the middle of a transaction, and no other one."""
     until(cluster.end_a_transaction)
 
 
 def test_a_connection_that_is_cut_at_work_fails_no_run(place, street):
-    """An administrator ended one connection, and the run was over as "internal"."""
+    """Formerly a run failed with the error "internal" when a connection was ended."""
     accepted = place.api.post(f"/datasets/{street}/runs", {"config": OTHER_PIXELS[2]})
     with open_events(place.api, accepted.json()["id"]) as events:
         next(event.data for event in events if event.data["done"])

@@ -1,4 +1,4 @@
-"""Two servers of one database behave as one does."""
+"""Two servers that share one database behave together as one server does."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ PATIENCE_S = 60
 
 
 def both_at_once(first, second):
-    """What two calls give that begin together."""
+    """Call two functions at the same time, and give both results."""
     with ThreadPoolExecutor(2) as pool:
         futures = [pool.submit(first), pool.submit(second)]
         return [future.result() for future in futures]
 
 
 def until_refused(client, path="/api/v1/datasets"):
-    """After how many seconds the last request was sent that was not refused.
+    """Ask until the answer is 401; give when the last accepted request was sent.
 
-    When they were answered says nothing: a machine that is busy may take its time.
+    In seconds from the beginning. The time of sending counts and not that of the
+    answer, which may be late on a busy machine.
     """
     begun, last_sent_s = time.monotonic(), 0.0
     while True:

@@ -1,4 +1,7 @@
-"""Services whose files are in a bucket, behind a gate that can be shut."""
+"""A service whose files are in a bucket.
+
+Between the two is a gate that tests can shut, to make the bucket unreachable.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,6 @@ from tests.support.s3_service import OnS3, served_on_s3
 
 @pytest.fixture(scope="session")
 def on_s3(tmp_path_factory: pytest.TempPathFactory, s3: S3Server) -> Iterator[OnS3]:
-    """One for all tests; name your datasets apart."""
+    """One such service for all tests, which give their datasets different names."""
     with served_on_s3(tmp_path_factory.mktemp("on-s3"), s3) as running:
         yield running

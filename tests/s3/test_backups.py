@@ -1,4 +1,4 @@
-"""A backup holds the files of the bucket, and becomes a bucket or a folder again."""
+"""A backup of files in a bucket can be restored to a bucket or to a folder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def settings(data, bucket=None):
 
 @pytest.fixture
 def filled(tmp_path, s3):
-    """A data folder of two frames, whose files are in a bucket."""
+    """The bucket with the files of a data folder that has two frames."""
     bucket = s3.bucket()
     filled_folder(tmp_path / "data", **bucket.settings)
     return bucket

@@ -1,6 +1,6 @@
-"""A bucket that is away, silent or cut off: told as such, and nothing stored is lost.
+"""The bucket is unreachable, silent, or breaks connections off.
 
-The server answers for it within seconds, whatever the store does.
+The server answers 503 within seconds, and nothing that was stored is lost.
 """
 
 from __future__ import annotations
@@ -35,13 +35,16 @@ def until_ready(server):
         answer = plain_http.get(f"{server.url}/readyz", timeout=60)
         if answer.status_code == 200:
             return
-        time.sleep(0.1)  # it looks itself once a second
+        time.sleep(0.1)  # the service checks the store once a second
     raise AssertionError(answer.text)
 
 
 @pytest.fixture(params=["shut", pytest.param("hold", marks=pytest.mark.long)])
 def away(on_s3, request):
-    """The store goes away, or takes connections and says nothing, until the end."""
+    """The store refuses connections or accepts them silently, until the test ends.
+
+    Gives a dataset and the id of a frame that was stored before.
+    """
     dataset = on_s3.api.dataset()
     stored = on_s3.api.stored(dataset, "before", **files(1))
     getattr(on_s3.gate, request.param)()
@@ -102,17 +105,17 @@ def complaints(server):
 
 
 def until_it_complains(server, before):
-    """A job has asked the store in vain."""
+    """Wait until a job has asked the store in vain, as its log says."""
     for _ in range(MOST_TRIES):
         if complaints(server) > before:
             return
-        time.sleep(0.1)  # what a job does is seen nowhere else
+        time.sleep(0.1)  # nothing but the log shows that a job waits
     raise AssertionError("nobody has asked the store")
 
 
 @pytest.fixture
 def measured_in_vain(on_s3):
-    """A run that needs pixels while the store is away."""
+    """A run that needs pixels while the store is unreachable, and its dataset."""
     dataset = on_s3.api.dataset()
     for number in range(3):
         on_s3.api.stored(dataset, f"{number}", **files(number))
@@ -149,7 +152,7 @@ def test_a_run_can_be_cancelled_while_the_store_is_away(on_s3, measured_in_vain)
 
 
 def all_threads_are_free(on_s3):
-    """Of those that measure pixels, none waits for a store on behalf of nobody."""
+    """Whether all measuring threads become idle within five seconds."""
     until = time.monotonic() + 5
     while time.monotonic() < until:
         metrics = on_s3.api.http.get("/metrics").text
@@ -159,7 +162,7 @@ def all_threads_are_free(on_s3):
 
 
 def send_one_by_one(api, dataset, count):
-    """As a client does: again after 503, until it is stored."""
+    """Upload frames one after another, each again after 503 until it is stored."""
     for number in range(count):
         for _ in range(MOST_TRIES):
             status = api.put(dataset, f"one/{number}", **files(number)).status_code
@@ -171,7 +174,7 @@ def send_one_by_one(api, dataset, count):
 
 
 def send_in_batches(api, dataset, count):
-    """The frames that no line said to be stored are sent again."""
+    """Upload frames as a batch; again those that no line of the answer says stored."""
     left = set(range(count))
     for _ in range(MOST_TRIES):
         members = [
@@ -186,7 +189,7 @@ def send_in_batches(api, dataset, count):
 
 
 def come_and_go(way, over, seed):
-    """The store is away for a moment, again and again, in the middle of anything."""
+    """Make the store unreachable for moments at random times, until `over` is set."""
     chance = random.Random(seed)
     while not over.wait(chance.uniform(0.05, 0.4)):
         way.shut()
@@ -195,7 +198,10 @@ def come_and_go(way, over, seed):
 
 
 def check_that_nothing_is_lost(running, count):
-    """Frames are sent one by one and in batches, while the store comes and goes."""
+    """Upload frames singly and in batches while the store comes and goes.
+
+    Afterwards every frame and every file is there and unharmed.
+    """
     api, over = running.api, threading.Event()
     dataset = api.dataset()
     troubles = threading.Thread(target=come_and_go, args=(running.gate, over, count))

@@ -1,4 +1,4 @@
-"""Large archives go into a bucket and out of it without being held as a whole."""
+"""Large archives are put into a bucket and sent from it in parts, in little memory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MIB = 1024**2
 
 
 def peak_bytes(process):
-    """The most memory that the process ever had."""
+    """The most memory that a process had since `forget_peak`, in bytes."""
     text = Path(f"/proc/{process.pid}/status").read_text()
     return int(text.partition("VmHWM:")[2].split()[0]) * 1024
 
@@ -34,14 +34,17 @@ def forget_peak(process):
 
 @pytest.fixture
 def patient(tmp_path, s3):
-    """A service that gives a busy machine time."""
+    """A service that waits for the store as long as a busy machine may need."""
     with served_on_s3(tmp_path, s3, UNGHOST_STORAGE_TIMEOUT_S="60") as running:
         yield running
 
 
 @pytest.fixture
 def export(patient):
-    """The archive of frames whose images cannot be compressed."""
+    """A large export, and by how many bytes the process grew while it was written.
+
+    The images of its frames cannot be compressed.
+    """
     api, process = patient.api, patient.server.process
     dataset = api.dataset()
     tags = np.full((HIGH, WIDE), FAMILIES[scene.FAMILY].tag_of("Road"), np.uint8)

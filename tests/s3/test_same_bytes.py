@@ -1,4 +1,4 @@
-"""Exports are the same, byte by byte, wherever files are stored."""
+"""Exports have the same bytes whether files are stored in a bucket or in a folder."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PATIENCE_S = 60
 
 
 def exports(folder, name, **chosen):
-    """Digests of what a new service writes of a dataset with this name."""
+    """Fill a new service, and give the digest of its export in each format."""
     with running_services(folder, **chosen) as services:
         street = renamed(services, name)
         for number in range(3):

@@ -1,4 +1,4 @@
-"""The whole product with its files in a bucket: a real service, over a real port."""
+"""A real service, over a real port, that keeps all its files in a bucket."""
 
 from __future__ import annotations
 

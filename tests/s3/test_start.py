@@ -1,4 +1,7 @@
-"""A bucket that cannot be used is said at the start: which one, and why; no secrets."""
+"""A service that cannot use its bucket says at the start which bucket and why.
+
+The message shows no secrets.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +49,7 @@ def test_a_server_that_fails(tmp_path, s3, status):
 
 
 def test_refused_keys_are_named_by_their_variables_and_never_shown(tmp_path):
-    """Amazon's answer to a wrong signature repeats the headers of the request."""
+    """Not even by quoting the store, whose refusal repeats the request's headers."""
 
     def echo(headers):
         told = "".join(f"{name}:{value}\n" for name, value in headers.items())
@@ -103,7 +106,7 @@ def test_files_have_to_be_where_the_database_is_told_that_they_are(tmp_path, s3)
 
 @pytest.mark.sqlite_files("databases of a server are copies of one with all tables")
 def test_a_new_database_does_not_take_over_the_files_of_another(tmp_path, s3):
-    """It would make garbage of all files that it does not know."""
+    """It would treat all files that it does not know as garbage, and remove them."""
     bucket = s3.bucket()
     with running_services(tmp_path / "one", **bucket.settings) as services:
         services.context.storage.put({"0" * 64: b"any"})

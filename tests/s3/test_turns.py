@@ -1,4 +1,4 @@
-"""A bucket is never asked while others wait to write."""
+"""A request that waits for the bucket does not keep others from writing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,11 @@ PATIENCE_S = 20.0
 
 @pytest.fixture
 def behind_a_gate(tmp_path, s3):
-    """A dataset with a frame that another process has stored, and its gate to S3."""
+    """A dataset with a frame, and the gate between its service and the bucket.
+
+    The frame was stored by an earlier service, so that this one has to ask the bucket
+    whether the frame's files are still there.
+    """
     bucket = s3.bucket()
     with gate(bucket.url) as way:
         chosen = bucket.behind(way.url, storage_timeout_s=PATIENCE_S).settings

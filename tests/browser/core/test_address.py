@@ -1,4 +1,7 @@
-"""The address is the state: any view is a link, and survives a reload."""
+"""The address holds filters and selection: they survive a reload and can be shared.
+
+Also: the list of frames and its search, going back, and addresses of nothing.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A part of a view that cannot be loaded says why, and comes when it is tried again."""
+"""A part of a view that cannot be loaded shows the error, and can be tried again."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def refuse(route: Route) -> None:
 
 @pytest.fixture
 def street(make_scene: MakeScene) -> Scene:
-    """Two boxes, and a run that has changed one."""
+    """A dataset of two boxes, and a run that has changed the verdict of one."""
     street = make_scene(boxes=[car_at(30, 0), car_at(55, 1)])
     street.decide(threshold_small_box=40)
     return street
 
 
 def view(path: str, *, click: str = "") -> Callable[[Visitor, Scene], None]:
-    """Open a view of the dataset, and press a button of it."""
+    """A function that opens this view of the dataset and clicks a button, if named."""
 
     def go(ada: Visitor, street: Scene) -> None:
         page = ada.open(f"#/datasets/{street.dataset}/{path}")
@@ -53,7 +53,10 @@ def a_box(ada: Visitor, street: Scene) -> None:
 
 
 def segmentation(ada: Visitor, street: Scene) -> None:
-    """Without a box: the pixels of one would be loaded from the segmentation, too."""
+    """Show the segmentation of a frame.
+
+    No box is selected: its pixels would be loaded from the segmentation, too.
+    """
     ada.page.goto(f"{ada.url}/#/frames/{street.frame['id']}")
     ada.page.get_by_role("button", name="Segmentation").click()
 

@@ -1,4 +1,4 @@
-"""Every key of the keymap does what the help says; help and keymap are one table."""
+"""What each key of the keymap does, and that the help lists every binding."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What the page loads: little at first, the rest with the view that needs it."""
+"""Which modules, styles and requests a view needs.
+
+The first view loads little; a later view loads its modules when it is opened.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ def test_first_view_loads_no_other_views_modules(scene, ada):
 
 
 MOST_REQUESTS = 50
-"""Of the first view, from the page itself to its data and its first picture."""
+"""Most requests of the first view, including the page, its data and one picture."""
 
 
 @pytest.mark.parametrize("view", ["#/datasets", "#/datasets/{}/frames"])
@@ -36,7 +39,7 @@ def test_first_view_asks_for_little(scene, ada, view):
 
     loaded = page.evaluate(LOADED)
 
-    # How many pictures are in sight depends on what other tests have made.
+    # Pictures are left out: their number depends on the datasets of other tests.
     others = [name for name in loaded if not name.endswith("/thumbnail")]
     assert len(others) + len(["page", "picture"]) <= MOST_REQUESTS, loaded
 

@@ -1,4 +1,4 @@
-"""Several people on one machine, or in one browser: nobody acts as another."""
+"""People who share a browser or a machine do not act under each other's name."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.browser
 
 @pytest.fixture
 def bo(server, api):
-    """A link that signs in as somebody else."""
+    """The name and the token of another person than the admin."""
     name = f"bo-{len(api.get('/tokens').json()['items'])}"
     token = api.post("/tokens", json={"name": name}).json()["token"]
     return name, token
@@ -75,11 +75,11 @@ def test_signing_in_as_another_person_changes_every_tab(visit, server, bo):
 def test_answer_of_one_person_never_goes_out_under_another_name(
     visit, server, bo, scene
 ):
-    """It waits in the browser until who gave it is back."""
+    """It stays in the browser until the person who gave it signs in again."""
     name, token = bo
     ada = visit(sign_in=False)
     page = ada.page
-    # A document that is loaded already may send its answer past a new route.
+    # Set before the page is opened: a page that is loaded may not use a new route.
     page.route("**/reviews", lambda route: route.abort())
     page.goto(server.login_link)
     expect(page.locator(".who__name")).to_have_text("admin")
@@ -110,7 +110,10 @@ def test_answer_of_one_person_never_goes_out_under_another_name(
 def test_page_of_another_persons_server_on_another_port_gets_nothing(
     visit, server, start_server
 ):
-    """Ports of one machine share cookies; what this page keeps they do not."""
+    """Servers on several ports of a machine share cookies, but not `localStorage`.
+
+    The session is kept there, so the other server never receives it.
+    """
     ada = visit(sign_in=False)
     page = ada.page
     page.goto(server.login_link)
@@ -135,7 +138,7 @@ def test_page_of_another_persons_server_on_another_port_gets_nothing(
     assert not any("cookie" in headers for headers in sent)
     assert secret not in stored
     assert page.context.cookies() == []
-    # Signing in there has ended nothing here.
+    # Signing in on the other server has not ended the session on this one.
     page.reload()
     expect(page.locator(".who__name")).to_have_text("admin")
     assert kept_session(page)["session"] == secret

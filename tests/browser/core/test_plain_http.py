@@ -1,4 +1,7 @@
-"""The page over `http://` from another machine, where browsers lack some functions."""
+"""The page over `http://` from another machine.
+
+Browsers withhold some functions there, such as locks and the clipboard.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,10 @@ NOTHING_UNSENT = """() => !Object.keys(localStorage)
 
 @pytest.fixture
 def ada(visit: Visit) -> Visitor:
-    """Browsers trust pages of their own machine: what others lack is taken away."""
+    """A window without the functions that browsers withhold from insecure pages.
+
+    They have to be removed by a script, since pages of 127.0.0.1 count as secure.
+    """
     ada = visit(color_scheme="light")
     ada.page.add_init_script(NOT_SECURE)
     return ada
@@ -50,7 +56,7 @@ def test_a_tab_leaves_the_unsent_answers_of_an_open_one_and_sends_those_of_a_clo
     second = Visitor(first.context.new_page(), ada.url)
     second.page.add_init_script(NOT_SECURE)
     second.open(scene.link("real"))
-    # Longer than it waits for the names of open tabs.
+    # Longer than a tab waits for other tabs to answer that they are open.
     second.page.wait_for_timeout(1000)
     second.press("x")
     second.saved()

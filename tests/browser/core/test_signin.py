@@ -1,4 +1,4 @@
-"""The way in: the login link, a pasted token, and out again."""
+"""Signing in by a login link or a pasted token, signing out, and expired sessions."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_login_link_signs_in_and_leaves_no_token_behind(visit: Visit, server):
 
 
 def test_nothing_in_the_history_signs_anybody_in(visit, server):
-    """Neither what is left of the link's entry nor the link itself."""
+    """After signing out, neither going back nor opening the used link signs in."""
     page = visit(sign_in=False).page
     link = server.login_link
     page.goto(f"{server.url}/#/datasets")
@@ -115,7 +115,7 @@ def test_wrong_token_is_refused_and_can_be_corrected(visit, server):
 
 
 def test_sign_out_ends_the_session_in_every_tab(visit, server):
-    page = visit(sign_in=False).page  # a session of its own: the others share one
+    page = visit(sign_in=False).page  # not the session that other tests share
     page.goto(server.login_link)
     expect(page.locator("[data-view=datasets]")).to_be_visible()
     other = page.context.new_page()
@@ -155,7 +155,7 @@ def test_description_of_the_api_is_shown_to_who_is_signed_in(visit, server):
     page.goto(server.login_link)
     expect(page.locator("[data-view=datasets]")).to_be_visible()
 
-    slow: list[Route] = []  # the document comes after the click
+    slow: list[Route] = []  # held back until after the click
     page.route("**/openapi.json", lambda route: slow.append(route))
     page.goto(f"{server.url}/docs")
 
@@ -203,8 +203,8 @@ def test_page_whose_token_expires_says_so(visit, server, api, scene):
 
 
 def until_expired(page, server, token):
-    """End a token; who was let in is remembered for a second."""
-    # Before the change: the page forgets its session with the first refusal.
+    """Let a token expire, and wait until the server, which caches tokens, notices."""
+    # Read before the change: the page drops its session with the first refusal.
     shown = {"Authorization": f"Bearer {kept_session(page)['session']}"}
     change_token(server, token, "expires_at = '2001-01-01 00:00:00'")
     until(
@@ -218,7 +218,7 @@ def a_token(server, api):
 
 
 def change_token(server, token, to):
-    """What only time or an admin does to a token."""
+    """Change columns of a token in the database, for example to let it expire."""
     digest = hashlib.sha256(token.encode()).hexdigest()
     databases.change(
         server.data, f"update tokens set {to} where hash = :hash", hash=digest

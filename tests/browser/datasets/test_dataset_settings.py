@@ -1,4 +1,7 @@
-"""A dataset's settings: what was refused, how it is read, and its end."""
+"""The settings of a dataset: refused frames, description, reading of segmentations.
+
+Also: deleting the dataset.
+"""
 
 from __future__ import annotations
 

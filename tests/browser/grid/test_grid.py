@@ -1,4 +1,7 @@
-"""Crops by the hundred: what is shown, how one selects, where one comes back to."""
+"""The grid of crops: what it shows, how boxes are selected, filters and order.
+
+Also: coming back from a frame to the same place, and what cannot be loaded.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ pytestmark = pytest.mark.browser
 
 @pytest.fixture
 def many(make_scene: MakeScene) -> Scene:
-    """Sixty boxes: b0, b2 ... kept, b1, b3 ... rejected."""
+    """Sixty boxes: b0, b2, ... are kept, b1, b3, ... are rejected."""
     return make_scene(boxes=crowds.crowd(60))
 
 

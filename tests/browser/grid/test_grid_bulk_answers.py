@@ -1,4 +1,4 @@
-"""Answering many boxes at once: one bulk answer, one undo, never lost."""
+"""Answering many boxes at once in the grid: sending, undoing, offline, conflicts."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ pytestmark = [pytest.mark.browser, pytest.mark.long]
 
 @pytest.fixture
 def many(make_scene: MakeScene) -> Scene:
-    """Thirty boxes: b0, b2 ... kept, b1, b3 ... rejected."""
+    """Thirty boxes: b0, b2, ... are kept, b1, b3, ... are rejected."""
     return make_scene(boxes=crowds.crowd(30))
 
 
 @pytest.fixture
 def page(many: Scene, ada: Visitor) -> Page:
-    """The grid of them, read."""
+    """The grid of these boxes, once its list is loaded."""
     opened = ada.open(grid(many))
     expect(opened.get_by_role("grid")).to_have_attribute("aria-busy", "false")
     return opened

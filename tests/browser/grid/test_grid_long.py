@@ -1,4 +1,7 @@
-"""A hundred thousand boxes: little is drawn, the scrollbar is honest, jumps arrive."""
+"""The grid of 100,000 boxes: few cells are in the document, whatever its length.
+
+The scrollbar stands for all boxes, and jumps, ranges and crops work anywhere in it.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ NODES = "document.querySelectorAll('*').length"
 
 @pytest.fixture(scope="module")
 def endless(api: httpx.Client, server: RunningServer) -> str:
-    """A hundred thousand boxes, written as rows; their frames share one image."""
+    """100,000 boxes, written directly to the database; all frames share one image."""
     crowds.fill(api, "one-picture", frames=1, boxes=1)
     (frame,) = api.get("/datasets/one-picture/frames").json()["items"]
     files = api.get(f"/frames/{frame['id']}").json()["files"]

@@ -1,4 +1,4 @@
-"""Channels compared in the browser: measured by a click, against pixels and people."""
+"""The view that compares measuring channels with instances and with people."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def panel(page: Page) -> Locator:
 
 
 def measured(ada: Visitor, dataset: str) -> Locator:
-    """The panel when every channel has its row."""
+    """The panel of channels after "Measure every channel", when all rows are there."""
     page = ada.open(f"#/datasets/{dataset}/quality")
     panel(page).get_by_role("button", name="Measure every channel").click()
     rows = panel(page).locator("tbody tr")
@@ -112,7 +112,7 @@ def test_a_box_that_another_channel_judged_says_what_decided(ada, api, dataset):
 
 
 def rejected(api: httpx.Client, dataset: str) -> int:
-    """The one box that is rejected, once the run that measures is done."""
+    """The id of the one rejected box; waits until the measuring run is done."""
     asked = {"dataset": dataset, "verdict": "rejected"}
     (box,) = until(lambda: api.get("/boxes", params=asked).json()["items"])
     return int(box["box_id"])

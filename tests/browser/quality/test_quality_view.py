@@ -1,4 +1,4 @@
-"""The filter against people in the browser: real answers, links, suggestions."""
+"""The view that compares the filter with people's answers, and suggests thresholds."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from tests.support.page.windows import Visitor, route_loaded
 
 pytestmark = pytest.mark.browser
 
-# The filter keeps from 10 % on, people from 5 % on: they differ about 6 and 8.
+# Per cent of each box that match. The filter keeps boxes from 10 % on and people from
+# 5 % on, so they differ about 6 and 8.
 SHARES = (1, 2, 3, 6, 8, 20, 40, 60, 80)
 PEOPLE_KEEP_FROM = 5
 
@@ -28,7 +29,7 @@ def street(make_scene: MakeScene) -> Scene:
 
 @pytest.fixture
 def answered(street: Scene) -> Scene:
-    """Somebody has answered every box of the street, twice."""
+    """The street and a second frame of the same boxes, each with an answer."""
     scenes.push(street.api, street.dataset, "run/000002", street_boxes())
     listed = street.api.get("/boxes", params={"dataset": street.dataset}).json()
     for box in listed["items"]:

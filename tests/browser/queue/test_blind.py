@@ -1,4 +1,4 @@
-"""Blind re-check: nothing gives the filter's verdict away before the answer."""
+"""With blind re-check on, nothing shows the filter's verdict before the answer."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TELLING = re.compile(
 
 @pytest.fixture
 def blind(scene: Scene, ada: Visitor) -> Page:
-    """A box that the filter has rejected, selected, with the switch on."""
+    """The frame view with a rejected box selected, and blind re-check switched on."""
     page = ada.open(scene.link("hidden"))
     ada.press("b")
     expect(page.locator(".inspector__head .badge")).to_have_text("hidden")

@@ -1,4 +1,4 @@
-"""One box at a time: what is shown, what each key does, what comes next."""
+"""The queue shows one box at a time: answering, undo, keys, orders, and its end."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SCALE = "parseFloat(document.querySelector('.stage').dataset.view)"
 
 @pytest.fixture
 def many(make_scene: MakeScene) -> Scene:
-    """Twenty boxes on one frame: b0, b2 ... kept, b1, b3 ... rejected."""
+    """Twenty boxes on one frame: b0, b2, ... are kept, b1, b3, ... are rejected."""
     return make_scene(boxes=crowds.crowd(20))
 
 
@@ -74,7 +74,7 @@ def test_the_box_is_close_and_all_around_it_is_dim(many, ada):
 
     ada.press("c")
     expect(stage).to_have_attribute("data-mode", "frame")
-    # The view glides there.
+    # The zoom is animated.
     page.wait_for_function(f"close => {SCALE} < close / 2", arg=close)
     ada.press("c")
     expect(stage).to_have_attribute("data-mode", "crop")
@@ -194,7 +194,7 @@ def test_a_key_that_is_held_down_answers_one_box(many, ada):
     page = opened(ada, many)
     first = queued(page)
 
-    for _ in range(4):  # all but the first are repeats
+    for _ in range(4):  # a key that is held down: all but the first are repeats
         page.keyboard.down("a")
     page.keyboard.up("a")
 
@@ -327,10 +327,13 @@ def test_phone_has_large_buttons_where_the_thumbs_are(many, visit: Visit):
 
 
 def whole_frame(ada: Visitor, page: Page) -> np.ndarray:
-    """What is drawn of the current box's frame, except for what only that box has."""
+    """Show the whole frame, and give the pixels of the stage's base layer.
+
+    What only the current box has is drawn on another layer.
+    """
     ada.press("f")
     expect(page.locator(".stage")).to_have_attribute("data-mode", "frame")
-    # The view glides there.
+    # The zoom is animated.
     page.wait_for_function(STANDS_STILL, polling=300)
     return layer(page, "base")[..., :3].astype(int)
 

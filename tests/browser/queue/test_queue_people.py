@@ -1,4 +1,4 @@
-"""The queue with other people, without a network, and without being told."""
+"""The queue with several people, without a network, and in an audit (blind)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.long]
 
 @pytest.fixture
 def many(make_scene: MakeScene) -> Scene:
-    """Twenty boxes on one frame: b0, b2 ... kept, b1, b3 ... rejected."""
+    """Twenty boxes on one frame: b0, b2, ... are kept, b1, b3, ... are rejected."""
     return make_scene(boxes=crowds.crowd(20))
 
 

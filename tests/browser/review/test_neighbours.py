@@ -1,4 +1,4 @@
-"""Boxes that overlap the selected one; and whose answers these are."""
+"""Boxes that overlap the selected one, the reviewer's name, and review by touch."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_overlapping_boxes_stay_closer_to_the_eye_than_others(make_scene, ada):
 
 
 def stroke(page, xyxy) -> float:
-    """How far the lower edge of a box is from the grey of the picture."""
+    """How much the drawn lower edge of a box differs from the picture's grey."""
     scale, x0, y0 = view(page)
     row = round(xyxy[3] * scale + y0)
     left, right = (round(x * scale + x0) for x in (xyxy[0] + 60, xyxy[2] - 10))

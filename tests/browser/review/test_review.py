@@ -1,4 +1,4 @@
-"""A person answers: saved at once, shown as saved, and undone on request."""
+"""Answering boxes of a frame: storing, undo, comments, history, refusals."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ EARLIER_TIMERS_ARE_DONE = "() => new Promise((done) => setTimeout(done, 50))"
 
 
 def test_keys_are_shortcuts_again_as_soon_as_a_comment_is_finished(scene, ada):
-    """A focus that was set again later took them, if the machine was busy."""
+    """Formerly a late timer focused the comment again, which then took the keys."""
     page = ada.open(scene.link("ghost"))
     page.evaluate(LATE_TIMERS)
 

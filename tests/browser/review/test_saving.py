@@ -1,4 +1,4 @@
-"""Nothing answered is lost: offline, reload, signed out, two people at once."""
+"""No answer is lost: offline, after a reload, signed out, in conflicts, across tabs."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ OFFLINE_UNTIL_RETRY = """(() => {
 
 def test_waiting_answers_survive_a_reload(scene, ada):
     page = ada.page
-    # The page tries again by itself, and would be sooner than the click now and then.
+    # Offline until the click: the page's own retry could come before it.
     page.add_init_script(OFFLINE_UNTIL_RETRY)
     ada.open(scene.link("ghost"))
     ada.press("a")
@@ -174,7 +174,7 @@ def test_conflict_on_another_frame_leads_there(scene, ada):
 
 
 def test_a_tab_opened_later_keeps_its_unsent_answers(scene, visit):
-    """The first tab took them, and the second met a conflict with itself."""
+    """Formerly the first tab sent them, and the second got a conflict with them."""
     first = visit(color_scheme="light")
     first.open(scene.link("real"))
     second = Visitor(first.page.context.new_page(), first.url)
@@ -219,7 +219,7 @@ def test_answers_of_a_closed_tab_are_sent_by_the_next_one(scene, visit):
 def test_answer_that_another_tab_sends_is_shown_before_and_after_it_is_stored(
     scene, visit
 ):
-    """As where a tab is loaded again, and another one has taken over its answers."""
+    """This happens when a tab is reloaded and another tab takes over its answers."""
     first = visit(color_scheme="light")
     first.page.route("**/reviews", lambda route: route.abort())
     first.open(scene.link("ghost"))
@@ -241,7 +241,7 @@ def test_answer_that_another_tab_sends_is_shown_before_and_after_it_is_stored(
 
 @pytest.mark.parametrize("view", ["frame", "queue"])
 def test_bulk_answer_of_another_tab_is_shown_when_it_is_stored(make_scene, visit, view):
-    """The view showed each of more than 20 boxes as it was before."""
+    """Formerly views showed the old state if the bulk answer had more than 20 boxes."""
     scene = make_scene(boxes=crowds.crowd(24))
     first = visit(color_scheme="light")
     first.page.route("**/reviews/bulk", lambda route: route.abort())
@@ -295,7 +295,10 @@ KEEP_WITHOUT_A_NAME = """(boxId) => localStorage.setItem("unghost.outbox.v1.k",
 
 @pytest.fixture
 def unowned(scene: Scene, ada: Visitor) -> Page:
-    """The grid, with an answer that an earlier version of the page has kept."""
+    """The grid, with an unsent answer in the browser that names no person.
+
+    Earlier versions of the page kept such answers.
+    """
     page = ada.open(f"#/datasets/{scene.dataset}/grid")
     page.evaluate(KEEP_WITHOUT_A_NAME, scene.box_id("ghost"))
     page.reload()
@@ -317,7 +320,7 @@ def test_an_answer_without_a_name_is_sent_as_that_of_who_takes_it(scene, ada, un
 
 def test_an_answer_without_a_name_is_discarded_by_who_confirms_it(scene, unowned):
     strip = unowned.locator(".strip")
-    # A double click asks, and takes it back.
+    # The first click of a double click asks; the second one takes the question back.
     strip.get_by_role("button", name="Discard").dblclick()
     expect(strip).to_contain_text("1 unsent answer in this browser")
 

@@ -1,4 +1,4 @@
-"""Runs and exports in the browser: watched, cancelled, compared, downloaded."""
+"""The views of runs and exports: progress, cancelling, comparing, downloading."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def street(make_scene: MakeScene) -> Scene:
 
 @pytest.fixture
 def long_street(street: Scene) -> Scene:
-    """Enough frames that measuring them again can be watched."""
+    """A street of so many frames that measuring them again takes a visible time."""
     for number in range(2, FRAMES + 2):
         scenes.push(street.api, street.dataset, f"run/{number:06d}")
     return street
@@ -75,7 +75,10 @@ def test_a_run_is_watched_from_its_beginning_to_its_end(ada, long_street):
 
 
 def test_open_jobs_leave_connections_to_other_requests(ada, long_street, server):
-    """A browser opens six to a server, for all its tabs: each job had taken one."""
+    """A browser opens six connections to a server, shared by all its tabs.
+
+    Formerly each open job occupied one of them.
+    """
     keys = [{"profile": ("carlasimu", "paper")[n % 2]} for n in range(8)]
     numbers = [apply(long_street, **key, threshold_small_box=77) for key in keys]
     with writing(server.data):
@@ -93,7 +96,7 @@ def test_open_jobs_leave_connections_to_other_requests(ada, long_street, server)
 
 def test_a_run_is_cancelled_and_nothing_has_changed(ada, long_street):
     page = runs_page(ada, long_street)
-    # They are done one after the other, each over all pixels: the last one waits.
+    # Runs follow one another, and each measures all pixels: the last is still queued.
     for choice in product(("paper", "carlasimu"), ("naive", "clipped"), ("rgb", "bgr")):
         keys = dict(zip(PIXEL_KEYS, choice, strict=True))
         number = apply(long_street, **keys, threshold_small_box=77)
@@ -159,7 +162,7 @@ def members(archive: Path) -> list[str]:
 
 def test_an_export_is_cancelled(ada, long_street):
     page = runs_page(ada, long_street)
-    # Exports are written one after the other: the last one waits for all before it.
+    # Exports are written one after another: the last is still queued when cancelled.
     path = f"/datasets/{long_street.dataset}/exports"
     asked = [long_street.api.post(path, json={"format": "yolo"}) for _ in range(12)]
     number = asked[-1].json()["id"]

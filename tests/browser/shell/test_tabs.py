@@ -1,4 +1,4 @@
-"""The views of a dataset as tabs."""
+"""The tabs that lead from one view of a dataset to another."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What is on the stage is really drawn: strokes, mask, lit pixels, edges, answers."""
+"""The pixels that the stage really draws, and how it zooms and pans.
+
+Looked at are strokes, mask, lit pixels, 3D edges and marks of answers.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ pytestmark = pytest.mark.browser
 
 
 def lit_count(top: np.ndarray) -> int:
-    """Stage pixels that carry the light of a matching pixel."""
+    """How many pixels of the stage have the colour that marks matching pixels."""
     red, green, blue, alpha = (top[..., i].astype(int) for i in range(4))
     return int(((red > 220) & (green > 180) & (blue < 90) & (alpha > 100)).sum())
 

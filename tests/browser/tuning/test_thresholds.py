@@ -1,4 +1,7 @@
-"""Thresholds tried in the browser: moved by hand, kept as a link, saved, applied."""
+"""The view that tries thresholds: previews, flips, saving and applying a version.
+
+Thresholds are moved by mouse, keyboard and touch; the address holds them.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
 
-# Cars that fill 4, 30, 55 and 80 % of their boxes, and a walker that fills its own.
+# Cars that fill 4, 30, 55 and 80 % of their boxes; the walker fills its whole box.
 BOXES = [car_at(share, index) for index, share in enumerate((4, 30, 55, 80))]
 WALKER = {"id": "walker", "class": "walker", "xyxy": (560, 200, 590, 280)}
 
@@ -313,7 +316,7 @@ def test_only_one_preview_is_on_its_way_however_fast_one_drags(ada, street):
 
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "40")
     expect(figure(page, "kept")).to_have_text("3")
-    # The browser notes a response a moment after the page has it.
+    # The browser lists a request a moment after the page has received the response.
     times: list[list[float]] = until(lambda: page.evaluate(PREVIEW_TIMES))
     assert len(times) < 60
     ends, starts = [end for _, end in times[:-1]], [start for start, _ in times[1:]]

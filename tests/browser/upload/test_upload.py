@@ -1,4 +1,7 @@
-"""Files that are dropped or picked become frames; what does not is listed."""
+"""Dropped or picked files are matched to frames and sent.
+
+Files that belong to no frame and frames that are refused are listed.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ DROP = """(files) => {
 
 @pytest.fixture
 def town(tmp_path: Path) -> Path:
-    """A YOLO folder of three frames, one stray image and one broken label."""
+    """A YOLO folder: three frames, an image without label, and a broken label."""
     root = tmp_path / f"town-{tmp_path.name.strip('_').lower()}"
     for folder in ("images", "labels", "seg"):
         (root / folder).mkdir(parents=True)
@@ -257,7 +260,10 @@ def test_a_server_that_is_away_is_asked_again_and_reading_can_be_cancelled(town,
 
 
 def test_refused_frames_are_listed_and_tried_again(town, ada):
-    """The server's own words; once the cause is mended, the rest goes through."""
+    """They are listed with the server's message.
+
+    A file that was changed after it was picked cannot be read again by the browser.
+    """
     seg = town / "seg" / "2.png"
     good = seg.read_bytes()
     seg.write_bytes(good[:200])
@@ -306,7 +312,7 @@ def test_paused_and_cancelled_uploads_send_nothing_more(town, ada, api):
 
 def test_upload_goes_on_from_view_to_view_and_across_a_sign_in(town, ada, server):
     page = pick(ada, town)
-    # The list of datasets has been loaded.
+    # Enabled once the list of datasets is loaded.
     expect(upload_button(page)).to_be_enabled()
     lose_session(page)
     route_loaded(page, "**/api/v1/datasets", lambda route: made(route, server))
@@ -319,7 +325,7 @@ def test_upload_goes_on_from_view_to_view_and_across_a_sign_in(town, ada, server
 
 
 def made(route: Route, server: RunningServer) -> None:
-    """The dataset is made while the session is still good."""
+    """Make the dataset with the token, although the page has lost its session."""
     shown = {"authorization": f"Bearer {server.token}"}
     route.fulfill(response=route.fetch(headers={**route.request.headers, **shown}))
 

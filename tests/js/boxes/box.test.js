@@ -11,7 +11,7 @@ test("an answer changes the effective verdict, never the filter's", () => {
   assert.equal(withAnswer(box, "clear").review, null);
 });
 
-test("what the server has stored brings its revision", () => {
+test("a stored answer replaces the shown one, and brings the server's revision", () => {
   const stored = /** @type {any} */ ({ box_id: 1, revision: 4, verdict: "clear", reviewer: "ada", comment: "", effective_verdict: "rejected" });
   const box = withStored(withAnswer(decision(), "keep"), stored);
   assert.deepEqual([box.review, box.revision, box.effective_verdict], [null, 4, "rejected"]);

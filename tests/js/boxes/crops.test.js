@@ -4,7 +4,7 @@ import { test } from "node:test";
 import { boxIn, createCrops, cropRequest, placed } from "../../../static/js/boxes/crops.js";
 import { ApiError } from "../../../static/js/core/api.js";
 
-/** Crops that arrive when one says so. */
+/** A source of crops whose requests stay open until the test answers them. */
 function source() {
   /** @type {Map<string, {resolve: (crop: any) => void, reject: (error: unknown) => void, signal: AbortSignal}>} */
   const asked = new Map();
@@ -19,7 +19,7 @@ function source() {
 const crop = (src) => ({ src, width: 10, height: 10 });
 const tick = () => new Promise((done) => setTimeout(done));
 
-test("no more than so many are under way, the next one when one is there", async () => {
+test("no more crops than `parallel` are loaded at a time; the next one starts when one has arrived", async () => {
   const { asked, fetchCrop } = source();
   const crops = createCrops(fetchCrop, { parallel: 2 });
   for (const url of ["a", "b", "c"]) crops.want(url, () => {});
@@ -31,7 +31,7 @@ test("no more than so many are under way, the next one when one is there", async
   assert.deepEqual([...asked.keys()], ["a", "b", "c"]);
 });
 
-test("what was scrolled away is not asked for, and what is under way is cancelled", async () => {
+test("crops that are no longer wanted are not requested, or their request is cancelled", async () => {
   const { asked, fetchCrop } = source();
   const crops = createCrops(fetchCrop, { parallel: 1 });
   const told = [];
@@ -48,7 +48,7 @@ test("what was scrolled away is not asked for, and what is under way is cancelle
   assert.deepEqual(told, []);
 });
 
-test("what is given up in one stroke is never asked for in between", async () => {
+test("when several crops are given up together, none of them is requested in between", async () => {
   const { asked, fetchCrop } = source();
   const crops = createCrops(fetchCrop, { parallel: 1 });
   const letGo = ["a", "b", "c"].map((url) => crops.want(url, () => {}));
@@ -60,7 +60,7 @@ test("what is given up in one stroke is never asked for in between", async () =>
   assert.deepEqual([...asked.keys()], ["a", "d"]);
 });
 
-test("two who want the same get it from one request", async () => {
+test("a crop that is wanted several times is requested once", async () => {
   const { asked, fetchCrop } = source();
   const crops = createCrops(fetchCrop);
   const told = [];
@@ -75,7 +75,7 @@ test("two who want the same get it from one request", async () => {
   assert.equal(asked.size, 1);
 });
 
-test("a crop that is cancelled and wanted again comes", async () => {
+test("a crop that was cancelled is loaded when it is wanted again", async () => {
   const { asked, fetchCrop } = source();
   const crops = createCrops(fetchCrop);
   crops.want("a", () => {})();
@@ -88,7 +88,7 @@ test("a crop that is cancelled and wanted again comes", async () => {
   assert.deepEqual(told, ["shown"]);
 });
 
-test("a box without a picture is one thing, a failure another", async () => {
+test("a box without an image (404) is told apart from a failed request", async () => {
   const { asked, fetchCrop } = source();
   const errors = [];
   const crops = createCrops(fetchCrop, { onError: (error) => errors.push(error) });
@@ -104,7 +104,7 @@ test("a box without a picture is one thing, a failure another", async () => {
   assert.equal(errors.length, 2);
 });
 
-test("the oldest that nobody shows are discarded", async () => {
+test("of more crops than are kept, the oldest that is not shown is discarded", async () => {
   const { asked, fetchCrop } = source();
   const gone = [];
   const crops = createCrops(fetchCrop, { kept: 2, discard: ({ src }) => gone.push(src) });
@@ -122,7 +122,7 @@ test("the oldest that nobody shows are discarded", async () => {
   assert.equal(crops.ready("a")?.src, "a");
 });
 
-/** What the server cuts out, and how large it makes it: its own rule. */
+/** The rectangle that the server cuts out, and the size of its picture, by the server's own rule. */
 function serverCrop([x0, y0, x1, y1], { pad, height }, frame) {
   const margin = pad * Math.max(x1 - x0, y1 - y0, 1);
   const left = Math.max(0, Math.floor(x0 - margin));
@@ -144,7 +144,7 @@ const BOXES = /** @type {import("../../../static/js/boxes/box.js").Xyxy[]} */ ([
   [100.4, 50.6, 103.2, 52.1],
 ]);
 
-test("a crop covers its cell wherever there is an image", () => {
+test("a crop covers its cell, except beyond the edges of the image", () => {
   for (const xyxy of BOXES) {
     const ask = cropRequest(xyxy, 160, 1);
     const crop = serverCrop(xyxy, ask, FRAME);
@@ -157,7 +157,7 @@ test("a crop covers its cell wherever there is an image", () => {
   }
 });
 
-test("the box lies on the crop where it lies in the image", () => {
+test("a box is drawn on its crop at the place that it has in the image", () => {
   for (const xyxy of BOXES) {
     const ask = cropRequest(xyxy, 160, 1);
     const crop = serverCrop(xyxy, ask, FRAME);
@@ -170,7 +170,7 @@ test("the box lies on the crop where it lies in the image", () => {
   }
 });
 
-test("a crop cut off at the edge of the image is placed by its shape", () => {
+test("a crop that the image's edge cuts off is placed by its shape if the image's size is unknown", () => {
   for (const xyxy of [BOXES[3], BOXES[4]]) {
     const ask = cropRequest(xyxy, 160, 2);
     const crop = serverCrop(xyxy, ask, FRAME);
@@ -181,7 +181,7 @@ test("a crop cut off at the edge of the image is placed by its shape", () => {
   }
 });
 
-test("a box is in the middle of its cell, and never fills it", () => {
+test("a box without a crop is drawn in the middle of its cell, and does not fill it", () => {
   const { left, top, width, height } = boxIn([10, 20, 110, 60], 160);
 
   assert.ok(Math.abs(left + width / 2 - 80) < 1e-9 && Math.abs(top + height / 2 - 80) < 1e-9);

@@ -16,14 +16,14 @@ const BOXES = [
 /** @param {Record<string, string>} query */
 const ids = (query) => shownBoxes(BOXES, query).map((box) => box.box_id);
 
-test("filters are joined by and", () => {
+test("a box is shown if it matches all filters", () => {
   assert.deepEqual(ids({}), [1, 2, 3, 4]);
   assert.deepEqual(ids({ verdict: "rejected" }), [2, 3, 4]);
   assert.deepEqual(ids({ verdict: "rejected", class: "walker" }), [3]);
   assert.deepEqual(ids({ reason: "visible" }), [1]);
 });
 
-test("a box answered with unsure is undecided, as on the server", () => {
+test("a box answered with unsure counts as undecided, as on the server", () => {
   assert.deepEqual(ids({ review: "undecided" }), [1, 3, 4]);
   assert.deepEqual(ids({ review: "decided" }), [2]);
   assert.deepEqual(ids({ review: "none" }), [1, 3]);
@@ -31,7 +31,7 @@ test("a box answered with unsure is undecided, as on the server", () => {
   assert.deepEqual(ids({ review: "unsure" }), [4]);
 });
 
-test("a step leads to the next box that is shown", () => {
+test("a step leads to the next box that the filters show", () => {
   const query = { verdict: "rejected" };
   assert.equal(neighbour(BOXES, query, null, 1)?.box_id, 2);
   assert.equal(neighbour(BOXES, query, null, -1)?.box_id, 4);
@@ -40,13 +40,13 @@ test("a step leads to the next box that is shown", () => {
   assert.equal(neighbour(BOXES, query, 2, -1), null);
 });
 
-test("the next undecided starts again at the front, and never is the same box", () => {
+test("the next undecided box is searched from the front again at the end, and is never the current one", () => {
   assert.equal(nextUndecided(BOXES, {}, 1)?.box_id, 3);
   assert.equal(nextUndecided(BOXES, {}, 3)?.box_id, 1);
   assert.equal(nextUndecided([decision({ box_id: 1 })], {}, 1), null);
 });
 
-test("of an address, the filters alone are carried on to another view", () => {
+test("only the filters of an address are kept for another view", () => {
   assert.deepEqual(filtersOf({ box: "3", verdict: "kept", key: "a" }), { verdict: "kept" });
 });
 
@@ -54,7 +54,7 @@ test("boxes are counted by class", () => {
   assert.deepEqual([...countsBy(BOXES, "class")], [["car", 3], ["walker", 1]]);
 });
 
-test("the address is read as the server takes it, and nonsense is left out", () => {
+test("filters of the address are read as the server's types, and invalid values are left out", () => {
   const query = { verdict: "kept", toss_up: "true", conflict: "no", match_min: "5", match_max: "many", distance_max: "-1", box: "7" };
 
   assert.deepEqual(selectionOf(query), { verdict: "kept", toss_up: true, match_min: 5 });
@@ -80,17 +80,17 @@ test("listed boxes keep the order of the address, each once", () => {
   assert.deepEqual(listedOf(listQuery([1042, 7])), [1042, 7]);
 });
 
-test("in a list, what is not an id is left out", () => {
+test("a list of boxes in the address leaves out what is not an id", () => {
   assert.deepEqual(listedOf({ boxes: "7,x,-3,1.5,,1e99" }), [7]);
   assert.deepEqual(listedOf({}), []);
 });
 
-test("a list names at most 50 boxes", () => {
+test("a list of boxes in the address names at most 50", () => {
   const many = Array.from({ length: 500 }, (_, at) => at + 1);
   assert.equal(listedOf(listQuery(many)).length, 50);
   assert.equal(listedOf({ boxes: many.join(",") }).length, 50);
 });
 
-test("without its list, an address keeps the rest", () => {
+test("removing the list of boxes from an address keeps the rest", () => {
   assert.deepEqual(withoutList({ boxes: "7", order: "random" }), { order: "random" });
 });

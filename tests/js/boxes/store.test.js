@@ -8,7 +8,10 @@ import { decision } from "../../support/page/builders.js";
 /** @param {string} verdict @param {number} revision */
 const answered = (verdict, revision) => decision({ revision, review: { verdict, reviewer: "bo", revision, comment: "" } });
 
-/** What observers are told. @param {import("../../../static/js/boxes/store.js").Boxes} boxes */
+/**
+ * Observe the store; gives a list to which each notification adds its ids.
+ * @param {import("../../../static/js/boxes/store.js").Boxes} boxes
+ */
 function changesOf(boxes) {
   /** @type {number[][]} */
   const told = [];
@@ -18,7 +21,7 @@ function changesOf(boxes) {
 
 const swept = () => new Promise((resolve) => setImmediate(resolve));
 
-test("a box is kept once, whichever list it came with", () => {
+test("a box is stored once, also if several lists contain it, and cannot be changed", () => {
   const boxes = createBoxes();
   assert.deepEqual(boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2 })]), [1, 2]);
   const first = boxes.get(1);
@@ -30,7 +33,7 @@ test("a box is kept once, whichever list it came with", () => {
   assert.throws(() => Object.assign(boxes.get(1) ?? {}, { verdict: "kept" }), TypeError);
 });
 
-test("the higher revision wins; of two with the same, that which came later", () => {
+test("of two versions of a box, the higher revision wins; of equal ones, the later response", () => {
   const boxes = createBoxes();
   boxes.receive([answered("keep", 2)]);
   const told = changesOf(boxes);
@@ -43,7 +46,7 @@ test("the higher revision wins; of two with the same, that which came later", ()
   assert.equal(boxes.get(1)?.review?.verdict, "reject");
 });
 
-test("an unconfirmed answer lies over the box until it is lifted off, and keeps the server's revision", () => {
+test("an unconfirmed answer is shown on its box until it is removed, with the server's revision", () => {
   const boxes = createBoxes();
   boxes.layOver(new Map([[1, { verdict: /** @type {const} */ ("keep"), comment: "far" }]]));
   boxes.receive([decision({ revision: 4 })]);
@@ -57,7 +60,7 @@ test("an unconfirmed answer lies over the box until it is lifted off, and keeps 
   assert.deepEqual([boxes.get(1)?.review, boxes.get(1)?.effective_verdict, told], [null, "rejected", [[1]]]);
 });
 
-test("who observes is told of boxes whose answer is another, and of no others", () => {
+test("observers are notified only of boxes whose shown answer has changed", () => {
   const boxes = createBoxes();
   boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2 })]);
   const keep = { verdict: /** @type {const} */ ("keep"), comment: "" };
@@ -69,7 +72,7 @@ test("who observes is told of boxes whose answer is another, and of no others", 
   assert.deepEqual(told, [[2]]);
 });
 
-test("a box that nobody holds any more goes; one that is held again at once stays", async () => {
+test("a box is dropped when its last holder lets go, unless it is held again at once", async () => {
   const boxes = createBoxes();
   boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2 }), decision({ box_id: 3 })]);
   const give = boxes.hold([1, 2]);
@@ -86,7 +89,7 @@ test("a box that nobody holds any more goes; one that is held again at once stay
   assert.deepEqual([1, 2].map((id) => boxes.get(id)?.box_id), [1, undefined]);
 });
 
-test("boxes that were just answered stay, so that an earlier response does not replace them", async () => {
+test("boxes that were just answered are kept, so that an older response does not replace them", async () => {
   const boxes = createBoxes();
   const release = boxes.hold(boxes.receive([answered("keep", 2)]));
   boxes.holdAnswered([1]);
@@ -101,7 +104,10 @@ test("boxes that were just answered stay, so that an earlier response does not r
   assert.equal(boxes.get(1), undefined);
 });
 
-/** The server has these frames. @param {Record<number, any[]>} frames @returns {string[]} what it is asked for */
+/**
+ * Let the server have these frames, given as their boxes by id.
+ * @param {Record<number, any[]>} frames @returns {string[]} the addresses that are requested
+ */
 function serve(frames) {
   /** @type {string[]} */
   const asked = [];
@@ -112,7 +118,7 @@ function serve(frames) {
   return asked;
 }
 
-test("boxes are loaded again with their frames, those in the store and no others", async () => {
+test("boxes are loaded again by their frames, and only those in the store are replaced", async () => {
   const boxes = createBoxes();
   boxes.hold(boxes.receive([1, 2, 3].map((id) => decision({ box_id: id, frame_id: id === 3 ? 11 : 10 }))));
   const asked = serve({ 10: [1, 2, 4].map((id) => ({ ...answered("keep", 1), box_id: id })) });
@@ -124,7 +130,7 @@ test("boxes are loaded again with their frames, those in the store and no others
   assert.equal(boxes.get(4), undefined);
 });
 
-test("of many boxes, the grid's list is read again, and those that it does not hold are loaded", async () => {
+test("for many boxes, lists are told to load again, and only boxes that others hold are loaded here", async () => {
   const boxes = createBoxes();
   const ids = Array.from({ length: 21 }, (_, i) => i);
   const giveBack = boxes.hold(boxes.receive(ids.map((id) => decision({ box_id: id, frame_id: id }))));
@@ -137,7 +143,7 @@ test("of many boxes, the grid's list is read again, and those that it does not h
   assert.deepEqual([boxes.reloads.get(), asked, boxes.get(7)?.review?.verdict], [1, ["/frames/7"], "keep"]);
 });
 
-test("an answer is shown until its box has come, however often the server has to be asked", async () => {
+test("an answer stays shown until its box has been loaded, even if that takes several attempts", async () => {
   /** @type {(string | undefined)[]} */
   const shown = [];
   const look = () => shown.push(boxes.get(1)?.review?.verdict);
@@ -160,7 +166,7 @@ test("an answer is shown until its box has come, however often the server has to
   assert.deepEqual([1, 2].map((id) => boxes.get(id)?.review?.verdict), ["reject", undefined]);
 });
 
-test("an answer that is shown until its box comes gives way to a newer one", async () => {
+test("an answer that is shown until its box is loaded is replaced by a newer one", async () => {
   const boxes = createBoxes(() => {});
   boxes.hold(boxes.receive([decision()]));
   boxes.layOver(new Map([[1, { verdict: "keep", comment: "" }]]));
@@ -173,7 +179,7 @@ test("an answer that is shown until its box comes gives way to a newer one", asy
   assert.equal(boxes.get(1)?.review?.verdict, "reject");
 });
 
-test("a box that comes after its answer was stored, but was read before, has the answer", () => {
+test("a box that arrives after its answer was stored, but is older, is shown with the answer", () => {
   const boxes = createBoxes();
   const given = (/** @type {any} */ box) => withAnswer(box, "keep", "", 1);
   boxes.receiveAnswers(new Map([[1, { revision: 1, given }]]));
@@ -186,7 +192,7 @@ test("a box that comes after its answer was stored, but was read before, has the
   assert.equal(boxes.get(1)?.review?.verdict, "reject");
 });
 
-test("a frame that cannot be loaded does not keep the others from being loaded", async () => {
+test("a frame that cannot be loaded at first does not stop the others from being loaded", async () => {
   const boxes = createBoxes((again) => setImmediate(again));
   boxes.hold(boxes.receive([decision({ box_id: 1, frame_id: 1 }), decision({ box_id: 2, frame_id: 2 })]));
   /** @type {string[]} */

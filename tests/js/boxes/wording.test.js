@@ -4,14 +4,14 @@ import { test } from "node:test";
 import { labelText, matchText, reasonText, shortText, spokenText } from "../../../static/js/boxes/wording.js";
 import { decision } from "../../support/page/builders.js";
 
-test("the label says the number, what was needed, and what hides the box", () => {
+test("a label gives the match, the threshold, and what hides the box", () => {
   assert.equal(labelText(decision()), "4.1 % Car < 10 % · hidden by Vegetation 71 %");
 });
 
-test("the label is true of a match that is equal to its threshold, or nearly", () => {
+test("a label gives enough digits to compare a match with a threshold that is equal or nearly equal", () => {
   const said = (/** @type {object} */ numbers) => labelText(decision({ hidden_by: [], threshold: 10, ...numbers }));
   const kept = { verdict: "kept", reason: "visible" };
-  assert.equal(said({ match_percent: 10 }), "10 % Car ≤ 10 %"); // rejected: profile carlasimu needs more
+  assert.equal(said({ match_percent: 10 }), "10 % Car ≤ 10 %"); // rejected: the profile carlasimu needs more than the threshold
   assert.equal(said({ match_percent: 50, threshold: 50, reason: "large_below_threshold" }), "50 % Car ≤ 50 %");
   assert.equal(said({ match_percent: 9.96 }), "9.96 % Car < 10 %");
   assert.equal(said({ match_percent: 9.9999 }), "9.9999 % Car < 10 %");
@@ -22,23 +22,23 @@ test("the label is true of a match that is equal to its threshold, or nearly", (
   assert.equal(said({ match_percent: 99.99, threshold: 10, ...kept }), "99.99 % Car ≥ 10 %");
 });
 
-test("what hides a box covers all of it only if it does", () => {
+test("a label says 100 % hidden only if it is exactly 100 %", () => {
   const said = (/** @type {number} */ percent) => labelText(decision({ hidden_by: [{ tag: 9, name: "Vegetation", percent }] }));
   assert.match(said(99.7), /hidden by Vegetation 99\.7 %$/);
   assert.match(said(100), /hidden by Vegetation 100 %$/);
   assert.match(said(0.3), /hidden by Vegetation 0\.3 %$/);
 });
 
-test("lists stay on the side of the threshold too", () => {
+test("lists do not round a match to its threshold either", () => {
   assert.equal(matchText(decision({ match_percent: 9.96 })), "9.96 %");
   assert.equal(shortText(decision({ match_percent: 9.96 })), "car 9.96 %");
 });
 
-test("a kept box does not say what hides it", () => {
+test("the label of a kept box does not name what hides it", () => {
   assert.equal(labelText(decision({ verdict: "kept", reason: "visible", match_percent: 62 })), "62 % Car ≥ 10 %");
 });
 
-test("each reason has words of its own", () => {
+test("each reason has its own words", () => {
   const bike = [{ tag: 18, name: "Motorcycle", rgb: [0, 0, 230] }, { tag: 13, name: "Rider", rgb: [255, 0, 0] }];
   const cases = [
     [{ reason: "no_visible_pixels", match_percent: 0, threshold: null, hidden_by: [], accepted_tags: bike }, "too few Motorcycle or Rider pixels"],
@@ -50,7 +50,7 @@ test("each reason has words of its own", () => {
   for (const [some, expected] of cases) assert.equal(labelText(decision(/** @type {any} */ (some))), expected);
 });
 
-test("a box that another channel judged says that channel's words, not a share that decided nothing", () => {
+test("the label of a box that another channel judged gives that channel's explanation, and no match", () => {
   const judged = { match_percent: 69.8, threshold: null, margin: null, explained_by: "122" };
   const cases = [
     ["ordered", "rejected", "explained_by_nearer", "explained by the nearer car 122"],
@@ -67,22 +67,22 @@ test("a box that another channel judged says that channel's words, not a share t
   }
 });
 
-test("without the server's sentence the reason is named", () => {
+test("without an explanation by the server, the label names the reason", () => {
   const box = decision({ evidence: "lidar", reason: "too_few_lidar_points", threshold: null });
   assert.equal(labelText(box), "too few LiDAR points");
 });
 
-test("a reason of a later server is still readable", () => {
+test("a reason that the page does not know is shown readably", () => {
   assert.equal(reasonText("eaten_by_grue"), "eaten by grue");
 });
 
-test("what is heard names box, verdict and answer", () => {
+test("the text for screen readers names box, verdict and answer", () => {
   const box = decision({ review: { verdict: "keep", reviewer: "ada", revision: 1 } });
   assert.equal(spokenText(box), "car 217, rejected, answered keep: 4.1 % Car < 10 % · hidden by Vegetation 71 %");
   assert.equal(shortText(box), "car 4.1 %");
 });
 
-test("lists show the share where it decided, and nothing where nothing was measured", () => {
+test("lists show the match where the segmentation decided, and nothing where nothing was measured", () => {
   assert.equal(matchText(decision()), "4.1 %");
   assert.equal(matchText(decision({ evidence: null, match_percent: null, threshold: null })), "");
 });

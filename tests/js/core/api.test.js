@@ -5,7 +5,7 @@ import { after, before, test } from "node:test";
 
 import { ApiError, NoResponse, blob, createRetries, get, send, setSession, url, whenSignedOut } from "../../../static/js/core/api.js";
 
-/** What the server was shown, in order. @type {(string | undefined)[]} */
+/** The Authorization header of each request, in order. @type {(string | undefined)[]} */
 const shown = [];
 const server = createServer((request, response) => {
   shown.push(request.headers.authorization);
@@ -23,7 +23,7 @@ before(async () => {
 
 after(() => server.close());
 
-test("an address has its parts in it, escaped, and only the parameters that are set", () => {
+test("an address contains its path parameters, escaped, and only the query parameters that are set", () => {
   assert.equal(
     url("/api/v1/datasets/{dataset}/frames", { path: { dataset: "a b/ü" }, query: { verdict: "kept", key: "", class: null, cursor: undefined, toss_up: false, limit: 5 } }),
     "/api/v1/datasets/a%20b%2F%C3%BC/frames?verdict=kept&toss_up=false&limit=5",
@@ -32,7 +32,7 @@ test("an address has its parts in it, escaped, and only the parameters that are 
   assert.equal(url("/api/v1/session"), "/api/v1/session");
 });
 
-test("the server refusing the page's own session is told at once, and of no other one", async () => {
+test("a refusal of the page's own session is reported, and of any other session it is not", async () => {
   /** @type {(string | undefined)[]} */
   const told = [];
   whenSignedOut(({ problem }) => told.push(problem.code));
@@ -49,7 +49,7 @@ test("the server refusing the page's own session is told at once, and of no othe
   assert.deepEqual(shown, ["Bearer us_good", "Bearer us_another", undefined, "Bearer us_old"]);
 });
 
-test("an answer to a session that has been replaced meanwhile signs nobody out", async () => {
+test("a refusal of a session that has been replaced meanwhile signs nobody out", async () => {
   let times = 0;
   whenSignedOut(() => void (times += 1));
   setSession("us_old");
@@ -61,14 +61,14 @@ test("an answer to a session that has been replaced meanwhile signs nobody out",
   assert.equal(times, 0);
 });
 
-test("no answer is another error than a refusal, and giving up is neither", async () => {
+test("a missing response, a refusal and an aborted call are three different errors", async () => {
   await assert.rejects(send("http://127.0.0.1:1/"), NoResponse);
   const stop = new AbortController();
   stop.abort();
   await assert.rejects(send(address, { signal: stop.signal }), { name: "AbortError" });
 });
 
-/** A response of which only the beginning comes. @param {number} status */
+/** A response that breaks off after its beginning. @param {number} status */
 const cut = (status) => new Response(new ReadableStream({ pull: (body) => (body.enqueue(new TextEncoder().encode('{"box_')), body.error(new TypeError("network error"))) }), { status });
 
 for (const [what, response] of /** @type {[string, () => Response][]} */ ([
@@ -76,24 +76,24 @@ for (const [what, response] of /** @type {[string, () => Response][]} */ ([
   ["refuses, and breaks off", () => cut(503)],
   ["is no JSON", () => new Response("<html>Sign in to this network</html>")],
 ])) {
-  test(`a response that ${what} is none`, async (t) => {
+  test(`a response that ${what} counts as no response`, async (t) => {
     t.mock.method(globalThis, "fetch", async () => response());
     await assert.rejects(get("/api/v1/session"), NoResponse);
   });
 }
 
-test("a file that breaks off is no response", async (t) => {
+test("a file that breaks off counts as no response", async (t) => {
   t.mock.method(globalThis, "fetch", async () => cut(200));
   await assert.rejects(blob("/api/v1/frames/1/image"), NoResponse);
 });
 
-test("a call that was abandoned while its response came is no failure of the server", async (t) => {
+test("a call that is aborted while its response arrives does not count as no response", async (t) => {
   const stop = new AbortController();
   t.mock.method(globalThis, "fetch", async () => (stop.abort(new Error("left")), cut(200)));
   await assert.rejects(get("/api/v1/session", { signal: stop.signal }), (error) => !(error instanceof NoResponse));
 });
 
-test("each wait for another attempt is twice as long, up to half a minute, unless the server says how long", () => {
+test("waits for another attempt double, up to half a minute, unless the server names a time", () => {
   /** @type {number[]} */
   const waits = [];
   const retries = createRetries((_, ms) => void waits.push(ms / 1000));
@@ -106,7 +106,7 @@ test("each wait for another attempt is twice as long, up to half a minute, unles
   assert.deepEqual(waits, [1, 2, 7, 8, 16, 30, 30, 1]);
 });
 
-test("of several waits only the latest ends with an attempt", () => {
+test("of several waits only the last one leads to an attempt", () => {
   /** @type {(() => void)[]} */
   const ends = [];
   /** @type {string[]} */

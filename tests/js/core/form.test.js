@@ -6,7 +6,7 @@ import { fieldsOf, parseNumber, parseNumbers } from "../../../static/js/core/for
 /** @param {Record<string, unknown>} properties */
 const described = (properties) => fieldsOf({ components: { schemas: { Thing: { properties } } } }, "Thing");
 
-test("a field has its range, unit, default and sentence from the description", () => {
+test("a field takes its range, unit, default and help from the API's description", () => {
   const [field] = described({
     min_points: { type: ["integer", "null"], minimum: 0, maximum: 9, "x-unit": "points", "x-needs-pixels": true, "x-evidence": ["lidar"], default: 5, description: "Fewest points." },
   });
@@ -20,12 +20,12 @@ test("a field has its range, unit, default and sentence from the description", (
   );
 });
 
-test("units are written short where people do so", () => {
+test("units are abbreviated where that is usual", () => {
   const units = described(Object.fromEntries(["percent", "pixels", "metres", "points"].map((unit) => [unit, { type: "number", "x-unit": unit }])));
   assert.deepEqual(units.map(({ unit }) => unit), ["%", "px", "m", "points"]);
 });
 
-test("words, switches, texts and lists of numbers are asked for; what is more is not", () => {
+test("choices, switches, texts and lists of numbers become fields; more complex types do not", () => {
   const fields = described({
     a: { type: "string", enum: ["x", "y"] },
     b: { type: "boolean" },
@@ -38,13 +38,13 @@ test("words, switches, texts and lists of numbers are asked for; what is more is
   assert.equal(fields[2]?.max, 20);
 });
 
-test("a number is taken as the field allows it", () => {
+test("a number is accepted only if it is in the field's range and of its kind", () => {
   const share = { min: 0, max: 100, isWhole: false };
   assert.deepEqual(["0", " 70.5 ", "100", "100.5", "-1", "", "x"].map((text) => parseNumber(share, text)), [0, 70.5, 100, null, null, null, null]);
   assert.deepEqual(["2", "2.5"].map((text) => parseNumber({ ...share, isWhole: true }, text)), [2, null]);
 });
 
-test("a list of numbers is separated by commas or semicolons, and refused otherwise", () => {
+test("a list of numbers is separated by commas or semicolons; anything else is refused", () => {
   assert.deepEqual(parseNumbers("50, 100;200"), [50, 100, 200]);
   assert.deepEqual(parseNumbers(" "), []);
   assert.equal(parseNumbers("50, far"), null);

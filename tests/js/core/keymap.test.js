@@ -7,7 +7,7 @@ import { memoryStorage } from "../../support/page/builders.js";
 /** @param {string} key @param {object} [some] */
 const press = (key, some = {}) => ({ key, shiftKey: false, ctrlKey: false, metaKey: false, altKey: false, ...some });
 
-test("in every view, every key does exactly one thing", () => {
+test("in every view, each key belongs to one action", () => {
   for (const view of ["frame", "queue", "grid"]) {
     const keys = keysIn(DEFAULT_SETTINGS, view).flatMap((row) => row.keys);
     assert.equal(new Set(keys).size, keys.length, view);
@@ -15,7 +15,7 @@ test("in every view, every key does exactly one thing", () => {
   assert.deepEqual([...new Set(KEYMAP.map(({ where }) => where))], [undefined, "grid"]);
 });
 
-test("a key that means something else in one view means that there, and its other meaning elsewhere", () => {
+test("a key with a special meaning in the grid keeps its usual meaning in other views", () => {
   const actions = (/** @type {string} */ view) => [" ", "ArrowLeft", "PageDown", "Delete", "u"].map((key) => actionOf(press(key), DEFAULT_SETTINGS, view));
   assert.deepEqual(actions("frame"), ["unsure", "previous", "nextFrame", null, "unsure"]);
   assert.deepEqual(actions("grid"), ["select", "left", "pageDown", "clear", "unsure"]);
@@ -23,12 +23,12 @@ test("a key that means something else in one view means that there, and its othe
   assert.deepEqual(keysIn(DEFAULT_SETTINGS, "grid").find(({ action }) => action === "unsure")?.keys, ["U"]);
 });
 
-test("a key given to an action of one view stays with those of others", () => {
+test("a key that is given to an action of the grid keeps its action in other views", () => {
   const settings = rebind(DEFAULT_SETTINGS, "select", "K");
   assert.deepEqual([actionOf(press("k"), settings, "grid"), actionOf(press("k"), settings, "frame")], ["select", "keep"]);
 });
 
-test("the promised keys are there", () => {
+test("the documented keys have their actions by default", () => {
   const promised = { a: "keep", k: "keep", x: "reject", r: "reject", " ": "unsure", z: "undo", Backspace: "undo", j: "next", ArrowRight: "next", ArrowLeft: "previous", m: "mask", "[": "opacityDown", "]": "opacityUp", v: "cycleVerdict", c: "crop", f: "fit", g: "grid", e: "comment", "?": "help", Escape: "escape" };
   for (const [key, action] of Object.entries(promised)) assert.equal(actionOf(press(key), DEFAULT_SETTINGS), action, key);
   assert.equal(actionOf(press("J", { shiftKey: true }), DEFAULT_SETTINGS), "nextUndecided");
@@ -43,7 +43,7 @@ test("browser shortcuts are never taken", () => {
   for (const modifier of ["ctrlKey", "metaKey", "altKey"]) assert.equal(actionOf(press("r", { [modifier]: true }), DEFAULT_SETTINGS), null);
 });
 
-test("switched off, only keys that are no characters work", () => {
+test("with single-key shortcuts switched off, only keys that type no character work", () => {
   const off = { ...DEFAULT_SETTINGS, off: true };
   for (const key of ["a", " ", "?", "["]) assert.equal(actionOf(press(key), off), null, key);
   assert.equal(actionOf(press(" "), off, "grid"), "select");
@@ -51,7 +51,7 @@ test("switched off, only keys that are no characters work", () => {
   assert.equal(actionOf(press("Escape"), off), "escape");
 });
 
-test("a key given to another action is taken from the first", () => {
+test("a key that is given to another action is taken from its former one", () => {
   const settings = rebind(DEFAULT_SETTINGS, "reject", "A");
   assert.equal(actionOf(press("a"), settings), "reject");
   assert.equal(actionOf(press("k"), settings), "keep");
@@ -60,7 +60,7 @@ test("a key given to another action is taken from the first", () => {
   assert.equal(new Set(keys).size, keys.length);
 });
 
-test("own keys survive a reload, and rubbish in the storage does not matter", () => {
+test("changed keys survive a reload, and an unreadable entry of the storage is ignored", () => {
   const storage = memoryStorage();
   saveKeys(storage, rebind(DEFAULT_SETTINGS, "fit", "Q"));
   assert.equal(actionOf(press("q"), loadKeys(storage)), "fit");

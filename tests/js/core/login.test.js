@@ -7,7 +7,7 @@ import { memoryStorage } from "../../support/page/builders.js";
 /** @param {string} name @param {string} [session] */
 const of = (name, session = `us_${name}`) => ({ session, name, role: "reviewer", expires_at: null });
 
-test("a session is stored, for all tabs and for the next page", () => {
+test("a session is stored for all tabs, and for the page after a reload", () => {
   const storage = memoryStorage();
   const one = createLogin(storage);
   assert.deepEqual([one.current.get(), one.owner()], [null, ""]);
@@ -18,7 +18,7 @@ test("a session is stored, for all tabs and for the next page", () => {
   assert.equal(one.owner(), "ada");
 });
 
-test("a page does not take over the session of another person", () => {
+test("a page does not take over another person's session", () => {
   const storage = memoryStorage();
   const tab = createLogin(storage);
   tab.keep(of("ada"));
@@ -45,7 +45,7 @@ test("signing out in one tab signs out the others, where the same person may sig
   assert.equal(one.current.get()?.session, "us_new");
 });
 
-test("the end of an old session leaves a newer one of another tab", () => {
+test("the end of an old session keeps a newer one that another tab has stored", () => {
   const storage = memoryStorage();
   const late = createLogin(storage);
   late.keep(of("ada", "us_old"));
@@ -64,7 +64,7 @@ test("a stored text that is not a session is ignored", () => {
   }
 });
 
-test("the reason of the end of a session is said where it is known", () => {
+test("the reason why a session ended is shown if it is known", () => {
   assert.match(endedText("token_expired"), /has expired/);
   assert.match(endedText("token_revoked"), /revoked/);
   assert.match(endedText("session_expired"), /has ended/);

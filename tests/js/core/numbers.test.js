@@ -3,16 +3,16 @@ import { test } from "node:test";
 
 import { agoText, countOf, percentText, sizeText, splitText, tookText } from "../../../static/js/core/numbers.js";
 
-test("percentages keep what matters", () => {
+test("percentages are rounded, but not to 0 or 100", () => {
   const shown = [0, 0.004, 0.04, 0.5, 0.96, 4.08, 10, 71.25, 99.97, 100, null].map((percent) => percentText(percent));
   assert.deepEqual(shown, ["0 %", "0.004 %", "0.04 %", "0.5 %", "0.96 %", "4.1 %", "10 %", "71.3 %", "99.97 %", "100 %", "–"]);
 });
 
-test("counts are grouped and agree in number", () => {
+test("counts have groups of digits, and the singular or the plural", () => {
   assert.deepEqual([countOf(1, "box", "boxes"), countOf(12345, "box", "boxes")], ["1 box", "12\u2009345 boxes"]);
 });
 
-test("times are told as people do", () => {
+test("recent times are given as their age, older ones as a date", () => {
   const now = Date.parse("2026-01-01T12:00:00Z");
   assert.equal(agoText("2026-01-01T11:59:50Z", now), "just now");
   assert.equal(agoText("2026-01-01T11:30:00Z", now), "30 min ago");
@@ -20,7 +20,7 @@ test("times are told as people do", () => {
   assert.equal(agoText("2025-12-24T09:00:00Z", now), "Dec 24, 2025");
 });
 
-test("sizes, shares and times are short", () => {
+test("sizes, splits and durations are written short", () => {
   assert.deepEqual([null, 999, 1200, 62092203, 4.2e9].map(sizeText), ["–", "999 B", "1.2 kB", "62 MB", "4.2 GB"]);
   assert.equal(splitText(0.8), "80/20");
   const at = (/** @type {number} */ seconds) => tookText("2026-01-01T00:00:00Z", new Date(Date.UTC(2026, 0, 1, 0, 0, seconds)).toISOString());

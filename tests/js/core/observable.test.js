@@ -3,7 +3,7 @@ import { test } from "node:test";
 
 import { createValue } from "../../../static/js/core/observable.js";
 
-test("an observer may leave while it is told of a change", () => {
+test("an observer may remove itself while it is notified of a change", () => {
   const value = createValue(0);
   /** @type {number[]} */
   const seen = [];

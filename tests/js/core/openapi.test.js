@@ -1,5 +1,5 @@
-// The words that the page has a sentence, a sign or a place for are those of the API: of its
-// document as it is stored, which a test of the service compares with the running one.
+// The page has words for the values of the API's enumerations, and offers no others. They are read from the
+// stored OpenAPI document, which a test of the service compares with that of a running service.
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
@@ -13,7 +13,10 @@ import { FILE_KINDS } from "../../../static/js/upload/sender.js";
 
 const OPENAPI = JSON.parse(readFileSync(new URL("../../pins/stored/openapi.json", import.meta.url), "utf8"));
 
-/** What may stand under a key of an object that is sent or answered. @param {string} model @param {string} key @returns {string[]} */
+/**
+ * The values that a key of one of the API's models may have.
+ * @param {string} model @param {string} key @returns {string[]}
+ */
 function wordsOf(model, key) {
   const schema = OPENAPI.components.schemas[model].properties[key];
   return [schema, ...(schema.anyOf ?? [])].find((each) => each.enum).enum;
@@ -58,7 +61,7 @@ test("the page sends every kind of file that the API takes", () => {
   assert.deepEqual(sorted([...FILE_KINDS, "annotation"]), sorted(parts));
 });
 
-test("each format of labels, and each choice of its options, has words of its own", () => {
+test("each export format and each choice of its options has a text of its own", () => {
   const { formats, fields } = exportForm(OPENAPI);
   const choices = fields.flatMap(({ choices = [] }) => choices);
 

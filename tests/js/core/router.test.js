@@ -7,26 +7,26 @@ test("an empty address is the list of datasets", () => {
   for (const hash of ["", "#", "#/", "#/datasets"]) assert.equal(parseHash(hash).name, "datasets", hash);
 });
 
-test("what is written is read again", () => {
+test("an address that linkTo writes is read again as the same view, parameters and query", () => {
   const query = { box: "7", class: "traffic light & co", key: "a/b?c=1" };
   const name = "town 10/ü#?%";
   assert.deepEqual(parseHash(linkTo("frames", { dataset: name }, query)), { name: "frames", params: { dataset: name }, query });
 });
 
-test("empty filters are not written", () => {
+test("empty filters are left out of an address", () => {
   assert.equal(linkTo("frame", { id: 3 }, { box: "", verdict: "kept" }), "#/frames/3?verdict=kept");
 });
 
-test("an unknown address is a view of its own", () => {
+test("an unknown address leads to a view that says so", () => {
   assert.equal(parseHash("#/nothing/here").name, "unknown");
   assert.equal(parseHash("#/frames/3/more").name, "unknown");
 });
 
-test("a broken escape does not throw", () => {
+test("a broken escape in an address is kept as text", () => {
   assert.equal(parseHash("#/datasets/%E0%A4%A/frames").params["dataset"], "%E0%A4%A");
 });
 
-test("only a login link has a code, and those of earlier versions are told apart", () => {
+test("a login link gives its code; links of earlier versions, with a token, are told apart", () => {
   assert.deepEqual(loginOf("#code=abc%2Bd"), { kind: "code", secret: "abc+d" });
   assert.deepEqual(loginOf("#token=abc"), { kind: "token", secret: "abc" });
   for (const hash of ["#/datasets?code=abc", "#code=", "#other=abc", ""]) assert.equal(loginOf(hash), null, hash);

@@ -9,7 +9,7 @@ const { BroadcastChannel } = globalThis;
 let channels;
 
 beforeEach(() => {
-  // As on a page that is not served securely: there are no locks.
+  // Without `navigator.locks`, as on a page that was loaded over http:// from another machine.
   Object.defineProperty(globalThis, "navigator", { value: {}, configurable: true });
   channels = [];
   globalThis.BroadcastChannel = class extends BroadcastChannel {
@@ -23,7 +23,7 @@ beforeEach(() => {
 
 afterEach(() => channels.forEach((channel) => channel.close()));
 
-/** A tab that is opened now; `close` ends it. */
+/** Open a tab; `close` closes it. */
 async function openTab(sessionStorage = memoryStorage()) {
   Object.assign(globalThis, { sessionStorage });
   const { tab, openTabs } = await nameThisTab();
@@ -31,7 +31,7 @@ async function openTab(sessionStorage = memoryStorage()) {
   return { tab, openTabs, close: () => channel?.close() };
 }
 
-test("a tab that is loaded again keeps its name", async () => {
+test("a tab that is reloaded keeps its name", async () => {
   const storage = memoryStorage();
   const before = await openTab(storage);
   before.close();
@@ -39,7 +39,7 @@ test("a tab that is loaded again keeps its name", async () => {
   assert.equal((await openTab(storage)).tab, before.tab);
 });
 
-test("without locks, a tab learns which others are open from themselves", async () => {
+test("without locks, open tabs answer each other, so that each knows which are open", async () => {
   const first = await openTab();
   const second = await openTab();
   const third = await openTab();

@@ -6,12 +6,12 @@ import { GAP_PX, HEAD_PX, cellsIn, layoutOf, moved, offsetAt, offsetToShow, rows
 const small = layoutOf({ count: 10, width: 4 * 100 + 3 * GAP_PX, size: 100 });
 const huge = layoutOf({ count: 1_000_000, width: 100, size: 100 });
 
-test("as many columns as come nearest to the wanted size, and they fill the width", () => {
+test("the number of columns is the one nearest to the wanted size, and they fill the width", () => {
   assert.deepEqual([small.columns, small.cell, small.rows], [4, 100, 3]);
   assert.equal(layoutOf({ count: 10, width: 30, size: 100 }).columns, 1);
 });
 
-test("a hundred thousand cells are as tall as their rows", () => {
+test("a grid of 100,000 cells is as tall as its rows, and scrolls pixel by pixel", () => {
   const tall = layoutOf({ count: 100_000, width: 1400, size: 168 });
 
   assert.ok(tall.full > tall.rows * tall.pitch);
@@ -19,7 +19,7 @@ test("a hundred thousand cells are as tall as their rows", () => {
   assert.equal(offsetAt(tall, 12_345, 800), 12_345);
 });
 
-test("beyond what a browser can scroll, the scrollbar is a scale of the whole", () => {
+test("a grid that is taller than a browser can scroll maps the scrollbar to its whole height", () => {
   const view = 800;
 
   assert.ok(huge.height < huge.full);
@@ -30,7 +30,7 @@ test("beyond what a browser can scroll, the scrollbar is a scale of the whole", 
   }
 });
 
-test("only rows in sight and a few spare ones are drawn, wherever one is", () => {
+test("only rows in sight and a few spare ones are drawn, at any position", () => {
   for (const offset of [0, 50_000_000, huge.full - 800]) {
     const { first, end } = rowsInSight(huge, offset, 800, 2);
     assert.ok(end - first <= Math.ceil(800 / huge.pitch) + 6, `${first} to ${end}`);
@@ -47,7 +47,7 @@ test("showing a cell scrolls no further than needed", () => {
   assert.ok(down + 200 >= bottom - 40 && down <= HEAD_PX + 2 * small.pitch, String(down));
 });
 
-test("a lasso touches the cells that it crosses, and none that it only passes by a gap", () => {
+test("a lasso selects the cells that it crosses, and none if it lies in a gap", () => {
   const { pitch } = small;
 
   assert.deepEqual(cellsIn(small, { x0: 0, y0: 0, x1: 10, y1: 10 }), [0]);
@@ -58,7 +58,7 @@ test("a lasso touches the cells that it crosses, and none that it only passes by
   assert.deepEqual(cellsIn(small, { x0: 250, y0: 2 * pitch, x1: 300, y1: 2 * pitch + 5 }), []);
 });
 
-test("arrows move by one cell and one row, and stop at the edges", () => {
+test("keys move by a cell, a row, a page or to the ends, and stop at the edges", () => {
   /** @param {number} from @param {import("../../../static/js/grid/layout.js").Way} way */
   const to = (from, way) => moved(small, from, way, 2);
 

@@ -5,7 +5,7 @@ import { createBoxes } from "../../../static/js/boxes/store.js";
 import { createPager, placeOf } from "../../../static/js/grid/pager.js";
 import { decision } from "../../support/page/builders.js";
 
-/** A server of `size` boxes with ids from 1; its cursor is the last id, and it counts what it was asked. */
+/** A server of `size` boxes with ids from 1 that records its requests; its cursor is the last id. */
 function server(size, { total = true, without = new Set() } = {}) {
   /** @type {{limit: number, cursor: string | undefined, count: boolean}[]} */
   const asked = [];
@@ -21,10 +21,10 @@ function server(size, { total = true, without = new Set() } = {}) {
   return { ...state, load, state };
 }
 
-/** Until nothing is asked for any more. */
+/** Wait until no more requests are made. */
 const settled = () => new Promise((done) => setTimeout(done, 5));
 
-test("the first page tells how many there are, and the list is as long at once", async () => {
+test("the first page gives the total, and the list has that length at once", async () => {
   const { load, asked } = server(100_000);
   const pager = createPager(createBoxes(), load);
 
@@ -37,7 +37,7 @@ test("the first page tells how many there are, and the list is as long at once",
   assert.equal(pager.at(5000), null);
 });
 
-test("a jump far ahead walks there in large pages, and back in one request", async () => {
+test("a jump far ahead loads the way there in large pages; a jump back takes one request", async () => {
   const { load, asked } = server(20_000);
   const pager = createPager(createBoxes(), load);
 
@@ -55,7 +55,7 @@ test("a jump far ahead walks there in large pages, and back in one request", asy
   assert.equal(pager.at(100)?.box_id, 101);
 });
 
-test("boxes far away are let go of, ids stay", async () => {
+test("boxes far from the view are released, but their ids are kept", async () => {
   const { load } = server(30_000);
   const pager = createPager(createBoxes(), load);
 
@@ -68,7 +68,7 @@ test("boxes far away are let go of, ids stay", async () => {
   assert.deepEqual(pager.idsBetween(7, 4), [5, 6, 7, 8]);
 });
 
-test("who scrolls back does not wait for the walk", async () => {
+test("scrolling back stops the loading of pages on the way to a far place", async () => {
   const { load, asked } = server(100_000);
   const pager = createPager(createBoxes(), load);
 
@@ -81,7 +81,7 @@ test("who scrolls back does not wait for the walk", async () => {
   assert.ok(asked.length <= 3, `${asked.length} requests`);
 });
 
-test("revisions are those that were shown, of boxes let go of and answered here too", async () => {
+test("revisions are given as they were shown, also for released boxes and for boxes answered here", async () => {
   const { load } = server(30_000);
   const boxes = createBoxes();
   const pager = createPager(boxes, load);
@@ -95,7 +95,7 @@ test("revisions are those that were shown, of boxes let go of and answered here 
   assert.deepEqual([101, 29_001, 29_002, 30_001].map((id) => revisions.get(id)), [0, 3, 0, undefined]);
 });
 
-test("answered boxes keep their place though the filter would not find them again", async () => {
+test("answered boxes keep their place although the filter would not find them again", async () => {
   const { load, state } = server(20_000);
   const boxes = createBoxes();
   const pager = createPager(boxes, load);
@@ -114,7 +114,7 @@ test("answered boxes keep their place though the filter would not find them agai
   assert.equal(pager.at(3)?.box_id, 4);
 });
 
-test("a failure stops the list and is said; trying again goes on", async () => {
+test("a failed request stops the list with an error, and a retry continues", async () => {
   const { load, state } = server(1000);
   const pager = createPager(createBoxes(), load);
   state.fails = true;
@@ -130,7 +130,7 @@ test("a failure stops the list and is said; trying again goes on", async () => {
   assert.equal(pager.known(), 200);
 });
 
-test("without a total the list is as long as is known, and one more", async () => {
+test("without a total, the list is one longer than what is loaded, until its end is known", async () => {
   const { load } = server(450, { total: false });
   const pager = createPager(createBoxes(), load);
 
@@ -143,7 +143,7 @@ test("without a total the list is as long as is known, and one more", async () =
   assert.deepEqual([pager.total(), pager.count(), pager.isWhole()], [450, 450, true]);
 });
 
-test("a list that is left while it is loaded takes no boxes any more", async () => {
+test("a list that is ended while it loads aborts its request and takes no more boxes", async () => {
   const boxes = createBoxes();
   const { load } = server(100);
   /** @type {AbortSignal[]} */
@@ -159,7 +159,7 @@ test("a list that is left while it is loaded takes no boxes any more", async () 
   assert.equal(boxes.get(5), undefined);
 });
 
-test("a list that is left gives its boxes back", async () => {
+test("a list that is ended releases its boxes", async () => {
   const { load } = server(100);
   const boxes = createBoxes();
   const pager = createPager(boxes, load);
@@ -173,7 +173,7 @@ test("a list that is left gives its boxes back", async () => {
   assert.equal(boxes.get(5), undefined);
 });
 
-test("a list that was left gives its boxes back when lists have to be read again", async () => {
+test("the list of a closed view releases its boxes when all lists have to be loaded again", async () => {
   const boxes = createBoxes();
   const { load } = server(3);
   globalThis.fetch = async () => Response.json(await load({ limit: 200, count: true }));

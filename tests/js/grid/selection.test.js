@@ -6,18 +6,18 @@ import { NOTHING, allBut, everything, extended, focused, isSelected, lassoed, no
 /** @param {import("../../../static/js/grid/selection.js").Selection} selection */
 const ids = (selection) => [...selection.ids].sort((a, b) => a - b);
 
-test("a click selects one and lets go of the others", () => {
+test("a click selects one box and deselects the others", () => {
   const two = toggled(only(0, 10), 1, 11);
 
   assert.deepEqual(ids(two), [10, 11]);
   assert.deepEqual(ids(only(2, 12)), [12]);
 });
 
-test("toggling twice leaves things as they were", () => {
+test("toggling a box twice restores the selection", () => {
   assert.deepEqual(ids(toggled(toggled(only(0, 10), 1, 11), 1, 11)), [10]);
 });
 
-test("shift spans from the anchor, again and again", () => {
+test("Shift selects from the anchor each time, instead of or in addition to the selection", () => {
   const first = only(2, 12);
   const down = extended(first, 4, [12, 13, 14]);
   const up = extended(down, 1, [11, 12]);
@@ -28,7 +28,7 @@ test("shift spans from the anchor, again and again", () => {
   assert.deepEqual(ids(extended(first, 4, [14], true)), [12, 14]);
 });
 
-test("a lasso replaces what was selected, or adds to it", () => {
+test("a lasso replaces the selection, or adds to it", () => {
   const before = only(0, 10);
 
   assert.deepEqual(ids(lassoed(before, [11, 12], 2, false)), [11, 12]);
@@ -41,7 +41,7 @@ test("moving the focus keeps the selection", () => {
   assert.deepEqual([ids(moved), moved.focus, moved.anchor], [[10], 5, 5]);
 });
 
-test("everything is the filter, not a list", () => {
+test("selecting everything means all boxes of the filter, not a list of ids", () => {
   const all = everything(only(0, 10));
 
   assert.ok(isSelected(all, 999));

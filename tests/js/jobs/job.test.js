@@ -4,7 +4,10 @@ import { test } from "node:test";
 import { ApiError, NoResponse } from "../../../static/js/core/api.js";
 import { percentDone, watchJob } from "../../../static/js/jobs/job.js";
 
-/** Watch a job whose states are these; `next` lets the current pause end. @param {(object | Error)[]} states */
+/**
+ * Watch a job that the server reports in these states, one for each request; `next` ends the current pause.
+ * @param {(object | Error)[]} states
+ */
 function watched(states) {
   let asked = 0;
   /** @type {string[]} */
@@ -36,7 +39,7 @@ test("a job is loaded again until it has ended, less often with time", async () 
   assert.equal(asked(), 6);
 });
 
-test("a server that is away or busy is asked again", async () => {
+test("a job is asked for again when the server does not answer or is busy", async () => {
   const { heard, next } = watched([new NoResponse(null), new ApiError(503, {}, null), { state: "cancelled", done: 2 }]);
 
   for (let i = 0; i < 3; i++) await next();
@@ -44,7 +47,7 @@ test("a server that is away or busy is asked again", async () => {
   assert.deepEqual(heard, ["cancelled 2"]);
 });
 
-test("a job that is gone is not asked for again", async () => {
+test("a job that no longer exists (404) is not asked for again", async () => {
   const { heard, next, asked } = watched([new ApiError(404, {}, null)]);
 
   for (let i = 0; i < 3; i++) await next();
@@ -53,7 +56,7 @@ test("a job that is gone is not asked for again", async () => {
   assert.deepEqual(heard, []);
 });
 
-test("a job that nobody watches any more is neither reported nor asked for", async () => {
+test("after stop, a job is neither reported nor asked for again", async () => {
   const { heard, stop, next, asked } = watched([{ state: "running", done: 1 }, { state: "running", done: 2 }]);
   await next();
 

@@ -5,17 +5,17 @@ import { answersIn, bandQuery, bandText, cellQuery, intervalText, kappaText, sha
 
 const CONFUSION = { kept_keep: 6, kept_reject: 1, rejected_keep: 1, rejected_reject: 2 };
 
-test("answers and shares are of all four fields", () => {
+test("answersIn adds up all four fields of the confusion matrix, and shareOf gives one field's share", () => {
   assert.equal(answersIn(CONFUSION), 10);
   assert.equal(shareOf(CONFUSION, "kept_keep"), 0.6);
   assert.equal(shareOf({ kept_keep: 0, kept_reject: 0, rejected_keep: 0, rejected_reject: 0 }, "kept_keep"), 0);
 });
 
-test("a field leads to its own boxes", () => {
+test("a field of the confusion matrix becomes the filter that lists its boxes", () => {
   assert.deepEqual(cellQuery("rejected", "keep"), { verdict: "rejected", review: "keep" });
 });
 
-test("what is not known is not a number", () => {
+test("an unknown share is shown as a dash, and an unknown interval in words", () => {
   assert.deepEqual([0.9471, 1, 0, null, undefined].map(shareText), ["94.7 %", "100 %", "0 %", "–", "–"]);
   assert.equal(intervalText({ value: 0.5, low: 0.402, high: 0.598 }), "40.2–59.8 %");
   assert.equal(intervalText(null), "too few answers");
@@ -25,12 +25,12 @@ test("kappa has words from poor to almost perfect", () => {
   assert.deepEqual([null, -0.1, 0.1, 0.5, 0.8, 0.81].map(kappaText), ["not known", "poor", "slight", "moderate", "substantial", "almost perfect"]);
 });
 
-test("bands of distance are words and filters", () => {
+test("bands of distance are written in metres and become filters, except for the unknown one", () => {
   assert.deepEqual(["0-50", ">200", "unknown"].map(bandText), ["0–50 m", "> 200 m", "unknown"]);
   assert.deepEqual(["0-50", ">200", "unknown"].map(bandQuery), [{ distance_min: "0", distance_max: "50" }, { distance_min: "200" }, null]);
 });
 
-test("only a better threshold is worth trying", () => {
+test("a suggested threshold is offered only if it has a better F1 or, with recall as the goal, if it differs", () => {
   const same = { current: 10, suggested: 10, f1_current: 0.9, f1_suggested: 0.9 };
   const better = { current: 10, suggested: 4, f1_current: 0.9, f1_suggested: 0.95 };
   const asGood = { current: 10, suggested: 4, f1_current: 0.9, f1_suggested: 0.9 };

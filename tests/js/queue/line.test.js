@@ -6,7 +6,7 @@ import { decision } from "../../support/page/builders.js";
 
 const five = joined(EMPTY, [1, 2, 3, 4, 5]);
 
-test("boxes join at the end, each once", () => {
+test("boxes are added at the end of the line, each once", () => {
   const longer = joined(five, [4, 6]);
 
   assert.deepEqual(longer.ids, [1, 2, 3, 4, 5, 6]);
@@ -22,7 +22,7 @@ test("an answer leads to the next box without one", () => {
   assert.equal(currentOf(afterAnswer(back, 1)), 3);
 });
 
-test("past the last there is nothing until more come", () => {
+test("after the last box there is no current one until more are added", () => {
   const done = [1, 2, 3, 4, 5].reduce(afterAnswer, five);
 
   assert.equal(currentOf(done), null);
@@ -30,11 +30,11 @@ test("past the last there is nothing until more come", () => {
   assert.equal(currentOf(joined(done, [6])), 6);
 });
 
-test("an answer on another box does not lead away from the current one", () => {
+test("an answer on another box keeps the current one", () => {
   assert.equal(currentOf(afterAnswer(five, 4)), 1);
 });
 
-test("what is taken back is looked at again, even if it never was in the line", () => {
+test("a box whose answer is undone becomes the current one, even if it was not in the line", () => {
   const two = afterAnswer(afterAnswer(five, 1), 2);
 
   assert.equal(currentOf(afterUndo(two, 1)), 1);
@@ -44,11 +44,11 @@ test("what is taken back is looked at again, even if it never was in the line", 
   assert.equal(currentOf(stepped(strange, 1)), 3);
 });
 
-test("what comes next leaves out what has an answer", () => {
+test("the boxes ahead leave out those that have an answer", () => {
   assert.deepEqual(ahead(afterAnswer(five, 3), 2), [2, 4]);
 });
 
-test("those passed over come again", () => {
+test("boxes that were skipped can be gone through again", () => {
   const end = stepped(stepped(afterAnswer(stepped(five, 1), 2), 1), 1);
   const once = nextOpen(end);
 
@@ -58,13 +58,13 @@ test("those passed over come again", () => {
   assert.deepEqual(ahead(anew, 9), [3, 4, 5].filter((id) => passed(once).includes(id)));
 });
 
-test("one may look at any box of the line", () => {
+test("any box of the line can be made the current one, and boxes outside of it cannot", () => {
   assert.equal(currentOf(lookedAt(five, 4)), 4);
   assert.equal(currentOf(lookedAt(five, 99)), 1);
   assert.deepEqual(inHand(five, 2), [4, 5]);
 });
 
-test("there is a pace after four answers, and it is of the last ones", () => {
+test("the pace is known after four answers, and counts only the last ones", () => {
   assert.equal(paceOf([0, 1000, 2000]), null);
   assert.equal(paceOf([0, 1000, 2000, 3000]), 60);
   const slowThenFast = [0, ...Array.from({ length: 20 }, (_, i) => 600_000 + i * 500)];

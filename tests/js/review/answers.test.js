@@ -23,7 +23,7 @@ const answers = () => answersOf(app);
 const undo = () => app.undo(() => {});
 const swept = () => new Promise((resolve) => setImmediate(resolve));
 
-test("a box read before it was answered is older, also when it arrives later", async () => {
+test("a response that is older than a stored answer does not replace it, even if it arrives later", async () => {
   globalThis.fetch = async (_, { body } = {}) => {
     const { verdict, seen_revision } = JSON.parse(String(body));
     return Response.json({ box_id: 99, revision: seen_revision + 1, verdict, reviewer: "ada", comment: "", effective_verdict: "rejected" }, { status: 201 });
@@ -44,7 +44,7 @@ for (const [what, id, give] of /** @type {[string, number | null, () => void][]}
   ["an answer", 12, () => app.answer(99, "keep")],
   ["a bulk answer", null, () => app.bulkAnswers.answer("d", "keep", [99], new Map())],
 ])) {
-  test(`when ${what} is stored, whoever has fetched the frame is told`, async () => {
+  test(`when ${what} is stored, observers of the frame are notified, and not before`, async () => {
     globalThis.fetch = async (address) =>
       Response.json(String(address).endsWith("/bulk") ? { id: 7, count: 1, skipped: [], stale: [] } : { box_id: 99, revision: 1, verdict: "keep", reviewer: "ada", comment: "", effective_verdict: "kept" }, { status: 201 });
     app.boxes.hold(app.boxes.receive([OTHER]));
@@ -60,7 +60,7 @@ for (const [what, id, give] of /** @type {[string, number | null, () => void][]}
   });
 }
 
-test("where the browser has no room, an answer is not given, and that is said", () => {
+test("if the browser's storage is full, an answer is neither given nor undone, and a message says so", () => {
   const storage = memoryStorage();
   ({ app, said } = reviewPage(storage));
   app.answer(1, "keep");
@@ -76,7 +76,7 @@ test("where the browser has no room, an answer is not given, and that is said", 
   assert.deepEqual(answers(), ["keep", null, null], "nor undone");
 });
 
-test("a tab takes over the answers of tabs that are closed by now, and of no other", async () => {
+test("a tab takes over the unsent answers of closed tabs, and of no others", async () => {
   const storage = memoryStorage();
   const open = new Set(["t1"]);
   const openTabs = async () => open;
@@ -96,8 +96,8 @@ test("a tab takes over the answers of tabs that are closed by now, and of no oth
   assert.equal(first.app.sender.state.get().count, 1);
 });
 
-test("undo goes back over bulk answers and single answers in the order in which they were given", () => {
-  // The first answer is on its way; what follows has not been sent.
+test("undo takes back single and bulk answers from the newest to the oldest", () => {
+  // The first answer is being sent; the following ones have not been sent.
   app.answer(3, "unsure");
   app.bulkAnswers.answer("d", "keep", [1, 2], new Map());
   assert.deepEqual(answers(), ["keep", "keep", "unsure"]);
@@ -108,7 +108,7 @@ test("undo goes back over bulk answers and single answers in the order in which 
   assert.deepEqual([answers(), said], [[null, null, null], ["Nothing to undo."]]);
 });
 
-test("steps are undone from the newest to the oldest, and hold their boxes until then", async () => {
+test("steps are undone from the newest to the oldest, and keep their boxes in the store until then", async () => {
   const boxes = createBoxes();
   const steps = createSteps(boxes);
   const view = boxes.hold(boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2 })]));
@@ -126,7 +126,7 @@ test("steps are undone from the newest to the oldest, and hold their boxes until
   assert.deepEqual([steps.last(), boxes.get(1)?.box_id, boxes.get(2)], [first, 1, undefined]);
 });
 
-test("an answer that somebody else has replaced cannot be undone; a bulk answer can", () => {
+test("after forget, single answers on that box cannot be undone any more, but bulk answers can", () => {
   const steps = createSteps(createBoxes());
   const before = (/** @type {number} */ boxId) => [{ boxId, verdict: /** @type {const} */ ("clear"), comment: "" }];
   for (const boxId of [1, 2, 1]) steps.push({ before: before(boxId) });
@@ -139,7 +139,7 @@ test("an answer that somebody else has replaced cannot be undone; a bulk answer 
   assert.equal(steps.last()?.before[0]?.boxId, 2);
 });
 
-/** A browser in which an earlier version of the page has kept an answer without a name. */
+/** A storage with an unsent answer that names no person, as earlier versions of the page kept them. */
 function storageOfBefore() {
   const storage = memoryStorage();
   const item = { key: "k", tab: "t0", order: 1, boxId: 3, frameId: 10, verdict: "keep", comment: "", seenRevision: 0, attempted: true };
@@ -147,7 +147,7 @@ function storageOfBefore() {
   return storage;
 }
 
-test("answers without a name are not sent, and no passing message asks for them", () => {
+test("answers without a person's name are not sent, and no message pops up about them", () => {
   ({ app, said } = reviewPage(storageOfBefore()));
 
   app.resume();
@@ -155,7 +155,7 @@ test("answers without a name are not sent, and no passing message asks for them"
   assert.deepEqual([app.unowned.count.get(), app.sender.state.get().count, said], [1, 0, []]);
 });
 
-test("answers without a name are sent as those of the person who takes them", async () => {
+test("answers without a person's name are sent as those of the person who accepts them", async () => {
   ({ app } = reviewPage(storageOfBefore()));
   /** @type {string[]} */
   const asked = [];
@@ -168,7 +168,7 @@ test("answers without a name are sent as those of the person who takes them", as
   assert.deepEqual([asked.map((address) => address.replace(/.*api/, "")), app.sender.state.get().phase, answers()], [["/v1/boxes/3/reviews"], "saved", [null, null, "keep"]]);
 });
 
-test("answers without a name can be discarded", () => {
+test("answers without a person's name can be discarded", () => {
   const storage = storageOfBefore();
   ({ app } = reviewPage(storage));
 
@@ -177,7 +177,7 @@ test("answers without a name can be discarded", () => {
   assert.deepEqual([app.unowned.count.get(), storage.length, answers()], [0, 0, [null, null, null]]);
 });
 
-test("an answer that another tab sends is shown, and the box is loaded again when that tab has stored it", async () => {
+test("an unsent answer of another tab is shown, and its box is loaded again when that tab has stored it", async () => {
   const storage = memoryStorage();
   const item = { key: "k", person: "ada", tab: "t2", order: 1, boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 0, attempted: true };
   storage.setItem("unghost.outbox.v1.k", JSON.stringify(item));

@@ -8,7 +8,7 @@ import { fill, reviewPage } from "../../support/page/review_page.js";
 let app;
 /** @type {string[]} */
 let said;
-/** What the messages offer to do. @type {({run: () => void} | undefined)[]} */
+/** The action that each message offers, such as undo. @type {({run: () => void} | undefined)[]} */
 let offers;
 
 beforeEach(() => {
@@ -18,7 +18,7 @@ beforeEach(() => {
 const answers = () => app.boxes.all([1, 2, 3]).map((/** @type {any} */ box) => box.review?.verdict ?? null);
 const undo = () => app.undo(() => {});
 
-test("undo of a bulk answer that was not sent restores the boxes that were answered after it too", () => {
+test("undoing an unsent bulk answer also restores a box whose later answer was undone before", () => {
   app.answer(3, "unsure");
   app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
   app.answer(1, "keep");
@@ -28,13 +28,13 @@ test("undo of a bulk answer that was not sent restores the boxes that were answe
   assert.deepEqual(answers(), [null, null, "unsure"]);
 });
 
-test("the undo of a bulk answer that is on its way is shown at once", () => {
+test("undoing a bulk answer that is being sent is shown at once", () => {
   app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
   undo();
   assert.deepEqual(answers(), [null, null, null]);
 });
 
-test("the undo of a bulk answer, asked for after a later answer, leaves that answer as it is", async () => {
+test("undoing a bulk answer by its message keeps a later answer on one of its boxes", async () => {
   globalThis.fetch = async () => Response.json({ id: 7, count: 2, skipped: [], stale: [] }, { status: 201 });
   app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
   await new Promise((resolve) => setTimeout(resolve, 20));
@@ -44,7 +44,7 @@ test("the undo of a bulk answer, asked for after a later answer, leaves that ans
   assert.deepEqual([answers(), said], [["keep", null, null], ["2 boxes rejected"]]);
 });
 
-test("where the browser has no room for the undo of a bulk answer, it can be asked for again", () => {
+test("if the browser's storage is full, undoing a bulk answer fails, and can be tried again later", () => {
   const storage = memoryStorage();
   ({ app, said } = reviewPage(storage));
   app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
@@ -59,7 +59,7 @@ test("where the browser has no room for the undo of a bulk answer, it can be ask
   assert.deepEqual([answers(), said.length], [[null, null, null], 1]);
 });
 
-test("undoing all answers after one's own answer gives that again", () => {
+test("undoing a bulk answer that cleared an own answer restores that answer", () => {
   const review = { verdict: "keep", reviewer: "ada", revision: 1, comment: "" };
   app.boxes.receive([decision({ box_id: 1, revision: 1, review })]);
   app.answer(3, "unsure");
@@ -71,7 +71,7 @@ test("undoing all answers after one's own answer gives that again", () => {
   assert.deepEqual(answers(), ["keep", null, "unsure"]);
 });
 
-test("undoing a bulk answer that was not sent does not undo what somebody else has answered meanwhile", () => {
+test("undoing an unsent bulk answer keeps what another person has answered meanwhile", () => {
   const storage = memoryStorage();
   ({ app } = reviewPage(storage));
   app.answer(3, "unsure");
@@ -82,7 +82,7 @@ test("undoing a bulk answer that was not sent does not undo what somebody else h
   assert.deepEqual([answers(), storage.length], [["keep", null, "unsure"], 1]);
 });
 
-test("a refused bulk answer is given again on the boxes that were not answered since", async () => {
+test("a refused bulk answer is given again only on boxes that nobody has answered since", async () => {
   const refused = Response.json({ status: 413, detail: "too many" }, { status: 413 });
   globalThis.fetch = async () => refused;
   app.bulkAnswers.answer("d", "reject", [1, 2, 3], new Map());
@@ -101,7 +101,7 @@ test("a refused bulk answer is given again on the boxes that were not answered s
   assert.deepEqual(app.sender.state.get().bulkItems.map((/** @type {any} */ { item, state }) => [item.boxIds, state]), [[[3], "sending"]]);
 });
 
-test("a refused bulk answer stays offered where the browser has no room to give it again", async () => {
+test("a refused bulk answer stays on offer if the browser's storage is full when it is given again", async () => {
   const storage = memoryStorage();
   ({ app } = reviewPage(storage));
   globalThis.fetch = async () => Response.json({ status: 413, detail: "too many" }, { status: 413 });

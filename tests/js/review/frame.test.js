@@ -34,7 +34,7 @@ test("steps respect the filters in the address, and keep them", () => {
   assert.deepEqual([seen, query().verdict], [["1", "3"], "rejected"]);
 });
 
-test("before the first frame there is no other one", () => {
+test("a step back from the first frame says that there are no more frames", () => {
   actions.byName.previousFrame();
   assert.deepEqual(said, ["There are no more frames."]);
 });
@@ -44,7 +44,7 @@ test("an answer needs a selected box", () => {
   assert.deepEqual([said, answers()], [["Select a box first."], [null, null, null]]);
 });
 
-test("the same answer twice is one answer", () => {
+test("giving the same answer twice counts as one answer", () => {
   actions.select(1);
   actions.byName.keep();
   actions.byName.keep();
@@ -68,26 +68,26 @@ test("undo goes back step by step and selects what it changes", () => {
   assert.deepEqual([answers(), said], [[null, null, null], ["Nothing to undo."]]);
 });
 
-test("undo of an answer on another frame takes it back, and goes there", () => {
+test("undoing an answer on another frame takes it back, and opens that frame", () => {
   app.boxes.receive([decision({ box_id: 99, frame_id: 12 })]);
   app.answer(99, "keep");
   actions.byName.undo();
   assert.deepEqual([app.boxes.get(99)?.review, app.router.route.get().params.id, query()], [null, "12", { box: "99" }]);
 });
 
-test("the next undecided skips what has an answer", () => {
+test("the step to the next undecided box skips boxes that have an answer", () => {
   actions.select(1);
   actions.byName.keep();
   actions.byName.nextUndecided();
   assert.equal(query().box, "2");
 });
 
-test("V goes through kept, rejected and all", () => {
+test("the action of the V key shows kept boxes, then rejected ones, then all", () => {
   const seen = [1, 2, 3].map(() => (actions.byName.cycleVerdict(), query().verdict ?? "all"));
   assert.deepEqual(seen, ["kept", "rejected", "all"]);
 });
 
-test("the brackets fade the segmentation within limits and switch it on", () => {
+test("the bracket keys change the segmentation's opacity within limits, and switch it on", () => {
   actions.byName.opacityUp();
   assert.deepEqual([app.prefs.get().mask, app.prefs.get().opacity], [true, 0.5]);
   for (let i = 0; i < 9; i++) actions.byName.opacityUp();
@@ -96,7 +96,7 @@ test("the brackets fade the segmentation within limits and switch it on", () => 
   assert.equal(app.prefs.get().opacity, 0.1);
 });
 
-test("the address can ask for the first, the last or an undecided box", () => {
+test("the address can name the first, the last or an undecided box", () => {
   actions.select(1);
   actions.byName.keep();
   assert.deepEqual(["first", "last", "undecided"].map(actions.resolve), [1, 3, 2]);

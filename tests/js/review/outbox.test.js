@@ -13,7 +13,7 @@ beforeEach(() => {
   storage = memoryStorage();
 });
 
-test("a tab leaves the answers of another open tab alone and adopts those of a closed one", () => {
+test("a tab takes over the answers of a closed tab, but not those of an open one", () => {
   const mine = createOutbox(storage, "t1", () => person);
   const given = { frameId: 1, verdict: /** @type {const} */ ("keep"), comment: "", seenRevision: 0 };
   createOutbox(storage, "open", () => person).addAnswer({ boxId: 1, ...given });
@@ -22,7 +22,7 @@ test("a tab leaves the answers of another open tab alone and adopts those of a c
   assert.deepEqual(mine.items().map((item) => item.boxId), [2]);
 });
 
-test("the answers of a closed tab are sent in the order in which all were given", (t) => {
+test("answers of a closed tab are sorted among the tab's own by the time at which they were given", (t) => {
   let clock = 1000;
   t.mock.method(Date, "now", () => ++clock);
   const given = { frameId: 1, verdict: /** @type {const} */ ("keep"), comment: "", seenRevision: 0 };
@@ -35,7 +35,7 @@ test("the answers of a closed tab are sent in the order in which all were given"
   assert.deepEqual(mine.items().map((item) => item.boxId), [1000, 1001, 1002]);
 });
 
-test("an answer is given after the one before it, also within a millisecond", (t) => {
+test("answers keep their order, even if several are given in the same millisecond", (t) => {
   t.mock.method(Date, "now", () => 1000);
   const outbox = createOutbox(storage, "t1", () => person);
   const given = { frameId: 1, verdict: /** @type {const} */ ("keep"), comment: "", seenRevision: 0 };
@@ -43,7 +43,7 @@ test("an answer is given after the one before it, also within a millisecond", (t
   assert.deepEqual(outbox.items().map((item) => item.boxId), [3, 1, 2]);
 });
 
-test("an answer has seen no more than the unsent one that another tab shows on the box", () => {
+test("an answer's seen revision is at most that of another tab's unsent answer on the box", () => {
   const given = { boxId: 1, frameId: 1, verdict: /** @type {const} */ ("keep"), comment: "" };
   createOutbox(storage, "open", () => person).addAnswer({ ...given, seenRevision: 0 });
   const mine = createOutbox(storage, "t1", () => person);
@@ -51,13 +51,13 @@ test("an answer has seen no more than the unsent one that another tab shows on t
   assert.deepEqual(mine.items().map((item) => isSingle(item) && item.seenRevision), [0]);
 });
 
-test("rubbish in the storage is not an answer", () => {
+test("entries of the storage that cannot be read as answers are ignored", () => {
   storage.setItem("unghost.outbox.v1.x", "{");
   storage.setItem("unghost.outbox.v1.y", "{}");
   assert.deepEqual(createOutbox(storage, "t1", () => person).items(), []);
 });
 
-test("what was said of each box last is known, whatever it was said with", () => {
+test("lastAnswers gives the last unsent answer on each box, single or bulk", () => {
   const outbox = createOutbox(storage, "t1", () => person);
   outbox.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "seen twice", seenRevision: 0 });
   outbox.addBulkAnswer({ dataset: "d", verdict: "reject", boxIds: [2, 3], seenRevisions: [0, 0], count: 2 });
@@ -70,7 +70,7 @@ test("what was said of each box last is known, whatever it was said with", () =>
   });
 });
 
-/** What an earlier version of the page has kept, which did not say who answered, beside a bulk answer of bo. */
+/** Store answers that name no person, as earlier versions of the page kept them, and a bulk answer of bo. */
 function keptUnowned() {
   storage.setItem("unghost.outbox.v1.a", JSON.stringify({ key: "a", boxId: 1 }));
   storage.setItem("unghost.bulk.v1.b", JSON.stringify({ key: "b", count: 3 }));
@@ -78,10 +78,10 @@ function keptUnowned() {
   storage.setItem("unghost.prefs", JSON.stringify({}));
 }
 
-/** Who gave what is kept, by key. */
+/** The person that each stored answer names, by its key. */
 const owners = () => Object.fromEntries(["outbox.v1.a", "bulk.v1.b", "bulk.v1.c"].map((name) => [name.at(-1), JSON.parse(storage.getItem(`unghost.${name}`) ?? "{}").person]));
 
-test("answers that do not say who gave them wait until a person takes them", () => {
+test("answers without a person's name wait until a person accepts them", () => {
   keptUnowned();
   const outbox = createOutbox(storage, "t1", () => person);
   assert.equal(outbox.countUnowned(), 4);
@@ -91,7 +91,7 @@ test("answers that do not say who gave them wait until a person takes them", () 
   assert.deepEqual([outbox.countUnowned(), owners()], [0, { a: "ada", b: "ada", c: "bo" }]);
 });
 
-test("of the answers kept here only those are discarded that do not say who gave them", () => {
+test("discarding answers without a person's name keeps all others", () => {
   keptUnowned();
   const outbox = createOutbox(storage, "t1", () => person);
 
@@ -100,7 +100,7 @@ test("of the answers kept here only those are discarded that do not say who gave
   assert.deepEqual([outbox.countUnowned(), storage.length, owners().c], [0, 2, "bo"]);
 });
 
-test("an answer for which there is no room takes no earlier one away", () => {
+test("an answer for which the storage has no room does not remove the earlier one on that box", () => {
   const outbox = createOutbox(storage, "t1", () => person);
   const given = { boxId: 1, frameId: 10, verdict: /** @type {const} */ ("keep"), seenRevision: 0 };
   outbox.addAnswer({ ...given, comment: "" });
@@ -115,7 +115,7 @@ test("an answer for which there is no room takes no earlier one away", () => {
   assert.deepEqual(outbox.items().map((item) => "comment" in item && item.comment), [""]);
 });
 
-test("what other versions of the page have kept is read, and what this one keeps can be read by them", () => {
+test("answers are stored in the format that other versions of the page write and read", () => {
   const kept = { person: "ada", tab: "t1", dataset: "d", boxIds: [1, 2], seen: [3, 4], count: 2 };
   const before = [{ verdict: "keep", comment: "" }, { verdict: "clear", comment: "" }];
   const answer = { person: "ada", tab: "t1", key: "k1", order: 1, boxId: 3, frameId: 10, verdict: "keep", comment: "", seenRevision: 5, attempted: true };
@@ -137,7 +137,7 @@ test("what other versions of the page have kept is read, and what this one keeps
   }
 });
 
-test("an answer is renewed where the browser has no room for more", () => {
+test("an answer can be renewed even if the storage has no room for more", () => {
   const outbox = createOutbox(storage, "t1", () => person);
   outbox.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 0 });
   const [item] = outbox.items().filter(isSingle);
@@ -157,7 +157,7 @@ test("an answer is renewed where the browser has no room for more", () => {
   assert.deepEqual(outbox.items().map((one) => isSingle(one) && [one.seenRevision, one.attempted]), [[7, undefined]]);
 });
 
-test("an answer that replaces another one is newer than what another tab has given meanwhile", (t) => {
+test("an answer that replaces an own one counts as newer than one that another tab gave in between", (t) => {
   let clock = 1000;
   t.mock.method(Date, "now", () => ++clock);
   const given = { boxId: 1, frameId: 1, comment: "", seenRevision: 0 };

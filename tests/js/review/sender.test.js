@@ -12,7 +12,7 @@ let storage;
 let person = "ada";
 /** @type {import("../../../static/js/review/outbox.js").SingleAnswer[]} */
 let sent;
-/** What the server says next; nothing: it stores. @type {Error[]} */
+/** Errors with which the server answers the next requests; without one it stores the answer. @type {Error[]} */
 let refusals;
 /** @type {any[]} */
 let bulkAnswers;
@@ -91,13 +91,16 @@ function senderOf(tab = "t1") {
   return { outbox, sender };
 }
 
-/** An answer that has seen what the server last said of the box: nothing yet. @param {any} sender @param {number} boxId @param {any} verdict */
+/**
+ * Give an answer on a box, seen as nobody has answered it yet.
+ * @param {any} sender @param {number} boxId @param {any} verdict
+ */
 const answer = (sender, boxId, verdict) => sender.addAnswer({ boxId, frameId: 10, verdict, comment: "", seenRevision: 0 });
 
 const settled = () => new Promise((resolve) => setImmediate(resolve));
 const verdicts = () => sent.map((item) => [item.boxId, item.verdict, item.seenRevision]);
 
-test("an answer is sent at once, with what was seen", async () => {
+test("an answer is sent at once, with the revision that the person has seen", async () => {
   const { sender, outbox } = senderOf();
   answer(sender, 1, "keep");
   assert.equal(sender.state.get().phase, "saving");
@@ -107,7 +110,7 @@ test("an answer is sent at once, with what was seen", async () => {
   assert.deepEqual([sender.state.get().phase, outbox.items()], ["saved", []]);
 });
 
-test("a second answer waits for the first and has seen its revision", async () => {
+test("a second answer on a box waits for the first, and is sent with the first one's revision as seen", async () => {
   const { sender } = senderOf();
   answer(sender, 1, "keep");
   answer(sender, 1, "reject");
@@ -116,7 +119,7 @@ test("a second answer waits for the first and has seen its revision", async () =
   assert.deepEqual(told, [["stored", 1, 1], ["stored", 1, 2]]);
 });
 
-test("without a network answers wait, survive a reload, and are sent in order", async () => {
+test("without a network, answers wait, survive a reload, and are sent in order", async () => {
   refusals = [new NoResponse("gone"), new NoResponse("gone")];
   const { sender } = senderOf();
   answer(sender, 1, "keep");
@@ -133,7 +136,7 @@ test("without a network answers wait, survive a reload, and are sent in order", 
   assert.equal(reloaded.state.get().phase, "saved");
 });
 
-test("an answer that may have arrived is repeated word for word, under the same key", async () => {
+test("an answer whose response was lost is sent again unchanged, with the same key", async () => {
   refusals = [new NoResponse("lost on the way back")];
   const { sender } = senderOf();
   answer(sender, 1, "keep");
@@ -145,7 +148,7 @@ test("an answer that may have arrived is repeated word for word, under the same 
   assert.notEqual(sent[1]?.key, sent[2]?.key);
 });
 
-test("a refused bulk answer leaves the outbox, is not sent again by itself, and no longer shown on its boxes", async () => {
+test("a refused bulk answer leaves the outbox, is not sent again, and is no longer shown on its boxes", async () => {
   refusals = [new ApiError(413, { detail: "too many" }, null)];
   const { sender, outbox } = senderOf();
   answerMany(sender, "reject", [1, 2], [0, 0]);
@@ -159,7 +162,7 @@ test("a refused bulk answer leaves the outbox, is not sent again by itself, and 
   assert.deepEqual(told, [["bulk refused", "too many"]]);
 });
 
-test("an answer that somebody else removes after one's bulk answer on a filter is not given again unasked", async () => {
+test("a conflict with a cleared answer after an own bulk answer on a filter is reported, not overwritten", async () => {
   const { sender } = senderOf();
   sender.addBulkAnswer({ dataset: "d", verdict: "reject", filter: { class: "car" }, snapshot: "s", count: 2 });
   await settled();
@@ -170,7 +173,7 @@ test("an answer that somebody else removes after one's bulk answer on a filter i
   assert.deepEqual(told, [["bulk stored", []], ["conflict", "keep", undefined]]);
 });
 
-test("an answer that may have arrived is sent before an older one of a closed tab, word for word", async () => {
+test("an answer whose response was lost is sent again unchanged, before an older one of a closed tab", async () => {
   const closed = createOutbox(storage, "closed", () => person);
   closed.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 0 });
   refusals = [new NoResponse("lost on the way there")];
@@ -186,12 +189,12 @@ test("an answer that may have arrived is sent before an older one of a closed ta
   assert.deepEqual(told, [["stored", 1, 1], ["conflict", "keep", "keep"]]);
 });
 
-test("what others answer while an own answer is shown on a box is not overwritten unseen", async () => {
+test("another person's answer that was hidden by an own unsent one is a conflict, not overwritten", async () => {
   refusals = [new NoResponse("away")];
   const { sender } = senderOf();
   answerMany(sender, "reject", [1, 2], [0, 0]);
   await settled();
-  revisions.set(1, 9); // another person's, which the page has loaded, but not shown
+  revisions.set(1, 9); // another person's answer, which the page has loaded, but not shown
   sender.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 9 });
 
   await settled();
@@ -199,7 +202,7 @@ test("what others answer while an own answer is shown on a box is not overwritte
   assert.deepEqual(told, [["bulk stored", [1]], ["conflict", "keep", "keep"]]);
 });
 
-test("answers that were never sent are replaced by the latest on that box", async () => {
+test("of several answers on a box that were never sent, only the last one is kept", async () => {
   refusals = [new ApiError(401, {}, null)];
   const { sender, outbox } = senderOf();
   answer(sender, 7, "keep");
@@ -221,7 +224,7 @@ test("the pause between attempts grows, and any success resets it", async () => 
   assert.equal(sender.state.get().phase, "saved");
 });
 
-test("a busy server is asked again when it says", async () => {
+test("a busy server is asked again after the time that it names", async () => {
   refusals = [new ApiError(503, {}, 7)];
   const { sender } = senderOf();
   answer(sender, 1, "keep");
@@ -229,7 +232,7 @@ test("a busy server is asked again when it says", async () => {
   assert.deepEqual([timers[0]?.ms, sender.state.get().phase], [7000, "busy"]);
 });
 
-test("a new answer does not make a busy server be asked before it said", async () => {
+test("a new answer does not make the page ask a busy server before the time that it named", async () => {
   refusals = [new ApiError(503, {}, 7)];
   const { sender } = senderOf();
   answer(sender, 1, "keep");
@@ -242,7 +245,7 @@ test("a new answer does not make a busy server be asked before it said", async (
   assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "keep", 0], [2, "keep", 0]]);
 });
 
-test("an answer that the server did not get in time is sent again", async () => {
+test("an answer that the server gave up receiving (408) is sent again", async () => {
   refusals = [new ApiError(408, { code: "request_timeout" }, null)];
   const { sender } = senderOf();
   answer(sender, 1, "keep");
@@ -252,7 +255,7 @@ test("an answer that the server did not get in time is sent again", async () => 
   assert.deepEqual(told, [["stored", 1, 1]]);
 });
 
-test("a network that came back while a request succeeded does not hurry a later one", async () => {
+test("a resume during a request that succeeds does not shorten the wait of a later one", async () => {
   const { sender } = senderOf();
   answer(sender, 1, "keep");
   void sender.resume();
@@ -263,7 +266,7 @@ test("a network that came back while a request succeeded does not hurry a later 
   assert.equal(timers.at(-1)?.ms, 7000);
 });
 
-test("signed out, answers are kept and nothing is tried until somebody signs in", async () => {
+test("when signed out, answers are kept, and nothing is sent until somebody signs in", async () => {
   refusals = [new ApiError(401, {}, null)];
   const { sender } = senderOf();
   answer(sender, 1, "keep");
@@ -275,7 +278,7 @@ test("signed out, answers are kept and nothing is tried until somebody signs in"
   assert.deepEqual(verdicts().slice(1), [[1, "keep", 0], [2, "keep", 0]]);
 });
 
-test("an error that nobody knows ends nothing: the answer is sent again", async () => {
+test("after an unexpected error in the page, the answer is sent again", async () => {
   const { sender, outbox } = senderOf();
   outbox.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 0 });
   refusals = [new RangeError("a fault of the page")];
@@ -288,7 +291,7 @@ test("an error that nobody knows ends nothing: the answer is sent again", async 
   assert.deepEqual([sender.state.get().phase, outbox.items()], ["saved", []]);
 });
 
-test("a conflict is told with the other's answer, is not repeated, and does not stop the rest", async () => {
+test("a conflict is reported with the other person's answer, is not repeated, and does not stop other answers", async () => {
   const theirs = decision({ review: { verdict: "reject", reviewer: "bo", revision: 3 } });
   refusals = [new ApiError(412, { current: theirs }, null)];
   const { sender } = senderOf();
@@ -299,7 +302,7 @@ test("a conflict is told with the other's answer, is not repeated, and does not 
   assert.equal(sender.state.get().phase, "saved");
 });
 
-test("what the server will never take is told and let go", async () => {
+test("an answer that the server will never accept is reported and dropped", async () => {
   refusals = [new ApiError(403, { detail: "viewers cannot review" }, null)];
   const { sender, outbox } = senderOf();
   answer(sender, 1, "keep");
@@ -308,7 +311,7 @@ test("what the server will never take is told and let go", async () => {
   assert.deepEqual(outbox.items(), []);
 });
 
-test("an answer goes out under the name of who gave it, and under no other", async () => {
+test("an answer is sent only while the person who gave it is signed in", async () => {
   refusals = [new ApiError(401, {}, null)];
   const { sender, outbox } = senderOf();
   answer(sender, 1, "keep");
@@ -327,7 +330,7 @@ test("an answer goes out under the name of who gave it, and under no other", asy
   assert.deepEqual(sent.map(({ boxId }) => boxId), [1, 2, 1]);
 });
 
-test("a network that comes back while an attempt is still failing is not waited for", async () => {
+test("a resume during a failing attempt makes the next attempt follow at once", async () => {
   const { sender } = senderOf();
   refusals = [new NoResponse(new Error("down")), new NoResponse(new Error("down")), new NoResponse(new Error("down"))];
   answer(sender, 1, "keep");
@@ -344,7 +347,7 @@ test("a network that comes back while an attempt is still failing is not waited 
 const answerMany = (sender, verdict, boxIds, seenRevisions) =>
   sender.addBulkAnswer({ dataset: "d", verdict, boxIds, seenRevisions, count: boxIds.length });
 
-test("away from the server, an answer after a bulk answer is sent after it", async () => {
+test("without a network, an answer that follows a bulk answer is sent after it", async () => {
   refusals = [new NoResponse("away"), new NoResponse("away")];
   const { sender } = senderOf();
   answerMany(sender, "reject", [1, 2], [0, 0]);
@@ -358,7 +361,7 @@ test("away from the server, an answer after a bulk answer is sent after it", asy
   assert.deepEqual([sender.state.get().phase, sender.state.get().bulkItems], ["saved", []]);
 });
 
-test("away from the server, a bulk answer is sent after the answers before it", async () => {
+test("without a network, a bulk answer is sent after the answers that were given before it", async () => {
   refusals = [new NoResponse("away"), new NoResponse("away")];
   const { sender } = senderOf();
   answer(sender, 1, "keep");
@@ -372,7 +375,7 @@ test("away from the server, a bulk answer is sent after the answers before it", 
   assert.deepEqual(told, [["stored", 1, 1], ["bulk stored", []]]);
 });
 
-test("what an earlier version of the page has kept is sent and forgotten, its bulk answers, which had no order, first", async () => {
+test("what an earlier version of the page kept is sent and removed; its bulk answers have no order and go first", async () => {
   const kept = { person: "ada", tab: "closed", verdict: "keep" };
   const old = {
     "unghost.outbox.v1.k1": { ...kept, key: "k1", order: 1, boxId: 3, frameId: 10, comment: "", seenRevision: 0, attempted: false },
@@ -391,7 +394,7 @@ test("what an earlier version of the page has kept is sent and forgotten, its bu
   assert.equal(storage.length, 0);
 });
 
-test("an answer is not replaced by one that was given after a bulk answer on the box", async () => {
+test("an unsent answer is not replaced by a later one if a bulk answer on the box lies between them", async () => {
   refusals = [new ApiError(401, {}, null)];
   const { sender, outbox } = senderOf();
   answer(sender, 7, "keep");
@@ -405,7 +408,7 @@ test("an answer is not replaced by one that was given after a bulk answer on the
   assert.deepEqual([...revisions], [[7, 1], [1, 3]]);
 });
 
-test("what rests on an answer that somebody was faster than overwrites nothing", async () => {
+test("after a conflict, later own answers on the box overwrite nothing either", async () => {
   refusals = [new NoResponse("away"), new NoResponse("away")];
   const { sender } = senderOf();
   answer(sender, 1, "keep");
@@ -413,7 +416,7 @@ test("what rests on an answer that somebody was faster than overwrites nothing",
   answerMany(sender, "unsure", [1, 2], [0, 0]);
   answer(sender, 1, "reject");
   await settled();
-  revisions.set(1, 1); // another person's
+  revisions.set(1, 1); // another person's answer
 
   await sender.resume();
 
@@ -421,7 +424,7 @@ test("what rests on an answer that somebody was faster than overwrites nothing",
   assert.equal(revisions.get(1), 1);
 });
 
-test("a bulk answer that is given up takes nothing with it that was answered later", async () => {
+test("discarding a refused bulk answer keeps answers that were given after it", async () => {
   refusals = [new ApiError(413, { detail: "too many" }, null)];
   const { sender } = senderOf();
   answerMany(sender, "reject", [1, 2], [0, 0]);
@@ -434,7 +437,7 @@ test("a bulk answer that is given up takes nothing with it that was answered lat
   assert.deepEqual(sender.state.get().bulkItems, []);
 });
 
-test("an answer after one's own bulk answer on a filter meets nobody else", async () => {
+test("an answer after an own bulk answer on a filter has no conflict with that bulk answer", async () => {
   refusals = [new NoResponse("away"), new NoResponse("away")];
   const { sender } = senderOf();
   sender.addBulkAnswer({ dataset: "d", verdict: "reject", filter: { class: "car" }, snapshot: "s", count: 2 });
@@ -442,18 +445,18 @@ test("an answer after one's own bulk answer on a filter meets nobody else", asyn
   answer(sender, 1, "keep");
   answer(sender, 3, "keep");
   await settled();
-  revisions.set(3, 9); // another person's
+  revisions.set(3, 9); // another person's answer
 
   await sender.resume();
 
   assert.deepEqual(told.map((event) => event.slice(0, 3)), [["bulk stored", []], ["stored", 1, 2], ["conflict", "keep", "keep"]]);
 });
 
-/** The undos that are not stored: of which bulk answers, and why they wait. @param {any} sender */
+/** Undos that are not stored yet: the bulk answer's key, the state, and the reason to wait. @param {any} sender */
 const openOf = (sender) => sender.state.get().bulkItems.map((/** @type {any} */ { item, state, text }) => [item.bulkKey, state, text]);
 
 /**
- * The undo of a bulk answer that rejected boxes 1 and 2, which had no answer.
+ * Undo a bulk answer that rejected boxes 1 and 2, which had no answer before.
  * @param {any} sender @param {string} bulkKey @param {{batchId?: number | null, seenRevisions?: number[]}} [some]
  */
 function undoBulkAnswer(sender, bulkKey, { batchId = null, seenRevisions = [0, 0] } = {}) {
@@ -461,7 +464,7 @@ function undoBulkAnswer(sender, bulkKey, { batchId = null, seenRevisions = [0, 0
   sender.addBulkUndo({ bulkKey, batchId, dataset: "d", boxIds: [1, 2], seenRevisions, before, count: 2 });
 }
 
-test("the undo of a bulk answer is sent after the answers before it, and answers after it have seen it", async () => {
+test("undoing a bulk answer is sent after earlier answers, and later answers are sent with its revision as seen", async () => {
   revisions = new Map([[1, 1], [2, 1]]);
   refusals = [new ApiError(503, {}, 7)];
   const { sender, outbox } = senderOf();
@@ -478,7 +481,7 @@ test("the undo of a bulk answer is sent after the answers before it, and answers
   assert.equal(storage.length, 0);
 });
 
-test("without a network the undo of a bulk answer waits, survives a reload, and is sent", async () => {
+test("without a network, undoing a bulk answer waits, survives a reload, and is sent", async () => {
   revisions = new Map([[1, 1], [2, 1]]);
   refusals = [new NoResponse("away")];
   const { sender } = senderOf();
@@ -496,7 +499,7 @@ test("without a network the undo of a bulk answer waits, survives a reload, and 
   assert.deepEqual([told, storage.length], [[["undo stored", 7, []]], 0]);
 });
 
-test("undoing a bulk answer that was not sent discards it", async () => {
+test("undoing a bulk answer that was never sent discards it", async () => {
   refusals = [new ApiError(401, {}, null)];
   const { sender, outbox } = senderOf();
   answer(sender, 3, "keep");
@@ -507,7 +510,7 @@ test("undoing a bulk answer that was not sent discards it", async () => {
   assert.deepEqual([outbox.items().map(({ boxId }) => boxId), told], [[3], [["bulk discarded"]]]);
 });
 
-test("the undo of a bulk answer that may have arrived waits until the bulk answer is stored", async () => {
+test("undoing a bulk answer whose response was lost waits until the bulk answer is stored", async () => {
   refusals = [new NoResponse("away")];
   const { sender, outbox } = senderOf();
   sender.addBulkAnswer({ dataset: "d", verdict: "reject", boxIds: [1, 2], seenRevisions: [0, 0], count: 2 }, "k1");
@@ -522,12 +525,12 @@ test("the undo of a bulk answer that may have arrived waits until the bulk answe
   assert.deepEqual([undos[0].seenRevisions, [...revisions]], [[1, 1], [[1, 2], [2, 2]]]);
 });
 
-test("the undo of a bulk answer leaves out what the bulk answer has left out", async () => {
+test("undoing a bulk answer leaves out the boxes that the server left out of the bulk answer", async () => {
   refusals = [new NoResponse("away")];
   const { sender } = senderOf();
   sender.addBulkAnswer({ dataset: "d", verdict: "reject", boxIds: [1, 2], seenRevisions: [0, 0], count: 2 }, "k1");
   await settled();
-  revisions.set(1, 9); // another person's
+  revisions.set(1, 9); // another person's answer
   undoBulkAnswer(sender, "k1");
 
   await sender.resume();
@@ -536,7 +539,7 @@ test("the undo of a bulk answer leaves out what the bulk answer has left out", a
   assert.deepEqual(undos.map(({ boxIds, seenRevisions, before }) => [boxIds, seenRevisions, before.length]), [[[2], [1], 1]]);
 });
 
-test("a bulk answer that is refused is forgotten together with its undo", async () => {
+test("a bulk answer that was undone before the server refused it is dropped with its undo", async () => {
   refusals = [new NoResponse("away"), new ApiError(413, { detail: "too many" }, null)];
   const { sender } = senderOf();
   sender.addBulkAnswer({ dataset: "d", verdict: "reject", boxIds: [1, 2], seenRevisions: [0, 0], count: 2 }, "k1");
@@ -551,7 +554,7 @@ test("a bulk answer that is refused is forgotten together with its undo", async 
   assert.deepEqual([undos, storage.length, sender.state.get().bulkItems], [[], 0, []]);
 });
 
-test("an undo that is refused is told, and stops nothing", async () => {
+test("a refused undo is reported, and does not stop later answers", async () => {
   revisions = new Map([[1, 1], [2, 1]]);
   refusals = [new ApiError(409, { code: "already_undone", detail: "was undone already" }, null)];
   const { sender } = senderOf();
@@ -562,7 +565,7 @@ test("an undo that is refused is told, and stops nothing", async () => {
   assert.deepEqual(told, [["undo refused", 7, "was undone already"], ["stored", 1, 2]]);
 });
 
-test("an answer after the undo of one's bulk answer on a filter meets nobody else", async () => {
+test("an answer after undoing an own bulk answer on a filter has no conflict with that undo", async () => {
   revisions = new Map([[1, 1], [2, 1]]);
   refusals = [new NoResponse("away")];
   const { sender } = senderOf();
@@ -576,7 +579,7 @@ test("an answer after the undo of one's bulk answer on a filter meets nobody els
   assert.deepEqual(told, [["undo stored", 7, []], ["stored", 1, 3]]);
 });
 
-test("discarding a refused bulk answer leaves alone what was answered on its boxes since", async () => {
+test("discarding a refused bulk answer keeps answers that were given on its boxes since", async () => {
   refusals = [new ApiError(413, { detail: "too many" }, null)];
   const { sender } = senderOf();
   answerMany(sender, "reject", [1, 2], [0, 0]);
@@ -592,7 +595,7 @@ test("discarding a refused bulk answer leaves alone what was answered on its box
   assert.deepEqual(told.slice(1), [["stored", 1, 1], ["bulk discarded"], ["stored", 1, 2]]);
 });
 
-/** A server that responds to bulk answers as it is told. */
+/** A sender whose server answers bulk answers with these responses or errors, and then stores them. */
 function bulkServer(responses, storage = memoryStorage(), tab = "t1", person = "ada") {
   const sent = [];
   const events = [];
@@ -618,7 +621,7 @@ function bulkServer(responses, storage = memoryStorage(), tab = "t1", person = "
 const MANY = { dataset: "d", verdict: /** @type {const} */ ("reject"), boxIds: [1, 2, 3], count: 3 };
 const tick = () => new Promise((done) => setTimeout(done));
 
-test("a bulk answer is sent once and forgotten when it is stored", async () => {
+test("a bulk answer is sent once, and removed when it is stored", async () => {
   const { sender, sent, events, storage } = bulkServer([]);
 
   sender.addBulkAnswer(MANY);
@@ -635,7 +638,7 @@ for (const [name, error] of [
   ["signed out", new ApiError(401, {}, null)],
   ["busy", new ApiError(503, { detail: "busy" }, 1)],
 ]) {
-  test(`a bulk answer that cannot be sent (${name}) waits, and goes again with the same key`, async () => {
+  test(`a bulk answer that cannot be sent (${name}) waits, and is sent again with the same key`, async () => {
     const { sender, sent, events } = bulkServer([error]);
     sender.addBulkAnswer(MANY);
     await tick();
@@ -649,7 +652,7 @@ for (const [name, error] of [
   });
 }
 
-test("a bulk answer survives its page, and goes on in the next one or in another tab", async () => {
+test("an unsent bulk answer survives a reload, and is sent by another tab when its own is closed", async () => {
   const { sender, storage } = bulkServer([new NoResponse(null)]);
   sender.addBulkAnswer(MANY);
   await tick();
@@ -669,7 +672,7 @@ test("a bulk answer survives its page, and goes on in the next one or in another
   assert.equal(storage.length, 0);
 });
 
-test("a bulk answer is sent under the name of who did it, and under no other", async () => {
+test("a bulk answer is sent only while the person who gave it is signed in", async () => {
   const { sender, storage } = bulkServer([new ApiError(401, {}, null)]);
   sender.addBulkAnswer(MANY);
   await tick();
@@ -687,7 +690,7 @@ test("a bulk answer is sent under the name of who did it, and under no other", a
   assert.deepEqual(ada.sent.map(({ key, person }) => [key, person]), [["k1", "ada"]]);
 });
 
-test("a bulk answer whose boxes have changed waits until the person decides", async () => {
+test("a bulk answer on a filter that selects other boxes by now waits until the person decides", async () => {
   const { sender, sent } = bulkServer([new ApiError(412, { code: "stale_snapshot", detail: "selects 4" }, null)]);
   sender.addBulkAnswer({ dataset: "d", verdict: "keep", filter: { class: "car" }, snapshot: "s", count: 3 });
   await tick();
@@ -699,7 +702,7 @@ test("a bulk answer whose boxes have changed waits until the person decides", as
   assert.equal(sent.length, 1);
 });
 
-test("boxes that somebody answered meanwhile are reported", async () => {
+test("boxes of a bulk answer that somebody else has answered meanwhile are reported", async () => {
   const { sender, events } = bulkServer([{ id: 7, count: 2, skipped: [], stale: [2] }]);
 
   sender.addBulkAnswer({ ...MANY, seenRevisions: [0, 0, 0] });

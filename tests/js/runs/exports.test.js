@@ -22,7 +22,7 @@ const API = {
   },
 };
 
-test("every format that the API names is offered under its title there, or by its name", () => {
+test("every format of the API is offered under its title, or else under its name", () => {
   const form = exportForm(API);
 
   assert.deepEqual(form.formats.map(({ value, text, help }) => [value, text, help]), [["yolo", "YOLO", "with data.yaml"], ["brand-new", "brand-new", ""]]);
@@ -31,7 +31,7 @@ test("every format that the API names is offered under its title there, or by it
   assert.deepEqual(exportForm({}), { formats: [], fields: [] });
 });
 
-test("every option is a field of its kind; what the page cannot ask for is left alone", () => {
+test("every option becomes a field by its type; options of unknown types are left out", () => {
   const fields = exportForm(API).fields;
 
   assert.deepEqual(fields.map(({ key, kind }) => [key, kind]), [
@@ -45,7 +45,7 @@ test("every option is a field of its kind; what the page cannot ask for is left 
   assert.equal(fields.find(({ key }) => key === "brand_new")?.text, "Brand new");
 });
 
-test("an option that was not changed is sent with the default of the API", () => {
+test("an option that was not changed is sent with the API's default", () => {
   const { fields } = exportForm(API);
   assert.deepEqual(optionsOf(fields, { split: 1 }), { include: "effective", include_unmeasured: false, split: 1, bands: [], brand_new: "a" });
 });

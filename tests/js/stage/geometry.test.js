@@ -16,12 +16,12 @@ test("fit shows the whole image in the middle", () => {
   assert.deepEqual(fitView(IMAGE, STAGE, NO_INSETS), { scale: 0.625, x: 0, y: 75 });
 });
 
-test("fit leaves room for the bars", () => {
+test("fit leaves room for the bars around the stage", () => {
   const [x0, y0, x1, y1] = toStage(fitView(IMAGE, STAGE), [0, 0, 1280, 720]);
   assert.ok(x0 >= 16 && x1 <= 784 && y0 >= 56 && y1 <= 532);
 });
 
-test("crop centres a box with surroundings", () => {
+test("crop centres a box and shows its surroundings", () => {
   const view = cropView([100, 100, 140, 140], STAGE);
   const [x0, y0, x1, y1] = toStage(view, [100, 100, 140, 140]);
   assert.deepEqual([(x0 + x1) / 2, (y0 + y1) / 2], [400, 300]);
@@ -44,26 +44,26 @@ test("zoom stops at its limits", () => {
   assert.equal(zoomAt(view, 1e-9, { x: 0, y: 0 }, 0.2).scale, 0.2);
 });
 
-test("stage and image are inverse", () => {
+test("toImage is the inverse of toStage", () => {
   const view = { scale: 3, x: 7, y: -9 };
   const [x, y] = toStage(view, [11, 13, 0, 0]);
   assertNear(toImage(view, { x, y }), { x: 11, y: 13 });
 });
 
-test("however far one pans, a corner of the image stays in sight", () => {
+test("panning far in any direction keeps a part of the image in sight", () => {
   for (const [dx, dy] of [[1e6, 1e6], [-1e6, -1e6], [1e6, -1e6]]) {
     const [x0, y0, x1, y1] = toStage(clampView(panBy({ scale: 1, x: 0, y: 0 }, dx ?? 0, dy ?? 0), IMAGE, STAGE), [0, 0, 1280, 720]);
     assert.ok(x1 > 0 && y1 > 0 && x0 < STAGE.width && y0 < STAGE.height);
   }
 });
 
-test("a box that is in sight does not move the view", () => {
+test("revealing a box moves the view only if the box is out of sight", () => {
   const view = { scale: 1, x: 0, y: 0 };
   assert.equal(revealView(view, [10, 10, 50, 50], STAGE), view);
   assert.equal(revealView(view, [1200, 10, 1250, 50], STAGE).scale, 1);
 });
 
-test("the smallest box under the pointer is hit first, and clicking again goes deeper", () => {
+test("a click hits the smallest box under the pointer first, and another click the next larger one", () => {
   const large = { xyxy: [0, 0, 100, 100] };
   const small = { xyxy: [40, 40, 60, 60] };
   const outside = { xyxy: null };
@@ -75,7 +75,7 @@ test("the smallest box under the pointer is hit first, and clicking again goes d
   assert.equal(nextOfStack([], undefined), undefined);
 });
 
-test("a box is every pixel that it touches, at least one, and never outside", () => {
+test("a box covers every pixel that it touches, at least one, and none outside of the image", () => {
   assert.deepEqual(pixelBounds([0.5, 0.5, 2.1, 2], IMAGE), { x: 0, y: 0, width: 3, height: 2 });
   assert.deepEqual(pixelBounds([7.2, 7.2, 7.4, 7.4], IMAGE), { x: 7, y: 7, width: 1, height: 1 });
   assert.deepEqual(pixelBounds([1280, 720, 1280, 720], IMAGE), { x: 1279, y: 719, width: 1, height: 1 });

@@ -5,7 +5,7 @@ import { createLazy, createMedia } from "../../../static/js/stage/media.js";
 
 const tick = () => new Promise((done) => setTimeout(done));
 
-/** Requests that are answered by hand. */
+/** A lazy value whose requests stay open until the test answers them. */
 function lazyByHand() {
   /** @type {{signal: AbortSignal, answer: (value: string) => void, fail: (error: Error) => void}[]} */
   const requests = [];
@@ -13,7 +13,7 @@ function lazyByHand() {
   return { lazy, requests };
 }
 
-test("all who ask are served by one request, and the value stays", async () => {
+test("several callers get their value from one request, and the value is kept", async () => {
   const { lazy, requests } = lazyByHand();
   const asked = [lazy.get(), lazy.get(new AbortController().signal)];
   assert.equal(lazy.value, undefined);
@@ -24,7 +24,7 @@ test("all who ask are served by one request, and the value stays", async () => {
   assert.deepEqual([lazy.value, requests.length], ["here", 1]);
 });
 
-test("a request is aborted when the last who asked has gone, and not before", async () => {
+test("a request is aborted when all its callers have given up, and not before", async () => {
   const { lazy, requests } = lazyByHand();
   const [one, other] = [new AbortController(), new AbortController()];
   void lazy.get(one.signal);
@@ -40,7 +40,7 @@ test("a request is aborted when the last who asked has gone, and not before", as
   assert.equal(await again, "again");
 });
 
-test("what is fetched ahead is not aborted by a view that goes", () => {
+test("a value that is fetched ahead is not aborted when a view that asked for it closes", () => {
   const { lazy, requests } = lazyByHand();
   void lazy.get();
   const view = new AbortController();
@@ -51,7 +51,7 @@ test("what is fetched ahead is not aborted by a view that goes", () => {
   assert.equal(requests[0]?.signal.aborted, false);
 });
 
-test("what has failed is asked for again", async () => {
+test("a value whose request failed is requested again", async () => {
   const { lazy, requests } = lazyByHand();
   const first = lazy.get();
   requests[0]?.fail(new Error("no network"));
@@ -63,7 +63,7 @@ test("what has failed is asked for again", async () => {
   assert.equal(await second, "here");
 });
 
-/** What the server was asked for: the ends of the addresses. @type {string[]} */
+/** The ends of the addresses that were requested. @type {string[]} */
 let asked;
 
 beforeEach(() => {
@@ -73,13 +73,13 @@ beforeEach(() => {
     const id = Number(/\d+$/.exec(String(address))?.[0]);
     return id ? Response.json({ id, has_image: true, has_segmentation: true, files: {}, segmentation: null }) : new Response("picture");
   };
-  // The browser's own; a decoded picture is not looked at here.
+  // Stands for the browser's class; these tests do not look at decoded pictures.
   globalThis.Image = /** @type {any} */ (class { decode() {} });
 });
 
 const gone = () => new AbortController().signal;
 
-test("a frame that was fetched ahead is there with its picture, and is used once", async () => {
+test("a frame that was fetched ahead has its picture, and is used only once", async () => {
   const media = createMedia();
   media.fetchAhead(7);
   media.fetchAhead(7);
@@ -126,7 +126,7 @@ test("a frame that was fetched ahead may be used for twenty seconds", async (t) 
   assert.deepEqual(asked.filter((address) => !address.endsWith("/image")), ["7", "8", "8"]);
 });
 
-test("answers do not take away the picture, and neither does time", async () => {
+test("a picture is kept when its frame is forgotten after an answer", async () => {
   const media = createMedia();
   await media.of(7).picture.get();
 
@@ -135,7 +135,7 @@ test("answers do not take away the picture, and neither does time", async () => 
   assert.ok(media.of(7).picture.value);
 });
 
-test("the eight frames used last are kept", () => {
+test("the eight frames that were used last are kept", () => {
   const media = createMedia();
   const [first, second] = [media.of(1), media.of(2)];
   for (const id of [3, 4, 5, 6, 7, 8]) media.of(id);
@@ -147,7 +147,7 @@ test("the eight frames used last are kept", () => {
   assert.notEqual(media.of(2), second);
 });
 
-test("segmentation and mask are loaded when they are wanted, and not before", async () => {
+test("the mask is loaded when it is wanted, and not before", async () => {
   const { frame, picture, mask } = createMedia().of(7);
   await frame.get();
   await picture.get();

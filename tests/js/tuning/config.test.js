@@ -10,13 +10,13 @@ const ACTIVE = {
   classes: { traffic_light: { threshold_small_box: 2 }, van: { accept: ["Truck", "Car"] } },
 };
 
-test("a class has its own threshold or the one for all", () => {
+test("a class has its own threshold, or else the one for all classes", () => {
   assert.equal(appliesTo(ACTIVE, "car"), 10);
   assert.equal(appliesTo(ACTIVE, "traffic_light"), 2);
   assert.equal(appliesTo(ACTIVE, "street_light"), 2);
 });
 
-test("edits change what they name and nothing else", () => {
+test("edits change only the keys that they name, in a copy of the configuration", () => {
   const edits = { threshold_small_box: 12, "classes.car.threshold_small_box": 20, "classes.traffic_light.threshold_small_box": undefined };
 
   assert.deepEqual(withEdits(ACTIVE, edits), {
@@ -34,12 +34,12 @@ test("classes may have any name, dots included", () => {
   assert.deepEqual(differences(ACTIVE, changed), [{ path: "classes.classes.a.b c.threshold_small_box", before: undefined, after: 3 }]);
 });
 
-test("what is back where it was is no edit", () => {
+test("an edit that restores the active value is dropped", () => {
   const edits = { threshold_small_box: 10, min_distance: 5, "classes.car.threshold_small_box": undefined };
   assert.deepEqual(effectiveEdits(ACTIVE, edits), { min_distance: 5 });
 });
 
-test("an address holds every kind of edit and gives it back", () => {
+test("every kind of edit can be written to an address and read from it again", () => {
   const edits = { profile: "carlasimu", threshold_small_box: 12.5, "classes.traffic_light.threshold_small_box": undefined, "classes.van.accept": ["Truck"] };
 
   assert.deepEqual(queryOf(edits), {
@@ -52,7 +52,7 @@ test("an address holds every kind of edit and gives it back", () => {
   assert.deepEqual(editsOf({ ...ACTIVE, min_distance: 5 }, { min_distance: "null" }), { min_distance: null });
 });
 
-test("differences go both ways, keys for all before those of a class", () => {
+test("edits lead from either configuration to the other; differences list keys for all classes first", () => {
   const other = withEdits(ACTIVE, { profile: "carlasimu", "classes.traffic_light.threshold_small_box": undefined });
 
   assert.deepEqual(differences(ACTIVE, other), [
@@ -63,12 +63,12 @@ test("differences go both ways, keys for all before those of a class", () => {
   assert.deepEqual(withEdits(other, editsBetween(other, ACTIVE)), ACTIVE);
 });
 
-test("values are said in words", () => {
+test("values of keys are shown in words", () => {
   assert.deepEqual([undefined, null, 0.5, "paper", ["Truck", "Car"]].map(valueText), ["as for all", "none", "0.5", "paper", "Truck, Car"]);
   assert.equal(valueOf(ACTIVE, "classes.van.threshold_small_box"), undefined);
 });
 
-test("the file has every key, quoted where YAML would misread it", () => {
+test("the YAML file has every key, and quotes names that YAML would misread", () => {
   const config = { ...ACTIVE, classes: { "a: b": { threshold_small_box: 2 }, no: { accept: ["Car", 14] } } };
 
   assert.equal(

@@ -3,7 +3,7 @@ import { test } from "node:test";
 
 import { createLatest } from "../../../static/js/tuning/preview.js";
 
-/** A server that answers when told. */
+/** A server whose requests stay open until the test answers or refuses them. */
 function slowServer() {
   /** @type {{question: number, answer: (text: string) => void, refuse: (error: Error) => void}[]} */
   const open = [];
@@ -26,7 +26,7 @@ function listen(ask) {
 
 const turn = () => new Promise((done) => setImmediate(done));
 
-test("one request is under way at a time, and of those that wait only the last is sent", async () => {
+test("only one preview is requested at a time, and of those that wait only the last one is sent", async () => {
   const { open, ask } = slowServer();
   const { heard, latest } = listen(ask);
 
@@ -41,7 +41,7 @@ test("one request is under way at a time, and of those that wait only the last i
   assert.deepEqual(heard, [true, [1, "one"], [4, "four"], false]);
 });
 
-test("a refusal is reported, and what waits is sent all the same", async () => {
+test("a refused preview is reported, and the next one is sent all the same", async () => {
   const { open, ask } = slowServer();
   const { heard, latest } = listen(ask);
 
@@ -55,7 +55,7 @@ test("a refusal is reported, and what waits is sent all the same", async () => {
   assert.deepEqual(heard, [true, "Error: no", [2, "two"], false]);
 });
 
-test("nothing is reported after the end", async () => {
+test("after stop, no answer is reported and no request is sent", async () => {
   const { open, ask } = slowServer();
   const { heard, latest } = listen(ask);
 

@@ -1,6 +1,6 @@
 // @ts-check
-// What the types of core/api.js let through and what they refuse. This is never run: tsc reads it,
-// and complains of every line here that says it expects an error where there is none.
+// Calls that the types of core/api.js must accept, and calls that they must refuse. This file is only
+// checked by tsc, never run: tsc also reports each line that is marked as an error and has none.
 
 import { ask, get, patch, post, put, remove, url } from "../../../static/js/core/api.js";
 

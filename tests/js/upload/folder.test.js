@@ -11,14 +11,14 @@ import { entriesOf } from "../../support/page/builders.js";
 const never = new AbortController().signal;
 const silent = () => {};
 
-/** What the tar of the system makes of an archive. @param {Blob} archive */
+/** Unpack an archive with the system's tar; gives a function that reads one of its files. @param {Blob} archive */
 async function unpacked(archive) {
   const folder = mkdtempSync(join(tmpdir(), "folder-"));
   execFileSync("tar", ["-x", "-C", folder], { input: new Uint8Array(await archive.arrayBuffer()) });
   return (/** @type {string} */ name) => readFileSync(join(folder, name), "utf8");
 }
 
-test("texts go whole, pictures by name alone, and KITTI's pictures as far as their size", async () => {
+test("the archive holds texts whole, pictures empty, and of KITTI's pictures the part with their size", async () => {
   const long = `street/${"straße/".repeat(14)}labels/1.txt`;
   const files = { [long]: "0 .5 .5 .1 .2\n", "street/images/1.png": "pixels", "street/data.yaml": "names: [car]", "k/image_2/0.png": "x".repeat(500), "k/image_2/0.JPG": "y".repeat(70_000), "a.bin": "b" };
 
@@ -30,7 +30,7 @@ test("texts go whole, pictures by name alone, and KITTI's pictures as far as the
   assert.deepEqual(["k/image_2/0.png", "k/image_2/0.JPG"].map((name) => read(name).length), [24, 65_536]);
 });
 
-test("how many labels are collected is told, and who has left ends it", async () => {
+test("collecting labels reports how many are done, and can be aborted", async () => {
   const files = Object.fromEntries(Array.from({ length: 250 }, (_, i) => [`${i}.txt`, "x"]));
   const stop = new AbortController();
   /** @type {number[][]} */
@@ -43,7 +43,7 @@ test("how many labels are collected is told, and who has left ends it", async ()
   await assert.rejects(archiveOf(entriesOf(files), stop.signal, silent), { name: "AbortError" });
 });
 
-test("a label that is gone is named", async () => {
+test("an error names a label file that can no longer be read", async () => {
   const gone = Object.assign(new Blob(["x"]), { arrayBuffer: () => Promise.reject(new Error("NotFound")) });
   const entry = { path: "labels/1.txt", size: 1, blob: Object.assign(new Blob(), { slice: () => gone }) };
 
@@ -56,7 +56,7 @@ const END = { end: true, frames: 2, faulty: 1, unmatched: 1 };
 /** @param {unknown[]} lines */
 const answering = (lines) => linesOf(new Response(lines.map((line) => `${JSON.stringify(line)}\n`).join("")));
 
-test("lines become frames with their files, problems and what belongs to none", async () => {
+test("the server's lines become frames with their files, problems, and files that belong to no frame", async () => {
   const entries = entriesOf({ "t/ä.png": "", "t/ä.xml": "", "t/b.md": "" });
   const frame = { key: "ä", annotation: { boxes: [] }, files: { image: "t/ä.png" }, fault: null };
   const faulty = { key: "b", annotation: null, files: {}, fault: { pointer: "", code: "bad_layout", detail: "b.xml, line 1: not XML" } };
@@ -71,11 +71,11 @@ test("lines become frames with their files, problems and what belongs to none", 
   assert.deepEqual(plan.unmatched, [stray]);
 });
 
-test("an answer that was cut off is not taken for a whole one", async () => {
+test("a response that was cut off is an error", async () => {
   await assert.rejects(planOf(answering([HEAD]), [], silent), /cut off/);
 });
 
-test("hidden files stay at home, and one folder around everything gives its name", () => {
+test("hidden files are left out, and the one folder around all files gives its name", () => {
   const entries = visibleEntries(entriesOf({ "town/a.png": "", "town/.git/x.txt": "", "town/b/c.png": "", "__MACOSX/town/._a.png": "" }));
 
   assert.deepEqual(entries.map(({ path }) => path), ["town/a.png", "town/b/c.png"]);

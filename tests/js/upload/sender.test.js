@@ -9,7 +9,7 @@ const frames = (count) => Array.from({ length: count }, (_, i) => ({ key: String
 
 const settled = () => new Promise((resolve) => setImmediate(resolve));
 
-/** A server that answers when the test says so. @param {number} count */
+/** An uploader whose requests stay open until the test answers them. @param {number} count */
 function sending(count) {
   /** @type {{key: string, signal: AbortSignal, resolve: (isNew: boolean) => void, reject: (error: Error) => void}[]} */
   const calls = [];
@@ -24,7 +24,7 @@ function sending(count) {
   return { sender, calls, timers, outline };
 }
 
-test("four are under way at a time, and the end is said with what became of each", async () => {
+test("four frames are sent at a time, and the end state counts new and known ones", async () => {
   const { sender, calls, outline } = sending(6);
   sender.resume();
   assert.equal(calls.length, 4);
@@ -37,7 +37,7 @@ test("four are under way at a time, and the end is said with what became of each
   assert.deepEqual(outline(), ["done", 5, 1, ""]);
 });
 
-test("a refused frame is listed in the server's words, and can be tried again", async () => {
+test("a refused frame is listed with the server's message, and can be sent again", async () => {
   const { sender, calls, outline } = sending(2);
   sender.resume();
   const errors = [{ pointer: "/boxes/0", detail: "no geometry" }, { pointer: "/boxes/1", detail: "no class" }];
@@ -54,7 +54,7 @@ test("a refused frame is listed in the server's words, and can be tried again", 
   assert.deepEqual(outline(), ["done", 2, 0, ""]);
 });
 
-test("without the server it waits, longer each time, and loses no frame", async () => {
+test("while the server does not answer, an upload waits longer each time, and loses no frame", async () => {
   const { sender, calls, timers, outline } = sending(1);
   sender.resume();
   for (const i of [0, 1]) {
@@ -70,7 +70,7 @@ test("without the server it waits, longer each time, and loses no frame", async 
   assert.deepEqual(outline(), ["done", 1, 0, ""]);
 });
 
-test("a busy server says when to come back; who is signed out waits for a person", async () => {
+test("an upload waits as long as a busy server says, and when signed out until somebody resumes it", async () => {
   const { sender, calls, timers, outline } = sending(1);
   sender.resume();
   calls[0]?.reject(new ApiError(503, {}, 7));
@@ -88,7 +88,7 @@ test("a busy server says when to come back; who is signed out waits for a person
   assert.equal(outline()[0], "done");
 });
 
-test("paused: what is under way arrives, nothing else is sent", async () => {
+test("a paused upload finishes the frames that are being sent, and sends no others", async () => {
   const { sender, calls, outline } = sending(6);
   sender.resume();
   sender.pause();
@@ -102,7 +102,7 @@ test("paused: what is under way arrives, nothing else is sent", async () => {
   assert.deepEqual(outline(), ["done", 6, 0, ""]);
 });
 
-test("cancelled: what is under way is cut off, and nobody is blamed", async () => {
+test("a cancelled upload aborts the frames that are being sent, and lists none of them as refused", async () => {
   const { sender, calls, outline } = sending(6);
   sender.resume();
 
@@ -113,7 +113,7 @@ test("cancelled: what is under way is cut off, and nobody is blamed", async () =
   assert.deepEqual([calls.length, ...outline()], [4, "stopped", 0, 0, ""]);
 });
 
-test("who may not write is told once, not for every frame", async () => {
+test("an upload by a person who may not write stops with one message", async () => {
   const { sender, calls, outline } = sending(6);
   sender.resume();
 
@@ -123,7 +123,7 @@ test("who may not write is told once, not for every frame", async () => {
   assert.deepEqual([calls.length, ...outline(), sender.state.get().trouble], [4, "stopped", 0, 0, "", "viewers cannot write"]);
 });
 
-test("paused while the last frames are under way, it is done when they have arrived", async () => {
+test("an upload that is paused while its last frames are being sent is done when they have arrived", async () => {
   /** @type {((isNew: boolean) => void)[]} */
   const arrive = [];
   const frames = ["a", "b"].map((key) => /** @type {any} */ ({ key }));
