@@ -10,10 +10,8 @@ from contextlib import contextmanager
 from functools import partial
 
 import httpx
-import numpy as np
 import pytest
 
-from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
 from tests.support.api import FINISHED, Api
 from tests.support.cluster import PATIENCE_S
@@ -75,11 +73,8 @@ def put_poison(api, name, key):
 
 def put_large(api, name, key):
     """Store a frame without boxes, with a large segmentation in a small file."""
-    palette = FAMILIES[scene.FAMILY]
-    road = np.full((SIDE, SIDE), palette.tag_of("Road"), np.uint8)
-    camera = {"width": SIDE, "height": SIDE, "fov": 90}
-    body = {"carla_version": "0.9.15", "camera": camera, "boxes": []}
-    api.stored(name, key, body, segmentation=scene.png(palette.paint(road)))
+    annotation, segmentation = scene.large(SIDE)
+    api.stored(name, key, annotation, segmentation=segmentation)
 
 
 def asked(api, url, body):

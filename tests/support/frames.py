@@ -46,6 +46,18 @@ def image(number: int = 0) -> bytes:
     return png(np.full((HEIGHT, WIDTH, 3), number % 256, np.uint8))
 
 
+def large(side: int) -> tuple[dict[str, object], bytes]:
+    """The annotation of a frame without boxes, and its segmentation of side x side.
+
+    That is a small file, whose pixels need 3 bytes each when it is decoded.
+    """
+    palette = FAMILIES[FAMILY]
+    road = np.full((side, side), palette.tag_of("Road"), np.uint8)
+    camera = {"width": side, "height": side, "fov": 90}
+    found = {"carla_version": "0.9.15", "camera": camera, "boxes": []}
+    return found, png(palette.paint(road))
+
+
 def as_json(value: object) -> bytes:
     """An annotation as the JSON bytes that are sent."""
     return json.dumps(value).encode()

@@ -12,17 +12,9 @@ from tests.support.command_line import CommandLine
 from tests.support.frames import image as scene_image
 from tests.support.frames import write_manifest
 from tests.support.ports import reserved_port
-from tests.support.servers import RunningServer
 from unghost import Client
 
 DONE, REFUSED, USAGE, PARTLY, UNAVAILABLE, INTERRUPTED = 0, 1, 2, 3, 69, 130
-
-
-@pytest.fixture
-def unghost(server: RunningServer, tmp_path: Path) -> CommandLine:
-    """The command line, pointed at the server."""
-    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
-    return CommandLine(tmp_path, settings)
 
 
 @pytest.fixture

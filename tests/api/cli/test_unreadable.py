@@ -2,19 +2,9 @@
 
 from __future__ import annotations
 
-import pytest
-
-from tests.support.command_line import CommandLine
 from tests.support.frames import write_manifest
 
 PARTLY = 3
-
-
-@pytest.fixture
-def unghost(server, tmp_path) -> CommandLine:
-    """The command line in an empty folder, with a server to talk to."""
-    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
-    return CommandLine(tmp_path, settings)
 
 
 def test_an_unreadable_file_is_named_once_and_in_plain_words(unghost, tmp_path):

@@ -12,11 +12,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import httpx
 import numpy as np
 
 from filter_core.segmentation.palettes import FAMILIES
+from tests.support.frames import png
 from tests.support.page import scenes
 
 WIDTH, HEIGHT = 640, 360
@@ -66,12 +66,6 @@ def segmentation(form: str) -> bytes:
         return png(np.dstack([tags(), none, none]))
     rgb = FAMILIES[FAMILY].paint(tags())
     return png(rgb[..., ::-1] if form == "bgr" else rgb)
-
-
-def png(rgb: np.ndarray) -> bytes:
-    written, data = cv2.imencode(".png", np.ascontiguousarray(rgb[..., ::-1]))
-    assert written
-    return data.tobytes()
 
 
 def picture() -> bytes:

@@ -9,7 +9,6 @@ import threading
 from contextlib import closing, contextmanager
 from dataclasses import replace
 
-import numpy as np
 from sqlalchemy import event, exc, select
 
 from app.db.base import utc_now
@@ -22,7 +21,6 @@ from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
 from app.jobs.driver import drive_job
 from app.jobs.work import work_on_chunk
 from app.runs.queries import RunRepository
-from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
 from tests.support.chunks import (
     FRAMES,
@@ -242,10 +240,8 @@ def test_a_last_frame_that_cannot_be_read_is_left_alone_frame_by_frame_too(servi
 
 def put_large(street, key):
     """Store a frame whose decoded segmentation needs much memory."""
-    road = np.full((4000, 4000), FAMILIES[scene.FAMILY].tag_of("Road"), np.uint8)
-    camera = {"width": 4000, "height": 4000, "fov": 90}
-    body = {"carla_version": "0.9.15", "camera": camera, "boxes": []}
-    street.put(key, body, segmentation=scene.png(FAMILIES[scene.FAMILY].paint(road)))
+    annotation, segmentation = scene.large(4000)
+    street.put(key, annotation, segmentation=segmentation)
 
 
 def test_a_frame_that_was_left_alone_and_is_deleted_fails_no_run(street):
