@@ -54,8 +54,8 @@ def large(side: int) -> tuple[dict[str, object], bytes]:
     palette = FAMILIES[FAMILY]
     road = np.full((side, side), palette.tag_of("Road"), np.uint8)
     camera = {"width": side, "height": side, "fov": 90}
-    found = {"carla_version": "0.9.15", "camera": camera, "boxes": []}
-    return found, png(palette.paint(road))
+    found: dict[str, object] = {"carla_version": "0.9.15", "boxes": []}
+    return {**found, "camera": camera}, png(palette.paint(road))
 
 
 def as_json(value: object) -> bytes:
