@@ -77,6 +77,7 @@ def test_a_cluster_gives_byte_by_byte_what_one_process_gives(whole):
     assert whole.api.http.get(download).status_code == 200
 
 
+@pytest.mark.long
 def test_channels_that_workers_measure_are_compared_as_those_measured_here(whole):
     def evaluated(api):
         dataset = api.dataset()

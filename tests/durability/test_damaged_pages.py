@@ -57,7 +57,10 @@ def test_whole_pages_are_said_to_be_whole(filled):
     assert "the pages of the database are intact" in log
 
 
-@pytest.mark.parametrize("name", ["decisions", "ix_decisions_by_crowding"])
+@pytest.mark.parametrize(
+    "name",
+    ["decisions", pytest.param("ix_decisions_by_crowding", marks=pytest.mark.long)],
+)
 def test_damaged_pages_are_found_after_the_start(filled, name):
     damage(filled, name)
 

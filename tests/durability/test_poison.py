@@ -157,6 +157,7 @@ def test_a_frame_that_kills_the_service_is_named_and_all_others_are_measured(ser
         check_totals(api, name, api.run(name, FROM_PIXELS), 5, empty=1)
 
 
+@pytest.mark.long
 def test_frames_whose_pictures_need_too_much_are_named_and_all_others_measured(data):
     with served(data) as (_, api):
         name = api.dataset()

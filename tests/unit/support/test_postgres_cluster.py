@@ -52,7 +52,9 @@ def test_a_server_that_answers_is_used_and_goes_on(cluster: Cluster):
     assert answers(cluster.url)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.long)]
+)
 def test_where_none_answers_there_is_one_until_the_command_ends(nobody: str, number):
     with with_a_server(nobody, SAY + "exec sleep 60") as process:
         assert process.stdout

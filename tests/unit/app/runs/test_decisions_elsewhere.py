@@ -72,6 +72,7 @@ def deciding(services, run_id):
         driver.join()
 
 
+@pytest.mark.long
 def test_a_decision_is_seen_and_ended_from_another_service(services, street):
     one, other = services
     run_id = street.request(NOTHING_VISIBLE)
