@@ -143,9 +143,8 @@ class Attempt:
     def reset(self, session: Session) -> None:
         """Set the count to zero in a transaction that stores a part of the result.
 
-        That a frame cannot be read is a result, too.
-        From then on this attempt does not count: if the process dies later, the next
-        one is a first attempt.
+        That a frame cannot be read is a result, too. From then on this attempt does not
+        count: if the process dies later, the next one is a first attempt.
         """
         if not self._is_counted:
             return
