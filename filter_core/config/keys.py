@@ -56,7 +56,7 @@ WholeNumberT = TypeVar("WholeNumberT")
 NumberOrNullT = TypeVar("NumberOrNullT")
 
 
-# The generated comparison fails on arrays; `ClassLimits` and `ClassConfig` have theirs.
+# No generated comparison: it fails on arrays. `ClassLimits` and `ClassConfig` have one.
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     """The keys that single classes can override; all of them are numbers.
@@ -72,8 +72,8 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
             evidence=(SEMANTIC,),
         )
 
-    `evidence` names the kinds of evidence whose rules use the key. It is left out if
-    the key matters whatever decides, as keys of reasons with `before_channels` do.
+    `evidence` names the kinds of evidence whose rules use the key. It is left out for
+    the keys of reasons with `before_channels`, which matter for every kind.
 
     Three classes in `filter.py` have these keys, with other types:
 

@@ -163,7 +163,7 @@ class Format:
         return write
 
     def label_writer(self, new_writer: _NewWriter) -> _NewWriter:
-        """Decorates its `LabelWriter`, with which `write_labels` becomes `write`."""
+        """Decorates its `LabelWriter`: `write` then calls `write_labels` with it."""
         self.write = partial(write_labels, new_writer=new_writer)
         return new_writer
 

@@ -200,8 +200,8 @@ export function createBoxes(later) {
 
     /**
      * Hold boxes that were just answered, for the next 500 answers. An earlier response with such a box may still be on
-     * its way. When it comes, `receive` drops it, as its revision is lower. Without the hold, the store might have forgotten
-     * the revision.
+     * its way. When it comes, `receive` drops it, as its revision is lower. Without the hold, the store might have
+     * forgotten the revision.
      * @param {readonly number[]} ids
      */
     holdAnswered(ids) {

@@ -99,8 +99,10 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
   function answerAgain({ key, dataset, verdict, boxIds, seenRevisions = [], filter, snapshot, count }, list) {
     /** @param {boolean} isGiven */
     const discardIf = (isGiven) => isGiven && sender.discard(key);
-    const seen = list ? { snapshot: list.snapshot, count: list.total } : { snapshot, count };
-    if (!boxIds) return discardIf(answer({ dataset, verdict, filter, ...seen }));
+    if (!boxIds) {
+      const seen = list ? { snapshot: list.snapshot, count: list.total } : { snapshot, count };
+      return discardIf(answer({ dataset, verdict, filter, ...seen }));
+    }
     const { waiting, waitingInBulk } = sender.state.get();
     const revisions = new Map(boxIds.map((boxId, i) => [boxId, seenRevisions[i] ?? 0]));
     const unanswered = boxIds.filter((boxId) => {
