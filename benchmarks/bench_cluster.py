@@ -28,8 +28,8 @@ from benchmarks.bench_upload import cpu_seconds
 from benchmarks.street import street
 from tests.support.api import Api
 from tests.support.cluster import children, cluster
-from tests.support.long_streets import OTHER_PIXELS
 from tests.support.servers import RunningServer, running_server
+from tests.support.slow_datasets import OTHER_PIXELS
 
 DATASET = "bench"
 ASKED = 1.10

@@ -48,7 +48,7 @@ def admin(service: Live) -> Iterator[httpx.Client]:
 
 
 @pytest.fixture
-def anybody(service: Live) -> Iterator[httpx.Client]:
+def anonymous(service: Live) -> Iterator[httpx.Client]:
     with service.client() as client:
         yield client
 
@@ -86,7 +86,7 @@ def dataset(api: Api) -> str:
     """A dataset of three frames, each with a car and a ghost."""
     name = api.dataset()
     for number in range(3):
-        api.stored(name, str(number), {**scene.annotation(), "number": number})
+        api.upload_frame(name, str(number), {**scene.annotation(), "number": number})
     return name
 
 

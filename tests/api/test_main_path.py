@@ -10,7 +10,7 @@ import pytest
 
 from tests.support import frames as scene
 from tests.support.api import BASE
-from tests.support.archives import frame, lines_of, packed
+from tests.support.archives import frame, lines_of, tar_archive
 
 FRAMES = 24
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
@@ -28,7 +28,7 @@ def street(api):
     ]
     answer = api.http.post(
         f"{BASE}/datasets/{name}/batches",
-        content=packed(members),
+        content=tar_archive(members),
         headers={"Content-Type": "application/x-tar"},
     )
     *lines, end = lines_of(answer.text)
@@ -83,7 +83,7 @@ def test_frames_are_answered_run_undone_and_exported(api, street):
 def labels_of(api, name):
     """The label files of an export, checked against the counts of its manifest.json."""
     accepted = api.post(f"/datasets/{name}/exports", {"format": "yolo", "options": {}})
-    export = api.finished(accepted)
+    export = api.wait_for_job(accepted)
     assert export["state"] == "done", export
     content = api.http.get(export["download"]).content
     with zipfile.ZipFile(io.BytesIO(content)) as archive:

@@ -8,18 +8,18 @@ from __future__ import annotations
 import pytest
 
 from tests.pins.walk import walked
-from tests.support.at_work import Acts, watched
+from tests.support.database_access import DatabaseAccess, record_access
 from tests.support.live import live
 
 
 @pytest.fixture(scope="session")
-def acts(tmp_path_factory: pytest.TempPathFactory) -> Acts:
+def recorded_access(tmp_path_factory: pytest.TempPathFactory) -> DatabaseAccess:
     """What each module did with the database during a walk over the API."""
     folder = tmp_path_factory.mktemp("at-work") / "data"
     with (
         live(folder) as service,
         service.admin() as http,
-        watched(service.app.state.database) as found,
+        record_access(service.app.state.database) as found,
     ):
         walked(http)
     return found

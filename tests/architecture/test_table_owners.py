@@ -124,7 +124,7 @@ def test_only_its_owner_writes_a_table():
     assert strangers == set()
 
 
-def test_only_its_owner_writes_a_table_of_a_service_at_work(acts):
+def test_only_its_owner_writes_a_table_of_a_service_at_work(recorded_access):
     owner = {
         mapper.class_.__tablename__: room
         for room, names in OWNERS.items()
@@ -133,7 +133,7 @@ def test_only_its_owner_writes_a_table_of_a_service_at_work(acts):
     }
     found = {
         (module.split(".")[1], table)
-        for module, table in acts.writes
+        for module, table in recorded_access.writes
         if f"{module.replace('.', '/')}.py" not in CLEARING and table in owner
     }
 

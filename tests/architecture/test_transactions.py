@@ -59,7 +59,7 @@ def test_functions_with_a_session_leave_transactions_alone():
     assert found == ALLOWED
 
 
-def test_nobody_begins_a_transaction_within_one_that_writes(acts):
+def test_nobody_begins_a_transaction_within_one_that_writes(recorded_access):
     """Others wait to write meanwhile, and the inner one reads another state."""
-    assert acts.writes
-    assert acts.within <= LOOKS_AROUND
+    assert recorded_access.writes
+    assert recorded_access.nested_transactions <= LOOKS_AROUND

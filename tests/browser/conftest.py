@@ -19,8 +19,8 @@ from tests.support import plain_http
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.windows import (
-    Plain,
-    Visit,
+    OpenWindow,
+    SharedWindow,
     Visitor,
     launched,
     new_context,
@@ -75,19 +75,22 @@ def signed_in(server: RunningServer) -> StorageState:
 
 
 @pytest.fixture(scope="session")
-def plain(browser: Browser, server: RunningServer) -> Iterator[Plain]:
+def shared_window(browser: Browser, server: RunningServer) -> Iterator[SharedWindow]:
     """A window that all tests share, since opening one takes as long as a page does."""
     with new_context(browser) as context:
         kept = context.new_page()
         kept.goto(f"{server.url}/healthz")
-        yield Plain(context, kept)
+        yield SharedWindow(context, kept)
 
 
 @pytest.fixture
-def visit(
-    browser: Browser, server: RunningServer, signed_in: StorageState, plain: Plain
-) -> Iterator[Visit]:
-    """Opens a window: `visit(color_scheme="dark")`.
+def open_window(
+    browser: Browser,
+    server: RunningServer,
+    signed_in: StorageState,
+    shared_window: SharedWindow,
+) -> Iterator[OpenWindow]:
+    """Opens a window: `open_window(color_scheme="dark")`.
 
     The first call of a test without options gets the shared window, emptied. The test
     fails at its end if a script failed in any of its windows.
@@ -103,8 +106,8 @@ def visit(
             page = opened.enter_context(own).new_page()
         else:
             taken = True
-            opened.callback(plain.leave)
-            page = plain.page(signed_in)
+            opened.callback(shared_window.leave)
+            page = shared_window.page(signed_in)
         page.on("pageerror", lambda error: faults.append(str(error)))
         page.on("console", lambda message: note(message.type, message.text))
         return Visitor(page, server.url)
@@ -121,5 +124,5 @@ def visit(
 
 
 @pytest.fixture
-def ada(visit: Visit) -> Visitor:
-    return visit()
+def user(open_window: OpenWindow) -> Visitor:
+    return open_window()

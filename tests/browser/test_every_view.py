@@ -14,11 +14,17 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.support.page import crowds, scenes
+from tests.support.page import many_boxes, scenes
 from tests.support.page.accessibility import findings
 from tests.support.page.scenes import MakeScene
 from tests.support.page.tuning import car_at
-from tests.support.page.windows import SCHEMES, WIDTHS, Visit, Visitor, lose_session
+from tests.support.page.windows import (
+    SCHEMES,
+    WIDTHS,
+    OpenWindow,
+    Visitor,
+    lose_session,
+)
 from tests.support.sensors import ANNOTATION, sensors
 
 pytestmark = pytest.mark.browser
@@ -31,14 +37,14 @@ CHANNELS = 6
 class Tools:
     """What a function of `VIEWS` needs: a window, a maker of data, an empty folder."""
 
-    ada: Visitor
+    user: Visitor
     make_scene: MakeScene
     folder: Path
 
     @property
     def page(self) -> Page:
         """The page in the window."""
-        return self.ada.page
+        return self.user.page
 
 
 View = Callable[[Tools], Iterator[str]]
@@ -46,12 +52,12 @@ View = Callable[[Tools], Iterator[str]]
 
 
 def lists_and_menus(tools: Tools) -> Iterator[str]:
-    scene, ada, page = tools.make_scene(), tools.ada, tools.page
-    ada.open("#/datasets")
+    scene, user, page = tools.make_scene(), tools.user, tools.page
+    user.open("#/datasets")
     expect(page.get_by_role("heading", name=scene.dataset)).to_be_visible()
     yield "datasets"
 
-    ada.open(f"#/datasets/{scene.dataset}/frames?verdict=rejected")
+    user.open(f"#/datasets/{scene.dataset}/frames?verdict=rejected")
     expect(page.locator("a.thumb")).to_have_count(1)
     yield "frames"
 
@@ -59,14 +65,14 @@ def lists_and_menus(tools: Tools) -> Iterator[str]:
     page.get_by_text("Delete this dataset").click()
     yield "settings of a dataset"
 
-    ada.open(scene.link())
+    user.open(scene.link())
     page.get_by_role("button", name="Settings").click()
     yield "settings of the page"
 
-    ada.press("Escape", "?")
+    user.press("Escape", "?")
     yield "help"
 
-    ada.press("Escape")
+    user.press("Escape")
     lose_session(page)
     page.reload()
     expect(page.get_by_label("Token")).to_be_visible()
@@ -81,7 +87,7 @@ def upload(tools: Tools) -> Iterator[str]:
     for name in ("1", "stray"):
         (root / "images" / f"{name}.png").write_bytes(scenes.picture())
     (root / "labels" / "1.txt").write_text("0 0.25 0.694444 0.25 0.277778\n")
-    page = tools.ada.open("#/datasets")
+    page = tools.user.open("#/datasets")
     page.get_by_label("Upload a folder").last.set_input_files(root)
     page.get_by_text("Did not match 1").click()
     yield "what will be sent"
@@ -92,46 +98,46 @@ def upload(tools: Tools) -> Iterator[str]:
 
 
 def frame(tools: Tools) -> Iterator[str]:
-    scene, ada, page = tools.make_scene(), tools.ada, tools.page
-    ada.open(scene.link("ghost"))
-    ada.press("a", "j", "x", "j", "Space", "ArrowLeft", "m")
-    ada.saved()
+    scene, user, page = tools.make_scene(), tools.user, tools.page
+    user.open(scene.link("ghost"))
+    user.press("a", "j", "x", "j", "Space", "ArrowLeft", "m")
+    user.wait_until_saved()
     yield "answers"
 
-    ada.press("b")
+    user.press("b")
     yield "blind"
 
     scene = tools.make_scene()
-    ada.open(scene.link("ghost"))
-    crowds.review(scene, scene.box_id("ghost"), "reject")
-    ada.press("a")
+    user.open(scene.link("ghost"))
+    many_boxes.review(scene, scene.box_id("ghost"), "reject")
+    user.press("a")
     expect(page.locator(".conflict")).to_be_visible()
     yield "conflict"
 
     page.context.set_offline(True)
-    ada.press("j", "a")
+    user.press("j", "a")
     expect(page.locator(".savestate")).to_contain_text("offline")
     yield "offline"
 
 
 def grid(tools: Tools) -> Iterator[str]:
-    scene, ada, page = tools.make_scene(), tools.ada, tools.page
-    ada.open(crowds.grid(scene))
-    expect(crowds.cell(page, 0).locator("img")).to_be_visible()
-    ada.press("ArrowRight", "Space")
+    scene, user, page = tools.make_scene(), tools.user, tools.page
+    user.open(many_boxes.grid(scene))
+    expect(many_boxes.cell(page, 0).locator("img")).to_be_visible()
+    user.press("ArrowRight", "Space")
     yield "selected"
 
     page.context.set_offline(True)
-    ada.press("x")
+    user.press("x")
     expect(page.locator(".strip")).to_be_visible()
     yield "offline"
 
     page.context.set_offline(False)
-    ada.open(crowds.grid(scene, distance_min="900"))
+    user.open(many_boxes.grid(scene, distance_min="900"))
     expect(page.get_by_role("heading", name="No box matches")).to_be_visible()
     yield "no box"
 
-    ada.open(crowds.grid(scene, **{"class": "car", "toss_up": "true"}))
+    user.open(many_boxes.grid(scene, **{"class": "car", "toss_up": "true"}))
     unfold_filters(page)
     page.get_by_role("button", name="More").click()
     expect(page.get_by_role("group", name="More filters")).to_be_visible()
@@ -139,22 +145,22 @@ def grid(tools: Tools) -> Iterator[str]:
 
 
 def queue(tools: Tools) -> Iterator[str]:
-    scene, ada, page = tools.make_scene(), tools.ada, tools.page
-    ada.open(crowds.queue(scene))
+    scene, user, page = tools.make_scene(), tools.user, tools.page
+    user.open(many_boxes.queue(scene))
     expect(page.locator(".stage[data-picture=shown]")).to_be_visible()
-    crowds.review(scene, scene.box_id(crowds.queued(page)), "reject")
-    ada.press("a", "x")
+    many_boxes.review(scene, scene.box_id(many_boxes.queued_box_id(page)), "reject")
+    user.press("a", "x")
     expect(page.locator(".conflict")).to_be_visible()
     yield "conflict"
 
-    ada.press("b")
+    user.press("b")
     yield "blind"
 
-    ada.press("a", "x", "a")
+    user.press("a", "x", "a")
     expect(page.get_by_role("heading", name="All done")).to_be_visible()
     yield "all done"
 
-    ada.open(crowds.queue(tools.make_scene(), verdict="rejected"))
+    user.open(many_boxes.queue(tools.make_scene(), verdict="rejected"))
     unfold_filters(page)
     expect(page.get_by_role("combobox", name="Reason")).to_be_visible()
     yield "filters"
@@ -163,7 +169,7 @@ def queue(tools: Tools) -> Iterator[str]:
 def thresholds(tools: Tools) -> Iterator[str]:
     boxes = [car_at(share, index) for index, share in enumerate((4, 30, 55, 80))]
     link = f"#/datasets/{tools.make_scene(boxes=boxes).dataset}/thresholds"
-    page = tools.ada.open(f"{link}?threshold_small_box=60")
+    page = tools.user.open(f"{link}?threshold_small_box=60")
     expect(page.locator(".histogram__drawing canvas").first).to_be_visible()
     expect(page.locator(".flip")).to_have_count(2)
     yield "flips"
@@ -172,8 +178,8 @@ def thresholds(tools: Tools) -> Iterator[str]:
     expect(page.get_by_role("dialog")).to_be_visible()
     yield "saving"
 
-    tools.ada.press("Escape")
-    tools.ada.open(f"{link}?profile=carlasimu")
+    tools.user.press("Escape")
+    tools.user.open(f"{link}?profile=carlasimu")
     expect(page.get_by_text("requires reading the images again")).to_be_visible()
     yield "pixels needed"
 
@@ -183,7 +189,7 @@ def channels(tools: Tools) -> Iterator[str]:
     files = {"annotation": json.dumps(ANNOTATION).encode(), **sensors()}
     stored = scene.api.put(f"/datasets/{scene.dataset}/frames/a", files=files)
     assert stored.status_code == 201, stored.text
-    page = tools.ada.open(f"#/datasets/{scene.dataset}/quality")
+    page = tools.user.open(f"#/datasets/{scene.dataset}/quality")
     panel = page.get_by_role("region", name="Channels compared")
     expect(panel).to_be_visible()
     yield "not measured"
@@ -203,8 +209,8 @@ def quality(tools: Tools) -> Iterator[str]:
     listed = scenes.get(scene.api, f"/boxes?dataset={scene.dataset}")["items"]
     for box in listed:
         verdict = "keep" if box["match_percent"] >= 5 else "reject"
-        crowds.review(scene, box["box_id"], verdict)
-    page = tools.ada.open(f"#/datasets/{scene.dataset}/quality")
+        many_boxes.review(scene, box["box_id"], verdict)
+    page = tools.user.open(f"#/datasets/{scene.dataset}/quality")
     expect(page.locator(".matrix")).to_be_visible()
     expect(page.locator(".curve__drawing canvas")).to_be_visible()
     yield "people"
@@ -215,7 +221,7 @@ def runs(tools: Tools) -> Iterator[str]:
     scene.decide(threshold_small_box=40)
     number = scenes.get(scene.api, f"/datasets/{scene.dataset}/runs")["items"][0]["id"]
     scene.api.post(f"/datasets/{scene.dataset}/exports", json={"format": "yolo"})
-    page = tools.ada.open(f"#/datasets/{scene.dataset}/runs?run={number}")
+    page = tools.user.open(f"#/datasets/{scene.dataset}/runs?run={number}")
     expect(page.locator(".flip")).to_have_count(1)
     expect(page.get_by_role("button", name=re.compile("^Download"))).to_be_visible()
     yield "what a run changed"
@@ -242,14 +248,14 @@ VIEWS: list[View] = [
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("view", VIEWS, ids=lambda view: view.__name__)
 def test_nothing_is_cut_off_and_nothing_serious_is_found(
-    visit: Visit,
+    open_window: OpenWindow,
     make_scene: MakeScene,
     tmp_path: Path,
     view: View,
     width: int,
     scheme: str,
 ):
-    ada = visit(color_scheme=scheme, viewport={"width": width, "height": 844})
-    for state in view(Tools(ada, make_scene, tmp_path)):
-        assert ada.page.evaluate(OVERFLOW) <= 0, state
-        assert findings(ada.page) == [], state
+    user = open_window(color_scheme=scheme, viewport={"width": width, "height": 844})
+    for state in view(Tools(user, make_scene, tmp_path)):
+        assert user.page.evaluate(OVERFLOW) <= 0, state
+        assert findings(user.page) == [], state

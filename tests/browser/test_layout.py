@@ -6,9 +6,9 @@ import httpx
 import pytest
 from playwright.sync_api import FloatRect, Locator, Page, Route, ViewportSize, expect
 
-from tests.support.page import crowds
+from tests.support.page import many_boxes
 from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.windows import PHONE, WIDE, Visit, Visitor
+from tests.support.page.windows import PHONE, WIDE, OpenWindow, Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -51,10 +51,10 @@ def empty(api: httpx.Client) -> str:
 
 @pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
 def test_a_long_key_stretches_no_picture(
-    scene: Scene, visit: Visit, size: ViewportSize
+    scene: Scene, open_window: OpenWindow, size: ViewportSize
 ):
     scene.push(LONG_KEY)
-    page = visit(viewport=size).open(f"#/datasets/{scene.dataset}/frames")
+    page = open_window(viewport=size).open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb img")).to_have_count(2)
 
     widths = page.locator(".thumb__picture").evaluate_all(
@@ -66,8 +66,8 @@ def test_a_long_key_stretches_no_picture(
 
 
 @pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
-def test_an_empty_queue_says_so_below_its_head(visit, empty, size):
-    page = visit(viewport=size).open(f"#/datasets/{empty}/queue")
+def test_an_empty_queue_says_so_below_its_head(open_window, empty, size):
+    page = open_window(viewport=size).open(f"#/datasets/{empty}/queue")
     notice = page.locator(".notice")
 
     expect(notice).to_contain_text("No boxes yet")
@@ -77,13 +77,13 @@ def test_an_empty_queue_says_so_below_its_head(visit, empty, size):
 
 
 def test_whether_one_agrees_with_the_filter_stands_in_one_line(
-    make_scene: MakeScene, ada: Visitor
+    make_scene: MakeScene, user: Visitor
 ):
-    scene = make_scene(boxes=crowds.crowd(3))
-    page = ada.open(crowds.queue(scene, blind="on"))
+    scene = make_scene(boxes=many_boxes.alternating_boxes(3))
+    page = user.open(many_boxes.queue(scene, blind="on"))
     expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
 
-    ada.press("a")
+    user.press("a")
 
     sign, words = page.locator(".agreement > *").all()
     middles = [(box["y"] + box["height"] / 2) for box in map(placed, (sign, words))]
@@ -98,16 +98,16 @@ def placed(element: Locator) -> FloatRect:
     return found
 
 
-def test_buttons_of_a_notice_do_not_touch(ada: Visitor, empty):
-    page = ada.open(f"#/datasets/{empty}/quality")
+def test_buttons_of_a_notice_do_not_touch(user: Visitor, empty):
+    page = user.open(f"#/datasets/{empty}/quality")
     buttons = page.locator(".notice__actions .button")
     expect(buttons).to_have_count(2)
 
     assert min(buttons.evaluate_all(GAPS)) >= 8
 
 
-def test_keys_of_a_configuration_break_between_their_words_alone(scene, visit):
-    page = visit(viewport=PHONE).open(f"#/datasets/{scene.dataset}/thresholds")
+def test_keys_of_a_configuration_break_between_their_words_alone(scene, open_window):
+    page = open_window(viewport=PHONE).open(f"#/datasets/{scene.dataset}/thresholds")
     keys = page.locator("th code")
     expect(keys.filter(has_text="threshold_small_box")).to_be_visible()
 
@@ -117,8 +117,8 @@ def test_keys_of_a_configuration_break_between_their_words_alone(scene, visit):
     assert page.evaluate(OVERFLOW) <= 0
 
 
-def test_the_longest_share_of_a_tag_stays_on_one_line(scene: Scene, ada: Visitor):
-    page = ada.open(scene.link("hidden"))
+def test_the_longest_share_of_a_tag_stays_on_one_line(scene: Scene, user: Visitor):
+    page = user.open(scene.link("hidden"))
     share = page.locator(".hidden-by .num").first
     expect(share).to_be_visible()
 
@@ -128,23 +128,23 @@ def test_the_longest_share_of_a_tag_stays_on_one_line(scene: Scene, ada: Visitor
 
 
 @pytest.mark.parametrize("link", ["#/datasets/nowhere/frames", "#/frames/999999"])
-def test_a_missing_page_leads_to_the_datasets(ada, link):
-    page: Page = ada.open("#/datasets")
-    page.goto(f"{ada.url}/{link}")
+def test_a_missing_page_leads_to_the_datasets(user, link):
+    page: Page = user.open("#/datasets")
+    page.goto(f"{user.url}/{link}")
 
     page.locator(".notice").get_by_role("link", name="All datasets").click()
 
     expect(page.get_by_role("heading", name="Datasets")).to_be_visible()
 
 
-def test_a_dataset_without_answers_is_not_shown_as_answered(make_scene, ada, empty):
+def test_a_dataset_without_answers_is_not_shown_as_answered(make_scene, user, empty):
     outside = [{"id": "a", "class": "car", "xyxy": [-20, -20, -5, -5]}]
     scene = make_scene(boxes=outside)
-    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+    page = user.open(f"#/datasets/{scene.dataset}/frames")
 
     expect(page.locator("a.thumb")).to_contain_text("nothing to review")
 
-    page = ada.open("#/datasets")
+    page = user.open("#/datasets")
     progress = page.locator(".card", has_text=empty).get_by_role("progressbar")
     expect(progress).to_have_attribute("aria-valuenow", "0")
 
@@ -159,10 +159,10 @@ def test_a_dataset_without_answers_is_not_shown_as_answered(make_scene, ada, emp
     ],
 )
 def test_a_message_above_a_view_that_fills_the_window_does_not_push_it_out(
-    scene: Scene, visit: Visit, view: str, size: ViewportSize
+    scene: Scene, open_window: OpenWindow, view: str, size: ViewportSize
 ):
-    links = {"review": scene.link("ghost"), "queue": crowds.queue(scene)}
-    page = visit(viewport=size).open(links.get(view, crowds.grid(scene)))
+    links = {"review": scene.link("ghost"), "queue": many_boxes.queue(scene)}
+    page = open_window(viewport=size).open(links.get(view, many_boxes.grid(scene)))
     page.evaluate(KEEP_WITHOUT_A_NAME)
     page.reload()
     expect(page.locator(".strip")).to_contain_text("7 unsent answers")
@@ -173,13 +173,13 @@ def test_a_message_above_a_view_that_fills_the_window_does_not_push_it_out(
 
 
 def test_numbers_of_a_narrow_window_stay_on_the_line_of_their_units(
-    make_scene: MakeScene, visit: Visit
+    make_scene: MakeScene, open_window: OpenWindow
 ):
-    scene = make_scene(boxes=crowds.crowd(4))
-    crowds.review(scene, scene.box_id("b0"), "keep")
-    ada = visit(viewport=PHONE)
-    ada.page.route("**/quality?*", with_many_answers)
-    page = ada.open(f"#/datasets/{scene.dataset}/quality")
+    scene = make_scene(boxes=many_boxes.alternating_boxes(4))
+    many_boxes.review(scene, scene.box_id("b0"), "keep")
+    user = open_window(viewport=PHONE)
+    user.page.route("**/quality?*", with_many_answers)
+    page = user.open(f"#/datasets/{scene.dataset}/quality")
     shares = page.locator(".field2__share")
     expect(shares).to_have_count(4)
 

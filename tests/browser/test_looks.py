@@ -8,8 +8,8 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.support.page.scenes import Scene
-from tests.support.page.stage import after_drawing, view
-from tests.support.page.windows import PHONE, Visit, Visitor
+from tests.support.page.stage import view, wait_for_drawing
+from tests.support.page.windows import PHONE, OpenWindow, Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -21,15 +21,15 @@ IN_SIGHT = """(element) => {
 
 
 @pytest.mark.parametrize(("scheme", "is_dark"), [("dark", True), ("light", False)])
-def test_page_follows_the_systems_appearance(visit: Visit, scheme, is_dark):
-    page = visit(color_scheme=scheme).open("#/datasets")
+def test_page_follows_the_systems_appearance(open_window: OpenWindow, scheme, is_dark):
+    page = open_window(color_scheme=scheme).open("#/datasets")
 
     red, *_ = map(int, re.findall(r"\d+", page.evaluate(BACKGROUND)))
     assert (red < 60) == is_dark
 
 
-def test_chosen_appearance_wins_and_is_remembered(visit):
-    page = visit(color_scheme="light").open("#/datasets")
+def test_chosen_appearance_wins_and_is_remembered(open_window):
+    page = open_window(color_scheme="light").open("#/datasets")
     page.get_by_role("button", name="Settings").click()
 
     page.get_by_role("button", name="Dark").click()
@@ -45,11 +45,11 @@ BETWEEN = [pytest.param(px, marks=pytest.mark.long) for px in (390, 768, 1024)]
 
 
 @pytest.mark.parametrize("width", [360, *BETWEEN, 1600])
-def test_nothing_is_cut_off_at_any_width(scene: Scene, visit: Visit, width):
-    ada = visit(viewport={"width": width, "height": 844})
+def test_nothing_is_cut_off_at_any_width(scene: Scene, open_window: OpenWindow, width):
+    user = open_window(viewport={"width": width, "height": 844})
     links = ["#/datasets", f"#/datasets/{scene.dataset}/frames", scene.link("hidden")]
     for link in links:
-        page = ada.open(link)
+        page = user.open(link)
         expect(page.locator(".topbar")).to_be_visible()
         overflow = "document.documentElement.scrollWidth - innerWidth"
         assert page.evaluate(overflow) <= 0, link
@@ -58,8 +58,8 @@ def test_nothing_is_cut_off_at_any_width(scene: Scene, visit: Visit, width):
                 assert button.evaluate(IN_SIGHT), (link, button.inner_text())
 
 
-def test_phone_shows_list_and_box_in_turns_and_answers_by_touch(scene, visit):
-    bo = visit(viewport=PHONE, has_touch=True, is_mobile=True)
+def test_phone_shows_list_and_box_in_turns_and_answers_by_touch(scene, open_window):
+    bo = open_window(viewport=PHONE, has_touch=True, is_mobile=True)
     page = bo.open(scene.link())
     expect(page.locator(".panel--list")).to_be_hidden()
     page.get_by_role("button", name=re.compile("^Boxes")).tap()
@@ -71,17 +71,17 @@ def test_phone_shows_list_and_box_in_turns_and_answers_by_touch(scene, visit):
     assert keep.bounding_box()["height"] >= 44
     keep.tap()
 
-    bo.saved()
+    bo.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "keep"
 
 
-def test_two_fingers_zoom(scene, visit):
-    bo = visit(viewport=PHONE, has_touch=True, is_mobile=True)
+def test_two_fingers_zoom(scene, open_window):
+    bo = open_window(viewport=PHONE, has_touch=True, is_mobile=True)
     page = bo.open(scene.link())
     before, *_ = view(page)
 
     page.evaluate(PINCH)
-    after_drawing(page)
+    wait_for_drawing(page)
 
     assert view(page)[0] == pytest.approx(2 * before, rel=0.01)
 
@@ -101,9 +101,9 @@ PINCH = """() => {
 }"""
 
 
-def test_empty_server_says_how_to_bring_data(visit, start_server):
+def test_empty_server_says_how_to_bring_data(open_window, start_server):
     own = start_server()
-    page = visit(sign_in=False).page
+    page = open_window(sign_in=False).page
 
     page.goto(own.login_link)
 
@@ -114,11 +114,11 @@ def test_empty_server_says_how_to_bring_data(visit, start_server):
     expect(page.get_by_role("button", name=re.compile("^Copy"))).to_have_count(3)
 
 
-def test_loading_is_shown_and_failing_can_be_tried_again(scene, ada: Visitor):
-    page = ada.page
+def test_loading_is_shown_and_failing_can_be_tried_again(scene, user: Visitor):
+    page = user.page
     page.route("**/api/v1/datasets?*", lambda route: route.abort())
-    page.goto(f"{ada.url}/#/frames/{scene.frame['id']}")
-    page.goto(f"{ada.url}/#/datasets")
+    page.goto(f"{user.url}/#/frames/{scene.frame['id']}")
+    page.goto(f"{user.url}/#/datasets")
     expect(page.get_by_role("alert")).to_have_text("The server does not answer.")
 
     page.unroute("**/api/v1/datasets?*")
@@ -127,8 +127,8 @@ def test_loading_is_shown_and_failing_can_be_tried_again(scene, ada: Visitor):
     expect(page.get_by_role("heading", name=scene.dataset)).to_be_visible()
 
 
-def test_frame_without_segmentation_offers_no_mask(make_scene, ada):
-    page = ada.open(make_scene(form="none").link())
+def test_frame_without_segmentation_offers_no_mask(make_scene, user):
+    page = user.open(make_scene(form="none").link())
 
     expect(page.get_by_role("toolbar", name="View")).to_be_visible()
     expect(page.get_by_role("button", name="Segmentation")).to_have_count(0)

@@ -13,7 +13,7 @@ from tests.support.servers import RunningServer
 
 
 @dataclass
-class Whole:
+class RunningCluster:
     """A running cluster: its nodes, its server, and an API client of an admin."""
 
     cluster: Cluster
@@ -24,12 +24,14 @@ class Whole:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
+def running_cluster(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[RunningCluster]:
     with cluster(tmp_path_factory.mktemp("cluster")) as made:
         scheduler = made.scheduler()
         # The server comes first: it creates the database, which a worker needs.
         with made.server() as (server, api):
             workers = [made.worker(joined=False) for _ in range(2)]
             for worker in workers:
-                worker.waits_for("joined the scheduler")
-            yield Whole(made, scheduler, workers, server, api)
+                worker.wait_for_log("joined the scheduler")
+            yield RunningCluster(made, scheduler, workers, server, api)

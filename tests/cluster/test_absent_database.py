@@ -30,16 +30,16 @@ def test_a_worker_gives_up_in_words_where_no_database_answers(made, nowhere):
     """Formerly it ended with a traceback, and with the exit code of wrong settings."""
     worker = made.worker("--patience", "1", joined=False, **nowhere)
 
-    assert worker.ended() == 69
-    assert "the database does not respond" in worker.said
-    assert SECRET not in worker.said
-    assert "Traceback" not in worker.said
+    assert worker.wait_for_exit() == 69
+    assert "the database does not respond" in worker.log_text
+    assert SECRET not in worker.log_text
+    assert "Traceback" not in worker.log_text
 
 
 def test_a_worker_that_waits_for_its_database_stops_when_told(made, nowhere):
     worker = made.worker(joined=False, **nowhere)
-    worker.waits_for("waiting for the database")
+    worker.wait_for_log("waiting for the database")
 
     worker.process.send_signal(signal.SIGTERM)
 
-    assert worker.ended() == 0, worker.said
+    assert worker.wait_for_exit() == 0, worker.log_text

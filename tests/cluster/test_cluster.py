@@ -21,9 +21,14 @@ from tests.support.cluster import (
     listening,
     working_process,
 )
-from tests.support.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
+from tests.support.run_results import (
+    check_run_results,
+    get_run,
+    start_run,
+    wait_for_run_end,
+)
 from tests.support.sensors import ANNOTATION, sensors
-from tests.support.totals import begun_run, check_totals, ended, state_of
+from tests.support.slow_datasets import FROM_PIXELS, OTHER_PIXELS, create_slow_dataset
 from tests.support.waiting import until
 
 FRAMES = 50
@@ -33,9 +38,9 @@ AWAY = 69
 
 
 @pytest.fixture(scope="module")
-def long_street(whole):
+def long_street(running_cluster):
     """Frames that take some ten milliseconds each to measure."""
-    return fill(whole.api, FRAMES)
+    return create_slow_dataset(running_cluster.api, FRAMES)
 
 
 def exported(api, dataset):
@@ -44,26 +49,28 @@ def exported(api, dataset):
     Gives the hashes of both archives, and the address of the first one.
     """
     asked = [
-        api.finished(api.post(f"/datasets/{dataset}/exports", {"format": form}))
+        api.wait_for_job(api.post(f"/datasets/{dataset}/exports", {"format": form}))
         for form in ("decisions-jsonl", "yolo")
     ]
     assert [one["state"] for one in asked] == ["done", "done"], asked
     return [one["sha256"] for one in asked], asked[0]["download"]
 
 
-def test_a_cluster_gives_byte_by_byte_what_one_process_gives(whole):
-    dataset = whole.api.dataset()
+def test_a_cluster_gives_byte_by_byte_what_one_process_gives(running_cluster):
+    dataset = running_cluster.api.dataset()
     for number in range(45):
         files = {
             "image": scene.image(number),
             "segmentation": scene.segmentation(number % 9),
         }
-        whole.api.stored(dataset, f"{number:02}", scene.annotation(), **files)
-    run = whole.api.run(dataset, {**FROM_PIXELS, "threshold_small_box": 30})
-    by_workers, download = exported(whole.api, dataset)
-    before = whole.api.json(f"/datasets/{dataset}/stats")
+        running_cluster.api.upload_frame(
+            dataset, f"{number:02}", scene.annotation(), **files
+        )
+    run = running_cluster.api.run(dataset, {**FROM_PIXELS, "threshold_small_box": 30})
+    by_workers, download = exported(running_cluster.api, dataset)
+    before = running_cluster.api.json(f"/datasets/{dataset}/stats")
 
-    with whole.cluster.server(UNGHOST_ENGINE="local") as (_, alone):
+    with running_cluster.cluster.server(UNGHOST_ENGINE="local") as (_, alone):
         by_itself, _ = exported(alone, dataset)
         # Measured once more by this server: a difference would change the statistics.
         again = alone.run(dataset, {**OTHER_PIXELS[3], "threshold_small_box": 30})
@@ -74,16 +81,18 @@ def test_a_cluster_gives_byte_by_byte_what_one_process_gives(whole):
     assert {one["state"] for one in (run, again, back)} == {"done"}
     assert (run["done"], back["counts"]) == (45, run["counts"])
     assert after == {**before, "run": back["id"]}
-    assert whole.api.http.get(download).status_code == 200
+    assert running_cluster.api.http.get(download).status_code == 200
 
 
 @pytest.mark.long
-def test_channels_that_workers_measure_are_compared_as_those_measured_here(whole):
+def test_channels_that_workers_measure_are_compared_as_those_measured_here(
+    running_cluster,
+):
     def evaluated(api):
         dataset = api.dataset()
         for number in range(25):
-            api.stored(dataset, f"{number:02}", ANNOTATION, **sensors())
-        run = api.finished(api.post(f"/datasets/{dataset}/evaluations"))
+            api.upload_frame(dataset, f"{number:02}", ANNOTATION, **sensors())
+        run = api.wait_for_job(api.post(f"/datasets/{dataset}/evaluations"))
         assert (run["kind"], run["state"], run["done"]) == ("measure", "done", 25), run
         found = api.json(f"/datasets/{dataset}/evaluations")
         # The worst boxes are named by ids, which differ between the two datasets.
@@ -93,10 +102,10 @@ def test_channels_that_workers_measure_are_compared_as_those_measured_here(whole
         assert found["not_measured"] == []
         return found["channels"].values()
 
-    before = measured_here(whole.api)
-    by_workers = evaluated(whole.api)
-    uploaded = measured_here(whole.api) - before
-    with whole.cluster.server(UNGHOST_ENGINE="local") as (_, alone):
+    before = measured_here(running_cluster.api)
+    by_workers = evaluated(running_cluster.api)
+    uploaded = measured_here(running_cluster.api) - before
+    with running_cluster.cluster.server(UNGHOST_ENGINE="local") as (_, alone):
         by_itself = evaluated(alone)
 
     assert by_workers == by_itself
@@ -104,13 +113,13 @@ def test_channels_that_workers_measure_are_compared_as_those_measured_here(whole
     assert {one["judged"] for one in by_workers} == {0, 50}
 
 
-def test_the_server_itself_measures_only_what_is_uploaded(whole, long_street):
-    before = measured_here(whole.api)
+def test_the_server_itself_measures_only_what_is_uploaded(running_cluster, long_street):
+    before = measured_here(running_cluster.api)
 
-    run = whole.api.run(long_street, OTHER_PIXELS[2])
+    run = running_cluster.api.run(long_street, OTHER_PIXELS[2])
 
-    check_totals(whole.api, long_street, run, FRAMES)
-    assert measured_here(whole.api) == before
+    check_run_results(running_cluster.api, long_street, run, FRAMES)
+    assert measured_here(running_cluster.api) == before
 
 
 def measured_here(api):
@@ -120,37 +129,52 @@ def measured_here(api):
     return float(found.split()[-1])
 
 
-def test_a_worker_that_is_killed_costs_nothing_but_time(whole, long_street):
-    run_id = begun_run(whole.api, long_street)
+def test_a_worker_that_is_killed_costs_nothing_but_time(running_cluster, long_street):
+    run_id = start_run(running_cluster.api, long_street)
 
-    killed = kill_working_process(whole.workers[0])
+    killed = kill_working_process(running_cluster.workers[0])
 
-    check_totals(whole.api, long_street, ended(whole.api, run_id), FRAMES)
+    check_run_results(
+        running_cluster.api,
+        long_street,
+        wait_for_run_end(running_cluster.api, run_id),
+        FRAMES,
+    )
     # The worker has started another process in its place.
-    until(lambda: working_process(whole.workers[0]) != killed, "no other process")
-    whole.workers[0].waits_for("starting another")
+    until(
+        lambda: working_process(running_cluster.workers[0]) != killed,
+        "no other process",
+    )
+    running_cluster.workers[0].wait_for_log("starting another")
 
 
-def test_cancelling_ends_a_run_and_its_work_within_a_second(whole, long_street):
-    run_id = begun_run(whole.api, long_street, OTHER_PIXELS[0], activate=False)
+def test_cancelling_ends_a_run_and_its_work_within_a_second(
+    running_cluster, long_street
+):
+    run_id = start_run(
+        running_cluster.api, long_street, OTHER_PIXELS[0], activate=False
+    )
 
     begun = time.monotonic()
-    answer = whole.api.post(f"/runs/{run_id}/cancel")
+    answer = running_cluster.api.post(f"/runs/{run_id}/cancel")
     took_s = time.monotonic() - begun
-    done = state_of(whole.api, run_id)["done"]
+    done = get_run(running_cluster.api, run_id)["done"]
     time.sleep(1)
 
     assert answer.status_code == 202, answer.text
     assert answer.json()["state"] == "cancelled"
     assert took_s < AT_ONCE_S
-    assert state_of(whole.api, run_id)["done"] == done < FRAMES
+    assert get_run(running_cluster.api, run_id)["done"] == done < FRAMES
     # The next run measures the rest, and all frames are decided.
-    check_totals(
-        whole.api, long_street, whole.api.run(long_street, OTHER_PIXELS[0]), FRAMES
+    check_run_results(
+        running_cluster.api,
+        long_street,
+        running_cluster.api.run(long_street, OTHER_PIXELS[0]),
+        FRAMES,
     )
 
 
-def ports_of_workers(whole):
+def ports_of_workers(running_cluster):
     """The addresses on which each worker listens.
 
     Waits for all of them, since one may just be starting its process again.
@@ -159,58 +183,67 @@ def ports_of_workers(whole):
     def found():
         return [
             listening(worker.process.pid, working_process(worker))
-            for worker in whole.workers
+            for worker in running_cluster.workers
         ]
 
     until(lambda: all(found()), "every worker listens")
     return found()
 
 
-def test_only_the_documented_ports_listen_and_only_on_loopback(whole):
-    workers = ports_of_workers(whole)
-    scheduler = listening(whole.scheduler.process.pid)
-    server = listening(whole.server.process.pid)
+def test_only_the_documented_ports_listen_and_only_on_loopback(running_cluster):
+    workers = ports_of_workers(running_cluster)
+    scheduler = listening(running_cluster.scheduler.process.pid)
+    server = listening(running_cluster.server.process.pid)
 
-    assert scheduler == {("127.0.0.1", whole.cluster.port)}
+    assert scheduler == {("127.0.0.1", running_cluster.cluster.port)}
     assert [len(ports) for ports in workers] == [1, 1]
     assert {host for ports in workers for host, _ in ports} == {"127.0.0.1"}
-    assert server == {("127.0.0.1", int(whole.server.url.rpartition(":")[2]))}
+    assert server == {("127.0.0.1", int(running_cluster.server.url.rpartition(":")[2]))}
 
 
-def test_nobody_is_let_in_without_a_certificate_of_the_authority(whole, tmp_path):
+def test_nobody_is_let_in_without_a_certificate_of_the_authority(
+    running_cluster, tmp_path
+):
     foreign = tmp_path / "foreign"
     make_certificates(foreign, ("127.0.0.1",), 2)
-    missing = dict.fromkeys(whole.cluster.tls("worker"), "")
-    plain = {"UNGHOST_ENGINE": f"tcp://127.0.0.1:{whole.cluster.port}"}
+    missing = dict.fromkeys(running_cluster.cluster.tls("worker"), "")
+    plain = {"UNGHOST_ENGINE": f"tcp://127.0.0.1:{running_cluster.cluster.port}"}
     others = [
-        whole.cluster.worker("--patience", "3", joined=False, **settings)
+        running_cluster.cluster.worker("--patience", "3", joined=False, **settings)
         for settings in (
-            {**whole.cluster.tls("worker", foreign)},
+            {**running_cluster.cluster.tls("worker", foreign)},
             {**missing, **plain},
             missing,
         )
     ]
 
-    codes = [other.ended() for other in others]
+    codes = [other.wait_for_exit() for other in others]
 
-    assert codes == [AWAY, AWAY, 1], [other.said for other in others]
-    assert "no scheduler takes this worker" in others[0].said
-    assert "UNGHOST_TLS_CA" in others[2].said
-    assert not any("joined" in other.said for other in others)
+    assert codes == [AWAY, AWAY, 1], [other.log_text for other in others]
+    assert "no scheduler takes this worker" in others[0].log_text
+    assert "UNGHOST_TLS_CA" in others[2].log_text
+    assert not any("joined" in other.log_text for other in others)
 
 
-def test_every_port_of_work_asks_for_a_certificate_of_the_authority(whole, tmp_path):
+def test_every_port_of_work_asks_for_a_certificate_of_the_authority(
+    running_cluster, tmp_path
+):
     foreign = tmp_path / "foreign"
     make_certificates(foreign, ("127.0.0.1",), 2)
-    ports = {whole.cluster.port}
-    ports |= {port for worker in ports_of_workers(whole) for _, port in worker}
+    ports = {running_cluster.cluster.port}
+    ports |= {
+        port for worker in ports_of_workers(running_cluster) for _, port in worker
+    }
 
     answers = [
-        [answered(port, shown) for shown in (None, foreign, whole.cluster.certificates)]
+        [
+            answered(port, shown)
+            for shown in (None, foreign, running_cluster.cluster.certificates)
+        ]
         for port in sorted(ports)
     ]
 
-    assert answers == [[False, False, True]] * (1 + len(whole.workers))
+    assert answers == [[False, False, True]] * (1 + len(running_cluster.workers))
 
 
 def answered(port, certificates):

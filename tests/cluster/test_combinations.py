@@ -17,9 +17,9 @@ from tests.support import frames as scene
 from tests.support.api import Api
 from tests.support.cluster import cluster
 from tests.support.databases import DATABASE_URL, migrated_postgres
-from tests.support.long_streets import FROM_PIXELS
 from tests.support.s3_server import S3Server
 from tests.support.servers import running_server
+from tests.support.slow_datasets import FROM_PIXELS
 
 FORMATS = ("decisions-jsonl", "yolo", "coco", "kitti")
 FRAMES = 30
@@ -58,11 +58,11 @@ def made_by(api: Api) -> dict[str, Any]:
             "image": scene.image(number),
             "segmentation": scene.segmentation(number % 9),
         }
-        api.stored("same", f"{number:02}", scene.annotation(), **files)
+        api.upload_frame("same", f"{number:02}", scene.annotation(), **files)
     run = api.run("same", {**FROM_PIXELS, "threshold_small_box": 30})
     assert run["state"] == "done", run
     exports = {
-        form: api.finished(api.post("/datasets/same/exports", {"format": form}))
+        form: api.wait_for_job(api.post("/datasets/same/exports", {"format": form}))
         for form in FORMATS
     }
     told = {key: run[key] for key in ("total", "done", "changed", "counts")}

@@ -9,10 +9,16 @@ import time
 import pytest
 
 from tests.support.cluster import cluster, working_process
-from tests.support.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
 from tests.support.poison import EMPTY, poisoned_files
+from tests.support.run_results import (
+    check_run_results,
+    get_run,
+    post_run,
+    start_run,
+    wait_for_run_end,
+)
 from tests.support.servers import STOP_WAIT_S, stop
-from tests.support.totals import asked, begun_run, check_totals, ended, state_of
+from tests.support.slow_datasets import FROM_PIXELS, OTHER_PIXELS, create_slow_dataset
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.long
@@ -32,8 +38,8 @@ def at_work(made, api, config=FROM_PIXELS, *, workers=1):
     Gives the workers, the dataset's name and the run's number while the run goes on.
     """
     joined = [made.worker() for _ in range(workers)]
-    name = fill(api, FRAMES)
-    return joined, name, begun_run(api, name, config)
+    name = create_slow_dataset(api, FRAMES)
+    return joined, name, start_run(api, name, config)
 
 
 def test_a_scheduler_that_dies_is_waited_for(made):
@@ -42,11 +48,11 @@ def test_a_scheduler_that_dies_is_waited_for(made):
         workers, name, run_id = at_work(made, api, workers=2)
 
         scheduler.kill()
-        until(lambda: all("went away" in one.said for one in workers), "no notice")
-        assert state_of(api, run_id)["state"] == "running"
+        until(lambda: all("went away" in one.log_text for one in workers), "no notice")
+        assert get_run(api, run_id)["state"] == "running"
         made.scheduler()
 
-        check_totals(api, name, ended(api, run_id), FRAMES)
+        check_run_results(api, name, wait_for_run_end(api, run_id), FRAMES)
 
 
 def test_a_scheduler_that_stands_still_holds_nobody(made):
@@ -79,7 +85,7 @@ def test_a_server_that_dies_goes_on_where_it_was(made):
         server.process.wait()
 
     with made.server() as (_, api):
-        check_totals(api, name, ended(api, run_id), FRAMES)
+        check_run_results(api, name, wait_for_run_end(api, run_id), FRAMES)
 
 
 def test_another_server_takes_over_from_one_that_died(made):
@@ -89,7 +95,7 @@ def test_another_server_takes_over_from_one_that_died(made):
         first.process.kill()
         first.process.wait()
 
-        check_totals(other, name, ended(other, run_id), FRAMES)
+        check_run_results(other, name, wait_for_run_end(other, run_id), FRAMES)
 
 
 def test_a_frame_that_kills_is_named_and_all_others_are_measured(made):
@@ -98,10 +104,10 @@ def test_a_frame_that_kills_is_named_and_all_others_are_measured(made):
         program = ("tests.support.poisoned_worker",)
         for _ in range(2):
             made.worker(program=program)
-        name = fill(api, FRAMES)
+        name = create_slow_dataset(api, FRAMES)
         first = api.json(f"/datasets/{name}/frames", limit=1)["items"][0]
-        api.stored(name, "zz-poison", EMPTY, **poisoned_files())
-        failed = ended(api, asked(api, name))
+        api.upload_frame(name, "zz-poison", EMPTY, **poisoned_files())
+        failed = wait_for_run_end(api, post_run(api, name))
 
     assert failed["state"] == "failed"
     assert failed["error"]["code"] == "quarantined"
@@ -110,8 +116,8 @@ def test_a_frame_that_kills_is_named_and_all_others_are_measured(made):
     assert failed["done"] > FRAMES / 2
 
     with made.server(UNGHOST_ENGINE="local") as (_, api):
-        run = ended(api, asked(api, name))
-        check_totals(api, name, run, FRAMES + 1, empty=1)
+        run = wait_for_run_end(api, post_run(api, name))
+        check_run_results(api, name, run, FRAMES + 1, empty=1)
 
 
 def test_a_worker_that_is_told_to_stop_gives_back_what_it_was_at(made):
@@ -120,12 +126,12 @@ def test_a_worker_that_is_told_to_stop_gives_back_what_it_was_at(made):
         (leaving,), _, run_id = at_work(made, api, OTHER_PIXELS[1])
 
         leaving.process.send_signal(signal.SIGTERM)
-        code = leaving.ended()
-        done = state_of(api, run_id)["done"]
+        code = leaving.wait_for_exit()
+        done = get_run(api, run_id)["done"]
         made.worker()
-        run = ended(api, run_id)
+        run = wait_for_run_end(api, run_id)
 
-    assert (code, "stopped" in leaving.said) == (0, True)
+    assert (code, "stopped" in leaving.log_text) == (0, True)
     assert 0 < done < FRAMES
     assert run["error"] is None
     assert (run["state"], run["done"]) == ("done", FRAMES)
@@ -135,8 +141,8 @@ def test_a_worker_that_is_told_to_stop_gives_back_what_it_was_at(made):
 def test_an_export_outlasts_whoever_dies_while_it_is_written(made, dies):
     made.scheduler()
     with made.server() as (server, api):
-        worker, name = made.worker(), fill(api, 5)
-        expected = api.finished(asked_export(api, name))
+        worker, name = made.worker(), create_slow_dataset(api, 5)
+        expected = api.wait_for_job(asked_export(api, name))
         busy = working_process(worker)
         os.kill(busy, signal.SIGSTOP)
         answer = asked_export(api, name)
@@ -150,7 +156,7 @@ def test_an_export_outlasts_whoever_dies_while_it_is_written(made, dies):
             until(lambda: shown(api, answer)["state"] == "done", "it is not written")
 
     with made.server() as (_, api):
-        done = api.finished(answer)
+        done = api.wait_for_job(answer)
 
     assert (done["state"], done["error"]) == ("done", None)
     assert done["sha256"] == expected["sha256"]
@@ -170,9 +176,9 @@ def test_a_worker_without_a_scheduler_gives_up_in_words(made):
         worker = made.worker("--patience", "3")
         scheduler.kill()
 
-        assert worker.ended() == 69
-    assert "went away" in worker.said
-    assert "no scheduler takes this worker" in worker.said
+        assert worker.wait_for_exit() == 69
+    assert "went away" in worker.log_text
+    assert "no scheduler takes this worker" in worker.log_text
 
 
 def test_a_worker_whose_parent_is_killed_ends_as_well(made):
@@ -183,7 +189,7 @@ def test_a_worker_whose_parent_is_killed_ends_as_well(made):
 
         worker.kill()
 
-        until(lambda: "stopped" in worker.said, f"{child} works on")
+        until(lambda: "stopped" in worker.log_text, f"{child} works on")
 
 
 def test_a_worker_with_another_database_is_told_so(made, tmp_path):
@@ -195,7 +201,7 @@ def test_a_worker_with_another_database_is_told_so(made, tmp_path):
         made.server() as (_, api),
     ):
         made.worker("--data", str(other.data))
-        run = ended(api, asked(api, fill(api, 1)))
+        run = wait_for_run_end(api, post_run(api, create_slow_dataset(api, 1)))
 
     assert run["error"]["code"] == "worker_elsewhere"
     assert "UNGHOST_DATABASE_URL" in run["error"]["detail"]
@@ -218,4 +224,4 @@ def test_a_server_that_is_told_to_stop_leaves_its_run_to_the_next_one(made, is_a
     assert code == 0
     assert "Traceback" not in server.log.read_text()
     with made.server() as (_, api):
-        check_totals(api, name, ended(api, run_id), FRAMES)
+        check_run_results(api, name, wait_for_run_end(api, run_id), FRAMES)

@@ -9,9 +9,9 @@ import pytest
 
 from tests.support.api import FINISHED
 from tests.support.cluster import cluster
-from tests.support.long_streets import fill
 from tests.support.postgres_cluster import own_cluster
-from tests.support.totals import begun_run, check_totals, state_of
+from tests.support.run_results import check_run_results, get_run, start_run
+from tests.support.slow_datasets import create_slow_dataset
 from tests.support.waiting import until
 
 FRAMES = 80
@@ -26,15 +26,15 @@ def test_a_database_that_is_killed_under_workers_costs_nothing_but_time(tmp_path
         made.scheduler()
         with made.server() as (_, api):
             workers = [made.worker() for _ in range(2)]
-            street = fill(api, FRAMES)
-            run_id = begun_run(api, street)
+            street = create_slow_dataset(api, FRAMES)
+            run_id = start_run(api, street)
 
             postgres.kill()
             time.sleep(AWAY_S)
             postgres.start()
 
             until(lambda: is_over(api, run_id), "the run does not end")
-            check_totals(api, street, state_of(api, run_id), FRAMES)
+            check_run_results(api, street, get_run(api, run_id), FRAMES)
             assert [worker.process.poll() for worker in workers] == [None, None]
 
 

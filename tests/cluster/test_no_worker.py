@@ -8,8 +8,8 @@ import pytest
 
 from app.engine.cluster import COUNTED_FOR_S, LOG_AGAIN_S, AbsenceLog
 from tests.support.cluster import cluster
-from tests.support.long_streets import FROM_PIXELS, fill
-from tests.support.totals import check_totals, ended
+from tests.support.run_results import check_run_results, wait_for_run_end
+from tests.support.slow_datasets import FROM_PIXELS, create_slow_dataset
 from tests.support.waiting import until
 
 SAID = "no worker has joined"
@@ -35,7 +35,7 @@ def test_a_service_without_workers_says_so_once(tmp_path):
     with cluster(tmp_path) as made:
         made.scheduler()
         with made.server() as (server, api):
-            name = fill(api, 1)
+            name = create_slow_dataset(api, 1)
             body = {"config": FROM_PIXELS, "activate": True}
             run_id = api.post(f"/datasets/{name}/runs", body).json()["id"]
             until(lambda: SAID in server.log.read_text("utf-8"), "it says nothing")
@@ -43,6 +43,6 @@ def test_a_service_without_workers_says_so_once(tmp_path):
             time.sleep(3 * COUNTED_FOR_S)
             said = server.log.read_text("utf-8").count(SAID)
             made.worker()
-            check_totals(api, name, ended(api, run_id), 1)
+            check_run_results(api, name, wait_for_run_end(api, run_id), 1)
 
     assert said == 1

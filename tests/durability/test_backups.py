@@ -19,7 +19,7 @@ from tests.support import frames as scene
 from tests.support.data_folders import (
     backed_up,
     blobs,
-    examined,
+    doctor_findings,
     restored,
     served,
     silently,
@@ -43,7 +43,7 @@ def test_a_backup_of_a_busy_server_has_every_answer_given_before_it(tmp_path, un
         while not stop.is_set():
             number = len(answered)
             files = {"image": scene.image(number), "segmentation": scene.segmentation()}
-            api.stored(dataset, f"f/{number}", **files)
+            api.upload_frame(dataset, f"f/{number}", **files)
             answered.append(f"f/{number}")
 
     with served(tmp_path / "data") as (_, api):
@@ -61,7 +61,7 @@ def test_a_backup_of_a_busy_server_has_every_answer_given_before_it(tmp_path, un
     assert made.code == 0, made.err
     restored(tmp_path / "kept.tar", tmp_path / "again")
     assert before <= keys(tmp_path / "again") <= {*answered}
-    assert examined(tmp_path / "again").keys() <= {"token"}
+    assert doctor_findings(tmp_path / "again").keys() <= {"token"}
 
 
 def test_a_restored_backup_is_served_as_what_it_was_made_of(filled, unghost, tmp_path):
@@ -207,7 +207,7 @@ def test_a_restore_that_was_interrupted_is_not_served_and_can_be_repeated(
     assert refused.code == 1
     assert "run `unghost restore` again" in refused.err
     assert restored(tmp_path / "kept", filled).files == 4
-    assert examined(filled).keys() <= {"token"}
+    assert doctor_findings(filled).keys() <= {"token"}
 
 
 def test_a_backup_of_a_newer_version_is_refused(filled, tmp_path):

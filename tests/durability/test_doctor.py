@@ -9,7 +9,7 @@ import pytest
 
 from app.maintenance.doctor import Severity
 from tests.support import frames as scene
-from tests.support.data_folders import blobs, examined, served
+from tests.support.data_folders import blobs, doctor_findings, served
 
 
 def rows(data, statement):
@@ -66,7 +66,7 @@ def test_a_damaged_file_is_found_and_named(filled, spoil):
     name = blobs(filled)[0].name
     spoil(filled)
 
-    found = examined(filled)
+    found = doctor_findings(filled)
 
     assert found["files"].severity is Severity.ERROR
     assert (found["files"].count, found["files"].examples) == (1, (name,))
@@ -97,7 +97,7 @@ def test_faults_are_told_by_the_exit_code_and_in_words(filled, unghost):
 def test_a_database_that_does_not_fit_is_found(filled, statement, check):
     rows(filled, statement)
 
-    assert examined(filled)[check].todo
+    assert doctor_findings(filled)[check].todo
 
 
 @pytest.mark.sqlite_files("its file is damaged, missing or compared")
@@ -106,7 +106,7 @@ def test_a_damaged_database_is_found(filled):
         file.seek(4096 * 3)
         file.write(b"\xff" * 4096)
 
-    found = examined(filled)["database"]
+    found = doctor_findings(filled)["database"]
 
     assert found.severity is Severity.ERROR
     assert "restore the last backup" in found.todo
@@ -116,21 +116,24 @@ def test_a_damaged_database_is_found(filled):
 def test_a_database_that_is_missing_is_not_made(filled):
     (filled / "unghost.db").unlink()
 
-    found = examined(filled)["database"]
+    found = doctor_findings(filled)["database"]
 
     assert (found.severity, found.found) == (Severity.ERROR, "the database is missing")
     assert not (filled / "unghost.db").exists()
 
 
 def test_little_room_is_said(filled):
-    assert examined(filled, min_free_bytes=2**60)["disk"].severity is Severity.WARNING
+    assert (
+        doctor_findings(filled, min_free_bytes=2**60)["disk"].severity
+        is Severity.WARNING
+    )
 
 
 def test_the_doctor_examines_a_folder_that_is_served(tmp_path):
     with served(tmp_path / "data") as (_, api):
         dataset = api.dataset()
-        api.stored(
+        api.upload_frame(
             dataset, "f/0", image=scene.image(), segmentation=scene.segmentation()
         )
 
-        assert examined(tmp_path / "data") == {}
+        assert doctor_findings(tmp_path / "data") == {}

@@ -20,9 +20,9 @@ from app.storage import sha256_of
 from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
-from tests.support.archives import frame, packed
+from tests.support.archives import frame, tar_archive
+from tests.support.crash_points import Point, crashing_servers
 from tests.support.data_folders import blobs, silently
-from tests.support.dying_servers import Point, nursery
 
 pytestmark = [
     pytest.mark.long,
@@ -58,7 +58,7 @@ FEW = {
 
 @pytest.fixture(scope="module")
 def servers(tmp_path_factory):
-    with nursery(tmp_path_factory.mktemp("dying") / "data") as program:
+    with crashing_servers(tmp_path_factory.mktemp("dying") / "data") as program:
         yield program
 
 
@@ -74,7 +74,7 @@ def alive(servers):
     api = Api.at(*called(servers.server()))
     with api.http:
         yield api
-    assert servers.ended(ask=True) == 0
+    assert servers.wait_for_exit(ask=True) == 0
 
 
 def called(link):
@@ -93,7 +93,7 @@ def killed(servers, point, act):
         prepared = act(api)
         servers.arm()
         acknowledged = prepared()
-    assert servers.ended(ask=False) == -9, "the server never came to that point"
+    assert servers.wait_for_exit(ask=False) == -9, "the server never came to that point"
     return acknowledged
 
 
@@ -119,7 +119,7 @@ def upload(dataset, number):
 
 def batch(dataset, number):
     """An act that sends a batch of two frames; it returns the keys with status 201."""
-    content = packed(
+    content = tar_archive(
         frame(f"{number}-a", number=number) + frame(f"{number}-b", number=number + 128)
     )
 
@@ -211,7 +211,7 @@ def test_an_answer_of_a_person_is_there_or_not(servers, dataset, point):
 
     def prepare(api):
         number = 100 + EVERY.index(point)
-        frame = api.stored(dataset, f"r/{number}", **pictures(number))
+        frame = api.upload_frame(dataset, f"r/{number}", **pictures(number))
         boxes.append(frame["decisions"][0]["box_id"])
         return lambda: send(api)
 

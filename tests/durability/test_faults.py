@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.support import frames as scene
-from tests.support.data_folders import blobs, examined, served
+from tests.support.data_folders import blobs, doctor_findings, served
 from tests.support.mounts import read_only, small_disk
 from tests.support.servers import start
 
@@ -28,7 +28,7 @@ def test_a_full_disk_refuses_and_loses_nothing_and_goes_on_when_there_is_room(tm
         data = disk / "data"
         with served(data, **LITTLE) as (_, api):
             dataset = api.dataset()
-            first = api.stored(dataset, "first")["decisions"][0]["box_id"]
+            first = api.upload_frame(dataset, "first")["decisions"][0]["box_id"]
             stored, full = filled_by(api, dataset, disk)
             review = api.review(first, "reject")
             shown = api.json(f"/boxes/{first}")
@@ -43,7 +43,7 @@ def test_a_full_disk_refuses_and_loses_nothing_and_goes_on_when_there_is_room(tm
         assert (review.status_code, shown["review"]) == (503, None)
         assert (again.status_code, reviewed.status_code) == (201, 201)
         assert {item["key"] for item in items} == {"first", "again", *stored}
-        assert examined(data, min_free_bytes=0) == {}
+        assert doctor_findings(data, min_free_bytes=0) == {}
 
 
 def filled_by(api, dataset, disk):
@@ -72,7 +72,7 @@ def test_a_folder_that_becomes_read_only_is_told_apart(tmp_path):
     data = tmp_path / "data"
     with served(data) as (_, api):
         dataset = api.dataset()
-        api.stored(dataset, "first")
+        api.upload_frame(dataset, "first")
         with read_only(data):
             refused = api.put(dataset, "second", image=scene.image(2))
             shown = api.boxes(dataset)
@@ -82,7 +82,7 @@ def test_a_folder_that_becomes_read_only_is_told_apart(tmp_path):
     assert (len(shown), again.status_code) == (2, 201)
     with read_only(data):
         said = refused_start(data, tmp_path)
-        assert examined(data) == {}
+        assert doctor_findings(data) == {}
     assert "could not start with the data folder" in said.splitlines()[-1]
 
 
@@ -91,7 +91,7 @@ def test_damaged_files_are_refused_by_name_and_mended_by_sending_them_again(tmp_
     with served(data) as (_, api):
         dataset = api.dataset()
         files = {"image": image, "segmentation": scene.segmentation()}
-        frame = api.stored(dataset, "f", **files)["frame"]["id"]
+        frame = api.upload_frame(dataset, "f", **files)["frame"]["id"]
         cut, flipped = sorted(blobs(data), key=lambda file: file.read_bytes() != image)
         cut.write_bytes(image[:-1])
         flipped.write_bytes(flipped.read_bytes()[:-1] + b"?")
@@ -101,7 +101,7 @@ def test_damaged_files_are_refused_by_name_and_mended_by_sending_them_again(tmp_
         original = api.get(f"/frames/{frame}/segmentation")
         run = api.run(dataset, {"profile": "carlasimu"})
         flipped.unlink()
-        api.stored(dataset, "f", **files)
+        api.upload_frame(dataset, "f", **files)
         mended = api.get(f"/frames/{frame}/image")
 
     for answer, file in ((picture, cut), (overlay, flipped), (original, flipped)):
@@ -110,7 +110,7 @@ def test_damaged_files_are_refused_by_name_and_mended_by_sending_them_again(tmp_
         assert str(data) not in answer.text
     assert (run["state"], run["error"]["code"]) == ("failed", "damaged_file")
     assert mended.content == image
-    assert examined(data) == {}
+    assert doctor_findings(data) == {}
 
 
 @pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
@@ -137,4 +137,4 @@ def test_a_file_that_is_no_database_is_said_in_one_line(tmp_path, content):
     said = refused_start(tmp_path / "data", tmp_path)
 
     assert "`unghost doctor` says more" in said.splitlines()[-1]
-    assert examined(tmp_path / "data").keys() >= {"database"}
+    assert doctor_findings(tmp_path / "data").keys() >= {"database"}

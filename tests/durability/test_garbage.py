@@ -15,10 +15,10 @@ from app.settings import Settings
 from app.storage import FolderStorage, alone_in, sha256_of
 from tests.support import frames as scene
 from tests.support.api import BASE
-from tests.support.archives import frame, lines_of, packed
-from tests.support.data_folders import blobs, examined, served, silently
+from tests.support.archives import frame, lines_of, tar_archive
+from tests.support.data_folders import blobs, doctor_findings, served, silently
 from tests.support.databases import empty_postgres, settings_of
-from tests.support.services import Street, running_services
+from tests.support.services import ServiceDataset, running_services
 
 pytestmark = pytest.mark.long
 
@@ -41,7 +41,7 @@ def delete_a_frame(data):
     with running_services(data) as services:
         with services.context.database.read() as session:
             (row,) = DatasetRepository(session).page(after="", limit=1)
-        Street(services, row.name, row.id).delete("f/0")
+        ServiceDataset(services, row.name, row.id).delete("f/0")
 
 
 def test_files_of_a_deleted_frame_go_and_others_stay(filled):
@@ -56,7 +56,7 @@ def test_files_of_a_deleted_frame_go_and_others_stay(filled):
     assert (only_looked.files, found.files, found.rows) == (2, 2, 2)
     assert only_looked.size_bytes == found.size_bytes
     assert len(blobs(filled)) == 2
-    assert examined(filled) == {}
+    assert doctor_findings(filled) == {}
     assert collected(filled).files == 0
 
 
@@ -81,7 +81,7 @@ def test_leftovers_go_when_they_are_old(filled):
     (export / "export.zip").write_bytes(b"half")
     aged(old, export / "export.zip", export)
 
-    assert examined(filled)["leftovers"].count == 2
+    assert doctor_findings(filled)["leftovers"].count == 2
     assert collected(filled).leftovers == 2
     assert (old.exists(), export.exists(), young.exists()) == (False, False, True)
 
@@ -101,7 +101,7 @@ def test_an_unused_file_that_is_sent_again_is_used_again(filled):
         found = collected(filled)
 
     assert found.files == 0
-    assert examined(filled) == {}
+    assert doctor_findings(filled) == {}
 
 
 def test_a_backup_holds_it_off(filled):
@@ -136,7 +136,7 @@ def test_postgres_is_cleared_up_as_well(tmp_path):
         found = collected(tmp_path / "data", **chosen)
 
         assert (found.files, found.rows, len(blobs(tmp_path / "data"))) == (1, 1, 1)
-        assert examined(tmp_path / "data", **chosen) == {}
+        assert doctor_findings(tmp_path / "data", **chosen) == {}
 
 
 def test_no_frame_loses_a_file_to_a_collection_without_grace(tmp_path):
@@ -169,7 +169,7 @@ def test_no_frame_loses_a_file_to_a_collection_without_grace(tmp_path):
         ]
 
     assert sorted(kept) == ["f/one", "run/many"]
-    assert examined(data) == {}
+    assert doctor_findings(data) == {}
 
 
 def come_and_go(api, dataset, number):
@@ -191,6 +191,6 @@ def sent_until_stored(send):
 def batch(api, dataset):
     path = f"{BASE}/datasets/{dataset}/batches"
     headers = {"Content-Type": "application/x-tar"}
-    answer = api.http.post(path, content=packed(frame("many")), headers=headers)
+    answer = api.http.post(path, content=tar_archive(frame("many")), headers=headers)
     assert answer.status_code == 200, answer.text
     return lines_of(answer.text)[0]["status"]

@@ -18,8 +18,8 @@ import pytest
 from app.runs.queries import FLIP
 from tests.support.api import Api
 from tests.support.databases import CHOSEN, rows_of
-from tests.support.long_streets import OTHER_PIXELS, fill
 from tests.support.servers import running_server
+from tests.support.slow_datasets import OTHER_PIXELS, create_slow_dataset
 
 pytestmark = pytest.mark.long
 
@@ -64,7 +64,7 @@ def test_a_run_that_is_killed_at_any_moment_ends_once(folder):
     print(f"KILL_SEED={SEED}")
     dice = random.Random(SEED)
     with served(folder) as (_, api):
-        dataset = fill(api, FRAMES)
+        dataset = create_slow_dataset(api, FRAMES)
     wanted = configs()
 
     for _ in range(ROUNDS):

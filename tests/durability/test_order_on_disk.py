@@ -11,7 +11,7 @@ import pytest
 
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
-from tests.support.archives import frame, lines_of, packed
+from tests.support.archives import frame, lines_of, tar_archive
 from tests.support.system_calls import calls_of, traced_server
 
 pytestmark = pytest.mark.sqlite_files("system calls on its log")
@@ -30,14 +30,14 @@ def calls(tmp_path_factory):
         api = Api.at(server.url, server.headers)
         with api.http:
             dataset = api.dataset()
-            api.stored(
+            api.upload_frame(
                 dataset, "one", image=scene.image(1), segmentation=scene.segmentation()
             )
             box = api.boxes(dataset)[0]["box_id"]
             assert api.review(box, "reject").status_code == 201
             told = api.http.post(
                 f"{BASE}/datasets/{dataset}/batches",
-                content=packed(frame("a", number=7) + frame("b", number=8)),
+                content=tar_archive(frame("a", number=7) + frame("b", number=8)),
                 headers={"Content-Type": "application/x-tar"},
             )
             assert [line.get("status") for line in lines_of(told.text)[:2]] == [201] * 2

@@ -15,14 +15,14 @@ import pytest
 from tests.support import frames as scene
 from tests.support.api import FINISHED, Api
 from tests.support.cluster import PATIENCE_S
+from tests.support.crash_points import crashing_servers
 from tests.support.data_folders import served
 from tests.support.databases import rows_of
-from tests.support.dying_servers import nursery
-from tests.support.long_streets import FROM_PIXELS, fill
 from tests.support.poison import DECISIONS, EMPTY, EXPORTS, FRAMES, poisoned_files
+from tests.support.run_results import check_run_results, get_run, wait_for_run_end
 from tests.support.servers import start, stop, token_of, wait_for_link
+from tests.support.slow_datasets import FROM_PIXELS, create_slow_dataset
 from tests.support.sources import CHECKOUT
-from tests.support.totals import check_totals, ended, state_of
 from tests.support.waiting import until
 
 MOST_DEATHS = 3
@@ -36,7 +36,7 @@ SIDE = 5000
 
 @pytest.fixture
 def servers(tmp_path):
-    with nursery(tmp_path / "data") as program:
+    with crashing_servers(tmp_path / "data") as program:
         yield program
 
 
@@ -58,23 +58,23 @@ def alive(servers, link):
     """A client of a server that is terminated after the block and must exit with 0."""
     with client(link) as api:
         yield api
-    assert servers.ended(ask=True) == 0
+    assert servers.wait_for_exit(ask=True) == 0
 
 
 def put(api, name, *keys):
     for number, key in enumerate(keys):
         files = {"image": scene.image(number), "segmentation": scene.segmentation()}
-        api.stored(name, key, scene.annotation(), **files)
+        api.upload_frame(name, key, scene.annotation(), **files)
 
 
 def put_poison(api, name, key):
-    api.stored(name, key, EMPTY, **poisoned_files())
+    api.upload_frame(name, key, EMPTY, **poisoned_files())
 
 
 def put_large(api, name, key):
     """Store a frame without boxes, with a large segmentation in a small file."""
     annotation, segmentation = scene.large(SIDE)
-    api.stored(name, key, annotation, segmentation=segmentation)
+    api.upload_frame(name, key, annotation, segmentation=segmentation)
 
 
 def asked(api, url, body):
@@ -139,13 +139,13 @@ def test_a_frame_that_kills_the_service_is_named_and_all_others_are_measured(ser
         name = api.dataset()
         put_poison(api, name, "m-poison")
         put(api, name, "a", "b", "x", "y")
-    with client(servers.poisoned(FRAMES)) as api:
+    with client(servers.start_poisoned(FRAMES)) as api:
         wanted(api, name)
-    deaths = [servers.ended(ask=False)]
-    deaths += [servers.dies(FRAMES) for _ in range(MOST_DEATHS - 1)]
-    with alive(servers, servers.poisoned(FRAMES)) as api:
+    deaths = [servers.wait_for_exit(ask=False)]
+    deaths += [servers.start_and_wait_for_crash(FRAMES) for _ in range(MOST_DEATHS - 1)]
+    with alive(servers, servers.start_poisoned(FRAMES)) as api:
         run_id = last_run(servers.data)[0]
-        failed = ended(api, run_id)
+        failed = wait_for_run_end(api, run_id)
 
     assert deaths == [KILLED] * MOST_DEATHS
     assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
@@ -154,7 +154,7 @@ def test_a_frame_that_kills_the_service_is_named_and_all_others_are_measured(ser
     assert measured(servers.data, run_id) == dict.fromkeys(("a", "b", "x", "y"), 1)
 
     with alive(servers, servers.server()) as api:
-        check_totals(api, name, api.run(name, FROM_PIXELS), 5, empty=1)
+        check_run_results(api, name, api.run(name, FROM_PIXELS), 5, empty=1)
 
 
 @pytest.mark.long
@@ -167,7 +167,7 @@ def test_frames_whose_pictures_need_too_much_are_named_and_all_others_measured(d
         put(api, name, "x")
     with served(data, UNGHOST_MAX_PIXEL_MEMORY_BYTES="64MiB") as (_, api):
         wanted(api, name)
-        failed = ended(api, last_run(data)[0])
+        failed = wait_for_run_end(api, last_run(data)[0])
 
     assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
     detail = failed["error"]["detail"]
@@ -177,18 +177,20 @@ def test_frames_whose_pictures_need_too_much_are_named_and_all_others_measured(d
     assert measured(data, failed["id"]) == dict.fromkeys(("a", "b", "x"), 1)
 
     with served(data) as (_, api):
-        check_totals(api, name, api.run(name, FROM_PIXELS), 5, empty=2)
+        check_run_results(api, name, api.run(name, FROM_PIXELS), 5, empty=2)
 
 
 @pytest.mark.long
 def test_an_export_that_kills_the_service_fails_and_says_so(servers):
-    with client(servers.poisoned(EXPORTS)) as api:
+    with client(servers.start_poisoned(EXPORTS)) as api:
         name = api.dataset()
         put(api, name, "a")
         asked(api, f"/datasets/{name}/exports", {"format": "yolo"})
-    deaths = [servers.ended(ask=False)]
-    deaths += [servers.dies(EXPORTS) for _ in range(MOST_DEATHS - 1)]
-    with alive(servers, servers.poisoned(EXPORTS)) as api:
+    deaths = [servers.wait_for_exit(ask=False)]
+    deaths += [
+        servers.start_and_wait_for_crash(EXPORTS) for _ in range(MOST_DEATHS - 1)
+    ]
+    with alive(servers, servers.start_poisoned(EXPORTS)) as api:
         until(lambda: export(api)["state"] in FINISHED, "the export does not end")
         failed = export(api)
 
@@ -199,16 +201,18 @@ def test_an_export_that_kills_the_service_fails_and_says_so(servers):
 
 @pytest.mark.long
 def test_a_decision_that_kills_the_service_changes_nothing_and_says_so(servers):
-    with client(servers.poisoned(DECISIONS)) as api:
+    with client(servers.start_poisoned(DECISIONS)) as api:
         name = api.dataset()
         put(api, name, "a", "b")
         before = api.json(f"/datasets/{name}/stats")
         wanted(api, name, NOTHING_VISIBLE)
-    deaths = [servers.ended(ask=False)]
-    deaths += [servers.dies(DECISIONS) for _ in range(MOST_DEATHS - 1)]
-    with alive(servers, servers.poisoned(DECISIONS)) as api:
+    deaths = [servers.wait_for_exit(ask=False)]
+    deaths += [
+        servers.start_and_wait_for_crash(DECISIONS) for _ in range(MOST_DEATHS - 1)
+    ]
+    with alive(servers, servers.start_poisoned(DECISIONS)) as api:
         run = api.json(f"/datasets/{name}/runs")["items"][0]
-        failed = ended(api, run["id"])
+        failed = wait_for_run_end(api, run["id"])
         after = api.json(f"/datasets/{name}/stats")
 
     assert deaths == [KILLED] * MOST_DEATHS
@@ -221,7 +225,7 @@ def test_a_decision_that_kills_the_service_changes_nothing_and_says_so(servers):
 def test_frames_that_kill_among_many_cost_no_other_one_its_numbers(data):
     """One chunk has frames before, between and after the two frames that kill."""
     with served(data) as (_, api):
-        name = fill(api, BEFORE)
+        name = create_slow_dataset(api, BEFORE)
         for key in ("p", "q"):
             put_poison(api, name, key)
             put(api, name, f"{key}1", f"{key}2")
@@ -236,9 +240,9 @@ def test_frames_that_kill_among_many_cost_no_other_one_its_numbers(data):
             until(lambda: process.poll() is not None or over(data), "nothing happens")
             deaths += not over(data)
     with served(data) as (_, api):
-        failed = state_of(api, last_run(data)[0])
+        failed = get_run(api, last_run(data)[0])
         run = api.run(name, FROM_PIXELS)
-        check_totals(api, name, run, BEFORE + 6, empty=2)
+        check_run_results(api, name, run, BEFORE + 6, empty=2)
 
     assert failed["error"]["code"] == "quarantined"
     assert failed["error"]["detail"].startswith("frames 'p', 'q' ended the process")
@@ -252,7 +256,7 @@ def test_frames_that_kill_among_many_cost_no_other_one_its_numbers(data):
 def test_a_run_that_is_killed_again_and_again_is_not_to_blame(data):
     done = 0
     with served(data, UNGHOST_WORKERS="1") as (_, api):
-        name = fill(api, MANY)
+        name = create_slow_dataset(api, MANY)
     for kill in range(KILLS):
         with served(data, UNGHOST_WORKERS="1") as (server, api):
             if kill == 0:
@@ -265,4 +269,4 @@ def test_a_run_that_is_killed_again_and_again_is_not_to_blame(data):
         _, _, done = last_run(data)
         assert 0 < done < MANY
     with served(data) as (_, api):
-        check_totals(api, name, ended(api, last_run(data)[0]), MANY)
+        check_run_results(api, name, wait_for_run_end(api, last_run(data)[0]), MANY)

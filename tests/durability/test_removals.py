@@ -62,7 +62,7 @@ def data(tmp_path):
 
 def fill(api):
     """Add a frame, a refused one, a review, a run and an export; returns their ids."""
-    api.stored(NAME, "one")
+    api.upload_frame(NAME, "one")
     refused = api.put(NAME, "refused", {"boxes": [{"class": "car"}]})
     assert refused.status_code == 422
     # The newest frame, because frames are removed in the order of their ids.
@@ -72,7 +72,7 @@ def fill(api):
     batch = api.post("/reviews/bulk", body).json()
     run = api.run(NAME, {"threshold_small_box": 30})
     accepted = api.post(f"/datasets/{NAME}/exports", {"format": "yolo"})
-    export = api.finished(accepted)
+    export = api.wait_for_job(accepted)
     config = api.json(f"/datasets/{NAME}")["config"]
     return Ids(newest["id"], box, run["id"], export["id"], batch["id"], config)
 
@@ -126,7 +126,7 @@ def test_others_write_between_two_portions(data):
     with served(data) as (_, api):
         fill(api)
         beside = api.dataset()
-        api.stored(beside, "a")
+        api.upload_frame(beside, "a")
         box, *others = api.boxes(beside)
 
         api.remove(NAME)

@@ -10,7 +10,7 @@ from sqlalchemy import text
 
 from app.storage.room import RESERVE
 from benchmarks.million import Wanted, make
-from tests.support.archives import frame, packed
+from tests.support.archives import frame, tar_archive
 from tests.support.data_folders import blobs, count, served
 from tests.support.databases import database_of
 from tests.support.mounts import small_disk
@@ -55,13 +55,13 @@ def filled(data, leaving_bytes):
 def test_below_what_has_to_stay_free_nothing_is_taken_in_but_answers(data):
     with served(data, **SETTINGS) as (_, api):
         beside = api.dataset()
-        api.stored(beside, "a")
+        api.upload_frame(beside, "a")
         (box, *_) = api.boxes(beside)
         with filled(data, MIN_FREE_MIB * MIB // 2):
             upload = api.put(beside, "c")
             batch = api.http.post(
                 f"/api/v1/datasets/{beside}/batches",
-                content=packed(frame("b")),
+                content=tar_archive(frame("b")),
                 headers={"Content-Type": "application/x-tar"},
             )
             export = api.post(f"/datasets/{beside}/exports", {"format": "yolo"})
@@ -79,7 +79,7 @@ def test_below_what_has_to_stay_free_nothing_is_taken_in_but_answers(data):
 def test_on_a_full_disk_datasets_are_deleted_and_garbage_is_collected(data, unghost):
     with served(data, **SETTINGS) as (_, api):
         small = api.dataset()
-        api.stored(small, "a")
+        api.upload_frame(small, "a")
         until((data / RESERVE).exists)
         with filled(data, 0):
             full = api.put(small, "b").status_code
@@ -111,7 +111,7 @@ def test_deleting_on_a_full_disk_goes_on_once_no_reader_holds_the_log(data):
 def test_the_reserve_is_kept_from_who_deletes_nothing_or_needs_no_room(data):
     with served(data, **SETTINGS) as (_, api):
         name = api.dataset()
-        api.stored(name, "a")
+        api.upload_frame(name, "a")
         token = api.post("/tokens", {"name": "ada", "role": "viewer"}).json()["id"]
         until((data / RESERVE).exists)
         with filled(data, 0):

@@ -16,9 +16,9 @@ from prometheus_client.parser import text_string_to_metric_families
 from tests.support import archives, plain_http
 from tests.support import frames as scene
 from tests.support.api import BASE
-from tests.support.databases import rows_of, writing
+from tests.support.databases import hold_write_lock, rows_of
 from tests.support.event_reader import open_events
-from tests.support.long_streets import FROM_PIXELS, fill
+from tests.support.slow_datasets import FROM_PIXELS, create_slow_dataset
 
 pytestmark = pytest.mark.long
 
@@ -107,7 +107,7 @@ def test_a_stop_answers_requests_that_arrived_and_begins_nothing_new(start_api):
     batch = archives.Connection(server, name)
     members = [frame for n in range(3) for frame in archives.frame(str(n), number=n)]
     # The first member of a fourth frame shows that the third one is complete.
-    batch.send(archives.pieces([*members, archives.frame("3")[0]]))
+    batch.send(archives.tar_without_end([*members, archives.frame("3")[0]]))
     until_it_works(server, api)
 
     terminate(server)
@@ -133,7 +133,7 @@ def test_a_stop_answers_requests_that_arrived_and_begins_nothing_new(start_api):
 
 def test_a_run_pauses_and_goes_on_with_nothing_measured_twice(start_api):
     first, api = start_api(UNGHOST_WORKERS="1")
-    name = fill(api, FRAMES)
+    name = create_slow_dataset(api, FRAMES)
     accepted = api.post(f"/datasets/{name}/runs", {"config": FROM_PIXELS})
     run_id = accepted.json()["id"]
     with open_events(api, run_id) as events:
@@ -150,7 +150,7 @@ def test_a_run_pauses_and_goes_on_with_nothing_measured_twice(start_api):
     assert 0 < done < FRAMES
 
     second, api = start_api(UNGHOST_WORKERS="1")
-    run = api.finished(accepted)
+    run = api.wait_for_job(accepted)
 
     after = rows(second, "SELECT id, frame_id, measurement_id FROM evidence")
     assert (run["state"], run["done"], run["total"]) == ("done", FRAMES, FRAMES)
@@ -179,9 +179,9 @@ def test_an_export_is_made_anew_and_is_the_same(start_api):
     boxes = [{**box, "id": str(number)} for number in range(MANY_BOXES)]
     for number in range(20):
         annotation = {**scene.annotation(), "boxes": boxes, "number": number}
-        api.stored(name, str(number), annotation)
+        api.upload_frame(name, str(number), annotation)
     body = {"format": "decisions-jsonl"}
-    whole = api.finished(api.post(f"/datasets/{name}/exports", body))
+    whole = api.wait_for_job(api.post(f"/datasets/{name}/exports", body))
     assert whole["state"] == "done", whole
     accepted = api.post(f"/datasets/{name}/exports", body)
     of_export = f"SELECT state FROM exports WHERE id = {accepted.json()['id']}"
@@ -193,7 +193,7 @@ def test_an_export_is_made_anew_and_is_the_same(start_api):
     left = rows(first, of_export)
     temporary = list((first.data / "blobs" / "tmp").iterdir())
     second, api = start_api()
-    again = api.finished(accepted)
+    again = api.wait_for_job(accepted)
 
     assert (code, left, temporary) == (0, [("running",)], [])
     assert (again["state"], again["sha256"]) == ("done", whole["sha256"])
@@ -220,7 +220,7 @@ def test_a_download_is_finished_for_who_reads_slowly(start_api):
     server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S=str(PATIENCE_S))
     noise = np.random.default_rng(7).integers(0, 256, (2000, 3000, 3), np.uint8)
     image = scene.png(noise)
-    stored = api.stored(api.dataset(), "a", {"boxes": []}, image=image)
+    stored = api.upload_frame(api.dataset(), "a", {"boxes": []}, image=image)
     url = stored["frame"]["files"]["image"]["url"]
 
     with (
@@ -251,16 +251,16 @@ def reading_little_by_little(server):
 @pytest.mark.long
 def test_work_that_does_not_end_is_ended_and_goes_on_later(start_api):
     first, api = start_api(UNGHOST_WORKERS="1", UNGHOST_SHUTDOWN_WAIT_S="0")
-    name = fill(api, FRAMES)
+    name = create_slow_dataset(api, FRAMES)
     accepted = api.post(f"/datasets/{name}/runs", {"config": FROM_PIXELS})
     while not api.http.get(accepted.headers["location"]).json()["done"]:
         time.sleep(0.01)
 
-    with writing(first.data):  # the run cannot store what it measures
+    with hold_write_lock(first.data):  # the run cannot store what it measures
         first.process.send_signal(signal.SIGTERM)
         code = ended(first)
     _, api = start_api()
-    run = api.finished(accepted)
+    run = api.wait_for_job(accepted)
 
     assert code == 1
     assert "the shutdown took too long" in first.log.read_text("utf-8")

@@ -25,12 +25,12 @@ from filter_core.segmentation.reading import SegmentationOptions
 from tests.support.folders import write_files
 from tests.support.hostile.label_samples import ANNOTATION, CARLASIMU, FOLDERS, YAML
 from tests.support.hostile.mutations import (
-    bent,
     damaged,
     damaged_text,
+    fuzz_settings,
     json_values,
     little_memory,
-    many,
+    mutated_json,
 )
 
 pytestmark = pytest.mark.long
@@ -38,7 +38,7 @@ pytestmark = pytest.mark.long
 CONFIG = yaml.safe_load(YAML)
 
 
-@many
+@fuzz_settings
 @given(content=st.one_of(damaged_text([YAML, CARLASIMU]), st.binary(max_size=80)))
 @example(b"a: " + b"[" * 5000)
 @example(b"threshold_small_box: " + b"9" * 5000)
@@ -61,18 +61,22 @@ def test_any_text_is_a_configuration_or_our_own_error(content):
         load_config(content)
 
 
-@many
-@given(document=st.one_of(bent(CONFIG), bent(yaml.safe_load(CARLASIMU)), json_values))
+@fuzz_settings
+@given(
+    document=st.one_of(
+        mutated_json(CONFIG), mutated_json(yaml.safe_load(CARLASIMU)), json_values
+    )
+)
 def test_any_mapping_is_a_configuration_or_our_own_error(document):
     with little_memory(), suppress(FilterError):
         load_config(document if isinstance(document, dict) else repr(document))
 
 
-@many
+@fuzz_settings
 @given(
     content=st.one_of(
         damaged([json.dumps(ANNOTATION).encode()]),
-        bent(ANNOTATION).map(json.dumps).map(str.encode),
+        mutated_json(ANNOTATION).map(json.dumps).map(str.encode),
         st.binary(max_size=80),
     )
 )
@@ -84,15 +88,15 @@ def test_any_annotation_is_read_or_our_own_error(content):
         parse_annotation(rest, frame=name)
 
 
-@many
-@given(document=bent(ANNOTATION))
+@fuzz_settings
+@given(document=mutated_json(ANNOTATION))
 def test_any_object_is_an_annotation_or_our_own_error(document):
     with little_memory(), suppress(FilterError):
         parse_annotation(document if isinstance(document, dict) else {})
 
 
 @pytest.mark.parametrize("layout", FOLDERS)
-@many
+@fuzz_settings
 @given(data=st.data())
 def test_any_folder_is_read_or_our_own_error(layout, data):
     files = dict(FOLDERS[layout])

@@ -22,7 +22,7 @@ from filter_core.images.header import read_image_header
 from filter_core.images.ignore_mask import read_ignore_mask
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
 from tests.support import pictures
-from tests.support.hostile.mutations import damaged, little_memory, many
+from tests.support.hostile.mutations import damaged, fuzz_settings, little_memory
 from tests.support.hostile.pixel_samples import CLOUDS, IMAGES, WH, npy, npy_of, ply
 
 pytestmark = pytest.mark.long
@@ -56,7 +56,7 @@ def forged_pngs(draw: st.DrawFn) -> bytes:
 
 
 @pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
-@many
+@fuzz_settings
 @given(content=st.one_of(damaged(IMAGES), forged_pngs(), st.binary(max_size=64)))
 def test_any_image_gives_a_result_or_our_own_error(reader, content):
     with little_memory(), suppress(FilterError):
@@ -82,7 +82,7 @@ forged_npys = st.builds(
 ).map(npy_of)
 
 
-@many
+@fuzz_settings
 @given(content=st.one_of(damaged(CLOUDS), forged_npys, st.binary(max_size=64)))
 @example(ply("ascii", b"", "9" * 5000))
 @example(npy_of("{'descr': (("))
@@ -94,7 +94,7 @@ def test_any_point_cloud_gives_points_or_our_own_error(content):
         assert len(read_points(content)) >= 0
 
 
-@many
+@fuzz_settings
 @given(
     files=st.dictionaries(
         st.sampled_from(KINDS), st.one_of(damaged(IMAGES), damaged(CLOUDS)), max_size=3

@@ -21,7 +21,12 @@ from app.http.bodies import PartLimits, read_parts
 from app.ingest.tar import TarLimits, TarStream
 from tests.support import archives
 from tests.support import frames as scene
-from tests.support.hostile.mutations import EXAMPLES, damaged, little_memory, many
+from tests.support.hostile.mutations import (
+    EXAMPLES,
+    damaged,
+    fuzz_settings,
+    little_memory,
+)
 from tests.support.hostile.openapi_cases import DATASET
 from tests.support.hostile.wire_samples import ARCHIVES, FORM, MEDIA_TYPE
 
@@ -34,7 +39,7 @@ on_a_server = settings(
 )
 
 
-@many
+@fuzz_settings
 @given(content=damaged(ARCHIVES), cut=st.integers(1, 5000))
 def test_any_archive_is_read_or_refused_however_it_is_cut(content, cut):
     stream = TarStream(LIMITS)
@@ -50,7 +55,7 @@ media_types = damaged(
 ).map(lambda content: content.decode("latin-1"))
 
 
-@many
+@fuzz_settings
 @given(content=damaged([FORM]), media_type=st.one_of(st.just(MEDIA_TYPE), media_types))
 @example(FORM, "multipart/form-data; boundary*=utf-8''%ff")
 @example(FORM, "multipart/form-data; boundary=" + "x" * 5000)

@@ -18,7 +18,7 @@ import pytest
 
 from tests.support import databases
 from tests.support.api import Api
-from tests.support.hostile.ledger import Ledger, Writer, digest, files
+from tests.support.hostile.write_record import Writer, WriteRecord, digest, files
 from tests.support.servers import running_server
 
 pytestmark = pytest.mark.long
@@ -50,36 +50,36 @@ RECOUNT = """
 def test_acknowledged_writes_survive_any_kill_exactly_once(tmp_path):
     print(f"KILL_SEED={SEED}")
     dice, folder = random.Random(SEED), tmp_path / "data"
-    ledger, promised = None, 0
+    write_record, promised = None, 0
     for number in range(ROUNDS + 1):
         with running_server(folder, SETTINGS) as server, ExitStack() as opened:
             api = Api.at(server.url, server.headers)
             opened.enter_context(api.http)
-            if ledger is not None:
-                check(api, ledger)
-                promised += ledger.promises()
+            if write_record is not None:
+                check(api, write_record)
+                promised += write_record.count_confirmed()
             if number < ROUNDS:
-                ledger = begun(api, number)
-                write_until_killed(server, ledger, dice)
+                write_record = begun(api, number)
+                write_until_killed(server, write_record, dice)
         check_database(folder)
     print(f"{ROUNDS} kills, {promised} acknowledged writes")
     assert promised > 10 * ROUNDS
 
 
 def begun(api, number):
-    """Make a dataset with some frames; return the ledger of what was acknowledged."""
-    ledger = Ledger(f"round-{number}")
-    assert api.post("/datasets", {"name": ledger.dataset}).status_code == 201
+    """Make a dataset with some frames; return the record of what was acknowledged."""
+    write_record = WriteRecord(f"round-{number}")
+    assert api.post("/datasets", {"name": write_record.dataset}).status_code == 201
     for place in range(FRAMES):
-        answer = api.put(ledger.dataset, f"first/{place}", **files(place))
+        answer = api.put(write_record.dataset, f"first/{place}", **files(place))
         assert answer.status_code == 201
         for decision in answer.json()["decisions"]:
-            ledger.answers[decision["box_id"]] = []
-    return ledger
+            write_record.answers[decision["box_id"]] = []
+    return write_record
 
 
-def write_until_killed(server, ledger, dice):
-    box_ids = sorted(ledger.answers)
+def write_until_killed(server, write_record, dice):
+    box_ids = sorted(write_record.answers)
     shares = {
         "reviews 1": box_ids[:8],
         "reviews 2": box_ids[8:16],
@@ -92,7 +92,7 @@ def write_until_killed(server, ledger, dice):
             api = Api.at(server.url, server.headers)
             opened.enter_context(api.http)
             own = random.Random(dice.random())
-            writer = Writer(api, ledger, own, name, tuple(shares.get(name, ())))
+            writer = Writer(api, write_record, own, name, tuple(shares.get(name, ())))
             threads.append(
                 threading.Thread(target=noting, args=(writer.write, faults), name=name)
             )
@@ -100,7 +100,7 @@ def write_until_killed(server, ledger, dice):
             thread.start()
         # Count acknowledged writes, not seconds: a busy machine acknowledges slowly.
         wanted = dice.randrange(20, 100)
-        while ledger.promises() < wanted and not faults:
+        while write_record.count_confirmed() < wanted and not faults:
             time.sleep(0.001)
         time.sleep(dice.uniform(0, 0.03))
         server.process.kill()
@@ -118,35 +118,35 @@ def noting(work, faults):
         faults.append(fault)
 
 
-def check(api, ledger):
-    check_frames(api, ledger)
-    check_answers(api, ledger)
-    check_jobs(api, ledger)
+def check(api, write_record):
+    check_frames(api, write_record)
+    check_answers(api, write_record)
+    check_jobs(api, write_record)
 
 
-def check_frames(api, ledger):
-    listed = everything(api, f"/datasets/{ledger.dataset}/frames")
+def check_frames(api, write_record):
+    listed = everything(api, f"/datasets/{write_record.dataset}/frames")
     keys = [one["key"] for one in listed]
     ours = [key for key in keys if not key.startswith("first/")]
     assert len(set(keys)) == len(keys)
     assert len(keys) - len(ours) == FRAMES
     assert (
-        ledger.stored.keys()
+        write_record.stored.keys()
         <= set(ours)
-        <= ledger.stored.keys() | ledger.sending.keys()
+        <= write_record.stored.keys() | write_record.sending.keys()
     )
     known: dict[str, str] = {}
     for start in range(0, len(ours), 1000):
         body = {"keys": ours[start : start + 1000]}
-        answer = api.post(f"/datasets/{ledger.dataset}/known-frames", body)
+        answer = api.post(f"/datasets/{write_record.dataset}/known-frames", body)
         known |= {item["key"]: item["digest"] for item in answer.json()["items"]}
     for key in ours:
-        possible = {ledger.stored[key]} if key in ledger.stored else set()
-        possible |= ledger.sending.get(key, set())
+        possible = {write_record.stored[key]} if key in write_record.stored else set()
+        possible |= write_record.sending.get(key, set())
         assert known[key] in {digest(number) for number in possible}, key
     for frame in listed[-5:]:
         check_whole(api, frame["id"])
-    stats = api.json(f"/datasets/{ledger.dataset}/stats")
+    stats = api.json(f"/datasets/{write_record.dataset}/stats")
     assert (stats["frames"], stats["boxes"]) == (len(keys), 2 * len(keys))
     assert stats["kept"] + stats["rejected"] == stats["boxes"]
 
@@ -161,10 +161,10 @@ def check_whole(api, frame_id):
         assert hashlib.sha256(content).hexdigest() == file["sha256"]
 
 
-def check_answers(api, ledger):
+def check_answers(api, write_record):
     """Check that no acknowledged answer is lost, and that no bulk act is half done."""
     more = {}
-    for box_id, said in ledger.answers.items():
+    for box_id, said in write_record.answers.items():
         items = api.json(f"/boxes/{box_id}/history")["items"]
         reviews = sorted(
             (one["revision"], one["verdict"])
@@ -176,25 +176,27 @@ def check_answers(api, ledger):
         assert verdicts[: len(said)] == said
         if len(verdicts) > len(said):
             (more[box_id],) = verdicts[len(said) :]
-    in_flight = [boxes for boxes, _ in ledger.maybe_answers] + ledger.maybe_undone
+    in_flight = [
+        boxes for boxes, _ in write_record.maybe_answers
+    ] + write_record.maybe_undone
     for boxes in in_flight:
         assert boxes <= more.keys() or not boxes & more.keys()
-    for boxes, verdict in ledger.maybe_answers:
+    for boxes, verdict in write_record.maybe_answers:
         assert {more[one] for one in boxes if one in more} <= {verdict}
     assert more.keys() <= set().union(*in_flight)
 
 
-def check_jobs(api, ledger):
+def check_jobs(api, write_record):
     """Check that acknowledged configurations and runs are there once, and runs end."""
-    path = f"/datasets/{ledger.dataset}"
+    path = f"/datasets/{write_record.dataset}"
     digests = [one["digest"] for one in everything(api, f"{path}/configs")]
     assert len(set(digests)) == len(digests)
-    assert ledger.digests <= set(digests)
-    assert len(digests) <= 1 + len(ledger.digests) + ledger.maybe_configs
+    assert write_record.digests <= set(digests)
+    assert len(digests) <= 1 + len(write_record.digests) + write_record.maybe_configs
     runs = [one["id"] for one in everything(api, f"{path}/runs")]
     assert len(set(runs)) == len(runs)
-    assert ledger.runs <= set(runs)
-    assert len(runs) <= 1 + len(ledger.runs) + ledger.maybe_runs
+    assert write_record.runs <= set(runs)
+    assert len(runs) <= 1 + len(write_record.runs) + write_record.maybe_runs
     for run_id in runs:
         with api.http.stream("GET", f"/api/v1/runs/{run_id}/events") as events:
             events.read()

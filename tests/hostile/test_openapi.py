@@ -10,9 +10,9 @@ import pytest
 
 from tests.support.hostile.openapi_cases import (
     SCHEMA,
+    check_is_not_malformed,
     restore,
-    says_what_is_wrong,
-    spared,
+    without_own_tokens,
 )
 
 pytestmark = pytest.mark.long
@@ -21,8 +21,10 @@ pytestmark = pytest.mark.long
 @SCHEMA.parametrize()
 def test_every_answer_to_an_admin_is_documented(case, api):
     bearer = {"Authorization": api.http.headers["authorization"]}
-    spared(case).call_and_validate(
-        str(api.http.base_url), headers=bearer, additional_checks=[says_what_is_wrong]
+    without_own_tokens(case).call_and_validate(
+        str(api.http.base_url),
+        headers=bearer,
+        additional_checks=[check_is_not_malformed],
     )
     if case.method == "DELETE":
         restore(api)
@@ -30,9 +32,9 @@ def test_every_answer_to_an_admin_is_documented(case, api):
 
 @SCHEMA.parametrize()
 def test_nobody_gets_more_than_a_documented_refusal(case, api):
-    answer = spared(case).call(str(api.http.base_url))
+    answer = without_own_tokens(case).call(str(api.http.base_url))
 
-    case.validate_response(answer, additional_checks=[says_what_is_wrong])
+    case.validate_response(answer, additional_checks=[check_is_not_malformed])
     if case.method.upper() != case.operation.method.upper():
         assert answer.status_code in (401, 405), answer.text  # TRACE and the like
     elif "security" in case.operation.definition.raw:

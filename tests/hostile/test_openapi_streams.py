@@ -89,8 +89,8 @@ def test_a_stream_of_events_is_documented_event_by_event(api, ids, path, name, m
 @pytest.mark.parametrize(
     ("body", "media_type", "status"),
     [
-        (archives.packed(archives.frame("a")), "application/x-tar", 200),
-        (archives.packed(archives.frame("a"))[:700], "application/x-tar", 200),
+        (archives.tar_archive(archives.frame("a")), "application/x-tar", 200),
+        (archives.tar_archive(archives.frame("a"))[:700], "application/x-tar", 200),
         (b"no archive" * 100, "application/x-tar", 422),
         (b"", "application/x-tar", 422),
         (b"{}", "application/json", 415),

@@ -25,7 +25,9 @@ from hypothesis.stateful import (
 
 from tests.support import archives
 from tests.support import frames as scene
-from tests.support.hostile.acts import (
+from tests.support.hostile.model import RECTANGLES, THRESHOLDS, Content, Model
+from tests.support.hostile.restarts import WAYS, Restarting
+from tests.support.hostile.sequence_strategies import (
     ANSWERS,
     CONTENTS,
     FILTERS,
@@ -36,8 +38,6 @@ from tests.support.hostile.acts import (
     files_of,
     members_of,
 )
-from tests.support.hostile.model import RECTANGLES, THRESHOLDS, Content, Model
-from tests.support.hostile.restarts import WAYS, Restarting
 
 RUNS = int(os.environ.get("MACHINE_RUNS", "4"))
 IS_LONG = RUNS > 100
@@ -92,7 +92,7 @@ class Service(RuleBasedStateMachine):
         answer = self.api.http.post(
             f"/api/v1/datasets/{self.name}/batches",
             params={"replace": "true"} if replace else None,
-            content=archives.packed(members),
+            content=archives.tar_archive(members),
             headers={"Content-Type": "application/x-tar"},
         )
         *lines, end = archives.lines_of(answer.text)
@@ -213,7 +213,7 @@ class Service(RuleBasedStateMachine):
     @rule(wanted=st.sampled_from(["decisions-jsonl", "yolo"]))
     def export(self, wanted):
         accepted = self.api.post(f"/datasets/{self.name}/exports", {"format": wanted})
-        export = self.api.finished(accepted)
+        export = self.api.wait_for_job(accepted)
         assert export["state"] == "done", export
         answer = self.api.get(f"/exports/{export['id']}/download")
         with zipfile.ZipFile(io.BytesIO(answer.content)) as archive:

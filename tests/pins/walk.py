@@ -19,7 +19,7 @@ import numpy as np
 from app.package import VERSION
 from tests.pins import street
 from tests.pins.street import Frame
-from tests.support.archives import packed
+from tests.support.archives import tar_archive
 
 BASE: Final = "/api/v1"
 DATASET: Final = "street"
@@ -463,14 +463,16 @@ def _batches(walk: Walk, path: str) -> None:
     cut = {**first.files, "segmentation": first.files["segmentation"][:900]}
     sent = [first, second, first, other, Frame("town/cut", first.annotation, cut)]
     wrong = Frame("town/wrong", {**first.annotation, "boxes": [{}]}, first.files)
-    archive = packed(
+    archive = tar_archive(
         [member for place in enumerate([*sent, wrong]) for member in members(*place)]
     )
     tar = {"headers": {"Content-Type": "application/x-tar"}}
     walk.ask("send many at once", "POST", path, content=archive, **tar)
     walk.ask("send them again", "POST", path, content=archive, **tar)
     newer = {"params": {"replace": "true"}, **tar}
-    walk.ask("send another", "POST", path, content=packed(members(0, other)), **newer)
+    walk.ask(
+        "send another", "POST", path, content=tar_archive(members(0, other)), **newer
+    )
     walk.ask("send what is no archive", "POST", path, content=b"{}" * 512, **tar)
     walk.ask("send JSON", "POST", path, json={})
     none = f"{BASE}/datasets/none/batches"

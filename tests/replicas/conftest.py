@@ -37,7 +37,7 @@ class Replicas:
     def both(self) -> tuple[Replica, Replica]:
         return self.one, self.two
 
-    def people(self, role: str = "reviewer") -> tuple[Api, Api]:
+    def make_reviewer_clients(self, role: str = "reviewer") -> tuple[Api, Api]:
         """Make a person on the first server, and give a client of each server."""
         made = self.one.api.post(
             "/tokens", {"name": f"person-{next(_numbers)}", "role": role}
@@ -47,7 +47,7 @@ class Replicas:
         one, two = (Api.at(each.server.url, headers) for each in self.both)
         return one, two
 
-    def street(self, frames: int = 1) -> str:
+    def make_dataset(self, frames: int = 1) -> str:
         """Make a dataset, uploading its frames to the two servers in turn.
 
         Each frame has a visible car and a ghost, a box without an object.
@@ -55,7 +55,9 @@ class Replicas:
         name = self.one.api.dataset()
         for number in range(frames):
             api = self.both[number % 2].api
-            api.stored(name, f"{number:03}", {**scene.annotation(), "number": number})
+            api.upload_frame(
+                name, f"{number:03}", {**scene.annotation(), "number": number}
+            )
         return name
 
 
@@ -75,12 +77,12 @@ def replicas(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Replicas]:
 
 
 @pytest.fixture
-def person(replicas: Replicas) -> Iterator[Callable[[], tuple[Api, Api]]]:
+def make_reviewer(replicas: Replicas) -> Iterator[Callable[[], tuple[Api, Api]]]:
     """Makes a reviewer: a client of each server, which are closed after the test."""
     with ExitStack() as opened:
 
         def make() -> tuple[Api, Api]:
-            clients = replicas.people()
+            clients = replicas.make_reviewer_clients()
             for client in clients:
                 opened.enter_context(client.http)
             return clients

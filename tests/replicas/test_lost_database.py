@@ -17,11 +17,11 @@ import pytest
 
 from tests.support import frames as scene
 from tests.support.api import BASE, FINISHED, Api
-from tests.support.archives import frame, lines_of, packed
+from tests.support.archives import frame, lines_of, tar_archive
 from tests.support.event_reader import open_events
-from tests.support.long_streets import OTHER_PIXELS, fill
 from tests.support.postgres_cluster import Cluster, own_cluster
 from tests.support.servers import RunningServer, running_server
+from tests.support.slow_datasets import OTHER_PIXELS, create_slow_dataset
 from tests.support.waiting import until
 
 LONG = pytest.mark.long
@@ -188,7 +188,7 @@ def test_acknowledged_writes_survive_and_the_others_get_an_error_to_retry(place,
 
 def test_requests_without_a_database_get_503_at_once(place):
     name = place.api.dataset()
-    box = place.api.stored(name, "a")["decisions"][0]["box_id"]
+    box = place.api.upload_frame(name, "a")["decisions"][0]["box_id"]
     place.cluster.stop()
     try:
         begun = time.monotonic()
@@ -228,7 +228,7 @@ def test_a_batch_that_loses_the_database_says_what_is_stored(place):
     with place.api.http.stream(
         "POST",
         f"{BASE}/datasets/{name}/batches",
-        content=packed(members),
+        content=tar_archive(members),
         headers={"Content-Type": "application/x-tar"},
     ) as answer:
         for line in answer.iter_lines():
@@ -240,7 +240,7 @@ def test_a_batch_that_loses_the_database_says_what_is_stored(place):
     keys = {item["key"] for item in every(place.api, f"/datasets/{name}/frames")}
     again = place.api.http.post(
         f"{BASE}/datasets/{name}/batches",
-        content=packed(members),
+        content=tar_archive(members),
         headers={"Content-Type": "application/x-tar"},
     )
 
@@ -258,7 +258,7 @@ def test_a_batch_that_loses_the_database_says_what_is_stored(place):
 @pytest.fixture(scope="module")
 def street(place):
     """A dataset that takes about a second to measure."""
-    return fill(place.api, FRAMES)
+    return create_slow_dataset(place.api, FRAMES)
 
 
 def is_over(api, where):

@@ -11,7 +11,7 @@ from tests.support import frames as scene
 from tests.support import plain_http
 from tests.support.api import BASE, Api
 from tests.support.event_reader import events, open_events
-from tests.support.long_streets import FROM_PIXELS, fill
+from tests.support.slow_datasets import FROM_PIXELS, create_slow_dataset
 
 PATIENCE_S = 60
 
@@ -78,9 +78,11 @@ def test_a_token_that_is_revoked_opens_neither_a_second_later(replicas):
     assert last_sent_s < REMEMBERED_S
 
 
-def test_of_two_answers_on_one_box_one_counts_and_the_other_is_stale(replicas, person):
-    (ada, _), (_, bob) = person(), person()
-    name = replicas.street(frames=10)
+def test_of_two_answers_on_one_box_one_counts_and_the_other_is_stale(
+    replicas, make_reviewer
+):
+    (ada, _), (_, bob) = make_reviewer(), make_reviewer()
+    name = replicas.make_dataset(frames=10)
     boxes = [box["box_id"] for box in ada.boxes(name)]
 
     for box_id in boxes:
@@ -98,9 +100,9 @@ def test_of_two_answers_on_one_box_one_counts_and_the_other_is_stale(replicas, p
     assert found[0] == found[1]
 
 
-def test_of_two_acts_on_the_same_boxes_each_box_counts_in_one(replicas, person):
-    (ada, _), (_, bob) = person(), person()
-    name = replicas.street(frames=10)
+def test_of_two_acts_on_the_same_boxes_each_box_counts_in_one(replicas, make_reviewer):
+    (ada, _), (_, bob) = make_reviewer(), make_reviewer()
+    name = replicas.make_dataset(frames=10)
     boxes = [box["box_id"] for box in ada.boxes(name)]
 
     for act in range(10):
@@ -123,9 +125,9 @@ def test_of_two_acts_on_the_same_boxes_each_box_counts_in_one(replicas, person):
         assert (stats["reviewed"], stats["boxes"]) == (len(boxes), len(boxes))
 
 
-def test_of_two_acts_on_one_filter_the_later_is_stale(replicas, person):
-    (ada, _), (_, bob) = person(), person()
-    name = replicas.street(frames=5)
+def test_of_two_acts_on_one_filter_the_later_is_stale(replicas, make_reviewer):
+    (ada, _), (_, bob) = make_reviewer(), make_reviewer()
+    name = replicas.make_dataset(frames=5)
 
     for _ in range(5):
         page = ada.json("/boxes", dataset=name, count="true")
@@ -140,9 +142,9 @@ def test_of_two_acts_on_one_filter_the_later_is_stale(replicas, person):
         assert late["current"]["total"] == page["total"]
 
 
-def test_a_key_that_is_sent_to_both_is_answered_once(replicas, person):
-    one, two = person()
-    name = replicas.street()
+def test_a_key_that_is_sent_to_both_is_answered_once(replicas, make_reviewer):
+    one, two = make_reviewer()
+    name = replicas.make_dataset()
     box = one.boxes(name)[0]["box_id"]
 
     def send(api, number):
@@ -162,9 +164,9 @@ def test_a_key_that_is_sent_to_both_is_answered_once(replicas, person):
     assert one.json(f"/boxes/{box}")["review"]["revision"] == 10
 
 
-def test_the_queue_hands_no_box_out_twice(replicas, person):
-    name = replicas.street(frames=20)
-    clients = [person()[number % 2] for number in range(6)]
+def test_the_queue_hands_no_box_out_twice(replicas, make_reviewer):
+    name = replicas.make_dataset(frames=20)
+    clients = [make_reviewer()[number % 2] for number in range(6)]
 
     def take(number: int) -> list[int]:
         taken: list[int] = []
@@ -182,9 +184,9 @@ def test_the_queue_hands_no_box_out_twice(replicas, person):
     assert len({box for one in given for box in one}) == 36
 
 
-def test_a_batch_of_answers_is_undone_on_the_other(replicas, person):
-    one, two = person()
-    name = replicas.street(frames=4)
+def test_a_batch_of_answers_is_undone_on_the_other(replicas, make_reviewer):
+    one, two = make_reviewer()
+    name = replicas.make_dataset(frames=4)
     ids = [box["box_id"] for box in one.boxes(name)]
     wanted = {"dataset": name, "box_ids": ids, "verdict": "reject"}
 
@@ -202,7 +204,7 @@ def test_a_batch_of_answers_is_undone_on_the_other(replicas, person):
 
 def test_numbers_that_one_keeps_are_those_that_the_other_stored(replicas):
     one, two = (each.api for each in replicas.both)
-    name = replicas.street(frames=2)
+    name = replicas.make_dataset(frames=2)
     preview = {"config": {"min_visible_pixels": 10**6}}
 
     def flips(api):
@@ -211,29 +213,29 @@ def test_numbers_that_one_keeps_are_those_that_the_other_stored(replicas):
         return answer.json()["flips"]["total"]
 
     before = flips(one), flips(two)
-    one.stored(name, "more", {**scene.annotation(), "number": 77})
+    one.upload_frame(name, "more", {**scene.annotation(), "number": 77})
     added = flips(one), flips(two)
     two.http.delete(f"{BASE}/datasets/{name}/frames/000")
     removed = flips(one), flips(two)
-    two.stored(name, "more", {**scene.annotation(), "number": 78}, replace=True)
+    two.upload_frame(name, "more", {**scene.annotation(), "number": 78}, replace=True)
     replaced = flips(one), flips(two)
     ran = one.run(name, {"min_visible_pixels": 10**6})
     decided = flips(one), flips(two)
 
     assert (before, added, removed, replaced) == ((2, 2), (3, 3), (2, 2), (2, 2))
     assert (ran["changed"], decided) == (2, (0, 0))
-    two.stored(name, "last", {**scene.annotation(), "number": 79})
+    two.upload_frame(name, "last", {**scene.annotation(), "number": 79})
     assert two.json(f"/datasets/{name}/stats")["kept"] == 0
 
 
 def test_a_configuration_that_one_made_active_decides_frames_on_the_other(replicas):
     one, two = (each.api for each in replicas.both)
-    name = replicas.street(frames=2)
+    name = replicas.make_dataset(frames=2)
 
     for number in range(4):
         config = {} if number % 2 else {"min_visible_pixels": 10**6}
         replicas.both[number % 2].api.run(name, config)
-        stored = replicas.both[1 - number % 2].api.stored(
+        stored = replicas.both[1 - number % 2].api.upload_frame(
             name, f"after-{number}", {**scene.annotation(), "number": 100 + number}
         )
         verdicts = [decision["verdict"] for decision in stored["decisions"]]
@@ -243,7 +245,7 @@ def test_a_configuration_that_one_made_active_decides_frames_on_the_other(replic
 
 def test_a_run_that_one_carries_out_is_watched_and_cancelled_on_the_other(replicas):
     one, two = (each.api for each in replicas.both)
-    name = fill(one, 20)
+    name = create_slow_dataset(one, 20)
 
     accepted = one.post(f"/datasets/{name}/runs", {"config": FROM_PIXELS})
     run_id = accepted.json()["id"]
@@ -253,7 +255,7 @@ def test_a_run_that_one_carries_out_is_watched_and_cancelled_on_the_other(replic
         f"/datasets/{name}/runs", {"config": {**FROM_PIXELS, "palette": scene.FAMILY}}
     )
     cancelled = two.post(f"/runs/{cut.json()['id']}/cancel")
-    ended = two.finished(cut)
+    ended = two.wait_for_job(cut)
 
     assert seen[-1].name == "end"
     assert one.json(f"/runs/{run_id}")["state"] == "done"
@@ -265,7 +267,7 @@ def test_an_export_is_followed_on_any_server(replicas):
     one, two = replicas.one.api, replicas.two.api
     name = one.dataset()
     for number in range(3):
-        one.stored(name, f"f/{number}")
+        one.upload_frame(name, f"f/{number}")
 
     asked = one.post(f"/datasets/{name}/exports", {"format": "coco"})
     seen = events(two, asked.json()["id"], of="exports")

@@ -8,7 +8,7 @@ from app.maintenance.backup import make_backup
 from app.maintenance.datafolder import CannotMaintain
 from app.maintenance.restore import restore
 from app.settings import Settings
-from tests.support.data_folders import examined, silently
+from tests.support.data_folders import doctor_findings, silently
 from tests.support.services import filled_folder, running_services
 
 pytestmark = pytest.mark.sqlite_files("a backup copies SQLite's file")
@@ -42,7 +42,7 @@ def test_a_backup_becomes_another_bucket(tmp_path, s3, filled, name):
     assert (kept.files, done.files) == (4, 4)
     assert other.blobs() == filled.blobs()
     with running_services(tmp_path / "again", **other.settings):
-        assert examined(tmp_path / "again", **other.settings) == {}
+        assert doctor_findings(tmp_path / "again", **other.settings) == {}
 
 
 def test_a_backup_of_a_bucket_becomes_a_folder(tmp_path, filled):
@@ -50,7 +50,7 @@ def test_a_backup_of_a_bucket_becomes_a_folder(tmp_path, filled):
 
     restore(settings(tmp_path / "again"), kept.path, silently)
 
-    assert examined(tmp_path / "again").keys() <= {"token"}
+    assert doctor_findings(tmp_path / "again").keys() <= {"token"}
 
 
 def test_a_damaged_file_is_named_or_left_out(tmp_path, filled):
@@ -78,7 +78,7 @@ def test_the_same_bucket_is_mended_but_nobody_elses_files_are_taken_over(
     with pytest.raises(CannotMaintain, match="1 files that are not in the backup"):
         restore(settings(tmp_path / "third", filled), kept.path, silently)
 
-    assert examined(tmp_path / "again", **filled.settings).keys() <= {"token"}
+    assert doctor_findings(tmp_path / "again", **filled.settings).keys() <= {"token"}
     assert {*before} < {*filled.blobs()}
     assert [*(tmp_path / "third").iterdir()] == []
 

@@ -15,9 +15,9 @@ import pytest
 from tests.support import frames as scene
 from tests.support import plain_http
 from tests.support.api import BASE, Api
-from tests.support.archives import frame, lines_of, packed
-from tests.support.long_streets import FROM_PIXELS
+from tests.support.archives import frame, lines_of, tar_archive
 from tests.support.s3_service import served_on_s3
+from tests.support.slow_datasets import FROM_PIXELS
 
 MOST_TRIES = 200
 
@@ -46,7 +46,7 @@ def away(on_s3, request):
     Gives a dataset and the id of a frame that was stored before.
     """
     dataset = on_s3.api.dataset()
-    stored = on_s3.api.stored(dataset, "before", **files(1))
+    stored = on_s3.api.upload_frame(dataset, "before", **files(1))
     getattr(on_s3.gate, request.param)()
     try:
         yield dataset, stored["frame"]["id"]
@@ -93,7 +93,7 @@ def test_a_batch_ends_at_the_frame_that_could_not_be_put(on_s3):
 def send(api, dataset, members):
     return api.http.post(
         f"{BASE}/datasets/{dataset}/batches",
-        content=packed(members),
+        content=tar_archive(members),
         headers={"Content-Type": "application/x-tar"},
     )
 
@@ -118,7 +118,7 @@ def measured_in_vain(on_s3):
     """A run that needs pixels while the store is unreachable, and its dataset."""
     dataset = on_s3.api.dataset()
     for number in range(3):
-        on_s3.api.stored(dataset, f"{number}", **files(number))
+        on_s3.api.upload_frame(dataset, f"{number}", **files(number))
     before = complaints(on_s3.server)
     on_s3.gate.shut()
     try:
@@ -136,8 +136,8 @@ def test_a_run_and_an_export_outlast_a_store_that_is_away(on_s3, measured_in_vai
 
     on_s3.gate.open()
 
-    assert on_s3.api.finished(run)["state"] == "done"
-    assert on_s3.api.finished(export)["state"] == "done"
+    assert on_s3.api.wait_for_job(run)["state"] == "done"
+    assert on_s3.api.wait_for_job(export)["state"] == "done"
 
 
 def test_a_run_can_be_cancelled_while_the_store_is_away(on_s3, measured_in_vain):
@@ -146,7 +146,7 @@ def test_a_run_can_be_cancelled_while_the_store_is_away(on_s3, measured_in_vain)
 
     on_s3.api.http.post(f"{run.headers['location']}/cancel")
 
-    assert on_s3.api.finished(run)["state"] == "cancelled"
+    assert on_s3.api.wait_for_job(run)["state"] == "cancelled"
     assert time.monotonic() - begun < 10
     assert all_threads_are_free(on_s3)
 

@@ -56,11 +56,11 @@ def export(patient):
         written, image = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 0])
         assert written
         files = {"image": image.tobytes(), "segmentation": segmentation}
-        api.stored(dataset, f"{number:03}", annotation, **files)
+        api.upload_frame(dataset, f"{number:03}", annotation, **files)
     forget_peak(process)
     before = peak_bytes(process)
     body = {"format": "yolo", "options": {"images": "copy"}}
-    made = api.finished(api.post(f"/datasets/{dataset}/exports", body))
+    made = api.wait_for_job(api.post(f"/datasets/{dataset}/exports", body))
     assert made["state"] == "done"
     assert made["size_bytes"] > 200 * MIB
     return made, peak_bytes(process) - before

@@ -7,7 +7,7 @@ import time
 from app.exports.queries import ExportRepository
 from app.exports.service import ExportRequest, request_export
 from tests.support import frames as scene
-from tests.support.services import Street, running_services
+from tests.support.services import ServiceDataset, running_services
 
 FORMATS = {
     "yolo": {"images": "copy"},
@@ -29,11 +29,11 @@ def exports(folder, name, **chosen):
         return {form: digest_of(street, form) for form in FORMATS}
 
 
-def renamed(services, name) -> Street:
+def renamed(services, name) -> ServiceDataset:
     made = services.dataset()
     with services.context.database.write() as session:
         made.row(session).name = name
-    return Street(services, name, made.id)
+    return ServiceDataset(services, name, made.id)
 
 
 def digest_of(street, form):

@@ -9,8 +9,8 @@ import pytest
 from tests.support import frames as scene
 from tests.support import plain_http
 from tests.support.api import BASE
-from tests.support.archives import frame, lines_of, packed
-from tests.support.long_streets import FROM_PIXELS
+from tests.support.archives import frame, lines_of, tar_archive
+from tests.support.slow_datasets import FROM_PIXELS
 
 FRAMES = 3
 HOUR_S = 3600
@@ -22,7 +22,7 @@ def batch(api, dataset, *names):
     ]
     answer = api.http.post(
         f"{BASE}/datasets/{dataset}/batches",
-        content=packed(members),
+        content=tar_archive(members),
         headers={"Content-Type": "application/x-tar"},
     )
     assert answer.status_code == 200, answer.text
@@ -33,7 +33,7 @@ def filled(api):
     """A dataset of frames that came one by one and in a batch."""
     dataset = api.dataset()
     for number in range(FRAMES):
-        api.stored(
+        api.upload_frame(
             dataset,
             f"one/{number}",
             image=scene.image(number),
@@ -47,7 +47,7 @@ def filled(api):
 
 def exported(api, dataset, **options):
     body = {"format": "yolo", "options": options}
-    return api.finished(api.post(f"/datasets/{dataset}/exports", body))
+    return api.wait_for_job(api.post(f"/datasets/{dataset}/exports", body))
 
 
 @pytest.fixture(scope="module")
@@ -121,14 +121,14 @@ def test_a_frame_that_is_sent_again_mends_its_files(on_s3):
     content = scene.image(77)
     digest = hashlib.sha256(content).hexdigest()
     files = {"image": content, "segmentation": scene.segmentation()}
-    stored = api.stored(dataset, "k", **files)
+    stored = api.upload_frame(dataset, "k", **files)
     path = f"/frames/{stored['frame']['id']}/image"
 
     bucket.overwrite(digest, content[:-1])
     damaged = api.get(path)
     bucket.delete(digest)
     gone = api.get(path)
-    api.stored(dataset, "k", **files)
+    api.upload_frame(dataset, "k", **files)
 
     assert (damaged.status_code, damaged.json()["code"]) == (500, "damaged_file")
     assert (gone.status_code, gone.json()["code"]) == (500, "damaged_file")
@@ -174,8 +174,8 @@ def test_unused_files_are_removed_and_the_others_are_whole(on_s3, s3):
     images = {"old": scene.image(99), "young": scene.image(98)}
     digests = {key: hashlib.sha256(image).hexdigest() for key, image in images.items()}
     with s3.at_another_time(-25 * HOUR_S):
-        api.stored(dataset, "old", image=images["old"])
-    api.stored(dataset, "young", image=images["young"])
+        api.upload_frame(dataset, "old", image=images["old"])
+    api.upload_frame(dataset, "young", image=images["young"])
     for key in images:
         api.http.delete(f"{BASE}/datasets/{dataset}/frames/{key}")
 

@@ -12,8 +12,8 @@ import pytest
 from app.maintenance.datafolder import CannotMaintain
 from tests.support import frames as scene
 from tests.support.command_line import CommandLine
-from tests.support.data_folders import examined
-from tests.support.s3_server import TestBucket, answering
+from tests.support.data_folders import doctor_findings
+from tests.support.s3_server import TestBucket, server_answering_with
 from tests.support.services import running_services
 
 SECRET, TOKEN = "never-to-be-seen", "a-session-that-nobody-sees"
@@ -42,7 +42,7 @@ def test_a_server_that_is_not_there(tmp_path, s3):
 
 @pytest.mark.parametrize("status", [pytest.param(500, marks=pytest.mark.long), 503])
 def test_a_server_that_fails(tmp_path, s3, status):
-    with answering(lambda _: (status, "")) as url:
+    with server_answering_with(lambda _: (status, "")) as url:
         said = refusal(tmp_path / "data", TestBucket(url, "pictures"))
 
     assert "it does not respond" in said
@@ -58,7 +58,7 @@ def test_refused_keys_are_named_by_their_variables_and_never_shown(tmp_path):
             f"{told}</CanonicalRequest></Error>"
         )
 
-    with answering(echo) as url:
+    with server_answering_with(echo) as url:
         bucket = TestBucket(url, "pictures")
         unghost = CommandLine(
             tmp_path,
@@ -101,7 +101,7 @@ def test_files_have_to_be_where_the_database_is_told_that_they_are(tmp_path, s3)
 
     assert f"none is in s3://{bucket.name}/{bucket.prefix}: copy them there" in said
     with running_services(tmp_path / "data", **bucket.settings):
-        assert examined(tmp_path / "data", **bucket.settings) == {}
+        assert doctor_findings(tmp_path / "data", **bucket.settings) == {}
 
 
 @pytest.mark.sqlite_files("databases of a server are copies of one with all tables")

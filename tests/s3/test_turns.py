@@ -8,7 +8,7 @@ import pytest
 
 from tests.support import frames as scene
 from tests.support.s3_server import gate
-from tests.support.services import Street, running_services
+from tests.support.services import ServiceDataset, running_services
 from tests.support.waiting import until
 
 PATIENCE_S = 20.0
@@ -28,7 +28,7 @@ def behind_a_gate(tmp_path, s3):
             street = services.dataset()
             put(street, "a")
         with running_services(tmp_path, **chosen) as services:
-            yield Street(services, street.name, street.id), way
+            yield ServiceDataset(services, street.name, street.id), way
 
 
 def put(street, key):

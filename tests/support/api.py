@@ -78,7 +78,7 @@ class Api:
             params={"replace": "true"} if replace else None,
         )
 
-    def stored(self, dataset: str, key: str, *args: Any, **more: Any) -> Any:
+    def upload_frame(self, dataset: str, key: str, *args: Any, **more: Any) -> Any:
         """Upload a frame, which must succeed, and return the body of the response."""
         answer = self.put(dataset, key, *args, **more)
         assert answer.status_code in (200, 201), answer.text
@@ -90,7 +90,7 @@ class Api:
         body = {"verdict": verdict, "seen_revision": seen, **more}
         return self.post(f"/boxes/{box_id}/reviews", body)
 
-    def finished(self, accepted: httpx.Response) -> Any:
+    def wait_for_job(self, accepted: httpx.Response) -> Any:
         """Wait until the run or export that a 202 announced has ended; returns it."""
         assert accepted.status_code == 202, accepted.text
         for _ in range(MOST_LOOKS):
@@ -102,7 +102,7 @@ class Api:
 
     def run(self, dataset: str, config: Any, *, activate: bool = True) -> Any:
         body = {"config": config, "activate": activate}
-        return self.finished(self.post(f"/datasets/{dataset}/runs", body))
+        return self.wait_for_job(self.post(f"/datasets/{dataset}/runs", body))
 
     def remove(self, dataset: str) -> None:
         """Delete a dataset."""

@@ -28,7 +28,7 @@ def frame(name: str, *, number: int = 0, **changed: Any) -> Members:
     ]
 
 
-def packed(
+def tar_archive(
     members: Iterable[tuple[str, bytes]], form: int = tarfile.USTAR_FORMAT
 ) -> bytes:
     """An archive written by Python's tarfile."""
@@ -41,7 +41,7 @@ def packed(
     return out.getvalue()
 
 
-def pieces(members: Members) -> bytes:
+def tar_without_end(members: Members) -> bytes:
     """These members as an archive without the blocks that end it."""
     return b"".join(
         header_of(name, len(content)) + content + bytes(-len(content) % 512)
@@ -107,7 +107,7 @@ def send(api, dataset, content, headers=TAR, **parameters):
     return api.http.post(path, content=content, headers=headers, params=parameters)
 
 
-def told(answer):
+def batch_results(answer):
     assert answer.status_code == 200, answer.text
     *lines, end = lines_of(answer.text)
     return [(line["key"], line["status"]) for line in lines], end

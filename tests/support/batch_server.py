@@ -22,7 +22,7 @@ FRAME = {
 
 
 @dataclass(frozen=True)
-class Turn:
+class BatchReply:
     """How the server answers one batch; by default as the real service does.
 
     `lines`: close the connection after so many lines. `refusal`: refuse the batch with
@@ -37,7 +37,7 @@ class Turn:
 
 
 @dataclass(frozen=True)
-class Taken:
+class ReceivedFrame:
     """A frame that was received."""
 
     key: str
@@ -46,20 +46,21 @@ class Taken:
 
 
 class BatchServer:
-    """Records every frame that it receives; `turns` say how batches are answered.
+    """Records every frame that it receives; `replies` say how batches are answered.
 
     `known` maps the keys of frames that it already has to their digests. It closes the
-    connection, without an answer, on the first `unheard` requests for known frames.
+    connection, without an answer, on the first `dropped_requests` requests for known
+    frames.
     """
 
     def __init__(self) -> None:
-        self.turns: list[Turn] = []
-        self.taken: list[Taken] = []
+        self.replies: list[BatchReply] = []
+        self.taken: list[ReceivedFrame] = []
         self.put: list[str] = []
         self.heads: list[tuple[str, dict[str, str]]] = []
         self.known: dict[str, str] = {}
         self.asked_about: list[list[str]] = []
-        self.unheard = 0
+        self.dropped_requests = 0
         self._http = _Http(("127.0.0.1", 0), self._handler())
         self.url = f"http://127.0.0.1:{self._http.server_port}"
         self._thread = threading.Thread(target=self._http.serve_forever, args=(0.01,))
@@ -100,7 +101,9 @@ class _Handler(BaseHTTPRequestHandler):
             self._tell_known()
         else:
             self.owner.heads.append((self.path, dict(self.headers.items())))
-            self._take(self.owner.turns.pop(0) if self.owner.turns else Turn())
+            self._take(
+                self.owner.replies.pop(0) if self.owner.replies else BatchReply()
+            )
 
     def do_PUT(self) -> None:
         self.rfile.read(int(self.headers["Content-Length"]))
@@ -108,13 +111,13 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(201, {"frame": FRAME}, {})
 
     def handle_expect_100(self) -> bool:
-        turn = self.owner.turns[0] if self.owner.turns else Turn()
+        turn = self.owner.replies[0] if self.owner.replies else BatchReply()
         return True if turn.refusal else super().handle_expect_100()
 
     def _tell_known(self) -> None:
         asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-        if self.owner.unheard:
-            self.owner.unheard -= 1
+        if self.owner.dropped_requests:
+            self.owner.dropped_requests -= 1
             self.close_connection = True
             return
         self.owner.asked_about.append(asked["keys"])
@@ -126,7 +129,7 @@ class _Handler(BaseHTTPRequestHandler):
         ]
         self._answer(200, {"items": items}, {})
 
-    def _take(self, turn: Turn) -> None:
+    def _take(self, turn: BatchReply) -> None:
         if turn.refusal is not None:
             status, code, headers = turn.refusal
             self.close_connection = True
@@ -163,8 +166,8 @@ class _Handler(BaseHTTPRequestHandler):
         pass
 
 
-def _frames(body: io.BytesIO) -> Iterator[Taken]:
-    frame: Taken | None = None
+def _frames(body: io.BytesIO) -> Iterator[ReceivedFrame]:
+    frame: ReceivedFrame | None = None
     with tarfile.open(fileobj=body, mode="r|") as archive:
         for member in archive:
             opened = archive.extractfile(member)
@@ -174,7 +177,7 @@ def _frames(body: io.BytesIO) -> Iterator[Taken]:
                 if frame is not None:
                     yield frame
                 annotation = json.loads(opened.read())
-                frame = Taken(annotation.pop("key", name), annotation, {})
+                frame = ReceivedFrame(annotation.pop("key", name), annotation, {})
             else:
                 assert frame is not None
                 frame.files[kind] = opened.read()

@@ -57,7 +57,7 @@ class SmallChunks(LocalEngine):
         super().close()
 
 
-class Deadly(SmallChunks):
+class CrashingEngine(SmallChunks):
     """An engine whose worker dies of the `poison` chunks.
 
     A chunk fails if it is poisoned, or if it begins while a poisoned one is running.
@@ -82,7 +82,7 @@ class Deadly(SmallChunks):
                 self._running.discard(number)
 
 
-class Forgetful(SmallChunks):
+class DisconnectingEngine(SmallChunks):
     """An engine that loses its connection, and the chunk, at every third start."""
 
     def __init__(self) -> None:
@@ -122,7 +122,7 @@ def put(street, number):
 
 
 @contextmanager
-def engine_of(street, engine):
+def context_with_engine(street, engine):
     context = replace(street.context, engine=engine)
     try:
         yield context
@@ -146,12 +146,12 @@ def measured(street, run):
     return Counter(read(street, lambda session: session.scalars(rows).all()))
 
 
-def left(street, table, run):
+def remaining_rows(street, table, run):
     rows = select(table).where(table.kind == "run", table.job_id == run.id)
     return read(street, lambda session: session.scalars(rows).all())
 
 
-def check_whole(street, run):
+def check_run_is_complete(street, run):
     assert (run.state, run.done, run.total) == ("done", FRAMES, FRAMES), run.error
     assert set(measured(street, run).values()) == {1}
     assert len(measured(street, run)) == FRAMES

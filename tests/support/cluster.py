@@ -40,20 +40,20 @@ class Node:
     log: Path
 
     @property
-    def said(self) -> str:
+    def log_text(self) -> str:
         return self.log.read_text("utf-8")
 
-    def waits_for(self, words: str) -> None:
+    def wait_for_log(self, words: str) -> None:
         with suppress(AssertionError):
-            until(lambda: words in self.said, words)
-        assert words in self.said
+            until(lambda: words in self.log_text, words)
+        assert words in self.log_text
 
     def kill(self) -> None:
         """Kill the process with SIGKILL, as the kernel does when memory runs out."""
         self.process.send_signal(signal.SIGKILL)
         self.process.wait()
 
-    def ended(self) -> int:
+    def wait_for_exit(self) -> int:
         return self.process.wait(PATIENCE_S)
 
 
@@ -92,7 +92,7 @@ class Cluster:
         words = ("unghost.cli", "scheduler", "--port", str(self.port))
         node = self.node(words, self.tls("scheduler"))
         assert node.process.stdout is not None
-        assert str(self.port) in node.process.stdout.readline(), node.said
+        assert str(self.port) in node.process.stdout.readline(), node.log_text
         return node
 
     def worker(
@@ -105,7 +105,7 @@ class Cluster:
         chosen = {"UNGHOST_ENGINE": self.address, **self.tls("worker"), **settings}
         node = self.node((*program, *more), {"UNGHOST_WORKERS": "1", **chosen})
         if joined:
-            node.waits_for("joined the scheduler")
+            node.wait_for_log("joined the scheduler")
         return node
 
     @contextmanager

@@ -20,7 +20,7 @@ TIME_LIMIT_S = 120
 
 
 @dataclass(frozen=True)
-class Answer:
+class CommandResult:
     """Standard output, standard error and exit code of a command."""
 
     code: int
@@ -50,10 +50,10 @@ class CommandLine:
         database = environment_of(Path(data)) if data else {}
         return {**clean, **home, **database, **self.settings}
 
-    def __call__(self, *words: object) -> Answer:
+    def __call__(self, *words: object) -> CommandResult:
         with self.running(*words) as process:
             out, err = process.communicate(timeout=TIME_LIMIT_S)
-            return Answer(process.wait(), out, err)
+            return CommandResult(process.wait(), out, err)
 
     @contextmanager
     def running(self, *words: object) -> Iterator[Process]:

@@ -42,7 +42,7 @@ def restored(backup: Path, data: Path) -> Restored:
     return restore(Settings(data=data), backup, silently)
 
 
-def examined(data: Path, **settings: object) -> dict[str, Finding]:
+def doctor_findings(data: Path, **settings: object) -> dict[str, Finding]:
     """The findings of `unghost doctor --verify` that are not OK, by their check."""
     chosen = Settings.model_validate({"data": data, **settings_of(data), **settings})
     return {

@@ -146,7 +146,7 @@ def problems_of(data: Path) -> list[str]:
 
 
 @contextmanager
-def writing(data: Path) -> Iterator[None]:
+def hold_write_lock(data: Path) -> Iterator[None]:
     """Hold the database's write lock during the block, as a long transaction does."""
     with closing(Database(url_of(data))) as database, database.write() as session:
         session.connection()
@@ -174,7 +174,7 @@ def drop_all() -> None:
     _template.clear()
 
 
-def answers(server: URL | str = SERVER) -> bool:
+def is_reachable(server: URL | str = SERVER) -> bool:
     """Whether a PostgreSQL server answers at this URL."""
     try:
         with _server(server):
@@ -195,7 +195,7 @@ def _temporary(options: str) -> Iterator[str]:
 
 def _require_postgres() -> None:
     # In continuous integration, or if one is named, a missing server is a failure.
-    if not (answers() or CHOSEN or os.environ.get("CI")):
+    if not (is_reachable() or CHOSEN or os.environ.get("CI")):
         pytest.skip(f"no PostgreSQL answers at {SERVER.host}:{SERVER.port}")
 
 
@@ -262,6 +262,6 @@ def _server(server: URL | str = SERVER) -> Iterator[Connection]:
 
 
 if __name__ == "__main__":
-    if not answers():
+    if not is_reachable():
         sys.exit(f"no PostgreSQL answers at {SERVER.render_as_string()}")
     print(_text(SERVER))

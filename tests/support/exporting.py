@@ -87,7 +87,7 @@ def frame(key, *boxes, wh=WH, annotation=None, **more):
     )
 
 
-def street(count, boxes=10, **more):
+def sample_frames(count, boxes=10, **more):
     """Frames with kept and rejected boxes, some of which reach out of the image."""
     for number in range(count):
         made = [
@@ -177,7 +177,7 @@ def convert(name, folder, layout="auto", **options):
     return export(name, made, head, **options)
 
 
-def unpacked(folder, files):
+def write_exported_files(folder, files):
     """Write the files of an export into a folder."""
     return write_files(folder, files)
 

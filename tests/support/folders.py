@@ -30,7 +30,7 @@ def painted(tags, family="carla-0.9.14"):
     return png(FAMILIES[family].paint(tags))
 
 
-def street(car_xyxy=(10, 10, 50, 40), wh=(80, 60)):
+def street_tags(car_xyxy=(10, 10, 50, 40), wh=(80, 60)):
     """A tag image: sky above, road below, and one car."""
     tags = np.full((wh[1], wh[0]), 11, np.uint8)
     tags[wh[1] // 2 :] = 1

@@ -14,7 +14,7 @@ ELSEWHERE = "another-machine/1/2/3"
 WHO = "from app.jobs.leases import this_process; print(this_process())"
 
 
-def give(session, job, holder, lasts=LEASE_LASTS):
+def give_lease(session, job, holder, lasts=LEASE_LASTS):
     """Give `holder` the lease of a job, in place of the present holder."""
     session.merge(
         Lease(kind=job.kind, job_id=job.id, holder=holder, until=utc_now() + lasts)
@@ -22,7 +22,7 @@ def give(session, job, holder, lasts=LEASE_LASTS):
     session.flush()
 
 
-def take_away(session, job):
+def delete_lease(session, job):
     """Delete the lease of a job."""
     if (lease := session.get(Lease, job)) is not None:
         session.delete(lease)

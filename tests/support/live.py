@@ -48,7 +48,7 @@ class Live:
 
 
 @contextmanager
-def resting(engine: LocalEngine) -> Iterator[None]:
+def block_jobs(engine: LocalEngine) -> Iterator[None]:
     """Keep the one thread for jobs busy, so that jobs wait during the block."""
     done = threading.Event()
 

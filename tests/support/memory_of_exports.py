@@ -17,7 +17,7 @@ from pathlib import Path
 
 from filter_core.formats.export import ExportFrame, ExportOptions
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
-from tests.support.exporting import HEAD, street
+from tests.support.exporting import HEAD, sample_frames
 
 FEW, MANY = 30, 110
 
@@ -35,7 +35,7 @@ def peak(name: str, temporary: Path, count: int) -> int:
     chosen = {"images": "none"} if "images" in FORMATS[name].options else {}
     options = ExportOptions.from_mapping(chosen)
     tracemalloc.start()
-    write_export(name, without_garbage(street(count)), swallow, head, options)
+    write_export(name, without_garbage(sample_frames(count)), swallow, head, options)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return most

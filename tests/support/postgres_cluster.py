@@ -143,7 +143,7 @@ def run(program: Path, *words: str) -> None:
 
 def main(*command: str) -> int:
     """Run the command with a server that answers; returns its exit status."""
-    has_server = databases.answers() or _programs() is None
+    has_server = databases.is_reachable() or _programs() is None
     for ends in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ends, lambda number, _: sys.exit(128 + number))
     with nullcontext() if has_server else own_cluster() as cluster:

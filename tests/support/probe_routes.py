@@ -25,13 +25,13 @@ from filter_core.errors import AnnotationError, AnnotationErrors
 
 router = ApiRouter(prefix="/probe")
 open_router = OpenRouter(prefix="/open")
-no_more_endless = threading.Event()
+endless_response_stopped = threading.Event()
 """Set when the service stops sending an endless response."""
-both_are_in = threading.Barrier(2, timeout=30)
+both_requests_arrived = threading.Barrier(2, timeout=30)
 is_held = threading.Event()
-let_go = threading.Event()
+unblock = threading.Event()
 """Tests clear it to make `hold` and `wait` block."""
-let_go.set()
+unblock.set()
 waiting = threading.Semaphore(0)
 
 RAISED: dict[str, Exception] = {
@@ -82,7 +82,7 @@ def add_token(body: Note, session: WriteSession) -> dict[str, str]:
 @router.post("/slow", status_code=201)
 def add_slowly(body: Note, session: WriteSession) -> dict[str, int]:
     """Write only once two requests have come this far at the same time."""
-    both_are_in.wait()
+    both_requests_arrived.wait()
     session.execute(
         text(
             "insert into tokens (name, role, hash, created_at) values (:n, 'viewer',"
@@ -129,7 +129,7 @@ async def endless() -> StreamingResponse:
                 yield bytes(65536)
                 await asyncio.sleep(0)
         finally:
-            no_more_endless.set()
+            endless_response_stopped.set()
 
     return StreamingResponse(pieces())
 
@@ -138,7 +138,7 @@ async def endless() -> StreamingResponse:
 async def hold() -> str:
     """Block the event loop, as no real route may."""
     is_held.set()
-    let_go.wait(60)
+    unblock.wait(60)
     return "gone on"
 
 
@@ -147,7 +147,7 @@ async def hold() -> str:
 def wait() -> str:
     """Block a thread."""
     waiting.release()
-    let_go.wait(60)
+    unblock.wait(60)
     return "gone on"
 
 

@@ -12,20 +12,20 @@ from starlette.routing import BaseRoute
 from app.main import ROUTERS
 from unghost.wire.words import Role
 
-ANYBODY = None
+NO_ROLE = None
 V1 = "/api/v1"
 DATASET = f"{V1}/datasets/{{dataset}}"
 Operation = tuple[str, str]
 
-NEEDS: dict[Operation, Role | None] = {
-    ("GET", "/"): ANYBODY,
-    ("GET", "/static/{name:path}"): ANYBODY,
-    ("GET", "/healthz"): ANYBODY,
-    ("GET", "/readyz"): ANYBODY,
-    ("POST", f"{V1}/session"): ANYBODY,
-    ("GET", "/docs"): ANYBODY,
+REQUIRED_ROLES: dict[Operation, Role | None] = {
+    ("GET", "/"): NO_ROLE,
+    ("GET", "/static/{name:path}"): NO_ROLE,
+    ("GET", "/healthz"): NO_ROLE,
+    ("GET", "/readyz"): NO_ROLE,
+    ("POST", f"{V1}/session"): NO_ROLE,
+    ("GET", "/docs"): NO_ROLE,
     # Needs no token, but a key that is valid for one file.
-    ("GET", f"{V1}/exports/{{export_id}}/file"): ANYBODY,
+    ("GET", f"{V1}/exports/{{export_id}}/file"): NO_ROLE,
 }
 _READING = {
     *("/version", "/metrics", "/openapi.json", "/docs/content"),
@@ -57,14 +57,14 @@ _ADMINISTRATION = {
     *(("DELETE", DATASET), ("GET", f"{V1}/audit"), ("GET", f"{V1}/tokens")),
     *(("POST", f"{V1}/tokens"), ("DELETE", f"{V1}/tokens/{{token_id}}")),
 }
-NEEDS |= {("GET", path): "viewer" for path in _READING}
+REQUIRED_ROLES |= {("GET", path): "viewer" for path in _READING}
 _ONES_OWN = {
     *(("DELETE", f"{V1}/session"), ("POST", f"{V1}/login-codes")),
     ("POST", f"{V1}/exports/{{export_id}}/download-links"),
 }
-NEEDS |= dict.fromkeys(_ONES_OWN, "viewer")
-NEEDS |= dict.fromkeys(_WRITING, "reviewer")
-NEEDS |= dict.fromkeys(_ADMINISTRATION, "admin")
+REQUIRED_ROLES |= dict.fromkeys(_ONES_OWN, "viewer")
+REQUIRED_ROLES |= dict.fromkeys(_WRITING, "reviewer")
+REQUIRED_ROLES |= dict.fromkeys(_ADMINISTRATION, "admin")
 
 
 def every_route() -> Iterator[APIRoute]:
@@ -88,7 +88,7 @@ def operations(route: APIRoute) -> set[Operation]:
     return {(method, route.path) for method in route.methods or ()}
 
 
-def at(path: str, values: Mapping[str, object]) -> str:
+def fill_path(path: str, values: Mapping[str, object]) -> str:
     """A path with its parameters filled in."""
     return re.sub(r"{(.*?)}", lambda found: str(values[found[1]]), path)
 

@@ -276,7 +276,7 @@ Answer = Callable[[Mapping[str, str]], tuple[int, str]]
 
 
 @contextmanager
-def answering(say: Answer) -> Iterator[str]:
+def server_answering_with(say: Answer) -> Iterator[str]:
     """Start a server that answers every request with `say`; yields its address."""
 
     class Handler(BaseHTTPRequestHandler):

@@ -16,7 +16,7 @@ PATIENCE_S = "2"
 
 
 @dataclass(frozen=True)
-class OnS3:
+class S3Service:
     """A server, a client of it, its bucket, and the gate between server and bucket."""
 
     server: RunningServer
@@ -27,7 +27,7 @@ class OnS3:
 
 
 @contextmanager
-def served_on_s3(folder: Path, s3: S3Server, **settings: str) -> Iterator[OnS3]:
+def served_on_s3(folder: Path, s3: S3Server, **settings: str) -> Iterator[S3Service]:
     """Start a server with a new bucket; it waits two seconds for the store."""
     data, bucket = folder / "data", s3.bucket()
     with gate(bucket.url) as way:
@@ -37,4 +37,4 @@ def served_on_s3(folder: Path, s3: S3Server, **settings: str) -> Iterator[OnS3]:
             api = Api.at(server.url, server.headers)
             command = CommandLine(folder, {"UNGHOST_DATA": str(data), **chosen})
             with api.http:
-                yield OnS3(server, api, bucket, way, command)
+                yield S3Service(server, api, bucket, way, command)

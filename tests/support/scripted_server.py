@@ -23,7 +23,7 @@ class Reply:
 
 
 @dataclass(frozen=True)
-class Asked:
+class ReceivedRequest:
     """One request as it arrived."""
 
     method: str
@@ -42,11 +42,11 @@ def problem(status: int, code: str, **more: object) -> Reply:
 
 
 class ScriptedServer:
-    """Answers requests with `replies` in turn, and records them in `asked`."""
+    """Answers requests with `replies` in turn; has them in `received_requests`."""
 
     def __init__(self) -> None:
         self.replies: list[Reply] = []
-        self.asked: list[Asked] = []
+        self.received_requests: list[ReceivedRequest] = []
         self._http = ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
         self.url = f"http://127.0.0.1:{self._http.server_port}"
         self._thread = threading.Thread(target=self._http.serve_forever, args=(0.01,))
@@ -73,7 +73,9 @@ class ScriptedServer:
             def _reply(self) -> None:
                 body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
                 headers = dict(self.headers.items())
-                server.asked.append(Asked(self.command, self.path, headers, body))
+                server.received_requests.append(
+                    ReceivedRequest(self.command, self.path, headers, body)
+                )
                 reply = server.replies.pop(0)
                 self.send_response(reply.status)
                 for name, value in reply.headers.items():

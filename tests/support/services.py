@@ -74,7 +74,7 @@ def filled_folder(data: Path, **chosen: Any) -> Path:
     return data
 
 
-class Resting(LocalEngine):
+class IdleEngine(LocalEngine):
     """An engine that never begins a job."""
 
     def submit(self, work: Callable[[], None], job: Job | None = None) -> None:
@@ -93,7 +93,7 @@ class Services:
     context: ServiceContext
     author: str = "ada"
 
-    def dataset(self, name: str = "", **reading: Any) -> Street:
+    def dataset(self, name: str = "", **reading: Any) -> ServiceDataset:
         """Create a dataset; without a name it gets an unused one."""
         name = name or f"street-{next(_numbers)}"
         wanted = datasets.NewDataset(
@@ -101,11 +101,11 @@ class Services:
         )
         with self.context.database.write() as session:
             dataset = datasets.create_dataset(session, wanted)
-            return Street(self, name, dataset.id)
+            return ServiceDataset(self, name, dataset.id)
 
 
 @dataclass(frozen=True)
-class Street:
+class ServiceDataset:
     """One dataset of a service: each method does one thing that a user can do."""
 
     services: Services
@@ -118,9 +118,9 @@ class Street:
         return self.services.context
 
     @property
-    def resting(self) -> ServiceContext:
+    def idle_context(self) -> ServiceContext:
         """The context with an engine that leaves jobs for the test to carry out."""
-        return replace(self.context, engine=Resting(1))
+        return replace(self.context, engine=IdleEngine(1))
 
     @property
     def by(self) -> Principal:
@@ -181,7 +181,7 @@ class Street:
             DatasetReading(self.name, **reading) if reading else None,
         )
         with self.context.database.write() as session:
-            return request_run(self.resting, session, self.row(session), wanted).id
+            return request_run(self.idle_context, session, self.row(session), wanted).id
 
     def run(
         self, config: Mapping[str, Any], *, activate: bool = True, **reading: Any
@@ -196,7 +196,11 @@ class Street:
         """Change how segmentations are read; the id of the run that applies it."""
         with self.context.database.write() as session:
             run = datasets.change_dataset(
-                self.resting, session, self.row(session), reading, self.services.author
+                self.idle_context,
+                session,
+                self.row(session),
+                reading,
+                self.services.author,
             )
             assert run is not None
             return run.id

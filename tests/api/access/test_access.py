@@ -69,18 +69,18 @@ def test_the_document_says_which_routes_are_open(admin):
     assert undefended == OPEN
 
 
-def test_even_the_description_wants_a_token(anybody):
+def test_even_the_description_wants_a_token(anonymous):
     paths = ("/openapi.json", "/docs/content", "/version")
 
-    assert {anybody.get(path).status_code for path in paths} == {401}
+    assert {anonymous.get(path).status_code for path in paths} == {401}
 
 
 @pytest.mark.parametrize(
     "header",
     ["", "Bearer", "Basic dWc6", "Bearer ug_", "bearer x y", "ug_x"],
 )
-def test_anything_but_a_valid_token_is_401(anybody, header):
-    answer = anybody.get("/version", headers={"Authorization": header})
+def test_anything_but_a_valid_token_is_401(anonymous, header):
+    answer = anonymous.get("/version", headers={"Authorization": header})
 
     assert (answer.status_code, answer.json()["code"]) == (401, "unauthorised")
     assert answer.headers["www-authenticate"].startswith("Bearer")
@@ -149,8 +149,8 @@ def test_deleting_the_file_changes_the_token_and_ends_its_sessions(serve):
     assert (by_token.status_code, by_session.status_code) == (401, 401)
 
 
-def test_logging_in_sets_no_cookie_and_no_cache_keeps_its_answer(service, anybody):
-    answer = anybody.post("/api/v1/session", json={"token": service.token})
+def test_logging_in_sets_no_cookie_and_no_cache_keeps_its_answer(service, anonymous):
+    answer = anonymous.post("/api/v1/session", json={"token": service.token})
 
     assert "set-cookie" not in answer.headers
     assert answer.headers["cache-control"] == "no-store"
@@ -164,11 +164,11 @@ def test_logging_in_sets_no_cookie_and_no_cache_keeps_its_answer(service, anybod
     assert service.token not in answer.text
 
 
-def test_an_idempotency_key_does_not_store_a_session(service, anybody):
+def test_an_idempotency_key_does_not_store_a_session(service, anonymous):
     headers = {"Idempotency-Key": "log-in"}
 
     sessions = {
-        anybody.post(
+        anonymous.post(
             "/api/v1/session", json={"token": service.token}, headers=headers
         ).json()["session"]
         for _ in range(2)
@@ -178,21 +178,21 @@ def test_an_idempotency_key_does_not_store_a_session(service, anybody):
     assert all(one not in everything_in(service.settings.data) for one in sessions)
 
 
-def test_no_cookie_opens_anything(service, anybody):
+def test_no_cookie_opens_anything(service, anonymous):
     """A browser sends a cookie to every port of a host, so to others' servers, too."""
-    secret = log_in(service, anybody)["Authorization"].split()[1]
+    secret = log_in(service, anonymous)["Authorization"].split()[1]
 
     for value in (secret, service.token):
         cookie = {"Cookie": f"unghost_session={value}; session={value}"}
-        answer = anybody.get("/version", headers={**cookie, **own_origin(service)})
+        answer = anonymous.get("/version", headers={**cookie, **own_origin(service)})
         assert (answer.status_code, answer.json()["code"]) == (401, "unauthorised")
 
 
-def test_a_cookie_that_an_earlier_version_left_is_taken_away_once(anybody):
-    with_one = anybody.get("/", headers={"Cookie": "unghost_session=old"})
+def test_a_cookie_that_an_earlier_version_left_is_taken_away_once(anonymous):
+    with_one = anonymous.get("/", headers={"Cookie": "unghost_session=old"})
     etag = {"If-None-Match": with_one.headers["etag"]}
-    unchanged = anybody.get("/", headers={"Cookie": "unghost_session=old", **etag})
-    without = anybody.get("/")
+    unchanged = anonymous.get("/", headers={"Cookie": "unghost_session=old", **etag})
+    without = anonymous.get("/")
 
     for answer in (with_one, unchanged):
         assert answer.headers["set-cookie"].startswith('unghost_session=""; ')
@@ -212,19 +212,19 @@ def test_a_session_reads_and_outlives_a_restart(serve):
         assert browser.get("/version").status_code == 200
 
 
-def test_a_wrong_token_opens_no_session(anybody):
-    answer = anybody.post("/api/v1/session", json={"token": "ug_guess"})
+def test_a_wrong_token_opens_no_session(anonymous):
+    answer = anonymous.post("/api/v1/session", json={"token": "ug_guess"})
 
     assert answer.status_code == 401
     assert "session" not in answer.json()
 
 
-def test_logging_out_ends_the_session(service, anybody):
-    session = log_in(service, anybody)
+def test_logging_out_ends_the_session(service, anonymous):
+    session = log_in(service, anonymous)
 
-    answer = anybody.delete("/api/v1/session", headers=session)
+    answer = anonymous.delete("/api/v1/session", headers=session)
 
-    after = anybody.get("/version", headers=session)
+    after = anonymous.get("/version", headers=session)
     assert (answer.status_code, after.status_code) == (204, 401)
 
 
@@ -239,25 +239,27 @@ def test_logging_out_ends_the_session(service, anybody):
         {"Origin": "http://evil.example", "Sec-Fetch-Site": "same-origin"},
     ],
 )
-def test_a_session_does_not_write_for_other_pages(service, anybody, headers):
+def test_a_session_does_not_write_for_other_pages(service, anonymous, headers):
     """A write with a session is refused if its headers name another page.
 
     Other pages do not have the session. Should one get it, the browser still sends
     these headers, which give it away.
     """
-    session = log_in(service, anybody)
+    session = log_in(service, anonymous)
 
-    answer = anybody.post("/probe/echo", headers={**session, **headers})
+    answer = anonymous.post("/probe/echo", headers={**session, **headers})
 
     assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")
 
 
-def test_a_session_writes_for_its_own_page(service, anybody):
-    session = log_in(service, anybody)
+def test_a_session_writes_for_its_own_page(service, anonymous):
+    session = log_in(service, anonymous)
     same = {"Sec-Fetch-Site": "same-origin"}
 
-    by_origin = anybody.post("/probe/echo", headers={**session, **own_origin(service)})
-    by_site = anybody.post("/probe/echo", headers={**session, **same})
+    by_origin = anonymous.post(
+        "/probe/echo", headers={**session, **own_origin(service)}
+    )
+    by_site = anonymous.post("/probe/echo", headers={**session, **same})
 
     assert (by_origin.status_code, by_site.status_code) == (200, 200)
 
@@ -266,8 +268,8 @@ def test_a_program_with_a_token_needs_no_origin(admin):
     assert admin.post("/probe/echo").status_code == 200
 
 
-def test_another_page_cannot_log_a_browser_in(service, anybody):
-    answer = anybody.post(
+def test_another_page_cannot_log_a_browser_in(service, anonymous):
+    answer = anonymous.post(
         "/api/v1/session",
         json={"token": service.token},
         headers={"Origin": "http://evil.example"},

@@ -32,17 +32,17 @@ def change_code(service, code, **to):
             setattr(row, name, value)
 
 
-def test_a_login_code_opens_one_session_for_its_own_token(service, admin, anybody):
+def test_a_login_code_opens_one_session_for_its_own_token(service, admin, anonymous):
     made = admin.post("/api/v1/login-codes")
     code = made.json()["code"]
     before = admin.get(f"/api/v1/login-codes/{made.json()['id']}").json()
 
-    session = log_in(service, anybody, code=code)
-    again = anybody.post("/api/v1/session", json={"code": code})
+    session = log_in(service, anonymous, code=code)
+    again = anonymous.post("/api/v1/session", json={"code": code})
 
     after = admin.get(f"/api/v1/login-codes/{made.json()['id']}").json()
     assert made.headers["cache-control"] == "no-store"
-    assert anybody.get("/api/v1/session", headers=session).json()["name"] == "admin"
+    assert anonymous.get("/api/v1/session", headers=session).json()["name"] == "admin"
     assert (again.status_code, again.json()["code"]) == (401, "code_over")
     assert before["used_at"] is None
     assert after["used_at"] is not None
@@ -62,7 +62,7 @@ def test_of_two_who_use_a_login_code_at_once_one_is_let_in(service, admin):
     assert sorted(one.status_code for one in answers) == [201, *[401] * 7]
 
 
-def test_a_login_code_ends_after_ten_minutes(service, admin, anybody):
+def test_a_login_code_ends_after_ten_minutes(service, admin, anonymous):
     made = admin.post("/api/v1/login-codes").json()
     ends = datetime.fromisoformat(made["expires_at"])
     now = datetime.now(timezone.utc)
@@ -70,19 +70,19 @@ def test_a_login_code_ends_after_ten_minutes(service, admin, anybody):
 
     change_code(service, made["code"], expires_at=now)
 
-    answer = anybody.post("/api/v1/session", json={"code": made["code"]})
+    answer = anonymous.post("/api/v1/session", json={"code": made["code"]})
     assert (answer.status_code, answer.json()["code"]) == (401, "code_over")
     assert "`unghost login` prints a new one" in answer.json()["detail"]
 
 
-def test_a_login_code_ends_with_its_token(service, admin, anybody):
+def test_a_login_code_ends_with_its_token(service, admin, anonymous):
     token = admin.post("/api/v1/tokens", json={"name": "leaver"}).json()
     bearer = {"Authorization": f"Bearer {token['token']}"}
-    code = anybody.post("/api/v1/login-codes", headers=bearer).json()["code"]
+    code = anonymous.post("/api/v1/login-codes", headers=bearer).json()["code"]
 
     admin.delete(f"/api/v1/tokens/{token['id']}")
 
-    answer = anybody.post("/api/v1/session", json={"code": code})
+    answer = anonymous.post("/api/v1/session", json={"code": code})
     assert answer.status_code == 401
 
 
@@ -95,17 +95,17 @@ def test_a_login_code_of_somebody_else_is_not_to_be_seen(admin, as_role):
 
 
 @pytest.mark.parametrize("body", [{}, {"token": "ug_x", "code": "uc_x"}])
-def test_a_login_needs_either_a_token_or_a_code(anybody, body):
-    answer = anybody.post("/api/v1/session", json=body)
+def test_a_login_needs_either_a_token_or_a_code(anonymous, body):
+    answer = anonymous.post("/api/v1/session", json=body)
 
     assert answer.status_code == 422
     assert "expected either token or code" in answer.json()["detail"]
 
 
-def test_codes_and_logins_are_in_the_audit_log(service, admin, anybody):
+def test_codes_and_logins_are_in_the_audit_log(service, admin, anonymous):
     code = admin.post("/api/v1/login-codes").json()["code"]
-    log_in(service, anybody, code=code)
-    log_in(service, anybody)
+    log_in(service, anonymous, code=code)
+    log_in(service, anonymous)
 
     entries = admin.get("/api/v1/audit").json()["items"][:3]
 
@@ -133,7 +133,7 @@ def rows_of(service, table, token_id):
 
 
 def test_of_many_login_codes_of_a_token_the_newest_stay(
-    service, admin, anybody, viewer
+    service, admin, anonymous, viewer
 ):
     busy, token = viewer
     others = admin.post("/api/v1/login-codes").json()["code"]
@@ -142,22 +142,23 @@ def test_of_many_login_codes_of_a_token_the_newest_stay(
 
     assert rows_of(service, LoginCode, token["id"]) == MOST_CODES
     for made in codes[:2]:
-        answer = anybody.post("/api/v1/session", json={"code": made["code"]})
+        answer = anonymous.post("/api/v1/session", json={"code": made["code"]})
         assert (answer.status_code, answer.json()["code"]) == (401, "code_over")
         assert busy.get(f"/api/v1/login-codes/{made['id']}").status_code == 404
     for code in (codes[2]["code"], codes[-1]["code"], others):
-        log_in(service, anybody, code=code)
+        log_in(service, anonymous, code=code)
 
 
-def test_of_many_sessions_of_a_token_the_newest_stay(service, admin, anybody, viewer):
+def test_of_many_sessions_of_a_token_the_newest_stay(service, admin, anonymous, viewer):
     _, token = viewer
-    others = log_in(service, anybody)
+    others = log_in(service, anonymous)
 
     sessions = [
-        log_in(service, anybody, token=token["token"]) for _ in range(MOST_SESSIONS + 2)
+        log_in(service, anonymous, token=token["token"])
+        for _ in range(MOST_SESSIONS + 2)
     ]
 
     assert rows_of(service, LoginSession, token["id"]) == MOST_SESSIONS
-    answers = [anybody.get("/api/v1/session", headers=one) for one in sessions]
+    answers = [anonymous.get("/api/v1/session", headers=one) for one in sessions]
     assert [one.status_code for one in answers] == [401] * 2 + [200] * MOST_SESSIONS
-    assert anybody.get("/api/v1/session", headers=others).status_code == 200
+    assert anonymous.get("/api/v1/session", headers=others).status_code == 200

@@ -12,12 +12,18 @@ from app.db.tables.access import Token
 from app.http.routing import ApiRoute, OpenRoute
 from app.security import includes
 from tests.support import frames as scene
-from tests.support.routes import ANYBODY, NEEDS, at, every_route, operations
+from tests.support.routes import (
+    NO_ROLE,
+    REQUIRED_ROLES,
+    every_route,
+    fill_path,
+    operations,
+)
 from unghost.wire.words import Role
 
 # An id that no token has: an admin must not revoke the token that the test uses.
 NOWHERE = "1000000000"
-GUARDED = {one: role for one, role in NEEDS.items() if role is not ANYBODY}
+GUARDED = {one: role for one, role in REQUIRED_ROLES.items() if role is not NO_ROLE}
 NO_ENTRY = {401}
 REFUSALS = {401, 403, 429}
 
@@ -51,17 +57,17 @@ def filled(service):
 def answered(client, values, operations=GUARDED):
     """The status of each operation, requested with nothing but its path."""
     return {
-        (method, path): client.request(method, at(path, values)).status_code
+        (method, path): client.request(method, fill_path(path, values)).status_code
         for method, path in sorted(operations)
     }
 
 
 def test_every_route_has_a_declared_role():
-    """A new route must be added to the table `NEEDS`, with the role that it needs."""
+    """A new route must be added to `REQUIRED_ROLES`, with the role that it needs."""
     found = {one for route in every_route() for one in operations(route)}
 
-    assert found - NEEDS.keys() == set()
-    assert NEEDS.keys() - found == set()
+    assert found - REQUIRED_ROLES.keys() == set()
+    assert REQUIRED_ROLES.keys() - found == set()
 
 
 def test_every_route_is_behind_the_router_that_asks_for_its_role():
@@ -70,16 +76,16 @@ def test_every_route_is_behind_the_router_that_asks_for_its_role():
         for method, path in operations(route):
             reads = method in {"GET", "HEAD"}
             needed = getattr(
-                route, "reading_needs" if reads else "writing_needs", ANYBODY
+                route, "reading_needs" if reads else "writing_needs", NO_ROLE
             )
             declared[method, path] = needed
-            is_open = needed is ANYBODY
+            is_open = needed is NO_ROLE
             # Only the page takes any query: its views keep their filters there.
             assert isinstance(route, OpenRoute if is_open else ApiRoute) or path == "/"
 
     # Deleting a dataset asks for more than the other routes of its router.
     assert declared.pop(("DELETE", "/api/v1/datasets/{dataset}")) == "reviewer"
-    assert declared == {one: NEEDS[one] for one in declared}
+    assert declared == {one: REQUIRED_ROLES[one] for one in declared}
 
 
 @pytest.mark.parametrize("role", get_args(Role))

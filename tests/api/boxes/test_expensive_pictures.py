@@ -16,7 +16,7 @@ from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
 from tests.support import probe_routes
 from tests.support.api import BASE, Api
-from tests.support.archives import frame, lines_of, packed
+from tests.support.archives import frame, lines_of, tar_archive
 from tests.support.waiting import until
 
 PATIENCE_S = 120
@@ -99,7 +99,7 @@ def test_a_picture_in_a_batch_that_needs_too_much_is_one_line(serve):
             ("large.json", scene.as_json(annotation(6000, 6000))),
             ("large.segmentation.png", painted(6000, 6000)),
         ]
-        content = packed([*frame("a"), *large, *frame("b")])
+        content = tar_archive([*frame("a"), *large, *frame("b")])
 
         answer = api.http.post(
             f"{BASE}/datasets/{name}/batches",
@@ -117,7 +117,7 @@ def test_reading_and_answering_do_not_wait_for_frames_being_measured(serve):
     """Requests are answered while sixteen large frames are being measured."""
     with serving(serve, workers=1) as (_, api):
         name = api.dataset()
-        api.stored(name, "small")
+        api.upload_frame(name, "small")
         (box, *_) = api.json("/boxes", dataset=name)["items"]
         review = {"verdict": "keep", "seen_revision": 0}
         with ThreadPoolExecutor(16) as senders:
@@ -144,7 +144,9 @@ def test_thin_pictures_are_drawn_small(api, size):
     width, height = size
     image = scene.png(np.full((height, width, 3), 90, np.uint8))
     files = {"image": image, "segmentation": painted(width, height)}
-    frame = api.stored(name, "thin", annotation(width, height, [0, 0, *size]), **files)
+    frame = api.upload_frame(
+        name, "thin", annotation(width, height, [0, 0, *size]), **files
+    )
     number = frame["frame"]["id"]
     (decision,) = frame["decisions"]
 
@@ -161,7 +163,7 @@ def test_thin_pictures_are_drawn_small(api, size):
 
 def test_a_picture_is_drawn_once_and_then_kept(serve):
     with serving(serve) as (service, api):
-        frame = api.stored(api.dataset(), "kept")
+        frame = api.upload_frame(api.dataset(), "kept")
         path = f"/frames/{frame['frame']['id']}/overlay"
         first = api.get(path)
 
@@ -177,7 +179,7 @@ def test_a_client_that_leaves_ends_the_drawing_of_its_picture(serve):
         side = 6000
         image = scene.png(np.zeros((side, side, 3), np.uint8))
         boxes = [[number, 0, number + 50, side] for number in range(0, 5000, 5)]
-        stored = api.stored(
+        stored = api.upload_frame(
             api.dataset(), "a", annotation(side, side, *boxes), image=image
         )
         path = f"{BASE}/frames/{stored['frame']['id']}/overlay"
@@ -213,7 +215,7 @@ def test_a_picture_that_cannot_be_drawn_is_tried_once(serve):
     with serving(serve, workers=1, max_pixel_memory_bytes=64 * MIB) as (_, api):
         large = scene.png(np.zeros((6000, 6000, 3), np.uint8))
         camera = {**annotation(6000, 6000), "boxes": []}
-        stored = api.stored(api.dataset(), "a", camera, image=large)
+        stored = api.upload_frame(api.dataset(), "a", camera, image=large)
         path = f"/frames/{stored['frame']['id']}/overlay"
 
         answers = [api.get(path) for _ in range(5)]
@@ -229,7 +231,7 @@ def test_a_picture_that_cannot_be_drawn_is_tried_once(serve):
 
 
 def test_a_token_that_reads_much_leaves_threads_to_others(serve):
-    probe_routes.let_go.clear()
+    probe_routes.unblock.clear()
     service = serve()
     with service.admin() as admin:
         made = admin.post("/api/v1/tokens", json={"name": "greedy", "role": "viewer"})
@@ -241,7 +243,7 @@ def test_a_token_that_reads_much_leaves_threads_to_others(serve):
                     assert probe_routes.waiting.acquire(timeout=PATIENCE_S)
                 others = admin.get("/api/v1/datasets")
             finally:
-                probe_routes.let_go.set()
+                probe_routes.unblock.set()
             answers = {one.result().status_code for one in asked}
 
     assert others.status_code == 200
@@ -268,14 +270,14 @@ def put_slow(api, name):
     side = 6000
     image = scene.png(np.zeros((side, side, 3), np.uint8))
     boxes = [[number, 0, number + 50, side] for number in range(0, 5800, 2)]
-    stored = api.stored(name, "slow", annotation(side, side, *boxes), image=image)
+    stored = api.upload_frame(name, "slow", annotation(side, side, *boxes), image=image)
     return f"{BASE}/frames/{stored['frame']['id']}/overlay"
 
 
 def test_a_token_that_draws_much_leaves_room_to_draw_and_store(serve):
     with serving(serve, workers=1, max_pixel_seconds=PATIENCE_S) as (service, api):
         name = api.dataset()
-        small = api.stored(name, "small")["frame"]["id"]
+        small = api.upload_frame(name, "small")["frame"]["id"]
         path = put_slow(api, name)
         with drawing_for_long(service, api, path, 6) as asked:
             thumbnail = api.get(f"/frames/{small}/thumbnail")

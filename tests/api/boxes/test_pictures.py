@@ -16,7 +16,7 @@ SIZE = len(CONTENT)
 
 @pytest.fixture(scope="module")
 def stored(api):
-    return api.stored(api.dataset(), "a")
+    return api.upload_frame(api.dataset(), "a")
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_the_segmentation_without_boxes_is_its_palette_bit_for_bit(api, stored):
 
 def test_boxes_are_drawn_by_their_effective_verdict(api):
     dataset = api.dataset()
-    frame = api.stored(dataset, "a")["frame"]["id"]
+    frame = api.upload_frame(dataset, "a")["frame"]["id"]
     first = api.get(f"/frames/{frame}/overlay", boxes="kept")
     ghost = api.boxes(dataset, verdict="rejected")[0]["box_id"]
 
@@ -166,7 +166,7 @@ def test_a_box_outside_has_no_crop_and_a_frame_without_image_is_grey(api):
         {"id": "out", "class": "car", "xyxy": [90, 0, 99, 9]},
         {"id": "in", "class": "car", "xyxy": scene.ON_THE_CAR},
     ]
-    stored = api.stored(
+    stored = api.upload_frame(
         api.dataset(),
         "a",
         {**scene.annotation(), "boxes": boxes},

@@ -165,7 +165,7 @@ def test_a_service_whose_database_asks_for_a_password_logs_none(tmp_path, url):
     with running_server(tmp_path / "data", settings) as server:
         api = Api.at(server.url, server.headers)
         with api.http:
-            api.stored(api.dataset(), "a")
+            api.upload_frame(api.dataset(), "a")
             change(url, "ALTER TABLE decisions RENAME TO elsewhere")
             failed = api.get("/boxes", dataset="street-1")
             seen = [failed.text, api.get("/version").text]
@@ -246,7 +246,7 @@ def test_a_dump_and_a_copy_of_the_files_are_a_backup(filled, tmp_path, url):
             with api.http:
                 (dataset,) = api.json("/datasets")["items"]
                 boxes = api.boxes(dataset["name"])
-                again = api.stored(dataset["name"], "new")
+                again = api.upload_frame(dataset["name"], "new")
 
     assert {found["severity"] for found in looked.records} <= {"ok", "note", "warning"}
     assert said(looked)["files"]["severity"] == "ok"

@@ -11,8 +11,8 @@ import pytest
 
 from tests.support.api import Api
 from tests.support.command_line import CommandLine
-from tests.support.long_streets import OTHER_PIXELS, fill
 from tests.support.servers import running_server
+from tests.support.slow_datasets import OTHER_PIXELS, create_slow_dataset
 from unghost import Client, Conflict
 
 pytestmark = pytest.mark.long
@@ -28,7 +28,7 @@ def slow(tmp_path_factory):
     with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
         api = Api.at(server.url, server.headers)
         with api.http:
-            yield server, fill(api, FRAMES)
+            yield server, create_slow_dataset(api, FRAMES)
 
 
 @pytest.fixture

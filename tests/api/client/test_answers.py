@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from tests.support import archives, frames, plain_http
-from tests.support.answers import assert_answered_by, said
+from tests.support.response_checks import assert_matches_model, successful_json
 from tests.support.servers import RunningServer
 from unghost import wire
 
@@ -36,7 +36,7 @@ def queued(http: httpx.Client, dataset: str) -> str:
     ]
     told = http.post(
         f"/datasets/{dataset}/batches",
-        content=archives.packed(archive),
+        content=archives.tar_archive(archive),
         headers={"Content-Type": "application/x-tar"},
     )
     assert told.is_success, told.text
@@ -44,20 +44,24 @@ def queued(http: httpx.Client, dataset: str) -> str:
 
 
 def box_ids(http: httpx.Client, dataset: str) -> list[int]:
-    listed = said(http.get("/boxes", params={"dataset": dataset, "sort": "id"}))
+    listed = successful_json(
+        http.get("/boxes", params={"dataset": dataset, "sort": "id"})
+    )
     return [box["box_id"] for box in listed["items"]]
 
 
 def test_each_kind_of_entry_of_a_history_has_its_keys(http, client, queued):
     box = box_ids(http, queued)[0]
-    said(http.post(f"/boxes/{box}/reviews", json={"verdict": "clear", **UNSEEN}))
+    successful_json(
+        http.post(f"/boxes/{box}/reviews", json={"verdict": "clear", **UNSEEN})
+    )
     client.wait(
         client.start_run(queued, {"min_visible_pixels": 100_000}, activate=True)
     )
 
-    raw = said(http.get(f"/boxes/{box}/history"))
+    raw = successful_json(http.get(f"/boxes/{box}/history"))
 
-    assert_answered_by(wire.History, raw)
+    assert_matches_model(wire.History, raw)
     decided = {"kind", "at", "verdict", "run", "config", "reason"} | {
         "match_percent",
         "threshold",
@@ -85,15 +89,15 @@ def test_an_upload_is_answered_in_full(http, dataset, created):
     answers = [http.put(place, files=form) for _ in range(1 if created else 2)]
 
     assert answers[-1].status_code == (201 if created else 200)
-    stored = said(answers[-1])
-    assert_answered_by(wire.StoredFrame, stored)
+    stored = successful_json(answers[-1])
+    assert_matches_model(wire.StoredFrame, stored)
     assert wire.StoredFrame.answered(stored, created=created).created is created
 
 
 def test_lines_of_a_batch_are_answered_in_full(http, dataset):
     told = http.post(
         f"/datasets/{dataset}/batches",
-        content=archives.packed(
+        content=archives.tar_archive(
             [*archives.frame("a"), *archives.frame("c", boxes=[{"id": 1}])]
         ),
         headers={"Content-Type": "application/x-tar"},
@@ -103,16 +107,16 @@ def test_lines_of_a_batch_are_answered_in_full(http, dataset):
     every = {"key", "status", "frame_id", "decisions"}
     assert (stored.keys(), refused.keys()) == (every, every | {"problem"})
     assert end == {"end": True, "frames": 2, "stored": 1, "same": 0, "refused": 1}
-    assert_answered_by(wire.BatchLine, stored)
-    assert_answered_by(wire.BatchLine, refused)
-    assert_answered_by(wire.BatchEnd, end)
+    assert_matches_model(wire.BatchLine, stored)
+    assert_matches_model(wire.BatchLine, refused)
+    assert_matches_model(wire.BatchEnd, end)
     assert (refused["status"], refused["problem"]["status"]) == (422, 422)
 
 
 def test_the_last_line_of_an_archive_that_ends_too_early_is_answered_in_full(
     http, dataset
 ):
-    whole = archives.packed([*archives.frame("a"), *archives.frame("b")])
+    whole = archives.tar_archive([*archives.frame("a"), *archives.frame("b")])
     told = http.post(
         f"/datasets/{dataset}/batches",
         content=whole[: len(whole) // 2],
@@ -121,7 +125,7 @@ def test_the_last_line_of_an_archive_that_ends_too_early_is_answered_in_full(
     end = json.loads(told.text.splitlines()[-1])
 
     assert end["problem"]["status"] == 422
-    assert_answered_by(wire.BatchEnd, end)
+    assert_matches_model(wire.BatchEnd, end)
 
 
 def test_a_refusal_has_every_field_of_an_answer_and_what_it_has_to_say(http, queued):
@@ -138,7 +142,7 @@ def test_a_refusal_has_every_field_of_an_answer_and_what_it_has_to_say(http, que
 
     for key, answer in refused.items():
         assert answer.json().keys() == every | {key} - {"none"}
-        assert_answered_by(wire.Problem, answer.json())
+        assert_matches_model(wire.Problem, answer.json())
 
 
 def test_after_an_answer_was_undone_its_revision_goes_on(client, filled):

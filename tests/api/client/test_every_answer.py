@@ -15,11 +15,11 @@ import httpx
 import pytest
 
 from tests.support import archives, frames
-from tests.support.answers import assert_answered_by, said
 from tests.support.api import BASE, Api
 from tests.support.event_reader import parsed
-from tests.support.long_streets import FROM_PIXELS, fill
+from tests.support.response_checks import assert_matches_model, successful_json
 from tests.support.servers import running_server
+from tests.support.slow_datasets import FROM_PIXELS, create_slow_dataset
 from tests.support.waiting import until
 from unghost import wire
 from unghost.wire.model import ResponseModel
@@ -109,7 +109,7 @@ def street(api: Api) -> str:
         *archives.frame("b", number=1),
         *archives.frame("c", boxes=[{"id": 1}]),
     ]
-    told = archives.send(api, name, archives.packed(archive), TAR)
+    told = archives.send(api, name, archives.tar_archive(archive), TAR)
     assert told.is_success, told.text
     return name
 
@@ -125,39 +125,46 @@ def folder() -> bytes:
         "training/image_2/000001.png": frames.image(1),
         "README.md": b"",
     }
-    return archives.packed(files.items())
+    return archives.tar_archive(files.items())
 
 
 def ask_who_comes_in(api: Api) -> None:
-    said(api.post("/tokens", {"name": "somebody"}))
-    code = said(api.post("/login-codes", {}))
+    successful_json(api.post("/tokens", {"name": "somebody"}))
+    code = successful_json(api.post("/login-codes", {}))
     api.json(f"/login-codes/{code['id']}")
-    said(api.post("/session", {"code": code["code"]}))
+    successful_json(api.post("/session", {"code": code["code"]}))
     api.json(f"/login-codes/{code['id']}")
     for path in ("/tokens", "/session", "/audit"):
         api.json(path)
     for path in ("/version", "/healthz"):
-        said(api.http.get(path))
+        successful_json(api.http.get(path))
     # On a busy machine the server may not be ready for a moment.
     until(lambda: api.http.get("/readyz").is_success)
 
 
 def ask_for_frames(api: Api, street: str) -> None:
     for _ in range(2):
-        api.stored(street, "d")
+        api.upload_frame(street, "d")
     for frame in api.json(f"/datasets/{street}/frames")["items"]:
         assert api.json(f"/frames/{frame['id']}")["boxes"]
     api.json(f"/datasets/{street}/frames/d")
     known = {"keys": ["run/a", "d", "unknown"]}
-    assert len(said(api.post(f"/datasets/{street}/known-frames", known))["items"]) == 2
+    assert (
+        len(
+            successful_json(api.post(f"/datasets/{street}/known-frames", known))[
+                "items"
+            ]
+        )
+        == 2
+    )
 
 
 def ask_for_boxes(api: Api, street: str) -> None:
     first, *others = [box["box_id"] for box in api.boxes(street, count="true")]
-    assert said(api.post(f"/datasets/{street}/queue", {}))["items"]
-    said(api.review(first, "keep", comment="it is there"))
+    assert successful_json(api.post(f"/datasets/{street}/queue", {}))["items"]
+    successful_json(api.review(first, "keep", comment="it is there"))
     many = {"dataset": street, "box_ids": [first, *others], "verdict": "reject"}
-    batch = said(api.post("/reviews/bulk", many))
+    batch = successful_json(api.post("/reviews/bulk", many))
     assert batch["stale"] == [first]
     api.json(f"/boxes/{first}")
     api.json(f"/boxes/{first}/history")
@@ -167,32 +174,32 @@ def ask_for_boxes(api: Api, street: str) -> None:
     assert quality["agreement"]["pairs"]
     compared = api.json(f"/datasets/{street}/evaluations", truth="people")
     assert compared["channels"]["semantic"]["worst"]
-    said(api.post(f"/review-batches/{batch['id']}/undo"))
+    successful_json(api.post(f"/review-batches/{batch['id']}/undo"))
     assert any(not box["review"] for box in api.boxes(street))
     api.json(f"/boxes/{others[0]}")
 
 
 def agree_as_somebody_else(api: Api, box: int) -> None:
-    made = said(api.post("/tokens", {"name": "second", "role": "reviewer"}))
+    made = successful_json(api.post("/tokens", {"name": "second", "role": "reviewer"}))
     second = Api.at(
         str(api.http.base_url), {"Authorization": f"Bearer {made['token']}"}
     )
     with second.http:
-        said(second.review(box, "keep", seen=1))
+        successful_json(second.review(box, "keep", seen=1))
 
 
 def ask_for_configurations(api: Api, street: str) -> None:
     at = f"/datasets/{street}"
     for _ in range(2):
-        version = said(api.post(f"{at}/configs", STRICT))
+        version = successful_json(api.post(f"{at}/configs", STRICT))
     api.json(f"/configs/{version['digest']}")
     for path in ("config", "configs"):
         api.json(f"{at}/{path}")
-    preview = said(api.post(f"{at}/preview", {"config": STRICT}))
+    preview = successful_json(api.post(f"{at}/preview", {"config": STRICT}))
     assert preview["flips"]["items"]
     other_pixels = {"config": {"evidence": "lidar"}}
-    assert said(api.post(f"{at}/preview", other_pixels))["needs_pixels"]
-    api.finished(
+    assert successful_json(api.post(f"{at}/preview", other_pixels))["needs_pixels"]
+    api.wait_for_job(
         api.http.put(BASE + f"{at}/config", json={"digest": version["digest"]})
     )
 
@@ -202,20 +209,22 @@ def ask_for_jobs(api: Api, street: str) -> None:
     run = api.run(street, {"min_visible_pixels": 1})
     assert api.json(f"/runs/{run['id']}/diff", limit=2)["next_cursor"] is not None
     api.json(f"{at}/runs")
-    api.finished(api.post(f"{at}/evaluations"))
+    api.wait_for_job(api.post(f"{at}/evaluations"))
     labels = {"format": "yolo", "options": {"bands": [50]}}
-    export = api.finished(api.post(f"{at}/exports", labels))
-    said(api.post(f"/exports/{export['id']}/download-links", {}))
+    export = api.wait_for_job(api.post(f"{at}/exports", labels))
+    successful_json(api.post(f"/exports/{export['id']}/download-links", {}))
     api.json(f"{at}/exports")
 
 
 def cancel_jobs(api: Api) -> None:
     """Cancel a run that takes a while, and an export that waits for it."""
-    street = fill(api, 40)
-    run = said(api.post(f"/datasets/{street}/runs", {"config": FROM_PIXELS}))
-    export = said(api.post(f"/datasets/{street}/exports", {"format": "yolo"}))
-    said(api.post(f"/exports/{export['id']}/cancel"))
-    said(api.post(f"/runs/{run['id']}/cancel"))
+    street = create_slow_dataset(api, 40)
+    run = successful_json(api.post(f"/datasets/{street}/runs", {"config": FROM_PIXELS}))
+    export = successful_json(
+        api.post(f"/datasets/{street}/exports", {"format": "yolo"})
+    )
+    successful_json(api.post(f"/exports/{export['id']}/cancel"))
+    successful_json(api.post(f"/runs/{run['id']}/cancel"))
 
 
 def ask_for_datasets(api: Api, street: str) -> None:
@@ -225,12 +234,12 @@ def ask_for_datasets(api: Api, street: str) -> None:
     refused = api.json(f"{at}/problems")["items"]
     assert [frame["key"] for frame in refused] == ["run/c"]
     api.json("/datasets")
-    said(api.http.patch(BASE + at, json={"description": "a street"}))
-    api.finished(api.http.patch(BASE + at, json={"palette": "carla-0.9.14"}))
+    successful_json(api.http.patch(BASE + at, json={"description": "a street"}))
+    api.wait_for_job(api.http.patch(BASE + at, json={"palette": "carla-0.9.14"}))
 
 
 def test_every_json_answer_is_sent_in_full(api, street):
-    answers = Answers(said(api.http.get("/openapi.json")))
+    answers = Answers(successful_json(api.http.get("/openapi.json")))
     api.http.event_hooks["response"].append(answers.keep)
 
     ask_who_comes_in(api)
@@ -245,11 +254,13 @@ def test_every_json_answer_is_sent_in_full(api, street):
     assert answers.got.keys() == answers.models.keys()
     for place, bodies in answers.got.items():
         for body in bodies:
-            assert_answered_by(answers.models[place], body)
+            assert_matches_model(answers.models[place], body)
 
 
 def test_events_of_jobs_are_sent_in_full(api, street):
-    labels = api.finished(api.post(f"/datasets/{street}/exports", {"format": "coco"}))
+    labels = api.wait_for_job(
+        api.post(f"/datasets/{street}/exports", {"format": "coco"})
+    )
     run = api.run(street, STRICT)
 
     for job, model in (
@@ -260,7 +271,7 @@ def test_events_of_jobs_are_sent_in_full(api, street):
 
         assert told[-1].name == "end"
         for event in told:
-            assert_answered_by(model, event.data)
+            assert_matches_model(model, event.data)
 
 
 def test_every_line_is_sent_in_full(api, folder):
@@ -271,12 +282,14 @@ def test_every_line_is_sent_in_full(api, folder):
             f"{BASE}/folders", content=folder, headers=TAR
         ),
         f"{BASE}/datasets/{{dataset}}/batches": archives.send(
-            api, name, archives.packed(archive), TAR
+            api, name, archives.tar_archive(archive), TAR
         ),
     }
     described = {
         path: [_name(each) for each in content[LINES]["itemSchema"]["anyOf"]]
-        for path, methods in said(api.http.get("/openapi.json"))["paths"].items()
+        for path, methods in successful_json(api.http.get("/openapi.json"))[
+            "paths"
+        ].items()
         for route in methods.values()
         for content in [route["responses"].get("200", {}).get("content", {})]
         if LINES in content
@@ -288,7 +301,7 @@ def test_every_line_is_sent_in_full(api, folder):
         kinds = [_kind_of(line, names) for line in lines]
         assert set(kinds) == set(names)
         for line, kind in zip(lines, kinds, strict=True):
-            assert_answered_by(getattr(wire, kind), line)
+            assert_matches_model(getattr(wire, kind), line)
 
 
 def _kind_of(line: Any, names: list[str]) -> str:

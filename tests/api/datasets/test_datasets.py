@@ -164,19 +164,20 @@ def test_null_is_no_value_of_a_setting(api, key):
 
 def test_a_mask_is_applied_by_a_run_and_can_be_taken_away(api):
     name = api.dataset()
-    api.stored(name, "a")
+    api.upload_frame(name, "a")
     path = f"{BASE}/datasets/{name}"
 
     accepted = api.http.patch(path, json={"ignore_mask": MASK, "description": "masked"})
     assert accepted.json()["kind"] == "measure"
-    assert api.finished(accepted)["counts"] == {
+    assert api.wait_for_job(accepted)["counts"] == {
         "kept": 0,
         "rejected": 2,
         "unmeasured": 0,
     }
     assert api.json(f"/datasets/{name}")["has_ignore_mask"] is True
     assert (
-        api.finished(api.http.patch(path, json={"ignore_mask": None}))["changed"] == 1
+        api.wait_for_job(api.http.patch(path, json={"ignore_mask": None}))["changed"]
+        == 1
     )
     assert api.json(f"/datasets/{name}")["has_ignore_mask"] is False
     assert api.verdicts(name) == {"real": "kept", "ghost": "rejected"}
@@ -185,12 +186,12 @@ def test_a_mask_is_applied_by_a_run_and_can_be_taken_away(api):
 def test_the_settings_say_how_the_current_numbers_were_read(api):
     """A new setting takes effect when its run is done, and not if the run fails."""
     name = api.dataset()
-    api.stored(name, "town/7")
+    api.upload_frame(name, "town/7")
     path = f"{BASE}/datasets/{name}"
 
-    failed = api.finished(api.http.patch(path, json={"palette": "carla-0.9.10"}))
+    failed = api.wait_for_job(api.http.patch(path, json={"palette": "carla-0.9.10"}))
     unchanged = api.json(f"/datasets/{name}")["palette"]
-    done = api.finished(api.http.patch(path, json={"palette": "carla-0.9.14"}))
+    done = api.wait_for_job(api.http.patch(path, json={"palette": "carla-0.9.14"}))
 
     assert (failed["state"], failed["error"]["code"], unchanged) == (
         "failed",
@@ -215,7 +216,7 @@ def test_a_setting_that_contradicts_the_config_is_refused(api):
 
 def test_deleting_asks_for_the_name_again(api):
     name = api.dataset()
-    frame = api.stored(name, "a")["frame"]["id"]
+    frame = api.upload_frame(name, "a")["frame"]["id"]
     path = f"{BASE}/datasets/{name}"
 
     forgotten = api.http.delete(path)
@@ -237,7 +238,7 @@ def test_classes_keep_their_order_and_unknown_ones_are_appended(api):
     name = api.dataset(classes=["walker", "car", "walker"])
     boxes = [{"class": "dragon", "xyxy": [0, 0, 9, 9]}]
 
-    stored = api.stored(name, "a", {**scene.annotation(), "boxes": boxes})
+    stored = api.upload_frame(name, "a", {**scene.annotation(), "boxes": boxes})
 
     assert api.json(f"/datasets/{name}")["classes"] == ["walker", "car", "dragon"]
     assert stored["decisions"][0]["reason"] == "unmapped_class"
@@ -245,7 +246,7 @@ def test_classes_keep_their_order_and_unknown_ones_are_appended(api):
 
 def test_frozen_classes_take_no_other_one(api):
     name = api.dataset(classes=["car"])
-    api.stored(name, "a")
+    api.upload_frame(name, "a")
     assert api.post(f"/datasets/{name}/exports", {"format": "yolo"}).status_code == 202
     boxes = [{"id": "b", "class": "truck", "xyxy": [0, 0, 9, 9]}]
 

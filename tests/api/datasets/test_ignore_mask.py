@@ -21,7 +21,7 @@ EVERYTHING = np.full((scene.HEIGHT, scene.WIDTH), 255, np.uint8)
 def test_a_mask_can_be_a_png(api):
     dataset = api.dataset(ignore_mask={"png": encoded(EVERYTHING)})
 
-    decisions = api.stored(dataset, "a")["decisions"]
+    decisions = api.upload_frame(dataset, "a")["decisions"]
 
     assert {each["reason"] for each in decisions} == {"no_visible_pixels"}
     assert api.json(f"/datasets/{dataset}")["has_ignore_mask"] is True

@@ -68,7 +68,7 @@ def street(api):
     name = api.dataset()
     for number in range(6):
         annotation = {**scene.annotation(), "boxes": BOXES, "number": number}
-        api.stored(name, f"a/{number}", annotation)
+        api.upload_frame(name, f"a/{number}", annotation)
     boxes = [box["box_id"] for box in api.boxes(name)]
     for box_id, verdict in zip(boxes, ("keep", "reject", "unsure"), strict=False):
         assert api.review(box_id, verdict).status_code == 201
@@ -126,7 +126,7 @@ def post(path: str, body: Any, *, expected: int):
         answer = api.post(path.format(d=street), body)
         assert answer.status_code == expected, answer.text
         if expected == 202:
-            assert api.finished(answer)["state"] == "done"
+            assert api.wait_for_job(answer)["state"] == "done"
 
     return ask
 
@@ -158,8 +158,10 @@ def frame_pages(api, street):
 
 
 def frames_come_and_go(api, street):
-    api.stored(street, "later")
-    api.stored(street, "later", {**scene.annotation(), "map": "Town01"}, replace=True)
+    api.upload_frame(street, "later")
+    api.upload_frame(
+        street, "later", {**scene.annotation(), "map": "Town01"}, replace=True
+    )
     api.post(f"/datasets/{street}/known-frames", {"keys": ["later", "a/1"]})
     assert api.http.delete(f"{BASE}/datasets/{street}/frames/later").status_code == 204
 
@@ -193,7 +195,7 @@ def watched_and_cancelled(api, street):
 
 def deleted(api, street):
     other = api.dataset()
-    api.stored(other, "a")
+    api.upload_frame(other, "a")
     gone = api.http.delete(f"{BASE}/datasets/{other}", params={"confirm": other})
     assert gone.status_code == 204
 

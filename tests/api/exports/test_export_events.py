@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.support.api import BASE
-from tests.support.archives import frame, packed, send
+from tests.support.archives import frame, send, tar_archive
 from tests.support.event_reader import events, open_events
 
 FRAMES = 30
@@ -14,7 +14,7 @@ FRAMES = 30
 @pytest.fixture(scope="module")
 def dataset(api) -> str:
     name: str = api.dataset()
-    send(api, name, packed([one for n in range(FRAMES) for one in frame(f"{n}")]))
+    send(api, name, tar_archive([one for n in range(FRAMES) for one in frame(f"{n}")]))
     return name
 
 

@@ -14,7 +14,7 @@ from app.access.service import MOST_LINKS
 from tests.support import databases, plain_http
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
-from tests.support.live import resting
+from tests.support.live import block_jobs
 
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 FRAMES = 5
@@ -26,7 +26,9 @@ def dataset(server):
     with api.http:
         name = api.dataset()
         for number in range(FRAMES):
-            api.stored(name, f"{number}", {**scene.annotation(), "number": number})
+            api.upload_frame(
+                name, f"{number}", {**scene.annotation(), "number": number}
+            )
         return name
 
 
@@ -35,7 +37,7 @@ def exported(api, dataset, form="yolo", **options):
         f"/datasets/{dataset}/exports", {"format": form, "options": options}
     )
     assert answer.json()["state"] in ("queued", "running", "done")
-    return api.finished(answer)
+    return api.wait_for_job(answer)
 
 
 @pytest.fixture
@@ -113,8 +115,8 @@ def test_an_export_waits_its_turn_and_can_be_cancelled(serve):
     with service.admin() as http:
         api = Api(http)
         dataset = api.dataset()
-        api.stored(dataset, "a")
-        with resting(service.app.state.services.engine):
+        api.upload_frame(dataset, "a")
+        with block_jobs(service.app.state.services.engine):
             run = api.post(f"/datasets/{dataset}/runs", {"config": CARS_ARE_SKY})
             answer = api.post(f"/datasets/{dataset}/exports", {"format": "yolo"})
             url = answer.headers["location"]
@@ -123,7 +125,7 @@ def test_an_export_waits_its_turn_and_can_be_cancelled(serve):
             cancelled = http.post(f"{url}/cancel")
             again = http.post(f"{url}/cancel")
         following = exported(api, dataset)
-        ran, ended = api.finished(run), http.get(url)
+        ran, ended = api.wait_for_job(run), http.get(url)
 
     assert (early.status_code, early.json()["code"]) == (409, "export_not_done")
     assert (cancelled.status_code, cancelled.json()["state"]) == (202, "cancelled")

@@ -14,7 +14,7 @@ from app.main import create_app
 from app.settings import Settings
 from tests.support.archives import header_of
 from tests.support.live import live
-from tests.support.routes import at, every_route, operations, values_of_paths
+from tests.support.routes import every_route, fill_path, operations, values_of_paths
 
 LIMITS = {
     "max_json_bytes": 5_000,
@@ -71,7 +71,7 @@ def connected(service):
 
 def head(service, method, path, *more):
     lines = (
-        f"{method} {at(path, VALUES)} HTTP/1.1",
+        f"{method} {fill_path(path, VALUES)} HTTP/1.1",
         "Host: localhost",
         f"Authorization: Bearer {service.token}",
         *more,
@@ -98,7 +98,7 @@ def is_alive(service, client):
     ("method", "path", "route"), OPERATIONS, ids=[" ".join(o[:2]) for o in OPERATIONS]
 )
 def test_nothing_is_read_of_a_body_that_says_it_is_too_large(
-    service, anybody, method, path, route, keyed
+    service, anonymous, method, path, route, keyed
 ):
     limit = limit_of(route)
     key = [f"Idempotency-Key: {method}-{abs(hash(path))}"] if keyed else []
@@ -107,7 +107,7 @@ def test_nothing_is_read_of_a_body_that_says_it_is_too_large(
 
     with connected(service) as connection:
         connection.sendall(head(service, method, path, *lines))
-        assert is_alive(service, anybody)
+        assert is_alive(service, anonymous)
         received = answer_on(connection)
 
     if path == "/":  # the page ignores the body of a request
@@ -122,7 +122,7 @@ def test_nothing_is_read_of_a_body_that_says_it_is_too_large(
     ("method", "path", "route"), OPERATIONS, ids=[" ".join(o[:2]) for o in OPERATIONS]
 )
 def test_no_more_than_its_limit_is_read_of_a_body_in_chunks(
-    service, anybody, method, path, route, keyed
+    service, anonymous, method, path, route, keyed
 ):
     """The body is never ended: a server that read past the limit would never answer."""
     limit = limit_of(route)
@@ -135,7 +135,7 @@ def test_no_more_than_its_limit_is_read_of_a_body_in_chunks(
     with connected(service) as connection:
         connection.sendall(head(service, method, path, *lines))
         connection.sendall(b"%x\r\n%b\r\n" % (len(body), body))
-        assert is_alive(service, anybody)
+        assert is_alive(service, anonymous)
         received = answer_on(connection)
 
     if name not in ("", "max_batch_bytes"):

@@ -21,7 +21,7 @@ def lists(api):
 
 def test_a_foreign_cursor_is_refused_in_the_same_way_everywhere(api):
     dataset = api.dataset()
-    api.stored(dataset, "a")
+    api.upload_frame(dataset, "a")
     run = api.run(dataset, {"min_visible_pixels": 5}, activate=False)
     asked = [
         *((path, "", NOT_A_NAME) for path in BY_NAME),

@@ -157,8 +157,8 @@ def test_a_role_that_does_not_suffice_is_403(as_role):
     assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")
 
 
-def test_a_token_in_a_body_is_never_repeated(anybody):
-    answer = anybody.post("/api/v1/session", json={"token": ["ug_secret"]})
+def test_a_token_in_a_body_is_never_repeated(anonymous):
+    answer = anonymous.post("/api/v1/session", json={"token": ["ug_secret"]})
 
     assert answer.status_code == 422
     assert "ug_secret" not in answer.text

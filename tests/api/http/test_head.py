@@ -6,10 +6,10 @@ import pytest
 
 from tests.support import frames as scene
 from tests.support.live import live
-from tests.support.routes import ANYBODY, NEEDS, at
+from tests.support.routes import NO_ROLE, REQUIRED_ROLES, fill_path
 
 STREET = "/api/v1/datasets/street"
-PATHS = sorted(path for method, path in NEEDS if method == "GET")
+PATHS = sorted(path for method, path in REQUIRED_ROLES if method == "GET")
 DRAWN = {"/api/v1/frames/{frame_id}/thumbnail", "/api/v1/frames/{frame_id}/overlay"}
 DRAWN |= {"/api/v1/boxes/{box_id}/crop"}
 ASKED = {
@@ -54,7 +54,7 @@ def filled(service):
 
 def asked(path, filled):
     """The address of a route, with the query that it needs."""
-    return at(path, filled) + ASKED.get(path, "").format(**filled)
+    return fill_path(path, filled) + ASKED.get(path, "").format(**filled)
 
 
 def told(answer, *, less=frozenset()):
@@ -74,42 +74,49 @@ def test_head_says_what_get_says_without_a_body(admin, filled, path):
     assert got.status_code == 200 or path == "/readyz", got.text
 
 
-@pytest.mark.parametrize("path", [path for path in PATHS if NEEDS["GET", path]])
-def test_head_lets_in_whom_get_lets_in(anybody, as_role, filled, path):
+@pytest.mark.parametrize(
+    "path", [path for path in PATHS if REQUIRED_ROLES["GET", path]]
+)
+def test_head_lets_in_whom_get_lets_in(anonymous, as_role, filled, path):
     viewer = as_role("viewer")
 
-    for client in (anybody, viewer):
-        got, head = client.get(at(path, filled)), client.head(at(path, filled))
+    for client in (anonymous, viewer):
+        got, head = (
+            client.get(fill_path(path, filled)),
+            client.head(fill_path(path, filled)),
+        )
         assert head.status_code == got.status_code
-        assert (got.status_code == 401) == (client is anybody)
+        assert (got.status_code == 401) == (client is anonymous)
 
 
 @pytest.mark.parametrize("path", [path for path in PATHS if path != "/"])
 def test_head_knows_the_parameters_that_get_knows(admin, filled, path):
-    assert admin.head(at(path, filled), params={"nonsense": "1"}).status_code == 400
+    assert (
+        admin.head(fill_path(path, filled), params={"nonsense": "1"}).status_code == 400
+    )
 
 
-def test_open_routes_answer_anybody(anybody, filled):
-    opened = [path for path in PATHS if NEEDS["GET", path] is ANYBODY]
+def test_open_routes_answer_anybody(anonymous, filled):
+    opened = [path for path in PATHS if REQUIRED_ROLES["GET", path] is NO_ROLE]
 
     # On a busy machine the service may not be ready for a moment.
     opened.remove("/readyz")
-    assert {anybody.head(asked(path, filled)).status_code for path in opened} == {200}
+    assert {anonymous.head(asked(path, filled)).status_code for path in opened} == {200}
 
 
 @pytest.mark.parametrize("path", sorted(DRAWN))
 def test_no_picture_is_drawn_for_its_head(admin, filled, path):
     """Otherwise a client could make the server draw without reading any picture."""
-    head = admin.head(at(path, filled))
+    head = admin.head(fill_path(path, filled))
     known = {"If-None-Match": head.headers["etag"]}
 
     assert head.status_code == 200
     assert "content-length" not in head.headers
-    assert admin.head(at(path, filled), headers=known).status_code == 304
+    assert admin.head(fill_path(path, filled), headers=known).status_code == 304
 
 
 def test_a_range_of_a_file_is_answered_as_for_get(admin, filled):
-    path = at("/api/v1/frames/{frame_id}/{kind}", filled)
+    path = fill_path("/api/v1/frames/{frame_id}/{kind}", filled)
     some = {"Range": "bytes=3-9"}
     none = {"Range": "bytes=999999-"}
 

@@ -11,7 +11,7 @@ from app.incoming import in_turn
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import AnnotationErrors
 from tests.support import frames as scene
-from tests.support.archives import END, frame, lines_of, pieces
+from tests.support.archives import END, frame, lines_of, tar_without_end
 from tests.support.live import live
 
 DATASETS = "/api/v1/datasets"
@@ -40,7 +40,7 @@ def send_batch(service):
     with service.admin() as client:
         answer = client.post(
             f"{DATASETS}/street/batches",
-            content=pieces(frame("large", extra=NUMBERS)) + END,
+            content=tar_without_end(frame("large", extra=NUMBERS)) + END,
             headers={"Content-Type": "application/x-tar"},
         )
     return lines_of(answer.text)[0]["status"]

@@ -65,8 +65,8 @@ def test_a_streaming_route_has_a_limit_of_its_own(admin):
     assert (taken.json(), refused.status_code) == (BATCH_LIMIT, 413)
 
 
-def test_nothing_is_read_from_somebody_without_a_token(anybody):
-    answer = anybody.post("/probe/stream", content=pieces(BATCH_LIMIT * 2))
+def test_nothing_is_read_from_somebody_without_a_token(anonymous):
+    answer = anonymous.post("/probe/stream", content=pieces(BATCH_LIMIT * 2))
 
     assert answer.status_code == 401
 

@@ -99,7 +99,7 @@ def test_nothing_is_written_of_requests_where_only_warnings_are_wanted(start_ser
 def test_no_secret_is_in_the_log_whatever_is_asked(start_api):
     server, api = start_api(UNGHOST_LOG_LEVEL="debug")
     name = api.dataset(description=SECRET)
-    box = api.stored(name, "a")["decisions"][0]["box_id"]
+    box = api.upload_frame(name, "a")["decisions"][0]["box_id"]
     made = api.post("/tokens", {"name": "ada", "role": "reviewer"}).json()["token"]
 
     statuses = [
@@ -142,7 +142,7 @@ def accepted(api, name, box):
     body = {"verdict": "reject", "comment": SECRET, "seen_revision": 0}
     url = f"{BASE}/boxes/{box}/reviews"
     said = [api.http.post(url, json=body, headers=headers) for _ in range(2)]
-    batch = archives.packed(archives.frame("b", map=SECRET))
+    batch = archives.tar_archive(archives.frame("b", map=SECRET))
     kind = {"Content-Type": "application/x-tar"}
     batches = f"{BASE}/datasets/{name}/batches"
     answers = [

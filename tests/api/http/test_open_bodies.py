@@ -13,7 +13,7 @@ import pytest
 
 from app.incoming import OpenBodies
 from tests.support import frames as scene
-from tests.support.archives import END, header_of, lines_of, pieces
+from tests.support.archives import END, header_of, lines_of, tar_without_end
 from tests.support.archives import frame as members_of
 from tests.support.live import live
 from tests.support.waiting import until
@@ -273,7 +273,7 @@ REFUSED = {
         BATCH,
         (
             "application/x-tar",
-            pieces([("a.json", ANNOTATION), ("a.image.png", PADDING)]) + END,
+            tar_without_end([("a.json", ANNOTATION), ("a.image.png", PADDING)]) + END,
         ),
     ),
 }
@@ -328,8 +328,8 @@ def test_a_batch_counts_what_it_keeps_and_is_told_when_that_is_too_much(
     first = sender(bearers[0])
     first.announce(BODY)
     until_counted(service, BODY)
-    start = pieces(members_of("a"))
-    rest = pieces(members_of("b")) + header_of("b.lidar.bin", 300_000)
+    start = tar_without_end(members_of("a"))
+    rest = tar_without_end(members_of("b")) + header_of("b.lidar.bin", 300_000)
     rest += b"x" * 299_000
 
     dataset = f"kept-{uuid4().hex}"
@@ -351,7 +351,9 @@ def test_a_batch_counts_what_it_keeps_and_is_told_when_that_is_too_much(
 
 def test_a_batch_gives_back_what_it_has_stored(service, bearers):
     many = b"".join(
-        pieces([*members_of(f"m{n}", number=n), (f"m{n}.lidar.bin", b"x" * 200_000)])
+        tar_without_end(
+            [*members_of(f"m{n}", number=n), (f"m{n}.lidar.bin", b"x" * 200_000)]
+        )
         for n in range(6)
     )
 

@@ -31,16 +31,16 @@ TYPES = {
 }
 
 
-def test_the_shell_is_open_and_takes_any_filter(anybody):
-    answer = anybody.get("/?dataset=town10&verdict=rejected")
+def test_the_shell_is_open_and_takes_any_filter(anonymous):
+    answer = anonymous.get("/?dataset=town10&verdict=rejected")
 
     assert answer.status_code == 200
     assert answer.headers["content-type"] == "text/html; charset=utf-8"
 
 
-def test_the_shell_names_every_module_that_it_starts_with(anybody):
+def test_the_shell_names_every_module_that_it_starts_with(anonymous):
     """Otherwise a browser finds the modules in one round trip after the other."""
-    page = anybody.get("/").text
+    page = anonymous.get("/").text
 
     named = re.findall(r'rel="modulepreload" href="/static/v-\w+/([^"]+)"', page)
 
@@ -62,20 +62,20 @@ def test_modules_are_found_through_imports_that_run_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_of_the_page_has_its_type(anybody, name):
-    answer = anybody.get(f"/static/{name}")
+def test_a_file_of_the_page_has_its_type(anonymous, name):
+    answer = anonymous.get(f"/static/{name}")
 
     assert answer.content == (static_dir() / name).read_bytes()
     assert answer.headers["content-type"] == TYPES[name.rpartition(".")[2]]
     assert answer.headers["x-content-type-options"] == "nosniff"
 
 
-def test_a_file_that_is_known_is_not_sent_again(anybody):
+def test_a_file_that_is_known_is_not_sent_again(anonymous):
     url = f"/static/{FILES[0]}"
-    etag = anybody.get(url).headers["etag"]
+    etag = anonymous.get(url).headers["etag"]
 
-    again = anybody.get(url, headers={"If-None-Match": f'"other", W/{etag}'})
-    other = anybody.get(url, headers={"If-None-Match": '"other"'})
+    again = anonymous.get(url, headers={"If-None-Match": f'"other", W/{etag}'})
+    other = anonymous.get(url, headers={"If-None-Match": '"other"'})
 
     assert (again.status_code, again.content, other.status_code) == (304, b"", 200)
     assert again.headers["etag"] == etag
@@ -86,10 +86,10 @@ def versioned(client):
     return re.findall(r'"(/static/v-\w+/)js/main.js"', client.get("/").text)[0]
 
 
-def test_a_browser_keeps_the_files_that_the_page_names(anybody):
-    page = anybody.get("/")
+def test_a_browser_keeps_the_files_that_the_page_names(anonymous):
+    page = anonymous.get("/")
 
-    answer = anybody.get(f"{versioned(anybody)}{FILES[0]}")
+    answer = anonymous.get(f"{versioned(anonymous)}{FILES[0]}")
 
     assert page.headers["cache-control"] == "no-cache"
     assert "immutable" in answer.headers["cache-control"]
@@ -98,8 +98,8 @@ def test_a_browser_keeps_the_files_that_the_page_names(anybody):
 
 
 @pytest.mark.parametrize("below", ["", "v-0123456789abcdef/"])
-def test_a_file_below_another_version_is_asked_for_each_time(anybody, below):
-    answer = anybody.get(f"/static/{below}{FILES[0]}")
+def test_a_file_below_another_version_is_asked_for_each_time(anonymous, below):
+    answer = anonymous.get(f"/static/{below}{FILES[0]}")
 
     assert answer.content == (static_dir() / FILES[0]).read_bytes()
     assert answer.headers["cache-control"] == "no-cache"
@@ -191,8 +191,8 @@ def test_the_policy_allows_just_the_import_map_of_the_page(tmp_path):
     assert policy.count("sha256-") == 1
 
 
-def test_the_page_has_no_inline_script_that_the_policy_would_block(anybody):
-    page = anybody.get("/")
+def test_the_page_has_no_inline_script_that_the_policy_would_block(anonymous):
+    page = anonymous.get("/")
 
     inline = re.findall(
         r"<script(?![^>]*\bsrc=)([^>]*)>(.*?)</script>", page.text, re.S

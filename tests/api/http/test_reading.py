@@ -8,7 +8,7 @@ import pytest
 
 from tests.support import frames as scene
 from tests.support.filled_database import contents
-from tests.support.routes import NEEDS, at
+from tests.support.routes import REQUIRED_ROLES, fill_path
 
 MARKUP = "<img src=x onerror=alert(1)>"
 
@@ -44,7 +44,11 @@ def filled(service):
 
 
 def every_get(values):
-    return [at(path, values) for method, path in sorted(NEEDS) if method == "GET"]
+    return [
+        fill_path(path, values)
+        for method, path in sorted(REQUIRED_ROLES)
+        if method == "GET"
+    ]
 
 
 def rows_of(service):

@@ -12,8 +12,8 @@ import pytest
 
 from app.settings import Settings
 from tests.support import frames as scene
-from tests.support.archives import frame, packed
-from tests.support.live import live, resting
+from tests.support.archives import frame, tar_archive
+from tests.support.live import block_jobs, live
 from tests.support.sources import CHECKOUT
 
 pytestmark = pytest.mark.long
@@ -116,7 +116,9 @@ ASKED = {
     ),
     "max_batch_members": (
         413,
-        lambda c: c.post(f"{STREET}/batches", content=packed(frame("a")), headers=TAR),
+        lambda c: c.post(
+            f"{STREET}/batches", content=tar_archive(frame("a")), headers=TAR
+        ),
     ),
     "max_folder_bytes": (
         413,
@@ -126,7 +128,7 @@ ASKED = {
         413,
         lambda c: c.post(
             "/api/v1/folders",
-            content=packed([(f"seg/{number}.png", b"") for number in range(3)]),
+            content=tar_archive([(f"seg/{number}.png", b"") for number in range(3)]),
             headers=TAR,
         ),
     ),
@@ -173,7 +175,7 @@ def test_at_its_limits_a_frame_is_taken(serve):
 
 @pytest.fixture
 def busy(service):
-    with resting(service.app.state.services.engine):
+    with block_jobs(service.app.state.services.engine):
         yield
 
 
@@ -235,7 +237,7 @@ def test_the_batches_of_one_token_leave_room_for_others(service, admin):
 
 
 def send(client, content=None):
-    content = content or packed(frame("a")[:2])
+    content = content or tar_archive(frame("a")[:2])
     return client.post(AVENUE, content=content, headers=TAR)
 
 

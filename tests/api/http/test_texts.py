@@ -15,8 +15,8 @@ import pytest
 from app.main import create_app
 from app.settings import Settings
 from tests.support import frames as scene
-from tests.support.archives import lines_of, packed
-from tests.support.routes import at, values_of_paths
+from tests.support.archives import lines_of, tar_archive
+from tests.support.routes import fill_path, values_of_paths
 
 HALF = "\ud800"
 VALUES = values_of_paths(1)
@@ -112,7 +112,7 @@ def test_no_field_of_a_body_takes_it(api, method, path, body):
 
     answer = api.http.request(
         method,
-        at(path, VALUES),
+        fill_path(path, VALUES),
         content=content,
         headers={"Content-Type": "application/json"},
     )
@@ -132,7 +132,7 @@ def test_no_address_and_no_header_is_a_failure(api, method, path, place, name):
         headers[name.encode()] = b"\xed\xa0\x80"
     else:
         headers[b"cookie"] = name.encode() + b"=\xed\xa0\x80"
-    url = api.http.base_url.copy_with(raw_path=at(path, values).encode() + query)
+    url = api.http.base_url.copy_with(raw_path=fill_path(path, values).encode() + query)
 
     answer = api.http.request(method, url, headers=headers)
 
@@ -173,7 +173,7 @@ def test_no_field_of_an_annotation_takes_it(api, place):
     problem = said(api.put("street", "a", content))
     batch = api.http.post(
         "/api/v1/datasets/street/batches",
-        content=packed(files),
+        content=tar_archive(files),
         headers={"Content-Type": "application/x-tar"},
     )
 
@@ -214,7 +214,7 @@ def test_no_name_of_a_part_or_of_a_member_is_a_failure(api, name):
         content=form,
         headers={"Content-Type": "multipart/form-data; boundary=b"},
     )
-    archive = packed([("XX.json", b"{}")]).replace(b"XX", name[:2], 1)
+    archive = tar_archive([("XX.json", b"{}")]).replace(b"XX", name[:2], 1)
     member = api.http.post(
         "/api/v1/datasets/street/batches",
         content=archive,

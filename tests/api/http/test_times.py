@@ -22,13 +22,13 @@ def times_in(value: Any) -> Iterator[str]:
 
 def test_times_are_the_same_text_everywhere(api):
     dataset = api.dataset()
-    stored = api.stored(dataset, "a")
+    stored = api.upload_frame(dataset, "a")
     api.put(dataset, "b", b"[]")
     box = stored["decisions"][0]["box_id"]
     api.review(box, "keep")
     digest = api.json(f"/datasets/{dataset}/config")["digest"]
     started = api.post(f"/datasets/{dataset}/runs", {"config": digest})
-    run = api.finished(started)
+    run = api.wait_for_job(started)
     export = api.post(f"/datasets/{dataset}/exports", {"format": "yolo"})
 
     answers = [stored, started.json(), run, export.json()]

@@ -7,7 +7,7 @@ import tarfile
 import pytest
 
 from tests.support.api import BASE
-from tests.support.archives import frame, lines_of, packed
+from tests.support.archives import frame, lines_of, tar_archive
 
 TAR = {"Content-Type": "application/x-tar"}
 NOT_JSON = b"{"
@@ -15,7 +15,7 @@ NOT_JSON = b"{"
 
 def told(api, dataset, members):
     path = f"{BASE}/datasets/{dataset}/batches"
-    content = packed(members, tarfile.PAX_FORMAT)
+    content = tar_archive(members, tarfile.PAX_FORMAT)
     answer = api.http.post(path, content=content, headers=TAR)
     *lines, end = lines_of(answer.text)
     return [(line["key"], line["status"]) for line in lines], end

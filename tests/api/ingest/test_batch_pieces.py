@@ -6,13 +6,13 @@ import random
 
 import pytest
 
-from tests.support.archives import frame, packed, send, told
+from tests.support.archives import batch_results, frame, send, tar_archive
 
 
 @pytest.mark.parametrize("longest", [3, 700, 200_000])
 def test_an_archive_arrives_whole_however_it_is_cut(api, longest):
     dataset, chance = api.dataset(), random.Random(longest)
-    content = packed([one for n in range(12) for one in frame(f"{n}", number=n)])
+    content = tar_archive([one for n in range(12) for one in frame(f"{n}", number=n)])
 
     def cut():
         begin = 0
@@ -21,7 +21,7 @@ def test_an_archive_arrives_whole_however_it_is_cut(api, longest):
             yield content[begin:end]
             begin = end
 
-    _, end = told(send(api, dataset, cut()))
-    _, again = told(send(api, dataset, content))
+    _, end = batch_results(send(api, dataset, cut()))
+    _, again = batch_results(send(api, dataset, content))
 
     assert (end["stored"], again["same"]) == (12, 12)

@@ -16,12 +16,12 @@ from tests.support.archives import (
     END,
     TAR,
     Connection,
+    batch_results,
     frame,
     lines_of,
-    packed,
-    pieces,
     send,
-    told,
+    tar_archive,
+    tar_without_end,
 )
 
 
@@ -33,7 +33,7 @@ def keys(api, dataset):
 def test_each_frame_is_told_in_order_and_the_end_counts_them(api):
     dataset = api.dataset()
 
-    answer = send(api, dataset, packed(frame("a") + frame("b")))
+    answer = send(api, dataset, tar_archive(frame("a") + frame("b")))
 
     assert answer.headers["content-type"] == "application/x-ndjson"
     first, second, end = lines_of(answer.text)
@@ -52,9 +52,9 @@ def test_a_frame_is_told_while_the_next_ones_are_still_to_be_sent(api, server):
     dataset = api.dataset()
 
     with closing(Connection(server, dataset, timeout=60)) as connection:
-        connection.send(pieces(frame("0")))
+        connection.send(tar_without_end(frame("0")))
         for number in range(1, 4):
-            connection.send(pieces(frame(f"{number}")))
+            connection.send(tar_without_end(frame(f"{number}")))
             assert connection.line()["key"] == f"run/{number - 1}"
             assert f"run/{number - 1}" in keys(api, dataset)
 
@@ -73,7 +73,7 @@ def test_a_bad_frame_is_told_and_the_rest_goes_on(api):
         *frame("z"),
     ]
 
-    statuses, end = told(send(api, dataset, packed(members)))
+    statuses, end = batch_results(send(api, dataset, tar_archive(members)))
 
     assert statuses == [
         ("run/a", 201),
@@ -96,7 +96,7 @@ def test_a_refusal_says_what_a_single_upload_says_and_is_remembered(api):
     alone = api.put(other, "run/bad", bad).json()
 
     (line, _) = lines_of(
-        send(api, dataset, packed(frame("bad", boxes=bad["boxes"]))).text
+        send(api, dataset, tar_archive(frame("bad", boxes=bad["boxes"]))).text
     )
 
     same = ("status", "code", "detail", "errors", "title")
@@ -109,14 +109,14 @@ def test_a_refused_frame_is_forgotten_when_it_comes_in(api):
     dataset = api.dataset()
     members = frame("a", boxes=3) + frame("a")
 
-    statuses, _ = told(send(api, dataset, packed(members)))
+    statuses, _ = batch_results(send(api, dataset, tar_archive(members)))
 
     assert statuses == [("run/a", 422), ("run/a", 201)]
     assert api.json(f"/datasets/{dataset}/problems")["items"] == []
 
 
 def test_the_same_archive_stores_nothing_twice(api):
-    dataset, archive = api.dataset(), packed(frame("a") + frame("b"))
+    dataset, archive = api.dataset(), tar_archive(frame("a") + frame("b"))
     first = lines_of(send(api, dataset, archive).text)
 
     again = lines_of(send(api, dataset, archive).text)
@@ -135,7 +135,7 @@ def test_a_key_that_comes_again_with_other_content(api, replace):
     members = frame("a") + frame("b", key="run/a", map="Town01") + frame("a")
 
     wanted = {"replace": "true"} if replace else {}
-    statuses, _ = told(send(api, dataset, packed(members), **wanted))
+    statuses, _ = batch_results(send(api, dataset, tar_archive(members), **wanted))
 
     assert [status for _, status in statuses] == (
         [201, 201, 201] if replace else [201, 409, 200]
@@ -146,9 +146,9 @@ def test_a_key_that_comes_again_with_other_content(api, replace):
 
 def test_a_frame_that_was_sent_alone_is_the_same_in_a_batch(api):
     dataset = api.dataset()
-    alone = api.stored(dataset, "run/a")["frame"]["id"]
+    alone = api.upload_frame(dataset, "run/a")["frame"]["id"]
 
-    (line, _) = lines_of(send(api, dataset, packed(frame("a"))).text)
+    (line, _) = lines_of(send(api, dataset, tar_archive(frame("a"))).text)
 
     assert (line["status"], line["frame_id"]) == (200, alone)
 
@@ -157,18 +157,20 @@ def test_without_a_key_the_name_counts(api):
     dataset = api.dataset()
     content = json.dumps(scene.annotation()).encode()
 
-    statuses, _ = told(send(api, dataset, packed([("./town/7.json", content)])))
+    statuses, _ = batch_results(
+        send(api, dataset, tar_archive([("./town/7.json", content)]))
+    )
 
     assert statuses == [("town/7", 201)]
 
 
 def test_a_frame_with_a_class_that_is_not_frozen_costs_no_other_of_its_batch(api):
     dataset = api.dataset()
-    told(send(api, dataset, packed(frame("a"))))
+    batch_results(send(api, dataset, tar_archive(frame("a"))))
     assert api.post(f"/datasets/{dataset}/exports", {"format": "yolo"}).is_success
     dragon = [{"class": "dragon", "xyxy": scene.ON_THE_CAR}]
 
-    answer = send(api, dataset, packed(frame("b", boxes=dragon) + frame("c")))
+    answer = send(api, dataset, tar_archive(frame("b", boxes=dragon) + frame("c")))
 
     refused, stored, _ = lines_of(answer.text)
     assert (refused["status"], refused["problem"]["code"]) == (422, "unknown_class")
@@ -188,7 +190,7 @@ def test_a_frame_with_a_class_that_is_not_frozen_costs_no_other_of_its_batch(api
         ),
         pytest.param(
             {**TAR, "Content-Encoding": "gzip"},
-            gzip.compress(packed(frame("a"))),
+            gzip.compress(tar_archive(frame("a"))),
             415,
             "unsupported_media_type",
             id="encoded",
@@ -196,7 +198,7 @@ def test_a_frame_with_a_class_that_is_not_frozen_costs_no_other_of_its_batch(api
         pytest.param(
             TAR,
             gzip.compress(
-                packed(
+                tar_archive(
                     frame("a"),
                 ),
                 compresslevel=0,
@@ -220,9 +222,9 @@ def test_a_body_that_is_no_archive_is_refused_before_an_answer_begins(
 
 def test_an_archive_that_is_damaged_later_keeps_what_came_before(api):
     dataset = api.dataset()
-    archive = pieces(frame("a") + frame("b")) + b"\xff" * 512 + END
+    archive = tar_without_end(frame("a") + frame("b")) + b"\xff" * 512 + END
 
-    statuses, end = told(send(api, dataset, archive))
+    statuses, end = batch_results(send(api, dataset, archive))
 
     assert statuses == [("run/a", 201)]
     assert (end["problem"]["code"], end["stored"]) == ("bad_archive", 1)
@@ -242,7 +244,7 @@ def test_no_batch_is_larger_than_allowed(admin):
     api = Api(admin)
     members = [("a.json", b"{}"), ("a.image.png", bytes(1_100_000))]
 
-    answer = send(api, api.dataset(), packed(members))
+    answer = send(api, api.dataset(), tar_archive(members))
 
     # The Content-Length is already too large: nothing has to be read.
     assert (answer.status_code, answer.json()["code"]) == (413, "too_large")
@@ -254,7 +256,9 @@ def test_limits_of_a_frame_refuse_that_frame_alone(start_api):
     large = [("large.json", frame("large")[0][1]), ("large.image.png", bytes(20001))]
     many = [*frame("many"), ("many.depth.png", b"x")]
 
-    statuses, _ = told(send(api, dataset, packed(large + many + frame("z"))))
+    statuses, _ = batch_results(
+        send(api, dataset, tar_archive(large + many + frame("z")))
+    )
 
     assert statuses == [("large", 413), ("many", 413), ("run/z", 201)]
 
@@ -264,27 +268,27 @@ def test_no_more_batches_than_allowed_are_received_at_once(start_api):
     dataset = api.dataset()
 
     with closing(Connection(server, dataset, timeout=60)) as connection:
-        connection.send(pieces(frame("a") + frame("b")))
+        connection.send(tar_without_end(frame("a") + frame("b")))
         assert connection.line()["key"] == "run/a"
-        refused = send(api, dataset, packed(frame("c")))
+        refused = send(api, dataset, tar_archive(frame("c")))
         connection.send(END)
         connection.end()
         assert connection.line()["key"] == "run/b"
         assert connection.line()["end"] is True
 
     assert (refused.status_code, "retry-after" in refused.headers) == (429, True)
-    assert told(send(api, dataset, packed(frame("c"))))[1]["stored"] == 1
+    assert batch_results(send(api, dataset, tar_archive(frame("c"))))[1]["stored"] == 1
 
 
 def test_a_connection_that_is_cut_anywhere_leaves_whole_frames_only(api, server):
-    content = b"".join(pieces(frame(f"{n}", number=n)) for n in range(6)) + END
+    content = b"".join(tar_without_end(frame(f"{n}", number=n)) for n in range(6)) + END
     places = random.Random(7).sample(range(1, len(content)), 12)
 
     for place in places:
         dataset = api.dataset()
         with closing(Connection(server, dataset, timeout=60)) as connection:
             connection.send(content[:place])
-        told(send(api, dataset, packed(frame("last"))))
+        batch_results(send(api, dataset, tar_archive(frame("last"))))
         for key in keys(api, dataset):
             files = api.json(f"/datasets/{dataset}/frames/{key}")["files"]
             assert files.keys() == {"image", "segmentation"}
@@ -303,7 +307,9 @@ def send_until_nobody_takes_it(connection, archive):
 
 
 def test_a_reader_that_waits_makes_the_server_wait(api, server):
-    bad = b"".join(pieces([(f"{number:05}.json", b"{")]) for number in range(40_000))
+    bad = b"".join(
+        tar_without_end([(f"{number:05}.json", b"{")]) for number in range(40_000)
+    )
 
     with closing(Connection(server, api.dataset(), timeout=60)) as connection:
         connection.socket.settimeout(2)
@@ -318,7 +324,7 @@ def test_frames_of_batches_are_counted_by_their_status(start_api):
     _, api = start_api()
     dataset = api.dataset()
 
-    told(send(api, dataset, packed(frame("a") + frame("b", boxes=3))))
+    batch_results(send(api, dataset, tar_archive(frame("a") + frame("b", boxes=3))))
 
     text = api.http.get("/metrics").text
     assert 'unghost_batch_frames_total{status="201"} 1' in text
@@ -326,19 +332,19 @@ def test_frames_of_batches_are_counted_by_their_status(start_api):
 
 
 def test_an_idempotency_key_changes_nothing(api):
-    dataset, archive = api.dataset(), packed(frame("a"))
+    dataset, archive = api.dataset(), tar_archive(frame("a"))
     headers = {**TAR, "Idempotency-Key": "one"}
 
     first = send(api, dataset, archive, headers)
     again = send(api, dataset, archive, headers)
 
-    assert [told(answer)[0] for answer in (first, again)] == [
+    assert [batch_results(answer)[0] for answer in (first, again)] == [
         [("run/a", 201)],
         [("run/a", 200)],
     ]
 
 
 def test_a_dataset_that_is_not_there_is_a_404(api):
-    answer: httpx.Response = send(api, "nowhere", packed(frame("a")))
+    answer: httpx.Response = send(api, "nowhere", tar_archive(frame("a")))
 
     assert (answer.status_code, answer.json()["code"]) == (404, "not_found")

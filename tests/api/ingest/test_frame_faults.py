@@ -220,7 +220,7 @@ def test_a_contradiction_names_both_sides(api):
 def test_a_lossy_segmentation_is_read_on_request_and_says_so(api):
     dataset = api.dataset(lossy_segmentation="nearest")
 
-    stored = api.stored(dataset, "a", segmentation=jpeg())
+    stored = api.upload_frame(dataset, "a", segmentation=jpeg())
 
     assert stored["segmentation"]["lossy"] is True
     assert [one["lossy"] for one in stored["decisions"]] == [True, True]
@@ -266,7 +266,7 @@ def test_a_refused_frame_is_one_problem_however_often_it_comes(api):
     api.put(dataset, "b", {})
 
     assert api.json(f"/datasets/{dataset}")["counts"]["problems"] == 2
-    api.stored(dataset, "a")
+    api.upload_frame(dataset, "a")
     assert [p["key"] for p in api.json(f"/datasets/{dataset}/problems")["items"]] == [
         "b"
     ]

@@ -124,7 +124,7 @@ def test_the_same_frame_again_is_200_however_its_keys_are_ordered(api):
 )
 def test_other_content_is_409_and_changes_nothing(api, other):
     dataset = api.dataset()
-    first = api.stored(dataset, "a")
+    first = api.upload_frame(dataset, "a")
 
     answer = api.put(dataset, "a", **other)
 
@@ -156,12 +156,12 @@ def test_a_replaced_frame_keeps_answers_where_nothing_changed(api):
     moved = {**CAR, "id": "moved"}
     renamed = {**CAR, "id": "renamed"}
     cleared = {**CAR, "id": "cleared"}
-    old = api.stored(dataset, "a", annotation(CAR, moved, renamed, cleared))
+    old = api.upload_frame(dataset, "a", annotation(CAR, moved, renamed, cleared))
     for box in old["decisions"]:
         assert api.review(box["box_id"], "reject", comment="no").status_code == 201
     api.review(old["decisions"][3]["box_id"], "clear", 1)
 
-    new = api.stored(
+    new = api.upload_frame(
         dataset,
         "a",
         annotation(
@@ -192,11 +192,11 @@ def test_a_replaced_frame_keeps_answers_where_nothing_changed(api):
 
 def test_an_older_revision_stays_to_be_looked_at(api):
     dataset = api.dataset()
-    old = api.stored(dataset, "a")
+    old = api.upload_frame(dataset, "a")
     box = old["decisions"][0]["box_id"]
     api.review(box, "keep")
-    new = api.stored(dataset, "a", annotation(CAR), replace=True)
-    back = api.stored(dataset, "a", replace=True)
+    new = api.upload_frame(dataset, "a", annotation(CAR), replace=True)
+    back = api.upload_frame(dataset, "a", replace=True)
 
     shown = api.json(f"/frames/{old['frame']['id']}")
     assert (shown["superseded"], shown["boxes"]) == (True, [])
@@ -211,8 +211,8 @@ def test_an_older_revision_stays_to_be_looked_at(api):
 
 def test_a_deleted_frame_takes_everything_with_it(api):
     dataset = api.dataset()
-    gone = api.stored(dataset, "a/1")
-    api.stored(dataset, "a/2")
+    gone = api.upload_frame(dataset, "a/1")
+    api.upload_frame(dataset, "a/2")
     api.review(gone["decisions"][0]["box_id"], "reject")
     path = f"{BASE}/datasets/{dataset}/frames/a/1"
 
@@ -235,7 +235,7 @@ def town(api):
     more = {2: {**CAR, "class": "truck"}, 3: {**CAR, "distance": 80.0}}
     for number in range(5):
         boxes = [CAR] if number == 4 else [more.get(number, CAR), GHOST]
-        api.stored(dataset, f"town{number // 3}/{number}", annotation(*boxes))
+        api.upload_frame(dataset, f"town{number // 3}/{number}", annotation(*boxes))
     return dataset
 
 
@@ -295,7 +295,7 @@ def test_a_frame_knows_the_one_before_and_the_one_after(api, town):
 def test_a_frame_without_boxes_and_a_dataset_without_it(api):
     dataset = api.dataset()
 
-    stored = api.stored(dataset, "empty", {"boxes": []}, image=scene.image())
+    stored = api.upload_frame(dataset, "empty", {"boxes": []}, image=scene.image())
 
     assert stored["decisions"] == []
     assert stored["segmentation"] is None
@@ -309,7 +309,7 @@ def test_a_box_without_pixels_is_unmeasured_and_never_counts_as_kept(api):
     dataset = api.dataset()
     outside = {"id": "out", "class": "car", "xyxy": [70, 0, 80, 9]}
 
-    api.stored(dataset, "a", annotation(CAR, outside), image=scene.image())
+    api.upload_frame(dataset, "a", annotation(CAR, outside), image=scene.image())
 
     assert api.verdicts(dataset) == {"real": "unmeasured", "out": "rejected"}
     stats = api.json(f"/datasets/{dataset}/stats")

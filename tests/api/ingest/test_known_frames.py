@@ -16,8 +16,8 @@ def known(api, dataset, *keys):
 
 def test_only_stored_keys_are_answered(api):
     dataset = api.dataset()
-    frame = api.stored(dataset, "run/ü 1")["frame"]
-    api.stored(api.dataset(), "elsewhere")
+    frame = api.upload_frame(dataset, "run/ü 1")["frame"]
+    api.upload_frame(api.dataset(), "elsewhere")
 
     found = known(api, dataset, "run/ü 1", "elsewhere", "none")
 
@@ -32,7 +32,7 @@ def test_the_digest_is_what_the_guide_says(api):
         "boxes": [{"class": "car", "xyxy": [1, 2, 3.5, 1e3]}],
     }
     files = {"segmentation": frames.segmentation(), "image": frames.image()}
-    api.stored(dataset, "a", annotation, **files)
+    api.upload_frame(dataset, "a", annotation, **files)
 
     lines = ["frame 1"]
     for kind in sorted(files):
@@ -45,9 +45,9 @@ def test_the_digest_is_what_the_guide_says(api):
 
 def test_a_replaced_frame_is_known_by_its_newest_content(api):
     dataset = api.dataset()
-    before = api.stored(dataset, "a", image=frames.image(1))["frame"]
+    before = api.upload_frame(dataset, "a", image=frames.image(1))["frame"]
     old = known(api, dataset, "a")["a"]
-    api.stored(dataset, "a", image=frames.image(2), replace=True)
+    api.upload_frame(dataset, "a", image=frames.image(2), replace=True)
 
     new = known(api, dataset, "a")["a"]
 

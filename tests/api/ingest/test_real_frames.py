@@ -20,7 +20,7 @@ SWAPPED = "data/ee267-litian-gong/report/Part5_output"
 
 def send(api, dataset, frame):
     assert frame.image is not None
-    return api.stored(
+    return api.upload_frame(
         dataset, frame.key, frame.annotation, image=frame.image.read_bytes()
     )
 
@@ -83,7 +83,7 @@ def test_tags_in_the_wrong_channel_are_recognised(api):
     ]
     segmentation = cv2.imencode(".png", swapped)[1].tobytes()
 
-    stored = api.stored(
+    stored = api.upload_frame(
         api.dataset(),
         "a",
         {"carla_version": "0.9.15", "boxes": sent},

@@ -10,7 +10,7 @@ import zlib
 import pytest
 
 from tests.support import frames as scene
-from tests.support.archives import frame, lines_of, packed
+from tests.support.archives import frame, lines_of, tar_archive
 
 PAGE = b"<html><script>alert(1)</script></html>"
 SVG = b"<svg xmlns='http://www.w3.org/2000/svg' onload='alert(1)'/>"
@@ -178,7 +178,7 @@ def test_an_archive_in_an_archive_is_a_file_of_no_frame(admin):
     members = [("inner.zip", zipped("b.json")), *frame("nested")]
 
     answer = admin.post(
-        "/api/v1/datasets/files/batches", content=packed(members), headers=TAR
+        "/api/v1/datasets/files/batches", content=tar_archive(members), headers=TAR
     )
 
     *_, end = lines_of(answer.text)
@@ -191,7 +191,7 @@ def test_leftovers_in_an_archive_are_told_and_stop_nothing(admin):
 
     answer = admin.post(
         "/api/v1/datasets/files/batches",
-        content=packed([*leftovers, *frame("tidy")]),
+        content=tar_archive([*leftovers, *frame("tidy")]),
         headers=TAR,
     )
 
@@ -201,7 +201,7 @@ def test_leftovers_in_an_archive_are_told_and_stop_nothing(admin):
 
 
 def test_a_member_that_comes_twice_is_one_frame(admin):
-    archive = packed([*frame("twice"), *frame("twice")])
+    archive = tar_archive([*frame("twice"), *frame("twice")])
 
     answer = admin.post("/api/v1/datasets/files/batches", content=archive, headers=TAR)
 

@@ -91,5 +91,5 @@ def test_a_key_with_a_line_end_is_told_from_one_that_is_not_there(api):
 def test_a_key_of_512_characters_is_taken(api):
     dataset, key = api.dataset(), "ü/" * 255 + "xy"
 
-    assert api.stored(dataset, key)["frame"]["key"] == key
+    assert api.upload_frame(dataset, key)["frame"]["key"] == key
     assert api.json(f"/datasets/{dataset}/frames/{key}")["key"] == key

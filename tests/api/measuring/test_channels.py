@@ -13,7 +13,7 @@ from tests.support.sensors import ANNOTATION, files, scene, sensors
 @pytest.fixture
 def dataset(api):
     name = api.dataset()
-    api.stored(name, "a", ANNOTATION, **sensors())
+    api.upload_frame(name, "a", ANNOTATION, **sensors())
     return name
 
 
@@ -64,7 +64,7 @@ def test_the_history_of_a_box_has_the_verdicts_of_its_channels(api, dataset):
 def test_frames_that_come_later_are_measured_alike(api, dataset):
     api.run(dataset, {"evidence": "depth"})
 
-    answer = api.stored(dataset, "b", ANNOTATION, **sensors())
+    answer = api.upload_frame(dataset, "b", ANNOTATION, **sensors())
 
     assert [box["evidence"] for box in answer["decisions"]] == ["depth", "depth"]
     assert [box["verdict"] for box in answer["decisions"]] == ["kept", "rejected"]
@@ -92,7 +92,7 @@ def test_other_accept_sets_need_the_pixels_while_a_channel_is_measured(api, data
 def test_depth_that_is_too_coarse_is_stored_until_somebody_asks_for_it(api):
     name = api.dataset()
     grey = cv2.imencode(".png", np.zeros(scene()[0].shape, np.uint8))[1].tobytes()
-    api.stored(name, "a", ANNOTATION, **files(depth=grey))
+    api.upload_frame(name, "a", ANNOTATION, **files(depth=grey))
 
     run = api.run(name, {"evidence": "depth"})
 

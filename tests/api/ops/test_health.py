@@ -5,10 +5,10 @@ from __future__ import annotations
 from importlib.metadata import version
 
 
-def test_a_service_is_alive_and_ready(anybody):
-    ready = anybody.get("/readyz")
+def test_a_service_is_alive_and_ready(anonymous):
+    ready = anonymous.get("/readyz")
 
-    assert anybody.get("/healthz").json() == {"status": "ok"}
+    assert anonymous.get("/healthz").json() == {"status": "ok"}
     assert ready.status_code == 200
     assert ready.json()["ready"] is True
     assert set(ready.json()["checks"]) == {

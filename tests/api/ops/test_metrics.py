@@ -98,8 +98,8 @@ def worked(tmp_path_factory):
 
 def work(api):
     name = api.dataset()
-    car, ghost = (b["box_id"] for b in api.stored(name, "a")["decisions"])
-    batch = archives.packed(archives.frame("b", number=1))
+    car, ghost = (b["box_id"] for b in api.upload_frame(name, "a")["decisions"])
+    batch = archives.tar_archive(archives.frame("b", number=1))
     kind = {"Content-Type": "application/x-tar"}
     api.http.post(f"{BASE}/datasets/{name}/batches", content=batch, headers=kind)
     assert api.put(name, "bad", {"boxes": [{"id": "1"}]}).status_code == 422

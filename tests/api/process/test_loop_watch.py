@@ -24,15 +24,15 @@ THREADS = 40
 
 @pytest.fixture
 def held(serve):
-    """A service whose probe routes wait for `let_go`, which is set in the end."""
-    for event in (probe_routes.is_held, probe_routes.let_go):
+    """A service whose probe routes wait for `unblock`, which is set in the end."""
+    for event in (probe_routes.is_held, probe_routes.unblock):
         event.clear()
     while probe_routes.waiting.acquire(blocking=False):
         pass
     try:
         yield serve()
     finally:
-        probe_routes.let_go.set()
+        probe_routes.unblock.set()
 
 
 def counted(client):
@@ -73,7 +73,7 @@ def test_a_loop_that_stands_is_logged_with_its_stack_and_not_ready(held, noted):
         noted.came.clear()
         assert noted.came.wait(PATIENCE_S)
         asked = threads.submit(client.get, "/readyz")
-        probe_routes.let_go.set()
+        probe_routes.unblock.set()
         answer = asked.result(PATIENCE_S)
         assert holding.result(PATIENCE_S).status_code == 200
 
@@ -107,7 +107,7 @@ def test_a_service_is_ready_while_all_threads_of_requests_are_busy(held):
         # On a busy machine the loop may have been late on its own a moment ago.
         while (ready := client.get("/readyz").status_code) != 200:
             assert time.monotonic() < until
-        probe_routes.let_go.set()
+        probe_routes.unblock.set()
 
     assert (alive, ready) == (200, 200)
 

@@ -12,9 +12,9 @@ import pytest
 
 from app.package import static_dir
 from app.process.server import MOST_PIPELINED
-from tests.support.archives import frame, pieces
+from tests.support.archives import frame, tar_without_end
 from tests.support.live import live
-from tests.support.probe_routes import no_more_endless
+from tests.support.probe_routes import endless_response_stopped
 
 pytestmark = pytest.mark.long
 
@@ -70,10 +70,10 @@ def test_answers_that_are_not_read_are_given_up(service):
 
 
 def test_a_stream_that_is_not_read_is_given_up(service):
-    no_more_endless.clear()
+    endless_response_stopped.clear()
     with connected(service) as connection:
         connection.sendall(head("/probe/endless", **service.bearer))
-        assert no_more_endless.wait(LONG_S)
+        assert endless_response_stopped.wait(LONG_S)
         until_alone(service)
 
 
@@ -88,7 +88,9 @@ def test_a_batch_whose_answer_is_not_read_is_given_up(service):
         "Content-Length: 1000000000",
     )
     faulty = [{"id": str(number)} for number in range(100)]  # makes long lines
-    sent = b"".join(pieces(frame(f"f{number}", boxes=faulty)) for number in range(9))
+    sent = b"".join(
+        tar_without_end(frame(f"f{number}", boxes=faulty)) for number in range(9)
+    )
     with connected(service) as connection:
         connection.sendall("\r\n".join((*lines, "", "")).encode() + sent)
         assert connection.recv(1)  # the answer has begun
@@ -100,12 +102,12 @@ def test_a_batch_whose_answer_is_not_read_is_given_up(service):
 
 
 def test_a_stream_ends_with_its_client_also_if_another_request_waits(service):
-    no_more_endless.clear()
+    endless_response_stopped.clear()
     with connected(service) as connection:
         connection.sendall(head("/probe/endless", **service.bearer) + head("/healthz"))
         assert connection.recv(1)
 
-    assert no_more_endless.wait(LONG_S)
+    assert endless_response_stopped.wait(LONG_S)
 
 
 def test_a_slow_reader_gets_everything(tmp_path):

@@ -8,7 +8,7 @@ from contextlib import closing
 import pytest
 
 from app.process.server import MOST_PIPELINED
-from tests.support.archives import frame, pieces
+from tests.support.archives import frame, tar_without_end
 from tests.support.live import live
 
 pytestmark = pytest.mark.long
@@ -139,10 +139,10 @@ def test_a_body_that_stops_is_told_so(service, method, path, media_type, begun):
 
 def test_a_batch_that_stops_keeps_what_came_and_gives_its_place_back(service, admin):
     framing = {"Content-Type": "application/x-tar", "Content-Length": "1000000"}
-    whole, half = pieces(frame("whole")), pieces(frame("half"))[:700]
+    whole, half = tar_without_end(frame("whole")), tar_without_end(frame("half"))[:700]
     with connected(service) as connection:
         connection.sendall(head(service, "POST", f"{STREET}/batches", **framing))
-        connection.sendall(whole + pieces(frame("next"))[:-512] + half)
+        connection.sendall(whole + tar_without_end(frame("next"))[:-512] + half)
         lines = b""
         while b'"end": true' not in lines:
             lines += connection.recv(65536)
@@ -165,7 +165,7 @@ def test_a_slow_sender_is_waited_for(service):
     assert answer.startswith(b"HTTP/1.1 201 ")
 
 
-def test_a_large_body_of_a_login_is_refused(service, anybody):
-    answer = anybody.post("/api/v1/session", json={"token": "x" * 5_000})
+def test_a_large_body_of_a_login_is_refused(service, anonymous):
+    answer = anonymous.post("/api/v1/session", json={"token": "x" * 5_000})
 
     assert (answer.status_code, answer.json()["code"]) == (413, "too_large")

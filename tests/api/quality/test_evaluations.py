@@ -15,12 +15,12 @@ CHANNELS = ["ordered", "depth", "depth_center", "instance", "lidar"]
 @pytest.fixture
 def dataset(api):
     name = api.dataset()
-    api.stored(name, "a", ANNOTATION, **sensors())
+    api.upload_frame(name, "a", ANNOTATION, **sensors())
     return name
 
 
 def evaluated(api, dataset):
-    return api.finished(api.post(f"/datasets/{dataset}/evaluations"))
+    return api.wait_for_job(api.post(f"/datasets/{dataset}/evaluations"))
 
 
 def test_every_channel_is_measured_and_no_verdict_changes(api, dataset):
@@ -98,7 +98,7 @@ def test_channels_that_were_not_measured_are_named(api, dataset):
 
 def test_frames_that_come_later_count_at_once(api, dataset):
     evaluated(api, dataset)
-    api.stored(dataset, "b", ANNOTATION, **sensors())
+    api.upload_frame(dataset, "b", ANNOTATION, **sensors())
 
     found = api.json(f"/datasets/{dataset}/evaluations")
 
@@ -107,7 +107,7 @@ def test_frames_that_come_later_count_at_once(api, dataset):
 
 def test_depth_that_is_too_coarse_does_not_stop_a_comparison(api, dataset):
     grey = cv2.imencode(".png", np.zeros(scene()[0].shape, np.uint8))[1].tobytes()
-    api.stored(dataset, "coarse", ANNOTATION, **files(depth=grey))
+    api.upload_frame(dataset, "coarse", ANNOTATION, **files(depth=grey))
 
     run = evaluated(api, dataset)
 
@@ -143,7 +143,7 @@ def whole(name, content):
 def test_a_file_that_cannot_be_used_is_one_problem_and_not_the_end(
     api, dataset, kind, content, code
 ):
-    api.stored(dataset, "bad", ANNOTATION, **whole(kind, content))
+    api.upload_frame(dataset, "bad", ANNOTATION, **whole(kind, content))
 
     run = evaluated(api, dataset)
 
@@ -152,7 +152,7 @@ def test_a_file_that_cannot_be_used_is_one_problem_and_not_the_end(
     assert (problem["key"], problem["error"]["code"]) == ("bad", code)
     assert problem["error"]["errors"][0]["pointer"] == f"/{kind}"
     assert problem["error"]["detail"].startswith("frame bad: ")
-    api.stored(dataset, "bad", ANNOTATION, **sensors(), replace=True)
+    api.upload_frame(dataset, "bad", ANNOTATION, **sensors(), replace=True)
 
     assert api.json(f"/datasets/{dataset}/problems")["items"] == []
 
@@ -167,7 +167,7 @@ def test_thresholds_are_suggested_from_instances_that_nobody_answered(api):
     name = api.dataset()
     beside = {"id": "ghost", "class": "car", "xyxy": [20, 30, 80, 100]}
     boxes = [ANNOTATION["boxes"][0], beside]
-    api.stored(name, "a", {**ANNOTATION, "boxes": boxes}, **sensors())
+    api.upload_frame(name, "a", {**ANNOTATION, "boxes": boxes}, **sensors())
     evaluated(api, name)
 
     found = api.json(f"/datasets/{name}/quality", truth="instances")

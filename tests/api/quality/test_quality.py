@@ -34,7 +34,7 @@ def dataset(api):
             {"id": "ghost", "xyxy": scene.IN_THE_SKY},
         ]
         boxes = [{**box, "class": "car"} for box in boxes]
-        api.stored(name, str(number), {**scene.annotation(), "boxes": boxes})
+        api.upload_frame(name, str(number), {**scene.annotation(), "boxes": boxes})
     return name
 
 

@@ -42,7 +42,7 @@ def effective(api, dataset):
 
 def test_a_bulk_answer_has_one_undo(api, dataset, ghosts):
     api.review(ghosts[0], "unsure", comment="before")
-    elsewhere = api.stored(api.dataset(), "a")["decisions"][0]["box_id"]
+    elsewhere = api.upload_frame(api.dataset(), "a")["decisions"][0]["box_id"]
     ids = [*ghosts, elsewhere, ghosts[0], 2**62]
 
     seen = [1, 0, 0, 0, 1, 0]
@@ -252,7 +252,7 @@ def test_boxes_that_were_answered_since_they_were_seen_are_left_and_listed(
 
 
 def another_came(api, dataset, boxes):
-    api.stored(dataset, "3", {**scene.annotation(), "number": 3})
+    api.upload_frame(dataset, "3", {**scene.annotation(), "number": 3})
 
 
 def one_went(api, dataset, boxes):
@@ -265,7 +265,7 @@ def one_went_and_another_came(api, dataset, boxes):
 
 
 def one_was_replaced(api, dataset, boxes):
-    api.stored(dataset, "0", {**scene.annotation(), "number": 9}, replace=True)
+    api.upload_frame(dataset, "0", {**scene.annotation(), "number": 9}, replace=True)
 
 
 def one_was_answered(api, dataset, boxes):
@@ -320,7 +320,7 @@ def test_answers_outside_the_filter_do_not_make_its_snapshot_stale(
     seen = snapshot(api, dataset, verdict="rejected", review="none")
     (kept, *_) = api.boxes(dataset, verdict="kept")
     api.review(kept["box_id"], "keep")
-    elsewhere = api.stored(api.dataset(), "a")["decisions"][0]["box_id"]
+    elsewhere = api.upload_frame(api.dataset(), "a")["decisions"][0]["box_id"]
     api.review(elsewhere, "keep")
 
     answer = bulk(
@@ -337,7 +337,7 @@ def test_answers_outside_the_filter_do_not_make_its_snapshot_stale(
 def test_a_snapshot_is_that_of_its_own_filter(api, dataset):
     seen = snapshot(api, dataset, verdict="rejected")
     other = api.dataset()
-    api.stored(other, "0")
+    api.upload_frame(other, "0")
 
     wrong = [
         bulk(api, dataset, "keep", filter={"verdict": "kept"}, snapshot=seen),
@@ -358,7 +358,7 @@ def answered_unseen(service):
     api = Api(service.admin())
     with api.http:
         name = api.dataset()
-        boxes = [box["box_id"] for box in api.stored(name, "0")["decisions"]]
+        boxes = [box["box_id"] for box in api.upload_frame(name, "0")["decisions"]]
         with service.app.state.database.write() as session:
             answer = {"box_id": boxes[1], "revision": 1, "verdict": "keep"}
             session.execute(insert(Review), {**answer, "reviewer": "ada"})

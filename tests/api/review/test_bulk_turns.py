@@ -15,7 +15,7 @@ from app.db.engine import Database
 from app.review.service import review_box
 from tests.support import frames as scene
 from tests.support.api import Api
-from tests.support.at_work import watched
+from tests.support.database_access import record_access
 from tests.support.databases import url_of
 from tests.support.statements import statements_of
 from unghost.wire.boxes import ReviewIn
@@ -35,7 +35,7 @@ def street(api):
     """A frame with many boxes, and their ids."""
     boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(MANY)]
     name = api.dataset()
-    stored = api.stored(name, "a", {**scene.annotation(), "boxes": boxes})
+    stored = api.upload_frame(name, "a", {**scene.annotation(), "boxes": boxes})
     return name, [box["box_id"] for box in stored["decisions"]]
 
 
@@ -94,7 +94,7 @@ def test_single_answers_come_before_acts_on_many_boxes(
     service, api, street, act, writes
 ):
     name, ids = street
-    other = api.stored(api.dataset(), "b")["decisions"][0]["box_id"]
+    other = api.upload_frame(api.dataset(), "b")["decisions"][0]["box_id"]
     acts = {
         "listed": partial(bulk, api, name, box_ids=ids),
         "filter": partial(bulk, api, name, **of_a_filter(api, name)),
@@ -153,7 +153,7 @@ def test_a_filter_that_changes_before_the_turn_is_not_answered(service, api, str
     name, ids = street
     which = of_a_filter(api, name)
 
-    with watched(service.app.state.database) as acts:
+    with record_access(service.app.state.database) as acts:
         answer = while_it_waits(
             service,
             partial(bulk, api, name, **which),
@@ -162,7 +162,7 @@ def test_a_filter_that_changes_before_the_turn_is_not_answered(service, api, str
 
     assert (answer.status_code, answer.json()["code"]) == (412, "stale_snapshot")
     assert answer.json()["current"] == {"total": MANY, **snapshot_of(api, name)}
-    assert acts.within == set()
+    assert acts.nested_transactions == set()
     reviewed = api.json(f"/datasets/{name}/stats")
     assert (reviewed["unsure"], reviewed["reviewed"]) == (1, 0)
 
@@ -219,7 +219,7 @@ def test_a_replaced_frame_is_described_without_asking_for_it(service, api, stree
     annotation = {**scene.annotation(), "boxes": boxes}
 
     with statements_of(service.app.state.database.engine) as found:
-        answer = api.stored(name, "a", annotation, replace=True)
+        answer = api.upload_frame(name, "a", annotation, replace=True)
 
     assert [text for text, _ in found if "FROM evidence" in text] == []
     frame = api.json(f"/frames/{answer['frame']['id']}")

@@ -38,8 +38,8 @@ def street(admin):
     api = Api(admin)
     name = f"street-{next(_names)}"
     api.post("/datasets", {"name": name})
-    first = api.stored(name, "0")
-    api.stored(name, "1", {**scene.annotation(), "number": 1})
+    first = api.upload_frame(name, "0")
+    api.upload_frame(name, "1", {**scene.annotation(), "number": 1})
     return name, [box["box_id"] for box in first["decisions"]]
 
 
@@ -65,7 +65,7 @@ def replace_in_a_batch(api, name):
     answer = api.http.post(
         f"{BASE}/datasets/{name}/batches",
         params={"replace": "true"},
-        content=archives.packed(members),
+        content=archives.tar_archive(members),
         headers={"Content-Type": "application/x-tar"},
     )
     lines = [json.loads(line) for line in answer.text.splitlines()]

@@ -17,7 +17,7 @@ def dataset(api):
     """Six frames, each with a car and a ghost."""
     name = api.dataset()
     for number in range(6):
-        api.stored(name, str(number), {**scene.annotation(), "number": number})
+        api.upload_frame(name, str(number), {**scene.annotation(), "number": number})
     return name
 
 
@@ -138,7 +138,7 @@ def test_reviewers_who_ask_at_once_never_get_the_same_box(either):
     server, api = either
     dataset = api.dataset()
     for number in range(20):
-        api.stored(dataset, str(number), {**scene.annotation(), "number": number})
+        api.upload_frame(dataset, str(number), {**scene.annotation(), "number": number})
     clients = [reviewer_of(server, api, f"r{number}") for number in range(8)]
     orders = ["doubt", "random", "class", "random"]
 
@@ -162,7 +162,7 @@ def test_reviewers_who_ask_at_once_never_get_the_same_box(either):
 def test_class_after_class(api):
     name = api.dataset(classes=["walker", "car"])
     boxes = [{"class": of, "xyxy": scene.ON_THE_CAR} for of in ("car", "walker", "car")]
-    api.stored(name, "0", {**scene.annotation(), "boxes": boxes})
+    api.upload_frame(name, "0", {**scene.annotation(), "boxes": boxes})
 
     queue = ask(api, name, order="class")
 

@@ -68,7 +68,7 @@ def test_history_is_told_in_the_order_in_which_it_was_stored(service, has_number
     api = Api(service.admin())
     with api.http:
         name = api.dataset()
-        box_id = api.stored(name, "0")["decisions"][0]["box_id"]
+        box_id = api.upload_frame(name, "0")["decisions"][0]["box_id"]
         api.review(box_id, "keep")
         first = api.run(name, {"min_visible_pixels": 10**6})["id"]
         for revision, verdict in enumerate(["reject", "unsure"], 1):
@@ -104,7 +104,7 @@ def test_the_history_of_a_box_shows_the_match_of_the_box(api):
         {"id": "on the car", "class": "car", "xyxy": [20.9, 24.9, 39.1, 39.1]},
         {"id": "masked", "class": "car", "xyxy": scene.IN_THE_SKY},
     ]
-    api.stored(name, "0", {**scene.annotation(), "boxes": boxes})
+    api.upload_frame(name, "0", {**scene.annotation(), "boxes": boxes})
     api.run(name, {"profile": "carlasimu"})
 
     shown = {box["id"]: box for box in api.boxes(name)}
@@ -194,7 +194,9 @@ def test_half_a_character_is_no_comment(api, ghosts):
 def test_boxes_are_listed_by_what_people_said(api, filters, ids):
     name = api.dataset()
     boxes = [
-        box for number in range(3) for box in api.stored(name, str(number))["decisions"]
+        box
+        for number in range(3)
+        for box in api.upload_frame(name, str(number))["decisions"]
     ]
     api.review(boxes[1]["box_id"], "keep")
     api.review(boxes[2]["box_id"], "reject")

@@ -16,7 +16,7 @@ YAML = {"Content-Type": "application/yaml"}
 @pytest.fixture
 def dataset(api):
     name = api.dataset()
-    api.stored(name, "a")
+    api.upload_frame(name, "a")
     return name
 
 
@@ -63,7 +63,7 @@ def test_activating_a_config_is_a_run(api, dataset):
     digest = add_config(api, dataset, b"min_visible_pixels: 1000000").json()["digest"]
     path = f"{BASE}/datasets/{dataset}/config"
 
-    run = api.finished(api.http.put(path, json={"digest": digest}))
+    run = api.wait_for_job(api.http.put(path, json={"digest": digest}))
     unknown = api.http.put(path, json={"digest": "0" * 64})
 
     active = api.json(f"/datasets/{dataset}/config")
@@ -201,7 +201,7 @@ def test_a_preview_says_what_would_flip_and_writes_nothing(api, dataset):
 def test_a_flip_shows_the_match_of_the_box(api, mask, active, previewed, match):
     name = api.dataset(ignore_mask=mask)
     box = {"id": "real", "class": "car", "xyxy": [20.9, 24.9, 39.1, 39.1]}
-    api.stored(name, "a", {**scene.annotation(), "boxes": [box]})
+    api.upload_frame(name, "a", {**scene.annotation(), "boxes": [box]})
     api.run(name, active)
 
     preview = api.post(f"/datasets/{name}/preview", {"config": previewed}).json()

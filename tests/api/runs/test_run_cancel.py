@@ -9,8 +9,8 @@ import pytest
 from tests.support import frames as scene
 from tests.support.api import Api
 from tests.support.event_reader import events, open_events
-from tests.support.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
 from tests.support.servers import running_server
+from tests.support.slow_datasets import FROM_PIXELS, OTHER_PIXELS, create_slow_dataset
 
 FRAMES = 60
 AT_ONCE_S = 10
@@ -25,7 +25,7 @@ def slow(tmp_path_factory):
     with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
         api = Api.at(server.url, server.headers)
         with api.http:
-            yield server, api, fill(api, FRAMES)
+            yield server, api, create_slow_dataset(api, FRAMES)
 
 
 def asked_for(api, dataset, config, *, activate=True):
@@ -55,7 +55,7 @@ def test_a_run_that_measures_ends_within_a_second_and_changes_nothing(slow):
     answer = api.post(f"/runs/{run_id}/cancel")
     cancelled = time.monotonic() - begun
     # The next job begins only when the cancelled one has stopped.
-    following = api.finished(
+    following = api.wait_for_job(
         api.post(f"/datasets/{dataset}/runs", {"config": NOTHING_VISIBLE})
     )
     freed = time.monotonic() - begun
@@ -107,7 +107,7 @@ def test_a_run_that_waits_never_begins(slow):
 
 def test_a_run_that_is_over_cannot_be_cancelled(api):
     dataset = api.dataset()
-    api.stored(dataset, "a")
+    api.upload_frame(dataset, "a")
     run = api.run(dataset, NOTHING_VISIBLE)
 
     answer = api.post(f"/runs/{run['id']}/cancel")
@@ -152,13 +152,13 @@ def test_a_viewer_cannot_cancel(slow):
 def test_a_dataset_that_is_deleted_in_the_middle_of_its_run_is_no_failure(slow):
     """Such a run used to be logged as a job that failed."""
     server, api, _ = slow
-    dataset = fill(api, 40)
+    dataset = create_slow_dataset(api, 40)
     run_id = asked_for(api, dataset, FROM_PIXELS)
     part_way(api, run_id)
 
     gone = api.http.delete(f"/api/v1/datasets/{dataset}", params={"confirm": dataset})
     other = api.dataset()
-    api.stored(other, "a", {**scene.annotation()})
+    api.upload_frame(other, "a", {**scene.annotation()})
 
     assert gone.status_code == 204
     assert api.run(other, NOTHING_VISIBLE)["state"] == "done"

@@ -18,7 +18,7 @@ MANY = [
 @pytest.fixture
 def dataset(api):
     name = api.dataset()
-    api.stored(name, "a")
+    api.upload_frame(name, "a")
     return name
 
 
@@ -67,7 +67,7 @@ def test_a_diff_is_against_the_run_that_was_active_before(api, dataset):
 @pytest.mark.parametrize("activate", [True, False])
 @pytest.mark.parametrize("other", [NOTHING_VISIBLE, CARS_ARE_SKY, FROM_PIXELS, {}])
 def test_any_two_runs_compare_as_their_verdicts_do(api, dataset, other, activate):
-    api.stored(dataset, "many", {**scene.annotation(), "boxes": MANY})
+    api.upload_frame(dataset, "many", {**scene.annotation(), "boxes": MANY})
     one = api.run(dataset, {"threshold_small_box": 80})
     before = {box["box_id"]: box["verdict"] for box in api.boxes(dataset)}
     two = api.run(dataset, other, activate=activate)
@@ -87,7 +87,7 @@ def test_any_two_runs_compare_as_their_verdicts_do(api, dataset, other, activate
 
 
 def test_pages_hold_every_flip_once_the_closest_calls_first(api, dataset):
-    api.stored(dataset, "many", {**scene.annotation(), "boxes": MANY})
+    api.upload_frame(dataset, "many", {**scene.annotation(), "boxes": MANY})
     run = api.run(dataset, {"threshold_small_box": 99.5})
     whole = api.json(f"/runs/{run['id']}/diff")
 
@@ -110,7 +110,7 @@ def test_pages_hold_every_flip_once_the_closest_calls_first(api, dataset):
 def test_frames_that_only_one_run_has_numbers_of_are_left_out(api, dataset):
     first = first_run(api, dataset)
     run = api.run(dataset, FROM_PIXELS)
-    api.stored(dataset, "later")
+    api.upload_frame(dataset, "later")
 
     diff = api.json(f"/runs/{run['id']}/diff", against=first)
 
@@ -133,7 +133,7 @@ def test_runs_that_cannot_be_compared_are_refused(api, dataset):
     empty = api.post(
         f"/datasets/{dataset}/runs", {"config": {"palette": "carla-0.9.0"}}
     )
-    failed = api.finished(empty)
+    failed = api.wait_for_job(empty)
     run = api.run(dataset, NOTHING_VISIBLE)
 
     def code(path, **more):

@@ -12,8 +12,8 @@ import pytest
 from tests.support.api import BASE, Api
 from tests.support.databases import change
 from tests.support.event_reader import events, open_events
-from tests.support.long_streets import FROM_PIXELS, fill
 from tests.support.servers import running_server
+from tests.support.slow_datasets import FROM_PIXELS, create_slow_dataset
 from tests.support.waiting import PATIENCE_S, until
 
 FRAMES = 100
@@ -28,7 +28,7 @@ def slow(tmp_path_factory):
     with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
         api = Api.at(server.url, server.headers)
         with api.http:
-            yield server, api, fill(api, FRAMES)
+            yield server, api, create_slow_dataset(api, FRAMES)
 
 
 def asked_for(api, dataset, config):

@@ -10,7 +10,7 @@ from app.package import migrations_dir
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
 from tests.support.databases import change, url_of
-from tests.support.live import resting
+from tests.support.live import block_jobs
 from tests.support.servers import STOP_WAIT_S
 
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
@@ -20,7 +20,7 @@ CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 @pytest.fixture
 def dataset(api):
     name = api.dataset()
-    api.stored(name, "a")
+    api.upload_frame(name, "a")
     return name
 
 
@@ -31,7 +31,7 @@ def ids(api, dataset):
 
 def test_a_run_is_described_whole(api, dataset):
     accepted = api.post(f"/datasets/{dataset}/runs", {"config": NOTHING_VISIBLE})
-    run = api.finished(accepted)
+    run = api.wait_for_job(accepted)
 
     times = ("created_at", "started_at", "finished_at")
     assert {key: run[key] for key in run if key not in (*times, "id", "config")} == {
@@ -126,7 +126,7 @@ def test_a_run_that_a_crash_cut_off_ends_once_after_an_upgrade(start_api):
     first, api = start_api()
     name = api.dataset()
     for number in range(3):
-        api.stored(name, str(number), {**scene.annotation(), "number": number})
+        api.upload_frame(name, str(number), {**scene.annotation(), "number": number})
     run = api.run(name, {"profile": "carlasimu"})
     first.process.kill()
     first.process.wait(STOP_WAIT_S)
@@ -158,7 +158,7 @@ def test_a_dataset_can_be_deleted_while_a_run_waits(api, dataset):
     gone = api.http.delete(f"{BASE}/datasets/{dataset}", params={"confirm": dataset})
 
     other = api.dataset()
-    api.stored(other, "a")
+    api.upload_frame(other, "a")
     assert gone.status_code == 204
     assert api.http.get(accepted.headers["location"]).status_code == 404
     assert api.run(other, NOTHING_VISIBLE)["state"] == "done"
@@ -166,7 +166,7 @@ def test_a_dataset_can_be_deleted_while_a_run_waits(api, dataset):
 
 def test_too_many_runs_are_asked_to_come_later(serve):
     service = serve(max_open_runs=1)
-    with service.admin() as http, resting(service.app.state.services.engine):
+    with service.admin() as http, block_jobs(service.app.state.services.engine):
         api = Api(http)
         name = api.dataset()
         taken, late = (

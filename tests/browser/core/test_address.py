@@ -15,8 +15,8 @@ from tests.support.page.windows import Visitor
 pytestmark = pytest.mark.browser
 
 
-def test_filters_and_selection_survive_a_reload(scene: Scene, ada: Visitor):
-    page = ada.open(scene.link())
+def test_filters_and_selection_survive_a_reload(scene: Scene, user: Visitor):
+    page = user.open(scene.link())
     page.get_by_label("Reason").select_option("below_threshold")
     page.locator(".box", has_text="hidden").click()
     address = page.url
@@ -24,7 +24,7 @@ def test_filters_and_selection_survive_a_reload(scene: Scene, ada: Visitor):
     assert "reason=below_threshold" in address
 
     page.reload()
-    ada.ready()
+    user.wait_until_drawn()
 
     assert page.url == address
     expect(page.locator(".box")).to_have_count(1)
@@ -44,17 +44,17 @@ def test_filters_and_selection_survive_a_reload(scene: Scene, ada: Visitor):
     ],
 )
 def test_filters_of_a_link_are_obeyed_and_the_hidden_are_counted(
-    scene, ada, query, shown
+    scene, user, query, shown
 ):
-    page = ada.open(scene.link(**query))
+    page = user.open(scene.link(**query))
 
     names = [name.split()[-1] for name in page.locator(".box__name").all_inner_texts()]
     assert names == shown
     expect(page.locator(".panel__hidden")).to_contain_text(f"{5 - len(shown)} hidden")
 
 
-def test_show_all_clears_the_filters_and_keeps_the_box(scene, ada):
-    page = ada.open(scene.link("ghost", verdict="kept"))
+def test_show_all_clears_the_filters_and_keeps_the_box(scene, user):
+    page = user.open(scene.link("ghost", verdict="kept"))
 
     page.get_by_role("button", name="Show all").click()
 
@@ -62,17 +62,17 @@ def test_show_all_clears_the_filters_and_keeps_the_box(scene, ada):
     assert page.url.endswith(f"?box={scene.box_id('ghost')}")
 
 
-def test_selected_box_stays_in_sight_when_a_filter_hides_it(scene, ada):
-    page = ada.open(scene.link("ghost", verdict="kept"))
+def test_selected_box_stays_in_sight_when_a_filter_hides_it(scene, user):
+    page = user.open(scene.link("ghost", verdict="kept"))
 
     expect(page.locator("[aria-selected=true]")).to_contain_text("ghost")
     expect(page.locator(".panel__count")).to_contain_text("2 boxes")
 
 
-def test_filters_of_the_list_of_frames_go_along_into_a_frame_and_back(scene, ada):
+def test_filters_of_the_list_of_frames_go_along_into_a_frame_and_back(scene, user):
     walker = [{"id": "w", "class": "walker", "xyxy": scenes.WALKER}]
     scene.push("run/000002", boxes=walker)
-    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+    page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(2)
 
     page.get_by_role("button", name="Rejected").click()
@@ -90,9 +90,9 @@ def test_filters_of_the_list_of_frames_go_along_into_a_frame_and_back(scene, ada
     expect(page.locator("a.thumb")).to_have_count(1)
 
 
-def test_frames_are_found_by_the_beginning_of_their_key(scene, ada):
+def test_frames_are_found_by_the_beginning_of_their_key(scene, user):
     scene.push("other/000001")
-    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+    page = user.open(f"#/datasets/{scene.dataset}/frames")
 
     page.get_by_label("Key starts with").fill("other/")
 
@@ -100,8 +100,8 @@ def test_frames_are_found_by_the_beginning_of_their_key(scene, ada):
     assert page.url.endswith("?key=other%2F")
 
 
-def test_no_match_says_so_and_offers_the_way_back(scene, ada):
-    page = ada.open(f"#/datasets/{scene.dataset}/frames?key=nowhere")
+def test_no_match_says_so_and_offers_the_way_back(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/frames?key=nowhere")
     expect(page.get_by_role("heading", name="No frame matches")).to_be_visible()
 
     page.get_by_role("button", name="Clear the filters").click()
@@ -109,11 +109,11 @@ def test_no_match_says_so_and_offers_the_way_back(scene, ada):
     expect(page.locator("a.thumb")).to_have_count(1)
 
 
-def test_long_list_of_frames_comes_page_by_page(scene, ada):
+def test_long_list_of_frames_comes_page_by_page(scene, user):
     box = [{"id": "w", "class": "walker", "xyxy": scenes.WALKER}]
     for number in range(2, 66):
         scene.push(f"run/{number:06}", boxes=box, form="none")
-    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+    page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb").nth(59)).to_be_attached()
 
     page.mouse.wheel(0, 20_000)
@@ -123,11 +123,11 @@ def test_long_list_of_frames_comes_page_by_page(scene, ada):
     assert page.locator("a.thumb").nth(64).get_attribute("title") == "run/000065"
 
 
-def test_history_of_the_browser_goes_back_to_the_list(scene, ada):
-    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+def test_history_of_the_browser_goes_back_to_the_list(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/frames")
     page.locator("a.thumb").click()
-    ada.ready()
-    ada.press("j", "j")
+    user.wait_until_drawn()
+    user.press("j", "j")
 
     page.go_back()
 
@@ -141,15 +141,15 @@ def test_history_of_the_browser_goes_back_to_the_list(scene, ada):
         ("#/datasets/no-such/frames", "there is no dataset 'no-such'"),
     ],
 )
-def test_wrong_address_is_a_page_of_its_own(ada, link, words):
-    page = ada.open(link)
+def test_wrong_address_is_a_page_of_its_own(user, link, words):
+    page = user.open(link)
 
     expect(page.locator("main")).to_contain_text(words)
 
 
-def test_frame_that_is_gone_says_so_and_can_be_tried_again(ada):
-    page = ada.page
-    page.goto(f"{ada.url}/#/frames/999999")
+def test_frame_that_is_gone_says_so_and_can_be_tried_again(user):
+    page = user.page
+    page.goto(f"{user.url}/#/frames/999999")
 
     expect(page.get_by_role("alert")).to_contain_text("there is no frame")
     expect(page.get_by_role("button", name="Try again")).to_be_visible()

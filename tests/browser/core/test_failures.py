@@ -34,31 +34,31 @@ def street(make_scene: MakeScene) -> Scene:
 def view(path: str, *, click: str = "") -> Callable[[Visitor, Scene], None]:
     """A function that opens this view of the dataset and clicks a button, if named."""
 
-    def go(ada: Visitor, street: Scene) -> None:
-        page = ada.open(f"#/datasets/{street.dataset}/{path}")
+    def go(user: Visitor, street: Scene) -> None:
+        page = user.open(f"#/datasets/{street.dataset}/{path}")
         if click:
             page.get_by_role("button", name=click).click()
 
     return go
 
 
-def latest_run(ada: Visitor, street: Scene) -> None:
+def latest_run(user: Visitor, street: Scene) -> None:
     runs = scenes.get(street.api, f"/datasets/{street.dataset}/runs")["items"]
-    ada.open(f"#/datasets/{street.dataset}/runs?run={runs[0]['id']}")
+    user.open(f"#/datasets/{street.dataset}/runs?run={runs[0]['id']}")
 
 
-def a_box(ada: Visitor, street: Scene) -> None:
+def a_box(user: Visitor, street: Scene) -> None:
     box = street.frame["boxes"][0]
-    ada.page.goto(f"{ada.url}/#/frames/{street.frame['id']}?box={box['box_id']}")
+    user.page.goto(f"{user.url}/#/frames/{street.frame['id']}?box={box['box_id']}")
 
 
-def segmentation(ada: Visitor, street: Scene) -> None:
+def segmentation(user: Visitor, street: Scene) -> None:
     """Show the segmentation of a frame.
 
     No box is selected: its pixels would be loaded from the segmentation, too.
     """
-    ada.page.goto(f"{ada.url}/#/frames/{street.frame['id']}")
-    ada.page.get_by_role("button", name="Segmentation").click()
+    user.page.goto(f"{user.url}/#/frames/{street.frame['id']}")
+    user.page.get_by_role("button", name="Segmentation").click()
 
 
 @pytest.mark.parametrize(
@@ -80,11 +80,11 @@ def segmentation(ada: Visitor, street: Scene) -> None:
     ],
 )
 def test_a_part_that_cannot_be_loaded_says_so_and_is_tried_again(
-    ada, street, asked, go, part
+    user, street, asked, go, part
 ):
-    page: Page = ada.page
+    page: Page = user.page
     page.route(re.compile(asked), refuse)
-    go(ada, street)
+    go(user, street)
     place = page.get_by_role("region", name=part) if part else page
     failure = place.get_by_role("alert")
     expect(failure).to_contain_text(DETAIL)
@@ -95,25 +95,25 @@ def test_a_part_that_cannot_be_loaded_says_so_and_is_tried_again(
     expect(failure).to_have_count(0)
 
 
-def test_history_that_cannot_be_loaded_is_not_that_of_the_last_box(ada, street):
-    a_box(ada, street)
-    items = ada.page.locator(".history__item")
+def test_history_that_cannot_be_loaded_is_not_that_of_the_last_box(user, street):
+    a_box(user, street)
+    items = user.page.locator(".history__item")
     expect(items.first).to_be_visible()
 
-    route_loaded(ada.page, re.compile("/history"), refuse)
-    ada.press("j")
+    route_loaded(user.page, re.compile("/history"), refuse)
+    user.press("j")
 
-    expect(ada.page.get_by_role("alert")).to_contain_text(DETAIL)
+    expect(user.page.get_by_role("alert")).to_contain_text(DETAIL)
     expect(items).to_have_count(0)
 
 
-def test_a_comparison_that_cannot_be_loaded_is_not_the_one_before(ada, street):
-    view("quality")(ada, street)
-    channels = ada.page.get_by_role("region", name="Channels compared")
+def test_a_comparison_that_cannot_be_loaded_is_not_the_one_before(user, street):
+    view("quality")(user, street)
+    channels = user.page.get_by_role("region", name="Channels compared")
     of_instances = channels.get_by_text("Only the segmentation has been measured.")
     expect(of_instances).to_be_visible()
 
-    route_loaded(ada.page, re.compile(r"/evaluations\?.*truth=people"), refuse)
+    route_loaded(user.page, re.compile(r"/evaluations\?.*truth=people"), refuse)
     channels.get_by_role("button", name="People").click()
 
     expect(channels.get_by_role("alert")).to_contain_text(DETAIL)

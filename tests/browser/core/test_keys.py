@@ -9,7 +9,7 @@ from playwright.sync_api import Page, expect
 
 from tests.support.page import scenes
 from tests.support.page.scenes import Scene
-from tests.support.page.stage import after_drawing, view
+from tests.support.page.stage import view, wait_for_drawing
 from tests.support.page.windows import Visitor
 
 pytestmark = pytest.mark.browser
@@ -33,103 +33,103 @@ def pressed(page: Page, name: str):
         ("", "ArrowLeft", "away"),
     ],
 )
-def test_next_and_previous_go_through_the_boxes(scene, ada, start, key, selected):
-    page = ada.open(scene.link(start))
+def test_next_and_previous_go_through_the_boxes(scene, user, start, key, selected):
+    page = user.open(scene.link(start))
 
-    ada.press(key)
+    user.press(key)
 
     expect(heading(page)).to_contain_text(selected)
     expect(page.locator("[aria-selected=true]")).to_contain_text(selected)
 
 
-def test_shift_j_skips_what_has_an_answer(scene, ada):
-    page = ada.open(scene.link("real"))
-    ada.press("j", "x", "ArrowLeft")
+def test_shift_j_skips_what_has_an_answer(scene, user):
+    page = user.open(scene.link("real"))
+    user.press("j", "x", "ArrowLeft")
 
-    ada.press("Shift+J")
+    user.press("Shift+J")
 
     expect(heading(page)).to_contain_text("ghost")
 
 
-def test_next_after_the_last_box_is_the_next_frames_first(scene, ada):
+def test_next_after_the_last_box_is_the_next_frames_first(scene, user):
     scene.push("run/000002")
-    page = ada.open(scene.link("away"))
+    page = user.open(scene.link("away"))
 
-    ada.press("j")
+    user.press("j")
 
     expect(page.locator("h1")).to_have_text("run/000002")
     expect(heading(page)).to_contain_text("real")
 
 
-def test_previous_before_the_first_box_is_the_last_frames_last(scene, ada):
+def test_previous_before_the_first_box_is_the_last_frames_last(scene, user):
     second = scene.push("run/000002")
-    page = ada.open(f"#/frames/{second['id']}")
-    ada.press("j")
+    page = user.open(f"#/frames/{second['id']}")
+    user.press("j")
 
-    ada.press("ArrowLeft")
+    user.press("ArrowLeft")
 
     expect(page.locator("h1")).to_have_text("run/000001")
     expect(heading(page)).to_contain_text("away")
 
 
-def test_page_keys_go_from_frame_to_frame_and_say_where_the_end_is(scene, ada):
+def test_page_keys_go_from_frame_to_frame_and_say_where_the_end_is(scene, user):
     scene.push("run/000002")
-    page = ada.open(scene.link())
+    page = user.open(scene.link())
 
-    ada.press("PageDown")
+    user.press("PageDown")
     expect(page.locator("h1")).to_have_text("run/000002")
-    ada.press("PageDown")
+    user.press("PageDown")
     expect(page.locator(".toast")).to_have_text("There are no more frames.")
-    ada.press("PageUp")
+    user.press("PageUp")
 
     expect(page.locator("h1")).to_have_text("run/000001")
 
 
-def test_v_shows_kept_then_rejected_then_all(scene: Scene, ada: Visitor):
-    page = ada.open(scene.link())
+def test_v_shows_kept_then_rejected_then_all(scene: Scene, user: Visitor):
+    page = user.open(scene.link())
     counts = page.locator(".panel__count")
 
-    ada.press("v")
+    user.press("v")
     expect(counts).to_contain_text("2 boxes")
     expect(counts).to_contain_text("3 hidden")
-    ada.press("v")
+    user.press("v")
     expect(counts).to_contain_text("3 boxes")
-    ada.press("v")
+    user.press("v")
 
     expect(counts).to_have_text("5 boxes")
 
 
-def test_c_zooms_to_the_box_stays_there_and_comes_back(scene, ada):
-    page = ada.open(scene.link("real"))
+def test_c_zooms_to_the_box_stays_there_and_comes_back(scene, user):
+    page = user.open(scene.link("real"))
     fitted, *_ = view(page)
 
-    ada.press("c")
-    after_drawing(page)
+    user.press("c")
+    wait_for_drawing(page)
     cropped, *_ = view(page)
     assert cropped > 1.5 * fitted
-    ada.press("j")
-    after_drawing(page)
+    user.press("j")
+    wait_for_drawing(page)
     scale, x, y = view(page)
     left, top, right, bottom = scenes.HALF_HIDDEN
     stage = page.locator(".stage").bounding_box()
     middle = ((left + right) / 2 * scale + x, (top + bottom) / 2 * scale + y)
     assert middle == pytest.approx((stage["width"] / 2, stage["height"] / 2), abs=1)
-    ada.press("c")
-    after_drawing(page)
+    user.press("c")
+    wait_for_drawing(page)
 
     assert view(page)[0] == pytest.approx(fitted)
 
 
-def test_f_fits_after_any_zoom(scene, ada):
-    page = ada.open(scene.link())
+def test_f_fits_after_any_zoom(scene, user):
+    page = user.open(scene.link())
     fitted = view(page)
 
-    ada.press("+", "+")
-    after_drawing(page)
+    user.press("+", "+")
+    wait_for_drawing(page)
     assert view(page)[0] > 1.5 * fitted[0]
-    ada.press("-")
-    ada.press("f")
-    after_drawing(page)
+    user.press("-")
+    user.press("f")
+    wait_for_drawing(page)
 
     assert view(page) == pytest.approx(fitted)
 
@@ -141,11 +141,11 @@ def test_f_fits_after_any_zoom(scene, ada):
         ("l", "Highlight the matching pixels", "true"),
     ],
 )
-def test_layers_are_switched_and_remembered(scene, ada, key, name, before):
-    page = ada.open(scene.link("real"))
+def test_layers_are_switched_and_remembered(scene, user, key, name, before):
+    page = user.open(scene.link("real"))
     expect(pressed(page, name)).to_have_attribute("aria-pressed", before)
 
-    ada.press(key)
+    user.press(key)
 
     after = "true" if before == "false" else "false"
     expect(pressed(page, name)).to_have_attribute("aria-pressed", after)
@@ -153,55 +153,55 @@ def test_layers_are_switched_and_remembered(scene, ada, key, name, before):
     expect(pressed(page, name)).to_have_attribute("aria-pressed", after)
 
 
-def test_d_switches_the_3d_edges(make_scene, ada):
+def test_d_switches_the_3d_edges(make_scene, user):
     scene = make_scene(boxes=[scenes.SOLID])
-    page = ada.open(scene.link("solid"))
+    page = user.open(scene.link("solid"))
     expect(pressed(page, "3D edges")).to_have_attribute("aria-pressed", "true")
 
-    ada.press("d")
+    user.press("d")
 
     expect(pressed(page, "3D edges")).to_have_attribute("aria-pressed", "false")
 
 
-def test_brackets_change_the_opacity(scene, ada):
-    page = ada.open(scene.link())
-    ada.press("m", "]", "]", "[")
+def test_brackets_change_the_opacity(scene, user):
+    page = user.open(scene.link())
+    user.press("m", "]", "]", "[")
 
     slider = page.get_by_role("slider", name="Segmentation opacity")
     expect(slider).to_have_value("0.6")
 
 
-def test_g_opens_the_grid_of_boxes_and_from_there_the_frames(scene, ada):
-    page = ada.open(scene.link("ghost", verdict="rejected"))
+def test_g_opens_the_grid_of_boxes_and_from_there_the_frames(scene, user):
+    page = user.open(scene.link("ghost", verdict="rejected"))
 
-    ada.press("g")
+    user.press("g")
     expect(page.locator(".cell")).to_have_count(3)
     assert page.url.endswith(f"#/datasets/{scene.dataset}/grid?verdict=rejected")
 
-    ada.press("g")
+    user.press("g")
     expect(page.locator("[data-view=frames] h1")).to_have_text(scene.dataset)
     assert page.url.endswith(f"#/datasets/{scene.dataset}/frames?verdict=rejected")
 
 
-def test_escape_lets_go_of_the_box(scene, ada):
-    page = ada.open(scene.link("ghost"))
+def test_escape_lets_go_of_the_box(scene, user):
+    page = user.open(scene.link("ghost"))
 
-    ada.press("Escape")
+    user.press("Escape")
 
     expect(heading(page)).to_have_text("This frame")
 
 
-def test_answer_without_a_box_says_what_to_do(scene, ada):
-    page = ada.open(scene.link())
+def test_answer_without_a_box_says_what_to_do(scene, user):
+    page = user.open(scene.link())
 
-    ada.press("a")
+    user.press("a")
 
     expect(page.locator(".toast")).to_have_text("Select a box first.")
 
 
-def test_help_lists_every_binding_of_the_keymap(scene, ada):
-    page = ada.open(scene.link())
-    ada.press("?")
+def test_help_lists_every_binding_of_the_keymap(scene, user):
+    page = user.open(scene.link())
+    user.press("?")
 
     dialog = page.get_by_role("dialog", name="Keys")
     expect(dialog).to_be_visible()
@@ -214,7 +214,7 @@ def test_help_lists_every_binding_of_the_keymap(scene, ada):
         " row.querySelector('dd .sr-only').textContent])"
     )
     assert sorted(shown) == sorted(table)
-    ada.press("?")
+    user.press("?")
     expect(dialog).to_be_hidden()
 
 
@@ -225,11 +225,11 @@ def test_help_lists_every_binding_of_the_keymap(scene, ada):
         ("grid", "Remove the answers", "Next frame"),
     ],
 )
-def test_help_says_which_keys_the_view_has_no_use_for(scene, ada, view, used, unused):
+def test_help_says_which_keys_the_view_has_no_use_for(scene, user, view, used, unused):
     links = {"frame": scene.link(), "grid": f"#/datasets/{scene.dataset}/grid"}
-    page = ada.open(links[view])
+    page = user.open(links[view])
     page.locator(".cell, .stage").first.wait_for()
-    ada.press("?")
+    user.press("?")
 
     rows = page.locator(".help__row.is-off dt").all_text_contents()
 
@@ -237,48 +237,48 @@ def test_help_says_which_keys_the_view_has_no_use_for(scene, ada, view, used, un
     assert not [row for row in rows if row.startswith(("Keep", used))]
 
 
-def test_key_can_be_given_to_another_action(scene, ada):
-    page = ada.open(scene.link("ghost"))
-    ada.press("?")
+def test_key_can_be_given_to_another_action(scene, user):
+    page = user.open(scene.link("ghost"))
+    user.press("?")
     row = page.locator(".help__row", has_text="Reject the box")
     row.hover()
     row.get_by_role("button").click()
-    ada.press("q", "Escape")
+    user.press("q", "Escape")
     expect(page.get_by_role("dialog")).to_be_hidden()
 
-    ada.press("x")
-    ada.press("q")
+    user.press("x")
+    user.press("q")
 
     expect(page.locator(".answerline")).to_contain_text("reject")
     expect(page.get_by_role("button", name=re.compile("^Reject"))).to_contain_text("Q")
 
 
-def test_key_that_is_taken_from_another_action_is_said(scene, ada):
-    page = ada.open(scene.link("ghost"))
-    ada.press("?")
+def test_key_that_is_taken_from_another_action_is_said(scene, user):
+    page = user.open(scene.link("ghost"))
+    user.press("?")
     page.get_by_role("button", name="Change the key: Reject the box").click(force=True)
 
-    ada.press("m")
+    user.press("m")
 
     taken = page.get_by_role("dialog").get_by_role("status")
     expect(taken).to_have_text("M is no longer a key for: Segmentation over the image")
 
 
-def test_single_key_shortcuts_can_be_switched_off(scene, ada):
-    page = ada.open(scene.link("ghost"))
-    ada.press("?")
+def test_single_key_shortcuts_can_be_switched_off(scene, user):
+    page = user.open(scene.link("ghost"))
+    user.press("?")
     page.get_by_label("Single-key shortcuts").uncheck()
-    ada.press("Escape")
+    user.press("Escape")
 
-    ada.press("a", "x", "Space")
-    ada.press("ArrowRight")
+    user.press("a", "x", "Space")
+    user.press("ArrowRight")
 
     expect(heading(page)).to_contain_text("walker")
     assert scene.review("ghost") is None
 
 
-def test_keys_typed_into_a_field_are_text(scene, ada):
-    page = ada.open(scene.link("ghost"))
+def test_keys_typed_into_a_field_are_text(scene, user):
+    page = user.open(scene.link("ghost"))
     page.get_by_label("Comment").click()
 
     page.keyboard.type("axrz jv")
@@ -287,10 +287,10 @@ def test_keys_typed_into_a_field_are_text(scene, ada):
     assert scene.review("ghost") is None
 
 
-def test_list_is_walked_with_the_arrow_keys(scene, ada):
-    page = ada.open(scene.link("real"))
+def test_list_is_walked_with_the_arrow_keys(scene, user):
+    page = user.open(scene.link("real"))
     page.get_by_role("listbox").focus()
 
-    ada.press("ArrowDown", "ArrowDown", "ArrowUp")
+    user.press("ArrowDown", "ArrowDown", "ArrowUp")
 
     expect(heading(page)).to_contain_text("hidden")

@@ -17,8 +17,8 @@ pytestmark = pytest.mark.browser
 LOADED = "() => performance.getEntriesByType('resource').map(({ name }) => name)"
 
 
-def test_first_view_loads_no_other_views_modules(scene, ada):
-    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+def test_first_view_loads_no_other_views_modules(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
 
     loaded = page.evaluate(LOADED)
@@ -33,8 +33,8 @@ MOST_REQUESTS = 50
 
 
 @pytest.mark.parametrize("view", ["#/datasets", "#/datasets/{}/frames"])
-def test_first_view_asks_for_little(scene, ada, view):
-    page = ada.open(view.format(scene.dataset))
+def test_first_view_asks_for_little(scene, user, view):
+    page = user.open(view.format(scene.dataset))
     expect(page.locator("img[src^='blob:']").first).to_be_visible()
 
     loaded = page.evaluate(LOADED)
@@ -44,8 +44,8 @@ def test_first_view_asks_for_little(scene, ada, view):
     assert len(others) + len(["page", "picture"]) <= MOST_REQUESTS, loaded
 
 
-def test_late_view_has_its_styles_before_it_is_drawn(scene, ada):
-    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+def test_late_view_has_its_styles_before_it_is_drawn(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
     route_loaded(page, "**/review.css", lambda route: route.abort())
     page.locator("a.thumb").click()
@@ -59,8 +59,8 @@ def test_late_view_has_its_styles_before_it_is_drawn(scene, ada):
     assert answers.evaluate("(bar) => getComputedStyle(bar).display") == "flex"
 
 
-def test_view_that_cannot_be_loaded_says_so_and_comes_when_asked_again(scene, ada):
-    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+def test_view_that_cannot_be_loaded_says_so_and_comes_when_asked_again(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/frames")
     route_loaded(page, "**/review/frame.js", lambda route: route.abort())
     page.locator("a.thumb").click()
     expect(page.get_by_role("alert")).to_be_visible()
@@ -71,11 +71,11 @@ def test_view_that_cannot_be_loaded_says_so_and_comes_when_asked_again(scene, ad
     expect(page.locator("h1")).to_have_text("run/000001")
 
 
-def test_view_stays_the_same_when_its_address_changes(scene, ada):
-    page = ada.open(scene.link("ghost"))
+def test_view_stays_the_same_when_its_address_changes(scene, user):
+    page = user.open(scene.link("ghost"))
     page.locator(".stage").evaluate("(stage) => { stage.mark = 'same'; }")
 
-    ada.press("j")
+    user.press("j")
 
     expect(page.locator(".inspector__head h2")).to_have_text("walker walker")
     assert page.locator(".stage").evaluate("(stage) => stage.mark") == "same"

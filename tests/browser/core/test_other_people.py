@@ -22,9 +22,9 @@ def bo(server, api):
     return name, token
 
 
-def test_foreign_link_replaces_nobody_who_is_signed_in(visit, server, bo):
+def test_foreign_link_replaces_nobody_who_is_signed_in(open_window, server, bo):
     name, token = bo
-    page = visit().open("#/datasets")
+    page = open_window().open("#/datasets")
     expect(page.locator(".who__name")).to_have_text("admin")
     before = kept_session(page)
 
@@ -41,9 +41,9 @@ def test_foreign_link_replaces_nobody_who_is_signed_in(visit, server, bo):
     assert kept_session(page)["session"] == before["session"]
 
 
-def test_signing_in_as_another_person_changes_every_tab(visit, server, bo):
+def test_signing_in_as_another_person_changes_every_tab(open_window, server, bo):
     name, token = bo
-    page = visit(sign_in=False).page
+    page = open_window(sign_in=False).page
     ends = []  # the request that ends the former session, held while the page reloads
     page.route(
         "**/api/v1/session",
@@ -73,11 +73,11 @@ def test_signing_in_as_another_person_changes_every_tab(visit, server, bo):
 
 
 def test_answer_of_one_person_never_goes_out_under_another_name(
-    visit, server, bo, scene
+    open_window, server, bo, scene
 ):
     """It stays in the browser until the person who gave it signs in again."""
     name, token = bo
-    ada = visit(sign_in=False)
+    ada = open_window(sign_in=False)
     page = ada.page
     # Set before the page is opened: a page that is loaded may not use a new route.
     page.route("**/reviews", lambda route: route.abort())
@@ -93,7 +93,7 @@ def test_answer_of_one_person_never_goes_out_under_another_name(
     page.unroute("**/reviews")
     ada.open(scene.link("real"))
     ada.press("x")
-    ada.saved()
+    ada.wait_until_saved()
     assert scene.review("real")["reviewer"] == name
     assert scene.review("ghost") is None
 
@@ -102,20 +102,20 @@ def test_answer_of_one_person_never_goes_out_under_another_name(
     expect(page.locator(".signin__note")).to_contain_text("1 answer of admin kept")
     page.goto(server.login_link)
     expect(page.locator(".who__name")).to_have_text("admin")
-    ada.saved()
+    ada.wait_until_saved()
     until(lambda: scene.review("ghost") is not None)
     assert scene.review("ghost")["reviewer"] == "admin"
 
 
 def test_page_of_another_persons_server_on_another_port_gets_nothing(
-    visit, server, start_server
+    open_window, server, start_server
 ):
     """Servers on several ports of a machine share cookies, but not `localStorage`.
 
     The session is kept there, so the other server never receives it.
     """
-    ada = visit(sign_in=False)
-    page = ada.page
+    user = open_window(sign_in=False)
+    page = user.page
     page.goto(server.login_link)
     expect(page.locator("[data-view=datasets]")).to_be_visible()
     secret = kept_session(page)["session"]

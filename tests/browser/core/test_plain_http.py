@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.support.page.scenes import Scene
-from tests.support.page.windows import Visit, Visitor
+from tests.support.page.windows import OpenWindow, Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -24,42 +24,42 @@ NOTHING_UNSENT = """() => !Object.keys(localStorage)
 
 
 @pytest.fixture
-def ada(visit: Visit) -> Visitor:
+def user(open_window: OpenWindow) -> Visitor:
     """A window without the functions that browsers withhold from insecure pages.
 
     They have to be removed by a script, since pages of 127.0.0.1 count as secure.
     """
-    ada = visit(color_scheme="light")
-    ada.page.add_init_script(NOT_SECURE)
-    return ada
+    user = open_window(color_scheme="light")
+    user.page.add_init_script(NOT_SECURE)
+    return user
 
 
-def test_answers_are_saved(scene: Scene, ada: Visitor):
-    page = ada.open(scene.link("ghost"))
+def test_answers_are_saved(scene: Scene, user: Visitor):
+    page = user.open(scene.link("ghost"))
     assert page.evaluate(FUNCTIONS) == [None, None, None]
 
-    ada.press("x")
+    user.press("x")
 
-    ada.saved()
+    user.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "reject"
 
 
 def test_a_tab_leaves_the_unsent_answers_of_an_open_one_and_sends_those_of_a_closed_one(
-    scene: Scene, ada: Visitor
+    scene: Scene, user: Visitor
 ):
-    first = ada.page
+    first = user.page
     first.route("**/reviews", lambda route: route.abort())
-    ada.open(scene.link("ghost"))
-    ada.press("x")
+    user.open(scene.link("ghost"))
+    user.press("x")
     expect(first.locator(".savestate")).to_contain_text("offline")
 
-    second = Visitor(first.context.new_page(), ada.url)
+    second = Visitor(first.context.new_page(), user.url)
     second.page.add_init_script(NOT_SECURE)
     second.open(scene.link("real"))
     # Longer than a tab waits for other tabs to answer that they are open.
     second.page.wait_for_timeout(1000)
     second.press("x")
-    second.saved()
+    second.wait_until_saved()
     assert scene.revision("real") == 1
     assert scene.revision("ghost") == 0
 
@@ -69,15 +69,15 @@ def test_a_tab_leaves_the_unsent_answers_of_an_open_one_and_sends_those_of_a_clo
     assert scene.review("ghost")["verdict"] == "reject"
 
 
-def test_texts_can_be_copied(scene: Scene, ada: Visitor):
-    page = ada.open(f"#/datasets/{scene.dataset}/thresholds")
+def test_texts_can_be_copied(scene: Scene, user: Visitor):
+    page = user.open(f"#/datasets/{scene.dataset}/thresholds")
     page.get_by_text("As YAML").click()
     yaml = page.get_by_label("Configuration as YAML").inner_text()
 
     page.get_by_role("button", name="Copy YAML").click()
 
     expect(page.get_by_role("button", name="Copied")).to_be_visible()
-    ada.open(scene.link("ghost"))
+    user.open(scene.link("ghost"))
     field = page.get_by_label("Comment")
     field.focus()
     page.keyboard.press("Control+V")

@@ -11,14 +11,16 @@ import pytest
 from playwright.sync_api import Route, expect
 
 from tests.support import databases, plain_http
-from tests.support.page.windows import Visit, kept_session
+from tests.support.page.windows import OpenWindow, kept_session
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
 
 
-def test_login_link_signs_in_and_leaves_no_token_behind(visit: Visit, server):
-    page = visit(sign_in=False).page
+def test_login_link_signs_in_and_leaves_no_token_behind(
+    open_window: OpenWindow, server
+):
+    page = open_window(sign_in=False).page
     link = server.login_link
 
     page.goto(link)
@@ -36,9 +38,9 @@ def test_login_link_signs_in_and_leaves_no_token_behind(visit: Visit, server):
     )
 
 
-def test_nothing_in_the_history_signs_anybody_in(visit, server):
+def test_nothing_in_the_history_signs_anybody_in(open_window, server):
     """After signing out, neither going back nor opening the used link signs in."""
-    page = visit(sign_in=False).page
+    page = open_window(sign_in=False).page
     link = server.login_link
     page.goto(f"{server.url}/#/datasets")
     expect(page.get_by_label("Token")).to_be_visible()
@@ -57,8 +59,8 @@ def test_nothing_in_the_history_signs_anybody_in(visit, server):
     expect(page.get_by_text("this login link was used already")).to_be_visible()
 
 
-def test_wrong_login_link_says_so(visit, server):
-    page = visit(sign_in=False).page
+def test_wrong_login_link_says_so(open_window, server):
+    page = open_window(sign_in=False).page
 
     page.goto(f"{server.url}/#code=wrong")
 
@@ -69,8 +71,10 @@ def test_wrong_login_link_says_so(visit, server):
     assert "wrong" not in page.url
 
 
-def test_link_with_a_token_signs_nobody_in_and_says_how_to_get_another(visit, server):
-    page = visit(sign_in=False).page
+def test_link_with_a_token_signs_nobody_in_and_says_how_to_get_another(
+    open_window, server
+):
+    page = open_window(sign_in=False).page
 
     page.goto(f"{server.url}/#token={server.token}")
 
@@ -84,9 +88,9 @@ def test_link_with_a_token_signs_nobody_in_and_says_how_to_get_another(visit, se
 
 @pytest.mark.parametrize("what", ["token", "login_link"])
 def test_pasted_token_or_link_signs_in_where_one_wanted_to_go(
-    visit, server, scene, what
+    open_window, server, scene, what
 ):
-    visitor = visit(sign_in=False)
+    visitor = open_window(sign_in=False)
     page = visitor.page
     page.goto(f"{server.url}/{scene.link('ghost')}")
     expect(page.get_by_label("Token")).to_be_focused()
@@ -94,12 +98,12 @@ def test_pasted_token_or_link_signs_in_where_one_wanted_to_go(
     page.get_by_label("Token").fill(getattr(server, what))
     visitor.press("Enter")
 
-    visitor.ready()
+    visitor.wait_until_drawn()
     expect(page.locator(".inspector__head h2")).to_have_text("truck ghost")
 
 
-def test_wrong_token_is_refused_and_can_be_corrected(visit, server):
-    page = visit(sign_in=False).open("#/datasets")
+def test_wrong_token_is_refused_and_can_be_corrected(open_window, server):
+    page = open_window(sign_in=False).open("#/datasets")
     page.get_by_role("button", name="Sign in").click()
     expect(page.get_by_role("alert")).to_have_text("Paste the token or the link first.")
     page.get_by_label("Token").fill("wrong")
@@ -114,8 +118,8 @@ def test_wrong_token_is_refused_and_can_be_corrected(visit, server):
     expect(page.locator("[data-view=datasets]")).to_be_visible()
 
 
-def test_sign_out_ends_the_session_in_every_tab(visit, server):
-    page = visit(sign_in=False).page  # not the session that other tests share
+def test_sign_out_ends_the_session_in_every_tab(open_window, server):
+    page = open_window(sign_in=False).page  # not the session that other tests share
     page.goto(server.login_link)
     expect(page.locator("[data-view=datasets]")).to_be_visible()
     other = page.context.new_page()
@@ -138,8 +142,8 @@ def test_sign_out_ends_the_session_in_every_tab(visit, server):
     expect(other.locator("[data-view=datasets]")).to_be_visible()
 
 
-def test_login_link_works_in_a_window_that_is_open_already(visit, server):
-    page = visit(sign_in=False).open("#/datasets")
+def test_login_link_works_in_a_window_that_is_open_already(open_window, server):
+    page = open_window(sign_in=False).open("#/datasets")
     expect(page.get_by_label("Token")).to_be_visible()
 
     page.goto(server.login_link)
@@ -148,8 +152,8 @@ def test_login_link_works_in_a_window_that_is_open_already(visit, server):
     assert "code" not in page.url
 
 
-def test_description_of_the_api_is_shown_to_who_is_signed_in(visit, server):
-    page = visit(sign_in=False).page
+def test_description_of_the_api_is_shown_to_who_is_signed_in(open_window, server):
+    page = open_window(sign_in=False).page
     page.goto(f"{server.url}/docs")
     expect(page.get_by_text("Sign in first")).to_be_visible()
     page.goto(server.login_link)
@@ -178,20 +182,22 @@ def test_description_of_the_api_is_shown_to_who_is_signed_in(visit, server):
         ("revoked_at = '2001-01-01 00:00:00'", "this token was revoked"),
     ],
 )
-def test_login_link_of_a_token_that_is_over_says_why(visit, server, api, change, words):
+def test_login_link_of_a_token_that_is_over_says_why(
+    open_window, server, api, change, words
+):
     token = a_token(server, api)
     link = server.login_link_of(token)
     change_token(server, token, change)
-    page = visit(sign_in=False).page
+    page = open_window(sign_in=False).page
 
     page.goto(link)
 
     expect(page.get_by_role("alert")).to_contain_text(words)
 
 
-def test_page_whose_token_expires_says_so(visit, server, api, scene):
+def test_page_whose_token_expires_says_so(open_window, server, api, scene):
     token = a_token(server, api)
-    page = visit(sign_in=False).page
+    page = open_window(sign_in=False).page
     page.goto(server.login_link_of(token))
     expect(page.locator("[data-view=datasets]")).to_be_visible()
 
@@ -225,16 +231,18 @@ def change_token(server, token, to):
     )
 
 
-def test_a_refusal_of_the_session_before_does_not_end_the_new_one(scene, visit, server):
-    ada = visit(sign_in=False)
-    page = ada.page
+def test_a_refusal_of_the_session_before_does_not_end_the_new_one(
+    scene, open_window, server
+):
+    user = open_window(sign_in=False)
+    page = user.page
     held: list[Route] = []
     page.route(
         "**/reviews", lambda route: route.continue_() if held else held.append(route)
     )
     page.goto(server.login_link)
-    ada.open(scene.link("ghost"))
-    ada.press("a")
+    user.open(scene.link("ghost"))
+    user.press("a")
     until(lambda: page.evaluate("1") and held)
     before = kept_session(page)["session"]
     link = server.login_link.partition("#")[2]
@@ -243,6 +251,6 @@ def test_a_refusal_of_the_session_before_does_not_end_the_new_one(scene, visit, 
 
     held[0].fulfill(status=401, json={"code": "session_expired", "title": "x"})
 
-    ada.saved()
+    user.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "keep"
     assert kept_session(page) is not None

@@ -10,8 +10,8 @@ import re
 import pytest
 from playwright.sync_api import expect
 
-from tests.support.page import crowds
-from tests.support.page.crowds import cell, grid, selected
+from tests.support.page import many_boxes
+from tests.support.page.many_boxes import cell, grid, selected
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.windows import Visitor
 
@@ -21,17 +21,17 @@ pytestmark = pytest.mark.browser
 @pytest.fixture
 def many(make_scene: MakeScene) -> Scene:
     """Sixty boxes: b0, b2, ... are kept, b1, b3, ... are rejected."""
-    return make_scene(boxes=crowds.crowd(60))
+    return make_scene(boxes=many_boxes.alternating_boxes(60))
 
 
-def opened(ada: Visitor, scene: Scene, **query: str):
-    page = ada.open(grid(scene, **query))
+def opened(user: Visitor, scene: Scene, **query: str):
+    page = user.open(grid(scene, **query))
     expect(page.get_by_role("grid")).to_have_attribute("aria-busy", "false")
     return page
 
 
-def test_every_box_is_shown_with_its_crop_verdict_and_match(many, ada):
-    page = opened(ada, many)
+def test_every_box_is_shown_with_its_crop_verdict_and_match(many, user):
+    page = opened(user, many)
 
     first, second = cell(page, 0), cell(page, 1)
     expect(first.locator("img")).to_be_visible()
@@ -43,14 +43,14 @@ def test_every_box_is_shown_with_its_crop_verdict_and_match(many, ada):
     expect(page.locator(".grid-status p")).to_have_text("60 boxes")
 
 
-def test_boxes_without_a_place_in_the_image_say_so(scene, ada):
-    page = opened(ada, scene, reason="outside_image")
+def test_boxes_without_a_place_in_the_image_say_so(scene, user):
+    page = opened(user, scene, reason="outside_image")
 
     expect(page.locator(".cell__none")).to_have_text("outside")
 
 
-def test_clicks_select_one_some_and_a_range(many, ada):
-    page = opened(ada, many)
+def test_clicks_select_one_some_and_a_range(many, user):
+    page = opened(user, many)
 
     cell(page, 3).click()
     assert selected(page) == [3]
@@ -66,8 +66,8 @@ def test_clicks_select_one_some_and_a_range(many, ada):
     expect(page.locator(".bar__count")).to_have_text("3 selected")
 
 
-def test_a_rectangle_drawn_with_the_mouse_selects_what_it_touches(many, ada):
-    page = opened(ada, many)
+def test_a_rectangle_drawn_with_the_mouse_selects_what_it_touches(many, user):
+    page = opened(user, many)
     first, last = cell(page, 0).bounding_box(), cell(page, 2).bounding_box()
     assert first is not None
     assert last is not None
@@ -83,8 +83,8 @@ def test_a_rectangle_drawn_with_the_mouse_selects_what_it_touches(many, ada):
     assert selected(page) == [0, 1, 2, 5]
 
 
-def test_a_rectangle_with_ctrl_adds_to_the_selection(many, ada):
-    page = opened(ada, many)
+def test_a_rectangle_with_ctrl_adds_to_the_selection(many, user):
+    page = opened(user, many)
     cell(page, 9).click()
     box = cell(page, 1).bounding_box()
     assert box is not None
@@ -99,47 +99,47 @@ def test_a_rectangle_with_ctrl_adds_to_the_selection(many, ada):
     assert selected(page) == [1, 9]
 
 
-def test_arrows_move_and_space_and_enter_toggle(many, ada):
-    page = opened(ada, many)
+def test_arrows_move_and_space_and_enter_toggle(many, user):
+    page = opened(user, many)
     columns = int(page.get_by_role("grid").get_attribute("aria-colcount") or 0)
 
-    ada.press("ArrowRight", "Space", "ArrowDown", "Enter")
+    user.press("ArrowRight", "Space", "ArrowDown", "Enter")
 
     assert selected(page) == [1, 1 + columns]
     focused = page.get_by_role("grid").get_attribute("aria-activedescendant")
     assert focused == cell(page, 1 + columns).get_attribute("id")
-    ada.press("Space")
+    user.press("Space")
     assert selected(page) == [1]
 
 
-def test_shift_with_arrows_spans_a_range_and_escape_lets_go(many, ada):
-    page = opened(ada, many)
+def test_shift_with_arrows_spans_a_range_and_escape_lets_go(many, user):
+    page = opened(user, many)
 
-    ada.press("ArrowRight", "Shift+ArrowRight", "Shift+ArrowRight")
+    user.press("ArrowRight", "Shift+ArrowRight", "Shift+ArrowRight")
     assert selected(page) == [1, 2, 3]
-    ada.press("Shift+ArrowLeft")
+    user.press("Shift+ArrowLeft")
     assert selected(page) == [1, 2]
-    ada.press("Escape")
+    user.press("Escape")
 
     assert selected(page) == []
     expect(page.locator(".bar--grid")).to_have_count(0)
 
 
-def test_end_and_home_lead_to_the_last_and_the_first_box(many, ada):
-    page = opened(ada, many)
+def test_end_and_home_lead_to_the_last_and_the_first_box(many, user):
+    page = opened(user, many)
 
-    ada.press("End")
+    user.press("End")
     expect(cell(page, 59)).to_be_in_viewport(ratio=1)
-    ada.press("Space", "Home")
+    user.press("Space", "Home")
 
     expect(cell(page, 0)).to_be_in_viewport(ratio=1)
     expect(page.locator(".bar__count")).to_have_text("1 selected")
 
 
-def test_ctrl_a_selects_all_of_the_filter(many, ada):
-    page = opened(ada, many, verdict="kept")
+def test_ctrl_a_selects_all_of_the_filter(many, user):
+    page = opened(user, many, verdict="kept")
 
-    ada.press("Control+a")
+    user.press("Control+a")
 
     expect(page.locator(".bar__count")).to_have_text("30 of this filter")
     cell(page, 0).click(modifiers=["Control"])
@@ -161,9 +161,9 @@ def test_ctrl_a_selects_all_of_the_filter(many, ada):
         ({"toss_up": "true"}, 0),
     ],
 )
-def test_filters_of_a_link_are_obeyed_and_the_hidden_are_said(many, ada, query, shown):
-    crowds.review(many, many.box_id("b0"), "reject")
-    page = ada.open(grid(many, **query))
+def test_filters_of_a_link_are_obeyed_and_the_hidden_are_said(many, user, query, shown):
+    many_boxes.review(many, many.box_id("b0"), "reject")
+    page = user.open(grid(many, **query))
 
     if shown:
         words = f"{shown} box{'es' if shown > 1 else ''}"
@@ -173,8 +173,8 @@ def test_filters_of_a_link_are_obeyed_and_the_hidden_are_said(many, ada, query, 
         expect(page.get_by_role("heading", name="No box matches")).to_be_visible()
 
 
-def test_filters_and_order_are_written_into_the_address(many, ada):
-    page = opened(ada, many)
+def test_filters_and_order_are_written_into_the_address(many, user):
+    page = opened(user, many)
     page.get_by_role("group", name="Verdict").get_by_text("Rejected").click()
     page.get_by_label("Order").select_option("-match_percent")
     page.get_by_role("button", name="More").click()
@@ -189,8 +189,8 @@ def test_filters_and_order_are_written_into_the_address(many, ada):
     assert "sort=-match_percent" in page.url
 
 
-def test_a_number_typed_in_a_menu_counts_although_the_menu_closes_at_once(many, ada):
-    page = opened(ada, many)
+def test_a_number_typed_in_a_menu_counts_although_the_menu_closes_at_once(many, user):
+    page = opened(user, many)
     page.get_by_role("button", name="More").click()
     page.get_by_label("Match, at least").fill("1")
     page.get_by_label("Distance, at most").fill("40")
@@ -202,10 +202,10 @@ def test_a_number_typed_in_a_menu_counts_although_the_menu_closes_at_once(many, 
     assert "match_min=1" in page.url
 
 
-def test_a_number_that_is_typed_does_not_hold_back_who_goes_back(many, ada):
-    page = ada.open(f"#/datasets/{many.dataset}/frames")
+def test_a_number_that_is_typed_does_not_hold_back_who_goes_back(many, user):
+    page = user.open(f"#/datasets/{many.dataset}/frames")
     expect(page.locator("a.thumb").first).to_be_visible()
-    opened(ada, many)
+    opened(user, many)
     page.get_by_role("button", name="More").click()
     page.get_by_label("Match, at least").fill("1")
 
@@ -215,10 +215,10 @@ def test_a_number_that_is_typed_does_not_hold_back_who_goes_back(many, ada):
     assert page.url.endswith(f"#/datasets/{many.dataset}/frames")
 
 
-def test_blind_re_check_hides_verdicts_of_boxes_without_an_answer(many, ada):
-    crowds.review(many, many.box_id("b1"), "keep")
-    page = opened(ada, many)
-    ada.press("b")
+def test_blind_re_check_hides_verdicts_of_boxes_without_an_answer(many, user):
+    many_boxes.review(many, many.box_id("b1"), "keep")
+    page = opened(user, many)
+    user.press("b")
 
     expect(cell(page, 1).locator(".cell__box--kept")).to_be_visible()
     for index in (0, 2, 3):
@@ -227,57 +227,57 @@ def test_blind_re_check_hides_verdicts_of_boxes_without_an_answer(many, ada):
         assert not re.search("kept|rejected|%|pixel", name)
 
 
-def test_v_goes_through_the_verdicts(many, ada):
-    page = opened(ada, many)
+def test_v_goes_through_the_verdicts(many, user):
+    page = opened(user, many)
 
-    ada.press("v")
+    user.press("v")
     expect(page.locator(".grid-status p")).to_contain_text("30 hidden")
     assert "verdict=kept" in page.url
-    ada.press("v", "v")
+    user.press("v", "v")
 
     expect(page.locator(".grid-status p")).to_have_text("60 boxes")
 
 
 @pytest.mark.parametrize("way", ["key", "double click", "button"])
-def test_a_box_is_opened_in_its_frame(many, ada, way):
-    page = opened(ada, many)
+def test_a_box_is_opened_in_its_frame(many, user, way):
+    page = opened(user, many)
     if way == "key":
         cell(page, 5).click()
-        ada.press("c")
+        user.press("c")
     elif way == "double click":
         cell(page, 5).dblclick()
     else:
         cell(page, 5).hover()
         cell(page, 5).locator(".cell__open").click()
 
-    ada.ready()
+    user.wait_until_drawn()
     expect(page.locator(".inspector__head h2")).to_have_text("car b5")
 
 
-def test_coming_back_one_is_where_one_was_with_the_same_selection(many, ada):
-    page = opened(ada, many)
-    ada.press("End")
+def test_coming_back_one_is_where_one_was_with_the_same_selection(many, user):
+    page = opened(user, many)
+    user.press("End")
     cell(page, 55).click()
     before = page.get_by_role("grid").evaluate("grid => grid.scrollTop")
     assert before > 0
-    ada.press("c")
-    ada.ready()
+    user.press("c")
+    user.wait_until_drawn()
 
-    ada.press("x", "g")
+    user.press("x", "g")
 
     expect(cell(page, 55)).to_be_in_viewport()
     assert page.get_by_role("grid").evaluate("grid => grid.scrollTop") == before
     assert selected(page) == [55]
     expect(cell(page, 55).locator(".sign--reject")).to_be_visible()
     page.go_back()
-    ada.ready()
+    user.wait_until_drawn()
     page.go_back()
     expect(cell(page, 55)).to_be_in_viewport()
 
 
-def test_larger_crops_are_fewer_in_a_row_and_the_place_is_kept(many, ada):
-    page = opened(ada, many)
-    ada.press("End")
+def test_larger_crops_are_fewer_in_a_row_and_the_place_is_kept(many, user):
+    page = opened(user, many)
+    user.press("End")
     expect(cell(page, 59)).to_be_in_viewport()
     columns = page.get_by_role("grid").get_attribute("aria-colcount")
 
@@ -290,10 +290,10 @@ def test_larger_crops_are_fewer_in_a_row_and_the_place_is_kept(many, ada):
     expect(page.get_by_label("Size of the crops")).to_have_value("320")
 
 
-def test_a_list_that_cannot_be_read_says_so_and_is_tried_again(many, ada):
-    page = ada.page
+def test_a_list_that_cannot_be_read_says_so_and_is_tried_again(many, user):
+    page = user.page
     page.route("**/api/v1/boxes?**", lambda route: route.abort())
-    ada.open(grid(many))
+    user.open(grid(many))
     expect(page.get_by_role("alert")).to_have_text("The server does not answer.")
 
     page.unroute("**/api/v1/boxes?**")
@@ -302,10 +302,10 @@ def test_a_list_that_cannot_be_read_says_so_and_is_tried_again(many, ada):
     expect(page.locator(".grid-status p")).to_have_text("60 boxes")
 
 
-def test_crops_that_could_not_be_loaded_are_tried_again(many, ada):
-    page = ada.page
+def test_crops_that_could_not_be_loaded_are_tried_again(many, user):
+    page = user.page
     page.route("**/crop?**", lambda route: route.abort())
-    opened(ada, many)
+    opened(user, many)
     expect(cell(page, 0)).to_contain_text("not loaded")
 
     page.unroute("**/crop?**")
@@ -313,10 +313,10 @@ def test_crops_that_could_not_be_loaded_are_tried_again(many, ada):
     expect(cell(page, 0).locator("img")).to_be_visible()
 
 
-def test_crops_that_could_not_be_loaded_come_when_the_network_is_back(many, ada):
-    page = ada.page
+def test_crops_that_could_not_be_loaded_come_when_the_network_is_back(many, user):
+    page = user.page
     page.route("**/crop?**", lambda route: route.abort())
-    opened(ada, many)
+    opened(user, many)
     expect(cell(page, 0)).to_contain_text("not loaded")
     page.unroute("**/crop?**")
 
@@ -327,17 +327,17 @@ def test_crops_that_could_not_be_loaded_come_when_the_network_is_back(many, ada)
     expect(cell(page, 0).locator("img")).to_be_visible()
 
 
-def test_empty_dataset_says_that_nothing_was_pushed(api, ada):
+def test_empty_dataset_says_that_nothing_was_pushed(api, user):
     api.post("/datasets", json={"name": "bare"})
 
-    page = ada.open("#/datasets/bare/grid")
+    page = user.open("#/datasets/bare/grid")
 
     expect(page.get_by_role("heading", name="No boxes yet")).to_be_visible()
 
 
-def test_a_list_that_was_left_is_read_again_after_a_run(many, ada):
+def test_a_list_that_was_left_is_read_again_after_a_run(many, user):
     kept = grid(many, verdict="kept")
-    page = ada.open(kept)
+    page = user.open(kept)
     expect(page.locator(".grid-status b")).to_have_text("30")
     page.evaluate("location.hash = '#/datasets'")
     expect(page.get_by_role("heading", name="Datasets")).to_be_visible()
@@ -348,11 +348,11 @@ def test_a_list_that_was_left_is_read_again_after_a_run(many, ada):
     expect(page.get_by_text("No box matches")).to_be_visible()
 
 
-def test_a_list_that_was_left_is_read_again_after_a_bulk_answer(many, ada):
-    page = opened(ada, many)
+def test_a_list_that_was_left_is_read_again_after_a_bulk_answer(many, user):
+    page = opened(user, many)
     page.evaluate("(link) => { location.hash = link; }", grid(many, review="none"))
     page.get_by_role("button", name="Select all 60").click()
-    ada.press("a")
+    user.press("a")
     expect(page.get_by_text("No box matches")).to_be_visible()
 
     page.get_by_role("button", name="Clear the filters").click()

@@ -8,10 +8,10 @@ import httpx
 import pytest
 from playwright.sync_api import Page, Route, expect
 
-from tests.support.page import crowds
-from tests.support.page.crowds import answers, cell, grid, selected
+from tests.support.page import many_boxes
+from tests.support.page.many_boxes import answers, cell, grid, selected
 from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.windows import Visit, Visitor, route_loaded
+from tests.support.page.windows import OpenWindow, Visitor, route_loaded
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
 
@@ -19,13 +19,13 @@ pytestmark = [pytest.mark.browser, pytest.mark.long]
 @pytest.fixture
 def many(make_scene: MakeScene) -> Scene:
     """Thirty boxes: b0, b2, ... are kept, b1, b3, ... are rejected."""
-    return make_scene(boxes=crowds.crowd(30))
+    return make_scene(boxes=many_boxes.alternating_boxes(30))
 
 
 @pytest.fixture
-def page(many: Scene, ada: Visitor) -> Page:
+def page(many: Scene, user: Visitor) -> Page:
     """The grid of these boxes, once its list is loaded."""
-    opened = ada.open(grid(many))
+    opened = user.open(grid(many))
     expect(opened.get_by_role("grid")).to_have_attribute("aria-busy", "false")
     return opened
 
@@ -51,10 +51,10 @@ def toast(page: Page):
         ("u", "unsure", "3 boxes flagged as unsure"),
     ],
 )
-def test_a_key_answers_for_all_selected_at_once(many, ada, page, key, verdict, words):
+def test_a_key_answers_for_all_selected_at_once(many, user, page, key, verdict, words):
     select(page, 1, 3)
 
-    ada.press(key)
+    user.press(key)
 
     expect(toast(page)).to_contain_text(words)
     assert answers(many) == dict.fromkeys(("b1", "b2", "b3"), verdict)
@@ -62,55 +62,55 @@ def test_a_key_answers_for_all_selected_at_once(many, ada, page, key, verdict, w
     assert selected(page) == []
 
 
-def test_delete_takes_the_answers_back(many, ada, page):
+def test_delete_takes_the_answers_back(many, user, page):
     select(page, 1, 3)
-    ada.press("x")
+    user.press("x")
     expect(toast(page)).to_contain_text("3 boxes rejected")
     select(page, 2, 3)
 
-    ada.press("Delete")
+    user.press("Delete")
 
     expect(toast(page)).to_contain_text("2 boxes without an answer again")
     assert answers(many) == {"b1": "reject"}
 
 
-def test_one_undo_takes_back_the_whole_bulk_answer_and_nothing_else(many, ada, page):
+def test_one_undo_takes_back_the_whole_bulk_answer_and_nothing_else(many, user, page):
     select(page, 0, 1)
-    ada.press("x")
+    user.press("x")
     expect(toast(page)).to_contain_text("2 boxes rejected")
     select(page, 2, 5)
-    ada.press("a")
+    user.press("a")
     expect(toast(page)).to_contain_text("4 boxes kept")
 
-    ada.press("z")
+    user.press("z")
 
     expect(toast(page)).to_contain_text("4 answers undone")
     assert answers(many) == {"b0": "reject", "b1": "reject"}
     expect(page.locator(".sign--keep")).to_have_count(0)
     expect(page.locator(".sign--reject")).to_have_count(2)
-    ada.press("z")
+    user.press("z")
     expect(toast(page)).to_contain_text("2 answers undone")
     assert answers(many) == {}
 
 
-def test_the_message_offers_undo_as_long_as_it_is_possible(many, ada, page):
+def test_the_message_offers_undo_as_long_as_it_is_possible(many, user, page):
     select(page, 0, 1)
-    ada.press("x")
+    user.press("x")
     page.get_by_role("button", name="Undo").click()
 
     expect(toast(page)).to_contain_text("2 answers undone")
     expect(page.get_by_role("button", name="Undo")).to_have_count(0)
-    ada.press("z")
+    user.press("z")
     expect(toast(page)).to_contain_text("Nothing to undo")
 
 
-def test_undo_leaves_alone_and_lists_what_somebody_answered_since(many, ada, page):
+def test_undo_leaves_alone_and_lists_what_somebody_answered_since(many, user, page):
     select(page, 0, 2)
-    ada.press("x")
+    user.press("x")
     expect(toast(page)).to_contain_text("3 boxes rejected")
-    crowds.review(many, many.box_id("b1"), "keep")
+    many_boxes.review(many, many.box_id("b1"), "keep")
 
-    ada.press("z")
+    user.press("z")
 
     expect(strip(page)).to_contain_text("1 answer was left as it is")
     expect(strip(page).get_by_role("link")).to_have_text("car b1")
@@ -119,13 +119,13 @@ def test_undo_leaves_alone_and_lists_what_somebody_answered_since(many, ada, pag
     expect(strip(page)).to_have_count(0)
 
 
-def test_undo_without_a_network_is_shown_at_once_and_sent_later(many, ada, page):
+def test_undo_without_a_network_is_shown_at_once_and_sent_later(many, user, page):
     select(page, 0, 2)
-    ada.press("x")
+    user.press("x")
     expect(toast(page)).to_contain_text("3 boxes rejected")
     page.context.set_offline(True)
 
-    ada.press("z")
+    user.press("z")
 
     expect(page.locator(".sign--reject")).to_have_count(0)
     expect(page.locator(".savestate")).to_contain_text("3 answers offline, kept here")
@@ -133,17 +133,17 @@ def test_undo_without_a_network_is_shown_at_once_and_sent_later(many, ada, page)
     page.context.set_offline(False)
     expect(toast(page)).to_contain_text("3 answers undone")
     expect(strip(page)).to_have_count(0)
-    ada.saved()
+    user.wait_until_saved()
     assert answers(many) == {}
 
 
-def test_an_answer_that_waits_while_its_bulk_answer_is_undone_is_kept(many, ada, page):
+def test_an_answer_that_waits_while_its_bulk_answer_is_undone_is_kept(many, user, page):
     select(page, 0, 2)
-    ada.press("x")
+    user.press("x")
     expect(toast(page)).to_contain_text("3 boxes rejected")
     route_loaded(page, "**/reviews/bulk", lambda route: route.abort())
     cell(page, 1).click()
-    ada.press("a")
+    user.press("a")
     expect(strip(page)).to_contain_text("Not sent yet")
 
     page.get_by_role("button", name="Undo").click()
@@ -155,7 +155,7 @@ def test_an_answer_that_waits_while_its_bulk_answer_is_undone_is_kept(many, ada,
     assert answers(many) == {"b1": "keep"}
 
 
-def test_refused_bulk_answer_can_be_sent_again(many, ada, page):
+def test_refused_bulk_answer_can_be_sent_again(many, user, page):
     problem = {"status": 403, "detail": "viewers answer nothing"}
 
     def forbid(route: Route) -> None:
@@ -163,7 +163,7 @@ def test_refused_bulk_answer_can_be_sent_again(many, ada, page):
 
     route_loaded(page, "**/reviews/bulk", forbid)
     select(page, 0, 2)
-    ada.press("x")
+    user.press("x")
     expect(strip(page)).to_contain_text(
         "Refused: reject 3 boxes. Viewers answer nothing."
     )
@@ -188,18 +188,18 @@ def test_bar_answers_and_says_what_it_will_do(many, page):
     assert len(answers(many)) == 6
 
 
-def test_nothing_selected_is_said_and_nothing_is_sent(many, ada, page):
-    ada.press("x")
+def test_nothing_selected_is_said_and_nothing_is_sent(many, user, page):
+    user.press("x")
 
     expect(toast(page)).to_contain_text("Select boxes first")
     assert answers(many) == {}
 
 
-def test_answered_boxes_stay_until_the_list_is_updated(many, ada):
-    page = ada.open(grid(many, review="undecided"))
+def test_answered_boxes_stay_until_the_list_is_updated(many, user):
+    page = user.open(grid(many, review="undecided"))
     expect(page.locator(".grid-status p")).to_have_text("30 boxes")
     select(page, 0, 4)
-    ada.press("x")
+    user.press("x")
     expect(toast(page)).to_contain_text("5 boxes rejected")
     expect(cell(page, 0).locator(".sign--reject")).to_be_visible()
 
@@ -209,27 +209,27 @@ def test_answered_boxes_stay_until_the_list_is_updated(many, ada):
     expect(page.locator(".sign")).to_have_count(0)
 
 
-def test_all_of_a_filter_are_answered_by_their_number_and_undone(many, ada):
-    page = ada.open(grid(many, verdict="rejected"))
+def test_all_of_a_filter_are_answered_by_their_number_and_undone(many, user):
+    page = user.open(grid(many, verdict="rejected"))
     page.get_by_role("button", name="Select all 15").click()
 
-    ada.press("a")
+    user.press("a")
 
     expect(toast(page)).to_contain_text("15 boxes kept")
     assert set(answers(many).values()) == {"keep"}
     expect(page.locator(".sign--keep")).to_have_count(15)
-    ada.press("z")
+    user.press("z")
     expect(toast(page)).to_contain_text("15 answers undone")
     expect(page.locator(".sign")).to_have_count(0)
     assert answers(many) == {}
 
 
-def test_a_filter_that_selects_another_number_by_now_is_counted_again(many, ada):
-    page = ada.open(grid(many, review="undecided"))
+def test_a_filter_that_selects_another_number_by_now_is_counted_again(many, user):
+    page = user.open(grid(many, review="undecided"))
     page.get_by_role("button", name="Select all 30").click()
-    crowds.review(many, many.box_id("b0"), "keep")
+    many_boxes.review(many, many.box_id("b0"), "keep")
 
-    ada.press("x")
+    user.press("x")
     expect(strip(page)).to_contain_text("Not done: reject 30 boxes.")
     assert answers(many) == {"b0": "keep"}
     strip(page).get_by_role("button", name="Count again").click()
@@ -244,9 +244,9 @@ def test_a_filter_that_selects_another_number_by_now_is_counted_again(many, ada)
 
 
 def test_all_of_a_filter_are_not_answered_if_somebody_else_answered_one(
-    many: Scene, visit: Visit
+    many: Scene, open_window: OpenWindow
 ):
-    ada, bo = visit(), visit()
+    ada, bo = open_window(), open_window()
     hers = ada.open(grid(many, verdict="rejected"))
     hers.get_by_role("button", name="Select all 15").click()
     his = bo.open(grid(many))
@@ -268,9 +268,9 @@ def test_all_of_a_filter_are_not_answered_if_somebody_else_answered_one(
 
 
 def test_boxes_that_somebody_else_answered_since_are_left_and_shown(
-    many: Scene, visit: Visit
+    many: Scene, open_window: OpenWindow
 ):
-    ada, bo = visit(), visit()
+    ada, bo = open_window(), open_window()
     hers, his = ada.open(grid(many)), bo.open(grid(many))
     for page in (hers, his):
         expect(page.get_by_role("grid")).to_have_attribute("aria-busy", "false")
@@ -294,12 +294,12 @@ def test_boxes_that_somebody_else_answered_since_are_left_and_shown(
 
 
 def test_a_bulk_answer_given_offline_says_so_and_is_sent_when_the_network_is_back(
-    many, ada, page
+    many, user, page
 ):
     page.context.set_offline(True)
     select(page, 0, 2)
 
-    ada.press("x")
+    user.press("x")
 
     expect(strip(page)).to_contain_text("Not sent yet: reject 3 boxes.")
     expect(page.locator(".sign.is-waiting")).to_have_count(3)
@@ -311,14 +311,14 @@ def test_a_bulk_answer_given_offline_says_so_and_is_sent_when_the_network_is_bac
     assert len(answers(many)) == 3
 
 
-def test_a_bulk_answer_may_be_sent_again_or_discarded_by_hand(many, ada, page):
+def test_a_bulk_answer_may_be_sent_again_or_discarded_by_hand(many, user, page):
     route_loaded(page, "**/reviews/bulk", lambda route: route.abort())
     select(page, 0, 2)
-    ada.press("x")
+    user.press("x")
     strip(page).get_by_role("button", name="Discard").click()
     expect(page.locator(".sign")).to_have_count(0)
     select(page, 0, 1)
-    ada.press("x")
+    user.press("x")
     expect(strip(page)).to_contain_text("reject 2 boxes")
 
     page.unroute("**/reviews/bulk")
@@ -329,19 +329,19 @@ def test_a_bulk_answer_may_be_sent_again_or_discarded_by_hand(many, ada, page):
 
 
 def test_boxes_that_are_gone_are_left_out_and_listed(
-    many: Scene, ada: Visitor, api: httpx.Client
+    many: Scene, user: Visitor, api: httpx.Client
 ):
-    many.push("run/000002", boxes=crowds.crowd(2))
-    page = ada.open(grid(many))
+    many.push("run/000002", boxes=many_boxes.alternating_boxes(2))
+    page = user.open(grid(many))
     expect(page.locator(".grid-status p")).to_have_text("32 boxes")
     path = f"/datasets/{many.dataset}/frames/run/000002"
     assert api.delete(path).status_code == 204
     page.get_by_role("grid").focus()
-    ada.press("End")
+    user.press("End")
     cell(page, 28).click()
     cell(page, 31).click(modifiers=["Shift"])
 
-    ada.press("x")
+    user.press("x")
 
     expect(strip(page)).to_contain_text("2 boxes were left out")
     expect(toast(page)).to_contain_text(re.compile("^2 boxes rejected"))

@@ -15,8 +15,8 @@ from sqlalchemy import insert, select
 from app.db.tables import Frame, FrameFile
 from benchmarks.bench_runs import opened
 from benchmarks.million import NAME, fill
-from tests.support.page import crowds
-from tests.support.page.crowds import cell
+from tests.support.page import many_boxes
+from tests.support.page.many_boxes import cell
 from tests.support.page.windows import WIDE, route_loaded
 from tests.support.servers import RunningServer
 
@@ -29,7 +29,7 @@ NODES = "document.querySelectorAll('*').length"
 @pytest.fixture(scope="module")
 def endless(api: httpx.Client, server: RunningServer) -> str:
     """100,000 boxes, written directly to the database; all frames share one image."""
-    crowds.fill(api, "one-picture", frames=1, boxes=1)
+    many_boxes.fill(api, "one-picture", frames=1, boxes=1)
     (frame,) = api.get("/datasets/one-picture/frames").json()["items"]
     files = api.get(f"/frames/{frame['id']}").json()["files"]
     context = opened(server.data)

@@ -33,17 +33,17 @@ def panel(page: Page) -> Locator:
     return page.get_by_role("region", name="Channels compared")
 
 
-def measured(ada: Visitor, dataset: str) -> Locator:
+def measured(user: Visitor, dataset: str) -> Locator:
     """The panel of channels after "Measure every channel", when all rows are there."""
-    page = ada.open(f"#/datasets/{dataset}/quality")
+    page = user.open(f"#/datasets/{dataset}/quality")
     panel(page).get_by_role("button", name="Measure every channel").click()
     rows = panel(page).locator("tbody tr")
     expect(rows).to_have_count(CHANNELS, timeout=20_000)
     return panel(page)
 
 
-def test_every_channel_is_measured_by_a_click_and_compared(ada, api, dataset):
-    found = measured(ada, dataset)
+def test_every_channel_is_measured_by_a_click_and_compared(user, api, dataset):
+    found = measured(user, dataset)
 
     segmentation = found.get_by_role("row", name=re.compile("^Segmentation active"))
     expect(segmentation).to_contain_text("50 %")
@@ -57,20 +57,20 @@ def test_every_channel_is_measured_by_a_click_and_compared(ada, api, dataset):
     assert [box["verdict"] for box in boxes] == ["kept", "kept"]
 
 
-def test_the_worst_boxes_of_a_channel_are_a_queue(ada, api, dataset):
-    found = measured(ada, dataset)
+def test_the_worst_boxes_of_a_channel_are_a_queue(user, api, dataset):
+    found = measured(user, dataset)
     expect(found.get_by_role("link", name=re.compile("that Depth got"))).to_have_count(
         0
     )
 
     found.get_by_role("link", name="Look at 1 that Segmentation got wrong").click()
 
-    page = ada.page
+    page = user.page
     expect(page).to_have_url(re.compile(rf"/{dataset}/queue\?boxes=\d+$"))
     expect(page.locator(".queue__listed")).to_contain_text("1 chosen box")
     expect(page.locator(".inspector__head h2")).to_have_text(re.compile(r"218 ?$"))
-    ada.press("x")
-    ada.saved()
+    user.press("x")
+    user.wait_until_saved()
     expect(page.locator(".queue__message")).to_contain_text("1 rejected")
     answers = api.get("/boxes", params={"dataset": dataset, "review": "reject"}).json()
     assert [box["id"] for box in answers["items"]] == ["218"]
@@ -79,8 +79,8 @@ def test_the_worst_boxes_of_a_channel_are_a_queue(ada, api, dataset):
     expect(page.locator(".inspector__head h2")).to_have_text(re.compile(r"217 ?$"))
 
 
-def test_the_filter_is_compared_with_instances_without_an_answer(ada, dataset):
-    page = ada.open(f"#/datasets/{dataset}/quality")
+def test_the_filter_is_compared_with_instances_without_an_answer(user, dataset):
+    page = user.open(f"#/datasets/{dataset}/quality")
     page.get_by_role("button", name="Compare with instances").click()
     expect(page).to_have_url(re.compile("against=instances$"))
     expect(page.get_by_text("No instances have been measured")).to_be_visible()
@@ -96,13 +96,13 @@ def test_the_filter_is_compared_with_instances_without_an_answer(ada, dataset):
     expect(card).to_contain_text("2 boxes")
 
 
-def test_a_box_that_another_channel_judged_says_what_decided(ada, api, dataset):
+def test_a_box_that_another_channel_judged_says_what_decided(user, api, dataset):
     body = {"config": {"evidence": "depth"}, "activate": True}
     started = api.post(f"/datasets/{dataset}/runs", json=body)
     assert started.is_success, started.text
     ghost = rejected(api, dataset)
 
-    page = ada.open(f"#/datasets/{dataset}/queue?boxes={ghost}")
+    page = user.open(f"#/datasets/{dataset}/queue?boxes={ghost}")
 
     decided = page.locator(".match--other")
     expect(decided).to_contain_text("Decided by Depth")
@@ -118,8 +118,8 @@ def rejected(api: httpx.Client, dataset: str) -> int:
     return int(box["box_id"])
 
 
-def test_classes_and_distances_are_compared_too(ada, dataset):
-    found = measured(ada, dataset)
+def test_classes_and_distances_are_compared_too(user, dataset):
+    found = measured(user, dataset)
 
     found.get_by_role("button", name="Distance").click()
     expect(found.get_by_role("row", name=re.compile("^0–50 m"))).to_be_visible()
@@ -128,23 +128,23 @@ def test_classes_and_distances_are_compared_too(ada, dataset):
     expect(found.get_by_role("row", name=re.compile("^car"))).to_be_visible()
 
 
-def test_people_as_the_truth_are_part_of_the_link(ada, api, dataset):
-    found = measured(ada, dataset)
+def test_people_as_the_truth_are_part_of_the_link(user, api, dataset):
+    found = measured(user, dataset)
     found.get_by_role("button", name="People").click()
     expect(found).to_contain_text("Nobody has kept or rejected a box yet")
     for box in api.get("/boxes", params={"dataset": dataset}).json()["items"]:
         body = {"verdict": "keep", "seen_revision": box["revision"]}
         api.post(f"/boxes/{box['box_id']}/reviews", json=body)
 
-    ada.page.reload()
+    user.page.reload()
 
-    assert ada.page.url.endswith("truth=people")
+    assert user.page.url.endswith("truth=people")
     depth = found.get_by_role("row", name=re.compile("^Depth pixels"))
     expect(depth.get_by_role("link", name="Look at 1")).to_be_visible()
 
 
-def test_without_an_instance_image_the_page_says_what_else_there_is(ada, scene):
-    page = ada.open(f"#/datasets/{scene.dataset}/quality")
+def test_without_an_instance_image_the_page_says_what_else_there_is(user, scene):
+    page = user.open(f"#/datasets/{scene.dataset}/quality")
     panel(page).get_by_role("button", name="Measure every channel").click()
 
     button = panel(page).get_by_role("button", name="Compare with people")

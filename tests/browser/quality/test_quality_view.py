@@ -51,14 +51,14 @@ def answer(api: httpx.Client, box: dict[str, float], verdict: str) -> None:
     assert stored.status_code == 201, stored.text
 
 
-def quality_page(ada: Visitor, street: Scene) -> Page:
-    page = ada.open(f"#/datasets/{street.dataset}/quality")
+def quality_page(user: Visitor, street: Scene) -> Page:
+    page = user.open(f"#/datasets/{street.dataset}/quality")
     expect(page.locator(".matrix")).to_be_visible()
     return page
 
 
-def test_every_field_of_the_matrix_counts_and_leads_to_its_boxes(ada, answered):
-    page = quality_page(ada, answered)
+def test_every_field_of_the_matrix_counts_and_leads_to_its_boxes(user, answered):
+    page = quality_page(user, answered)
     fields = page.locator(".field2__count")
     expect(fields).to_have_text(["8", "0", "4", "6"])
 
@@ -68,8 +68,8 @@ def test_every_field_of_the_matrix_counts_and_leads_to_its_boxes(ada, answered):
     expect(page.locator("main")).to_contain_text("4 boxes")
 
 
-def test_all_on_which_they_differ_are_one_link(ada, answered):
-    page = quality_page(ada, answered)
+def test_all_on_which_they_differ_are_one_link(user, answered):
+    page = quality_page(user, answered)
 
     page.get_by_role("link", name="See the 4 boxes on which they differ").click()
 
@@ -77,8 +77,8 @@ def test_all_on_which_they_differ_are_one_link(ada, answered):
     expect(page.locator("main")).to_contain_text("4 boxes")
 
 
-def test_scores_have_intervals_per_class_and_per_distance(ada, answered):
-    page = quality_page(ada, answered)
+def test_scores_have_intervals_per_class_and_per_distance(user, answered):
+    page = quality_page(user, answered)
     quality = answered.api.get(f"/datasets/{answered.dataset}/quality").json()
     recall = quality["confusion"]["recall"]
     low, high = (round(100 * recall[key], 1) for key in ("low", "high"))
@@ -91,8 +91,8 @@ def test_scores_have_intervals_per_class_and_per_distance(ada, answered):
     expect(page.get_by_role("row", name=re.compile("^0–50 m 18"))).to_be_visible()
 
 
-def test_few_answers_are_said_to_say_little(ada, answered):
-    page = quality_page(ada, answered)
+def test_few_answers_are_said_to_say_little(user, answered):
+    page = quality_page(user, answered)
 
     expect(
         page.get_by_text("18 answers are too few for a reliable result.")
@@ -101,8 +101,8 @@ def test_few_answers_are_said_to_say_little(ada, answered):
     expect(page).to_have_url(re.compile(f"/{answered.dataset}/queue$"))
 
 
-def test_a_suggestion_is_tried_with_its_value(ada, answered):
-    page = quality_page(ada, answered)
+def test_a_suggestion_is_tried_with_its_value(user, answered):
+    page = quality_page(user, answered)
     quality = answered.api.get(f"/datasets/{answered.dataset}/quality").json()
     suggested = quality["suggested"][0]["suggested"]
     assert 3 < suggested <= 6
@@ -114,8 +114,8 @@ def test_a_suggestion_is_tried_with_its_value(ada, answered):
     expect(page.locator('[data-figure="won"] .figure__value')).to_have_text("4")
 
 
-def test_a_suggestion_becomes_a_version_by_one_click(ada, answered):
-    page = quality_page(ada, answered)
+def test_a_suggestion_becomes_a_version_by_one_click(user, answered):
+    page = quality_page(user, answered)
     quality = answered.api.get(f"/datasets/{answered.dataset}/quality").json()
     suggested = quality["suggested"][0]["suggested"]
 
@@ -128,8 +128,8 @@ def test_a_suggestion_becomes_a_version_by_one_click(ada, answered):
     assert applied_config(answered)["classes"] == {}
 
 
-def test_no_version_is_made_of_one_that_is_no_longer_active(ada, answered):
-    page = quality_page(ada, answered)
+def test_no_version_is_made_of_one_that_is_no_longer_active(user, answered):
+    page = quality_page(user, answered)
     button = page.get_by_role("button", name="Save as a version", exact=True)
     expect(button).to_be_visible()
     answered.decide(classes={"walker": {"threshold_small_box": 77}})
@@ -147,8 +147,8 @@ def test_no_version_is_made_of_one_that_is_no_longer_active(ada, answered):
     assert "car" in newest
 
 
-def test_curves_are_tables_for_whoever_cannot_see_them(ada, answered):
-    page = quality_page(ada, answered)
+def test_curves_are_tables_for_whoever_cannot_see_them(user, answered):
+    page = quality_page(user, answered)
     expect(page.locator(".curve__drawing canvas")).to_be_visible()
 
     table = page.get_by_role("table", name=re.compile("Scores of car"))
@@ -159,8 +159,8 @@ def test_curves_are_tables_for_whoever_cannot_see_them(ada, answered):
     assert table.get_by_role("row").count() > 3
 
 
-def test_the_goal_of_a_suggestion_is_part_of_the_link(ada, answered):
-    page = quality_page(ada, answered)
+def test_the_goal_of_a_suggestion_is_part_of_the_link(user, answered):
+    page = quality_page(user, answered)
 
     page.get_by_role("button", name="Keep 99 % of the visible objects").click()
 
@@ -168,7 +168,7 @@ def test_the_goal_of_a_suggestion_is_part_of_the_link(ada, answered):
     expect(page.get_by_text("the highest ones that keep")).to_be_visible()
 
 
-def test_two_people_are_compared_with_each_other(ada, answered):
+def test_two_people_are_compared_with_each_other(user, answered):
     name = f"bo-{answered.dataset}"
     made = answered.api.post("/tokens", json={"name": name, "role": "reviewer"})
     bearer = {"Authorization": f"Bearer {made.json()['token']}"}
@@ -177,15 +177,15 @@ def test_two_people_are_compared_with_each_other(ada, answered):
         for at, box in enumerate(listed["items"]):
             answer(bo, box, "keep" if at == 0 else truth(box))
 
-    page = quality_page(ada, answered)
+    page = quality_page(user, answered)
 
     expect(page.locator(".together")).to_contain_text("of 18 boxes answered twice")
     pair = page.get_by_role("row", name=re.compile(f"^admin and {name} 18 17"))
     expect(pair).to_be_visible()
 
 
-def test_without_answers_the_page_says_how_to_give_some(ada, street):
-    page = ada.open(f"#/datasets/{street.dataset}/quality")
+def test_without_answers_the_page_says_how_to_give_some(user, street):
+    page = user.open(f"#/datasets/{street.dataset}/quality")
 
     page.get_by_role("link", name="Answer boxes").click()
 
@@ -193,9 +193,9 @@ def test_without_answers_the_page_says_how_to_give_some(ada, street):
 
 
 def test_suggestions_of_another_target_that_do_not_come_leave_none_behind(
-    ada, answered
+    user, answered
 ):
-    page = quality_page(ada, answered)
+    page = quality_page(user, answered)
     route_loaded(
         page, "**/quality?*target=recall*", lambda route: route.fulfill(status=500)
     )

@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.support.page.scenes import GREY, Scene
-from tests.support.page.stage import after_drawing, layer
+from tests.support.page.stage import layer, wait_for_drawing
 from tests.support.page.windows import Visitor
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
@@ -20,10 +20,10 @@ TELLING = re.compile(
 
 
 @pytest.fixture
-def blind(scene: Scene, ada: Visitor) -> Page:
+def blind(scene: Scene, user: Visitor) -> Page:
     """The frame view with a rejected box selected, and blind re-check switched on."""
-    page = ada.open(scene.link("hidden"))
-    ada.press("b")
+    page = user.open(scene.link("hidden"))
+    user.press("b")
     expect(page.locator(".inspector__head .badge")).to_have_text("hidden")
     return page
 
@@ -38,7 +38,7 @@ def test_nothing_on_the_page_tells_the_verdict(blind):
 
 
 def test_all_boxes_look_alike_on_the_stage(blind):
-    after_drawing(blind)
+    wait_for_drawing(blind)
 
     base = layer(blind, "base")[..., :3].astype(int)
     top = layer(blind, "top")
@@ -48,8 +48,8 @@ def test_all_boxes_look_alike_on_the_stage(blind):
     assert GREY in base
 
 
-def test_the_answer_lifts_the_veil(scene, ada, blind):
-    ada.press("a")
+def test_the_answer_lifts_the_veil(scene, user, blind):
+    user.press("a")
 
     expect(blind.locator(".inspector__head .badge")).to_have_text("rejected")
     expect(blind.locator(".inspector__sentence")).to_contain_text("4 % of its pixels")
@@ -57,16 +57,16 @@ def test_the_answer_lifts_the_veil(scene, ada, blind):
     expect(row).to_contain_text("hidden until you answer")
 
 
-def test_words_for_screen_readers_do_not_tell_the_verdict(ada, blind):
-    ada.press("j")
+def test_words_for_screen_readers_do_not_tell_the_verdict(user, blind):
+    user.press("j")
 
     spoken = blind.locator(".sr-only[aria-live]")
     expect(spoken).to_have_text("truck ghost, hidden until you answer")
 
 
-def test_switch_is_remembered_and_can_be_taken_back(ada, blind):
+def test_switch_is_remembered_and_can_be_taken_back(user, blind):
     blind.reload()
-    ada.ready()
+    user.wait_until_drawn()
     button = blind.get_by_role("button", name=re.compile("^Blind re-check"))
     expect(button).to_have_attribute("aria-pressed", "true")
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.support.page import crowds
-from tests.support.page.crowds import answers, queue, queued
+from tests.support.page import many_boxes
+from tests.support.page.many_boxes import answers, queue, queued_box_id
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.stage import layer
-from tests.support.page.windows import FILL, PHONE, Visit, Visitor
+from tests.support.page.windows import FILL, PHONE, OpenWindow, Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -28,11 +28,11 @@ SCALE = "parseFloat(document.querySelector('.stage').dataset.view)"
 @pytest.fixture
 def many(make_scene: MakeScene) -> Scene:
     """Twenty boxes on one frame: b0, b2, ... are kept, b1, b3, ... are rejected."""
-    return make_scene(boxes=crowds.crowd(20))
+    return make_scene(boxes=many_boxes.alternating_boxes(20))
 
 
-def opened(ada: Visitor, scene: Scene, **query: str) -> Page:
-    page = ada.open(queue(scene, **query))
+def opened(user: Visitor, scene: Scene, **query: str) -> Page:
+    page = user.open(queue(scene, **query))
     expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
     return page
 
@@ -52,137 +52,137 @@ def shows(page: Page, name: str) -> None:
         ("Space", "unsure"),
     ],
 )
-def test_each_answer_is_saved_and_leads_to_the_next_box(many, ada, key, verdict):
-    page = opened(ada, many)
-    first = queued(page)
+def test_each_answer_is_saved_and_leads_to_the_next_box(many, user, key, verdict):
+    page = opened(user, many)
+    first = queued_box_id(page)
 
-    ada.press(key)
+    user.press(key)
 
     expect(page.locator(".queue__progress")).to_contain_text(
         "1 answered · 19 unanswered"
     )
-    assert queued(page) != first
-    ada.saved()
+    assert queued_box_id(page) != first
+    user.wait_until_saved()
     assert answers(many) == {first: verdict}
 
 
-def test_the_box_is_close_and_all_around_it_is_dim(many, ada):
-    page = opened(ada, many)
+def test_the_box_is_close_and_all_around_it_is_dim(many, user):
+    page = opened(user, many)
     stage = page.locator(".stage")
     expect(stage).to_have_attribute("data-mode", "crop")
     close = page.wait_for_function(SCALE).json_value()
 
-    ada.press("c")
+    user.press("c")
     expect(stage).to_have_attribute("data-mode", "frame")
     # The zoom is animated.
     page.wait_for_function(f"close => {SCALE} < close / 2", arg=close)
-    ada.press("c")
+    user.press("c")
     expect(stage).to_have_attribute("data-mode", "crop")
-    ada.press("f")
+    user.press("f")
     expect(stage).to_have_attribute("data-mode", "frame")
-    ada.press("Escape")
+    user.press("Escape")
 
     expect(stage).to_have_attribute("data-mode", "crop")
     page.wait_for_function(f"close => {SCALE} > 0.9 * close", arg=close)
 
 
-def test_next_box_is_close_again_after_one_looked_at_the_frame(many, ada):
-    page = opened(ada, many)
+def test_next_box_is_close_again_after_one_looked_at_the_frame(many, user):
+    page = opened(user, many)
 
-    ada.press("c", "a")
+    user.press("c", "a")
 
     expect(page.locator(".stage")).to_have_attribute("data-mode", "crop")
 
 
-def test_passing_over_and_going_back(many, ada):
-    page = opened(ada, many)
-    first = queued(page)
+def test_passing_over_and_going_back(many, user):
+    page = opened(user, many)
+    first = queued_box_id(page)
 
-    ada.press("j")
-    second = queued(page)
-    ada.press("ArrowRight")
-    third = queued(page)
-    ada.press("ArrowLeft")
+    user.press("j")
+    second = queued_box_id(page)
+    user.press("ArrowRight")
+    third = queued_box_id(page)
+    user.press("ArrowLeft")
     shows(page, second)
-    ada.press("a")
+    user.press("a")
     shows(page, third)
-    ada.press("ArrowLeft", "ArrowLeft")
+    user.press("ArrowLeft", "ArrowLeft")
     shows(page, first)
-    ada.press("Shift+J")
+    user.press("Shift+J")
 
     shows(page, third)
     assert len({first, second, third}) == 3
 
 
 @pytest.mark.parametrize("key", ["z", "Backspace"])
-def test_undo_goes_back_to_the_box_and_undoes_the_answer(many, ada, key):
-    page = opened(ada, many)
-    first = queued(page)
-    ada.press("x")
-    second = queued(page)
-    ada.press("a", "j")
+def test_undo_goes_back_to_the_box_and_undoes_the_answer(many, user, key):
+    page = opened(user, many)
+    first = queued_box_id(page)
+    user.press("x")
+    second = queued_box_id(page)
+    user.press("a", "j")
 
-    ada.press(key)
+    user.press(key)
     shows(page, second)
     expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
-    ada.press(key)
+    user.press(key)
 
     shows(page, first)
     expect(page.locator(".queue__progress")).to_contain_text(
         "0 answered · 20 unanswered"
     )
-    ada.saved()
+    user.wait_until_saved()
     assert answers(many) == {}
 
 
-def test_an_answer_can_be_corrected_by_going_back(many, ada):
-    page = opened(ada, many)
-    first = queued(page)
-    ada.press("x", "ArrowLeft")
+def test_an_answer_can_be_corrected_by_going_back(many, user):
+    page = opened(user, many)
+    first = queued_box_id(page)
+    user.press("x", "ArrowLeft")
     shows(page, first)
     expect(page.locator(".answerline")).to_contain_text("reject")
 
-    ada.press("a")
+    user.press("a")
 
-    ada.saved()
+    user.wait_until_saved()
     assert answers(many) == {first: "keep"}
     expect(page.locator(".queue__progress")).to_contain_text(
         "1 answered · 19 unanswered"
     )
 
 
-def test_a_comment_stays_on_the_box_and_goes_with_the_answer(many, ada):
-    page = opened(ada, many)
-    first = queued(page)
+def test_a_comment_stays_on_the_box_and_goes_with_the_answer(many, user):
+    page = opened(user, many)
+    first = queued_box_id(page)
 
-    ada.press("e")
+    user.press("e")
     expect(page.get_by_label("Comment")).to_be_focused()
     page.keyboard.type("a pole")
-    ada.press("Enter")
+    user.press("Enter")
     shows(page, first)
-    ada.press("x")
+    user.press("x")
 
-    ada.saved()
+    user.wait_until_saved()
     stored = many.review(first)
     assert (stored["verdict"], stored["comment"]) == ("reject", "a pole")
-    assert queued(page) != first
+    assert queued_box_id(page) != first
 
 
-def test_a_comment_that_was_only_typed_goes_with_the_answer_too(many, ada):
-    page = opened(ada, many)
-    first = queued(page)
+def test_a_comment_that_was_only_typed_goes_with_the_answer_too(many, user):
+    page = opened(user, many)
+    first = queued_box_id(page)
     field = page.get_by_label("Comment")
     field.fill("a wheel behind the bus")
     field.blur()
-    ada.press("j")
+    user.press("j")
     expect(field).to_have_value("")
-    ada.press("ArrowLeft")
+    user.press("ArrowLeft")
     expect(field).to_have_value("a wheel behind the bus")
 
     page.get_by_role("button", name=re.compile("^Reject")).click()
 
     expect(page.locator(".queue__progress")).to_contain_text("1 answered")
-    ada.saved()
+    user.wait_until_saved()
     stored = many.review(first)
     assert (stored["verdict"], stored["comment"]) == (
         "reject",
@@ -190,47 +190,47 @@ def test_a_comment_that_was_only_typed_goes_with_the_answer_too(many, ada):
     )
 
 
-def test_a_key_that_is_held_down_answers_one_box(many, ada):
-    page = opened(ada, many)
-    first = queued(page)
+def test_a_key_that_is_held_down_answers_one_box(many, user):
+    page = opened(user, many)
+    first = queued_box_id(page)
 
     for _ in range(4):  # a key that is held down: all but the first are repeats
         page.keyboard.down("a")
     page.keyboard.up("a")
 
     expect(page.locator(".queue__progress")).to_contain_text("1 answered")
-    second = queued(page)
+    second = queued_box_id(page)
     for _ in range(2):
         page.keyboard.down("j")
     page.keyboard.up("j")
     expect(page.locator(".inspector__head h2")).not_to_contain_text(second)
-    ada.saved()
+    user.wait_until_saved()
     assert answers(many) == {first: "keep"}
 
 
-def test_looking_keys_work(many, ada):
-    page = opened(ada, many)
+def test_looking_keys_work(many, user):
+    page = opened(user, many)
     stage = page.locator(".stage")
     expect(stage).not_to_have_attribute("data-lit", "")
 
-    ada.press("l", "m")
+    user.press("l", "m")
 
     expect(stage).to_have_attribute("data-lit", "")
     mask = page.get_by_role("button", name="Segmentation over the image")
     expect(mask).to_have_attribute("aria-pressed", "true")
     before = float((stage.get_attribute("data-view") or "").split()[0])
-    ada.press("+")
+    user.press("+")
     expect(stage).not_to_have_attribute("data-view", re.compile(f"^{before} "))
-    ada.press("?")
+    user.press("?")
     expect(page.get_by_role("dialog")).to_be_visible()
 
 
-def test_g_leads_to_the_grid_and_back_to_the_same_box(many, ada):
-    page = opened(ada, many, verdict="rejected")
-    ada.press("x")
-    here = queued(page)
+def test_g_leads_to_the_grid_and_back_to_the_same_box(many, user):
+    page = opened(user, many, verdict="rejected")
+    user.press("x")
+    here = queued_box_id(page)
 
-    ada.press("g")
+    user.press("g")
     expect(page.locator(".cell").first).to_be_visible()
     assert page.url.endswith("/grid?verdict=rejected")
     page.go_back()
@@ -241,9 +241,9 @@ def test_g_leads_to_the_grid_and_back_to_the_same_box(many, ada):
     )
 
 
-def test_v_and_the_filters_choose_what_is_queued(many, ada):
-    page = opened(ada, many)
-    ada.press("v")
+def test_v_and_the_filters_choose_what_is_queued(many, user):
+    page = opened(user, many)
+    user.press("v")
     expect(page.locator(".queue__progress")).to_contain_text("10 unanswered")
     assert "verdict=kept" in page.url
 
@@ -256,8 +256,8 @@ def test_v_and_the_filters_choose_what_is_queued(many, ada):
 
 
 @pytest.mark.parametrize("order", ["Random", "By class", "Doubtful"])
-def test_orders_are_switched_and_written_into_the_address(many, ada, order):
-    page = ada.open(queue(many, order="audit"))
+def test_orders_are_switched_and_written_into_the_address(many, user, order):
+    page = user.open(queue(many, order="audit"))
     expect(page.get_by_role("heading", name="Nothing to audit")).to_be_visible()
 
     page.get_by_role("group", name="Order").get_by_text(order).click()
@@ -267,52 +267,52 @@ def test_orders_are_switched_and_written_into_the_address(many, ada, order):
     assert f"order={value}" in page.url
 
 
-def test_boxes_outside_of_the_image_are_not_queued(scene, ada):
-    page = opened(ada, scene)
+def test_boxes_outside_of_the_image_are_not_queued(scene, user):
+    page = opened(user, scene)
 
     expect(page.locator(".queue__progress")).to_contain_text("4 unanswered")
 
 
-def test_all_done_says_what_was_done_and_what_next(scene, ada):
-    page = opened(ada, scene)
-    ada.press("j", "a", "x", "Space")
+def test_all_done_says_what_was_done_and_what_next(scene, user):
+    page = opened(user, scene)
+    user.press("j", "a", "x", "Space")
 
     expect(page.get_by_role("heading", name="All done")).to_be_visible()
     expect(page.locator(".notice")).to_contain_text("1 kept, 1 rejected, 1 unsure")
     page.get_by_role("button", name="Review it now").click()
-    ada.press("x")
+    user.press("x")
     expect(page.locator(".notice")).to_contain_text("You answered 4 boxes")
-    ada.saved()
+    user.wait_until_saved()
     assert len(answers(scene)) == 4
     page.get_by_role("link", name="Audit the answers").click()
     expect(page.locator(".queue__progress")).to_contain_text("3 to audit")
 
 
-def test_next_boxes_are_here_before_they_are_looked_at(scene, ada):
+def test_next_boxes_are_here_before_they_are_looked_at(scene, user):
     for number in (2, 3, 4):
         scene.push(f"run/{number:06d}")
-    page = opened(ada, scene, order="random")
+    page = opened(user, scene, order="random")
     page.wait_for_load_state("networkidle")
     page.context.set_offline(True)
 
     stage = page.locator(".stage")
     for _ in range(3):
         answered = stage.get_attribute("data-box") or ""
-        ada.press("a")
+        user.press("a")
         expect(stage).not_to_have_attribute("data-box", answered)
         expect(stage).to_have_attribute("data-picture", "shown")
         expect(page.locator(".stage-wrap .failure, .queue__note")).to_have_count(0)
 
     page.context.set_offline(False)
-    ada.saved()
-    verdicts = [box["review"]["verdict"] for box in crowds.answered(scene)]
+    user.wait_until_saved()
+    verdicts = [box["review"]["verdict"] for box in many_boxes.answered_boxes(scene)]
     assert verdicts == ["keep"] * 3
 
 
-def test_phone_has_large_buttons_where_the_thumbs_are(many, visit: Visit):
-    bo = visit(viewport=PHONE, has_touch=True, is_mobile=True)
+def test_phone_has_large_buttons_where_the_thumbs_are(many, open_window: OpenWindow):
+    bo = open_window(viewport=PHONE, has_touch=True, is_mobile=True)
     page = opened(bo, many)
-    first = queued(page)
+    first = queued_box_id(page)
     reject = page.get_by_role("button", name="Reject")
     box = reject.bounding_box()
     assert box is not None
@@ -322,65 +322,65 @@ def test_phone_has_large_buttons_where_the_thumbs_are(many, visit: Visit):
 
     reject.tap()
 
-    bo.saved()
+    bo.wait_until_saved()
     assert answers(many) == {first: "reject"}
 
 
-def whole_frame(ada: Visitor, page: Page) -> np.ndarray:
+def whole_frame(user: Visitor, page: Page) -> np.ndarray:
     """Show the whole frame, and give the pixels of the stage's base layer.
 
     What only the current box has is drawn on another layer.
     """
-    ada.press("f")
+    user.press("f")
     expect(page.locator(".stage")).to_have_attribute("data-mode", "frame")
     # The zoom is animated.
     page.wait_for_function(STANDS_STILL, polling=300)
     return layer(page, "base")[..., :3].astype(int)
 
 
-def test_whole_frame_shows_its_other_boxes_as_they_are_answered(make_scene, ada):
-    page = opened(ada, make_scene(boxes=crowds.crowd(2)))
-    first = queued(page)
-    ada.press("j")
-    before = whole_frame(ada, page)
-    ada.press("ArrowLeft")
+def test_whole_frame_shows_its_other_boxes_as_they_are_answered(make_scene, user):
+    page = opened(user, make_scene(boxes=many_boxes.alternating_boxes(2)))
+    first = queued_box_id(page)
+    user.press("j")
+    before = whole_frame(user, page)
+    user.press("ArrowLeft")
     shows(page, first)
 
-    ada.press("x" if first == "b0" else "a")
+    user.press("x" if first == "b0" else "a")
 
-    assert (whole_frame(ada, page) != before).any()
+    assert (whole_frame(user, page) != before).any()
 
 
 def test_blind_the_whole_frame_tells_no_verdict_of_boxes_without_answer(
-    make_scene, ada
+    make_scene, user
 ):
-    page = opened(ada, make_scene(boxes=crowds.crowd(4)), blind="on")
-    first = queued(page)
-    ada.press("Space", "ArrowLeft")
+    page = opened(user, make_scene(boxes=many_boxes.alternating_boxes(4)), blind="on")
+    first = queued_box_id(page)
+    user.press("Space", "ArrowLeft")
     shows(page, first)
 
-    drawn = whole_frame(ada, page)
+    drawn = whole_frame(user, page)
 
     assert np.ptp(drawn, axis=2).max() < 40, "a colour among greys"
 
 
-def test_undo_of_an_answer_in_another_dataset_goes_to_its_frame(many, make_scene, ada):
-    page = opened(ada, make_scene(boxes=crowds.crowd(4)))
-    name = queued(page)
-    ada.press("x")
-    ada.saved()
-    opened(ada, many)
+def test_undo_of_an_answer_in_another_dataset_goes_to_its_frame(many, make_scene, user):
+    page = opened(user, make_scene(boxes=many_boxes.alternating_boxes(4)))
+    name = queued_box_id(page)
+    user.press("x")
+    user.wait_until_saved()
+    opened(user, many)
     expect(page.locator(".queue__progress")).to_contain_text("20 unanswered")
 
-    ada.press("z")
+    user.press("z")
 
     expect(page).to_have_url(re.compile(r"#/frames/\d+\?box=\d+$"))
     shows(page, name)
 
 
-def test_enter_that_is_held_down_on_a_button_answers_one_box(many, ada):
-    page = opened(ada, many)
-    first = queued(page)
+def test_enter_that_is_held_down_on_a_button_answers_one_box(many, user):
+    page = opened(user, many)
+    first = queued_box_id(page)
     keep = page.get_by_role("toolbar", name="Answer").get_by_role("button", name="Keep")
     keep.focus()
 
@@ -389,13 +389,13 @@ def test_enter_that_is_held_down_on_a_button_answers_one_box(many, ada):
     page.keyboard.up("Enter")
 
     expect(page.locator(".queue__progress")).to_contain_text("1 answered")
-    ada.saved()
+    user.wait_until_saved()
     assert answers(many) == {first: "keep"}
 
 
-def test_without_room_in_the_browser_nothing_is_counted_and_the_box_stays(many, ada):
-    page = opened(ada, many)
-    first = queued(page)
+def test_without_room_in_the_browser_nothing_is_counted_and_the_box_stays(many, user):
+    page = opened(user, many)
+    first = queued_box_id(page)
     page.evaluate(FILL)
     page.get_by_label("Comment").fill("a pole")
 
@@ -403,64 +403,66 @@ def test_without_room_in_the_browser_nothing_is_counted_and_the_box_stays(many, 
 
     expect(page.locator(".toast").last).to_contain_text("no room")
     expect(page.locator(".queue__progress")).to_contain_text("0 answered · 20")
-    assert queued(page) == first
+    assert queued_box_id(page) == first
     expect(page.get_by_label("Comment")).to_have_value("a pole")
     assert answers(many) == {}
 
 
 @pytest.mark.parametrize("second", ["x", "a comment"])
-def test_undo_of_a_second_answer_keeps_the_first_one_counted(many, ada, second):
-    page = opened(ada, many)
-    first = queued(page)
-    ada.press("a", "ArrowLeft")
+def test_undo_of_a_second_answer_keeps_the_first_one_counted(many, user, second):
+    page = opened(user, many)
+    first = queued_box_id(page)
+    user.press("a", "ArrowLeft")
     if second == "x":
-        ada.press("x")
+        user.press("x")
     else:
         page.get_by_label("Comment").fill(second)
-        ada.press("Enter")
+        user.press("Enter")
 
-    ada.press("z")
+    user.press("z")
 
-    ada.saved()
+    user.wait_until_saved()
     expect(page.locator(".queue__progress")).to_contain_text(
         "1 answered · 19 unanswered"
     )
     assert answers(many) == {first: "keep"}
 
 
-def test_answers_given_while_more_boxes_are_fetched_are_counted_once(make_scene, ada):
-    page = opened(ada, make_scene(boxes=crowds.crowd(10)))
+def test_answers_given_while_more_boxes_are_fetched_are_counted_once(make_scene, user):
+    page = opened(user, make_scene(boxes=many_boxes.alternating_boxes(10)))
 
     for number in range(1, 6):
-        ada.press("a")
+        user.press("a")
         expect(page.locator(".queue__progress")).to_contain_text(f"{number} answered")
 
-    ada.saved()
+    user.wait_until_saved()
     expect(page.locator(".queue__progress")).to_contain_text(
         "5 answered · 5 unanswered"
     )
 
 
-def test_the_last_boxes_stay_reserved_while_they_are_on_the_page(make_scene, visit):
-    ten = make_scene(boxes=crowds.crowd(10))
-    ada = visit(color_scheme="light")
-    ada.page.clock.install()
-    page = ada.open(queue(ten))
+def test_the_last_boxes_stay_reserved_while_they_are_on_the_page(
+    make_scene, open_window
+):
+    ten = make_scene(boxes=many_boxes.alternating_boxes(10))
+    user = open_window(color_scheme="light")
+    user.page.clock.install()
+    page = user.open(queue(ten))
     expect(page.locator(".queue__progress")).to_contain_text("10 unanswered")
-    ada.press("a", "a", "a", "a", "a")
-    ada.saved()
+    user.press("a", "a", "a", "a", "a")
+    user.wait_until_saved()
 
     with page.expect_request("**/queue"):
         page.clock.run_for(5 * 60_000)
 
 
-def test_the_session_goes_on_while_it_is_shown_however_long(many, ada):
-    page = opened(ada, many)
-    ada.press("a", "a", "j")
-    here = queued(page)
+def test_the_session_goes_on_while_it_is_shown_however_long(many, user):
+    page = opened(user, many)
+    user.press("a", "a", "j")
+    here = queued_box_id(page)
     page.evaluate("{ const now = Date.now; Date.now = () => now() + 6 * 60_000; }")
 
-    ada.press("b")
+    user.press("b")
 
     expect(page.locator(".queue__progress")).to_contain_text("2 answered")
-    assert queued(page) == here
+    assert queued_box_id(page) == here

@@ -8,10 +8,10 @@ import httpx
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.support.page import crowds
-from tests.support.page.crowds import answers, queue, queued
+from tests.support.page import many_boxes
+from tests.support.page.many_boxes import answers, queue, queued_box_id
 from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.windows import Visit, Visitor
+from tests.support.page.windows import OpenWindow, Visitor
 from tests.support.servers import RunningServer
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.long]
 @pytest.fixture
 def many(make_scene: MakeScene) -> Scene:
     """Twenty boxes on one frame: b0, b2, ... are kept, b1, b3, ... are rejected."""
-    return make_scene(boxes=crowds.crowd(20))
+    return make_scene(boxes=many_boxes.alternating_boxes(20))
 
 
 def opened(person: Visitor, scene: Scene, **query: str) -> Page:
@@ -29,21 +29,23 @@ def opened(person: Visitor, scene: Scene, **query: str) -> Page:
     return page
 
 
-def test_second_of_two_sees_what_the_first_said_and_keeps_the_place(many, visit: Visit):
-    ada, bo = visit(), visit()
+def test_second_of_two_sees_what_the_first_said_and_keeps_the_place(
+    many, open_window: OpenWindow
+):
+    ada, bo = open_window(), open_window()
     first, page = opened(ada, many), opened(bo, many)
-    contested = queued(page)
-    assert queued(first) == contested
+    contested = queued_box_id(page)
+    assert queued_box_id(first) == contested
     ada.press("x")
-    ada.saved()
+    ada.wait_until_saved()
 
     bo.press("a", "a")
 
-    place = queued(page)
+    place = queued_box_id(page)
     conflict = page.locator(".conflict")
     expect(conflict).to_contain_text(f"car {contested}: admin answered reject")
     expect(conflict).to_contain_text("while you answered keep")
-    assert queued(page) == place
+    assert queued_box_id(page) == place
     conflict.get_by_role("button", name="Look at it").click()
     expect(page.locator(".inspector__head h2")).to_contain_text(contested)
     expect(page.locator(".answerline")).to_contain_text("reject by admin")
@@ -51,41 +53,41 @@ def test_second_of_two_sees_what_the_first_said_and_keeps_the_place(many, visit:
 
 
 def test_two_people_are_given_different_boxes(
-    many, visit: Visit, api: httpx.Client, server: RunningServer
+    many, open_window: OpenWindow, api: httpx.Client, server: RunningServer
 ):
     made = api.post("/tokens", json={"name": "bo", "role": "reviewer"})
     assert made.status_code == 201, made.text
-    ada, bo = visit(), visit(sign_in=False)
-    mine = queued(opened(ada, many))
+    ada, bo = open_window(), open_window(sign_in=False)
+    mine = queued_box_id(opened(ada, many))
     bo.page.goto(server.login_link_of(made.json()["token"]))
     expect(bo.page.get_by_role("heading", name="Datasets")).to_be_visible()
 
-    theirs = queued(opened(bo, many))
+    theirs = queued_box_id(opened(bo, many))
 
     assert mine != theirs
 
 
-def test_answers_kept_over_a_reload_are_not_asked_for_again(many, ada):
-    page = ada.page
+def test_answers_kept_over_a_reload_are_not_asked_for_again(many, user):
+    page = user.page
     page.route("**/reviews", lambda route: route.abort())
-    opened(ada, many)
-    first = queued(page)
-    ada.press("x")
+    opened(user, many)
+    first = queued_box_id(page)
+    user.press("x")
     expect(page.locator(".savestate")).to_contain_text("1 answer offline")
 
     page.reload()
     expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
 
-    assert queued(page) != first
+    assert queued_box_id(page) != first
     page.unroute("**/reviews")
     expect(page.locator(".savestate--saved")).to_be_visible(timeout=40_000)
     assert answers(many) == {first: "reject"}
 
 
-def test_an_empty_line_without_a_network_says_so_and_goes_on(many, ada):
-    page = ada.page
+def test_an_empty_line_without_a_network_says_so_and_goes_on(many, user):
+    page = user.page
     page.route("**/queue", lambda route: route.abort())
-    ada.open(queue(many))
+    user.open(queue(many))
     expect(page.get_by_role("alert")).to_have_text("The server does not answer.")
 
     page.unroute("**/queue")
@@ -94,10 +96,10 @@ def test_an_empty_line_without_a_network_says_so_and_goes_on(many, ada):
     expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
 
 
-def test_audit_hides_what_was_said_until_one_has_answered(scene, ada):
-    crowds.review(scene, scene.box_id("ghost"), "keep")
-    crowds.review(scene, scene.box_id("real"), "keep")
-    page = opened(ada, scene, order="audit", **{"class": "truck"})
+def test_audit_hides_what_was_said_until_one_has_answered(scene, user):
+    many_boxes.review(scene, scene.box_id("ghost"), "keep")
+    many_boxes.review(scene, scene.box_id("real"), "keep")
+    page = opened(user, scene, order="audit", **{"class": "truck"})
     body = page.locator(".queue__body")
     expect(page.get_by_label("Blind")).to_be_checked()
     for told in ("kept", "rejected", "admin", "too few visible pixels", "Pedestrian"):
@@ -105,33 +107,33 @@ def test_audit_hides_what_was_said_until_one_has_answered(scene, ada):
     assert page.locator(".sign, .badge, .match").count() == 0
     assert page.locator(".stage").get_attribute("aria-label") == "Box: truck ghost"
 
-    ada.press("x")
+    user.press("x")
 
     expect(page.get_by_role("heading", name="All done")).to_be_visible()
     expect(page.locator(".queue__progress")).to_contain_text("agreed on 0 of 1")
-    ada.saved()
+    user.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "reject"
-    ada.press("ArrowLeft")
+    user.press("ArrowLeft")
     expect(page.locator(".answerline")).to_contain_text("reject")
 
 
-def test_agreement_is_shown_beside_the_next_box(many, ada):
+def test_agreement_is_shown_beside_the_next_box(many, user):
     for name in ("b0", "b2"):
-        crowds.review(many, many.box_id(name), "keep")
-    page = opened(ada, many, order="audit")
-    first = queued(page)
+        many_boxes.review(many, many.box_id(name), "keep")
+    page = opened(user, many, order="audit")
+    first = queued_box_id(page)
 
-    ada.press("a")
+    user.press("a")
 
     expect(page.locator(".agreement")).to_have_text(
         f"car {first}: you and admin agree, keep"
     )
-    ada.saved()
+    user.wait_until_saved()
     assert many.revision(first) == 2
 
 
-def test_an_audit_may_see_and_any_order_may_be_blind(many, ada):
-    page = opened(ada, many)
+def test_an_audit_may_see_and_any_order_may_be_blind(many, user):
+    page = opened(user, many)
     page.get_by_label("Blind").check()
     expect(page.locator(".badge")).to_have_count(0)
     assert "blind=on" in page.url

@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.support.page import scenes
-from tests.support.page.stage import after_drawing, layer, point, view
+from tests.support.page.stage import layer, point, view, wait_for_drawing
 from tests.support.page.windows import PHONE
 
 pytestmark = pytest.mark.browser
@@ -21,9 +21,9 @@ BOXES = [
 ]
 
 
-def test_overlapping_boxes_are_listed_the_closest_first_and_lead_on(make_scene, ada):
+def test_overlapping_boxes_are_listed_the_closest_first_and_lead_on(make_scene, user):
     scene = make_scene(boxes=BOXES)
-    page = ada.open(scene.link("near"))
+    page = user.open(scene.link("near"))
     listed = page.get_by_label("Overlapping boxes").get_by_role("button")
     expect(listed).to_have_count(2)
     expect(listed.first).to_contain_text("car inside")
@@ -41,10 +41,10 @@ def test_list_of_overlaps_is_the_servers(make_scene):
     assert box["neighbours"] == [scene.box_id("part"), scene.box_id("inside")]
 
 
-def test_overlapping_boxes_stay_closer_to_the_eye_than_others(make_scene, ada):
+def test_overlapping_boxes_stay_closer_to_the_eye_than_others(make_scene, user):
     scene = make_scene(boxes=BOXES)
-    page = ada.open(scene.link("near"))
-    after_drawing(page)
+    page = user.open(scene.link("near"))
+    wait_for_drawing(page)
 
     assert stroke(page, PART) > 1.5 * stroke(page, FAR) > 0
 
@@ -58,15 +58,15 @@ def stroke(page, xyxy) -> float:
     return float(np.abs(drawn - scenes.GREY).max())
 
 
-def test_reviewer_is_named_in_the_top_bar(scene, ada):
-    page = ada.open(scene.link())
+def test_reviewer_is_named_in_the_top_bar(scene, user):
+    page = user.open(scene.link())
 
     expect(page.locator(".who")).to_have_text("Aadmin")
     expect(page.locator(".who")).to_have_attribute("title", "Signed in as admin, admin")
 
 
-def test_a_tap_on_the_stage_selects_and_a_large_button_answers(scene, visit):
-    bo = visit(viewport=PHONE, has_touch=True, is_mobile=True)
+def test_a_tap_on_the_stage_selects_and_a_large_button_answers(scene, open_window):
+    bo = open_window(viewport=PHONE, has_touch=True, is_mobile=True)
     page = bo.open(scene.link())
     x0, y0, x1, y1 = scenes.CAR
 
@@ -77,5 +77,5 @@ def test_a_tap_on_the_stage_selects_and_a_large_button_answers(scene, visit):
         box = page.get_by_role("button", name=name).bounding_box()
         assert min(box["width"], box["height"]) >= 44
     page.get_by_role("button", name="Reject").tap()
-    bo.saved()
+    bo.wait_until_saved()
     assert scene.review("real")["verdict"] == "reject"

@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Route, expect
 
 from tests.support.page.scenes import CAR, Scene, get
-from tests.support.page.stage import after_drawing, point
+from tests.support.page.stage import point, wait_for_drawing
 from tests.support.page.windows import FILL, Visitor, route_loaded
 
 pytestmark = pytest.mark.browser
@@ -24,22 +24,22 @@ pytestmark = pytest.mark.browser
         ("Space", "unsure"),
     ],
 )
-def test_each_answer_key_is_stored_at_once(scene: Scene, ada: Visitor, key, verdict):
-    page = ada.open(scene.link("ghost"))
+def test_each_answer_key_is_stored_at_once(scene: Scene, user: Visitor, key, verdict):
+    page = user.open(scene.link("ghost"))
 
-    ada.press(key)
+    user.press(key)
 
-    ada.saved()
+    user.wait_until_saved()
     expect(page.locator(".answerline")).to_contain_text(f"{verdict} by admin")
     expect(page.locator(".answerline__state")).to_have_text("saved")
     review = scene.review("ghost")
     assert (review["verdict"], review["revision"]) == (verdict, 1)
 
 
-def test_answer_changes_the_effective_verdict_but_not_the_filters(scene, ada):
-    page = ada.open(scene.link("ghost"))
+def test_answer_changes_the_effective_verdict_but_not_the_filters(scene, user):
+    page = user.open(scene.link("ghost"))
 
-    ada.press("a")
+    user.press("a")
 
     expect(page.locator(".inspector__head .badge")).to_have_text("rejected")
     row = page.locator(f"#box-{scene.box_id('ghost')}")
@@ -48,40 +48,40 @@ def test_answer_changes_the_effective_verdict_but_not_the_filters(scene, ada):
 
 
 @pytest.mark.parametrize("key", ["z", "Backspace"])
-def test_undo_takes_back_the_last_answer(scene, ada, key):
-    page = ada.open(scene.link("ghost"))
-    ada.press("a")
-    ada.saved()
+def test_undo_takes_back_the_last_answer(scene, user, key):
+    page = user.open(scene.link("ghost"))
+    user.press("a")
+    user.wait_until_saved()
 
-    ada.press(key)
+    user.press(key)
 
     expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
-    ada.saved()
+    user.wait_until_saved()
     assert (scene.review("ghost"), scene.revision("ghost")) == (None, 2)
 
 
-def test_undo_restores_the_answer_that_was_there_before(scene, ada):
-    page = ada.open(scene.link("ghost"))
-    ada.press("x", "a", "z")
+def test_undo_restores_the_answer_that_was_there_before(scene, user):
+    page = user.open(scene.link("ghost"))
+    user.press("x", "a", "z")
 
     expect(page.locator(".answerline")).to_contain_text("reject")
-    ada.saved()
+    user.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "reject"
 
 
-def test_undo_returns_to_the_frame_where_the_answer_was_given(scene, ada):
+def test_undo_returns_to_the_frame_where_the_answer_was_given(scene, user):
     scene.push("run/000002")
-    page = ada.open(scene.link("ghost"))
-    ada.press("a")
-    ada.saved()
-    ada.press("PageDown")
+    page = user.open(scene.link("ghost"))
+    user.press("a")
+    user.wait_until_saved()
+    user.press("PageDown")
     expect(page.locator("h1")).to_have_text("run/000002")
 
-    ada.press("z")
+    user.press("z")
 
     expect(page.locator("h1")).to_have_text("run/000001")
     expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
-    ada.saved()
+    user.wait_until_saved()
     assert scene.review("ghost") is None
 
 
@@ -95,74 +95,74 @@ PRESS_WITH_THE_FRAME = """key => {
 }"""
 
 
-def test_a_key_pressed_the_moment_a_frame_appears_is_heard(scene, ada):
+def test_a_key_pressed_the_moment_a_frame_appears_is_heard(scene, user):
     scene.push("run/000002")
-    page = ada.open(scene.link("ghost"))
-    ada.press("a")
-    ada.saved()
+    page = user.open(scene.link("ghost"))
+    user.press("a")
+    user.wait_until_saved()
     page.evaluate(PRESS_WITH_THE_FRAME, "z")
 
-    ada.press("PageDown")
+    user.press("PageDown")
 
     expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
     expect(page.locator("h1")).to_have_text("run/000001")
 
 
-def test_review_flow_from_the_datasets_to_the_last_box(scene, ada):
-    page = ada.open("#/datasets")
+def test_review_flow_from_the_datasets_to_the_last_box(scene, user):
+    page = user.open("#/datasets")
     page.get_by_role("link", name=scene.dataset).click()
     page.get_by_role("link", name="run/000001").click()
-    ada.ready()
+    user.wait_until_drawn()
 
     for _ in scene.frame["boxes"]:
-        ada.press("Shift+J", "x")
+        user.press("Shift+J", "x")
 
     expect(page.locator(".boxes .sign--reject")).to_have_count(5)
-    ada.saved()
+    user.wait_until_saved()
     verdicts = [scene.review(box["id"])["verdict"] for box in scene.frame["boxes"]]
     assert verdicts == ["reject"] * 5
 
 
-def test_boxes_are_selected_and_answered_with_the_mouse(scene, ada):
-    page = ada.open(scene.link())
+def test_boxes_are_selected_and_answered_with_the_mouse(scene, user):
+    page = user.open(scene.link())
 
     page.mouse.click(*point(page, (CAR[0] + CAR[2]) / 2, (CAR[1] + CAR[3]) / 2))
     page.get_by_role("button", name="Keep").click()
 
     expect(page.locator(".inspector__head h2")).to_have_text("car real")
-    ada.saved()
+    user.wait_until_saved()
     assert scene.review("real")["verdict"] == "keep"
 
 
-def test_keys_still_work_after_a_click_on_a_button(scene, ada):
-    page = ada.open(scene.link("ghost"))
+def test_keys_still_work_after_a_click_on_a_button(scene, user):
+    page = user.open(scene.link("ghost"))
     page.get_by_role("button", name="Keep").click()
 
-    ada.press("Space")
+    user.press("Space")
 
     expect(page.locator(".answerline")).to_contain_text("unsure")
 
 
-def test_click_on_nothing_lets_go_of_the_box(scene, ada):
-    page = ada.open(scene.link("ghost"))
+def test_click_on_nothing_lets_go_of_the_box(scene, user):
+    page = user.open(scene.link("ghost"))
 
     page.mouse.click(*point(page, 10, 170))
 
     expect(page.locator(".inspector__head h2")).to_have_text("This frame")
 
 
-def test_comment_is_stored_with_the_answer(scene, ada):
-    page = ada.open(scene.link("ghost"))
-    ada.press("x", "e")
+def test_comment_is_stored_with_the_answer(scene, user):
+    page = user.open(scene.link("ghost"))
+    user.press("x", "e")
     expect(page.get_by_label("Comment")).to_be_focused()
 
     page.keyboard.type("nothing <b>there</b>")
-    ada.press("Enter")
+    user.press("Enter")
 
-    ada.saved()
+    user.wait_until_saved()
     assert scene.review("ghost")["comment"] == "nothing <b>there</b>"
     expect(page.locator(".history__comment")).to_have_text("nothing <b>there</b>")
-    ada.press("a")
+    user.press("a")
     expect(page.locator(".answerline")).to_contain_text("keep")
 
 
@@ -173,32 +173,32 @@ LATE_TIMERS = """() => {
 EARLIER_TIMERS_ARE_DONE = "() => new Promise((done) => setTimeout(done, 50))"
 
 
-def test_keys_are_shortcuts_again_as_soon_as_a_comment_is_finished(scene, ada):
+def test_keys_are_shortcuts_again_as_soon_as_a_comment_is_finished(scene, user):
     """Formerly a late timer focused the comment again, which then took the keys."""
-    page = ada.open(scene.link("ghost"))
+    page = user.open(scene.link("ghost"))
     page.evaluate(LATE_TIMERS)
 
-    ada.press("e", "Escape")
+    user.press("e", "Escape")
     page.evaluate(EARLIER_TIMERS_ARE_DONE)
 
     expect(page.get_by_label("Comment")).not_to_be_focused()
 
 
-def test_comment_on_an_undecided_box_flags_it_as_unsure(scene, ada):
-    page = ada.open(scene.link("hidden"))
-    ada.press("e")
+def test_comment_on_an_undecided_box_flags_it_as_unsure(scene, user):
+    page = user.open(scene.link("hidden"))
+    user.press("e")
 
     page.keyboard.type("look again")
-    ada.press("Enter")
+    user.press("Enter")
 
-    ada.saved()
+    user.wait_until_saved()
     review = scene.review("hidden")
     assert (review["verdict"], review["comment"]) == ("unsure", "look again")
 
 
-def test_history_shows_the_filter_and_every_answer(scene, ada):
-    page = ada.open(scene.link("hidden"))
-    ada.press("a", "x")
+def test_history_shows_the_filter_and_every_answer(scene, user):
+    page = user.open(scene.link("hidden"))
+    user.press("a", "x")
 
     items = page.locator(".history__item")
     expect(items).to_have_count(3)
@@ -217,14 +217,14 @@ SHOWN_AT = """(bone, ms) => {
 HEIGHT = "(element) => element.offsetHeight"
 
 
-def test_history_that_is_loading_has_its_place_and_flashes_nothing(scene, ada):
+def test_history_that_is_loading_has_its_place_and_flashes_nothing(scene, user):
     held: list[Route] = []
-    ada.open(scene.link("ghost"))
-    history = ada.page.locator(".history")
+    user.open(scene.link("ghost"))
+    history = user.page.locator(".history")
     expect(history.locator(".history__item")).to_have_count(1)
-    route_loaded(ada.page, "**/history", lambda route: held.append(route))
+    route_loaded(user.page, "**/history", lambda route: held.append(route))
 
-    ada.press("j")
+    user.press("j")
 
     bone = history.locator(".bone").first
     expect(bone).to_be_attached()
@@ -236,27 +236,27 @@ def test_history_that_is_loading_has_its_place_and_flashes_nothing(scene, ada):
     assert history.evaluate(HEIGHT) == loading
 
 
-def test_history_says_of_a_run_that_its_numbers_are_gone(scene, ada):
+def test_history_says_of_a_run_that_its_numbers_are_gone(scene, user):
     gone = {"verdict": None, "reason": None, "match_percent": None, "threshold": None}
     box_id = scene.box_id("hidden")
     history = get(scene.api, f"/boxes/{box_id}/history")
     items = [entry | gone for entry in history["items"]]
-    ada.page.route("**/history", lambda route: route.fulfill(json={"items": items}))
+    user.page.route("**/history", lambda route: route.fulfill(json={"items": items}))
 
-    page = ada.open(scene.link("hidden"))
+    page = user.open(scene.link("hidden"))
 
     expect(page.locator(".history__item")).to_contain_text(
         "its measurements are no longer stored"
     )
 
 
-def test_refused_answer_is_said_and_the_box_shown_as_it_is(scene, ada):
-    page = ada.page
+def test_refused_answer_is_said_and_the_box_shown_as_it_is(scene, user):
+    page = user.page
     problem = {"title": "Forbidden", "detail": "viewers cannot review", "status": 403}
     page.route("**/reviews", lambda route: route.fulfill(status=403, json=problem))
-    ada.open(scene.link("ghost"))
+    user.open(scene.link("ghost"))
 
-    ada.press("a")
+    user.press("a")
 
     expect(page.get_by_role("alert")).to_have_text(
         re.compile("Not saved: viewers cannot review")
@@ -264,8 +264,8 @@ def test_refused_answer_is_said_and_the_box_shown_as_it_is(scene, ada):
     expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
 
 
-def test_busy_server_is_shown_and_asked_again(scene, ada):
-    page = ada.page
+def test_busy_server_is_shown_and_asked_again(scene, user):
+    page = user.page
     seen: list[str] = []
 
     def refuse_once(route: Route) -> None:
@@ -276,19 +276,19 @@ def test_busy_server_is_shown_and_asked_again(scene, ada):
             route.continue_()
 
     page.route("**/reviews", refuse_once)
-    ada.open(scene.link("ghost"))
-    ada.press("a")
+    user.open(scene.link("ghost"))
+    user.press("a")
 
     expect(page.locator(".answerline__state")).to_have_text("saved")
-    ada.saved()
+    user.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "keep"
     assert len(seen) == 2
     assert len(set(seen)) == 1
 
 
-def test_everything_about_a_box_is_said_in_words_and_numbers(scene, ada):
-    page = ada.open(scene.link("hidden"))
-    after_drawing(page)
+def test_everything_about_a_box_is_said_in_words_and_numbers(scene, user):
+    page = user.open(scene.link("hidden"))
+    wait_for_drawing(page)
 
     panel = page.locator(".panel--inspector")
     expect(panel).to_contain_text("400 of 10\u2009000")
@@ -301,8 +301,8 @@ def test_everything_about_a_box_is_said_in_words_and_numbers(scene, ada):
     )
 
 
-def test_a_field_that_was_emptied_hides_no_comment_of_somebody_else(scene, ada):
-    page = ada.open(scene.link("ghost"))
+def test_a_field_that_was_emptied_hides_no_comment_of_somebody_else(scene, user):
+    page = user.open(scene.link("ghost"))
     field = page.get_by_label("Comment")
     field.fill("x")
     field.fill("")
@@ -314,16 +314,16 @@ def test_a_field_that_was_emptied_hides_no_comment_of_somebody_else(scene, ada):
 
     page.evaluate("(link) => { location.hash = link; }", scene.link("ghost"))
     expect(field).to_have_value("behind the bus")
-    ada.press("a")
+    user.press("a")
 
-    ada.saved()
+    user.wait_until_saved()
     assert scene.review("ghost")["comment"] == "behind the bus"
 
 
-def test_preferences_change_also_where_the_browser_has_no_room(scene, ada):
-    page = ada.open(scene.link("ghost"))
+def test_preferences_change_also_where_the_browser_has_no_room(scene, user):
+    page = user.open(scene.link("ghost"))
     page.evaluate(FILL)
 
-    ada.press("c")
+    user.press("c")
 
     expect(page.locator(".stage")).to_have_attribute("data-mode", "crop")

@@ -7,9 +7,9 @@ import re
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.support.page import crowds, scenes
+from tests.support.page import many_boxes, scenes
 from tests.support.page.scenes import Scene
-from tests.support.page.windows import Visit, Visitor, lose_session, route_loaded
+from tests.support.page.windows import OpenWindow, Visitor, lose_session, route_loaded
 
 pytestmark = pytest.mark.browser
 
@@ -25,18 +25,18 @@ def answer_at_the_server(scene: Scene, name: str, verdict: str) -> None:
 
 
 def test_answers_given_offline_are_sent_when_the_network_is_back(
-    scene: Scene, ada: Visitor
+    scene: Scene, user: Visitor
 ):
-    page = ada.open(scene.link("ghost"))
+    page = user.open(scene.link("ghost"))
     page.context.set_offline(True)
 
-    ada.press("a", "j", "x", "j", "x", "z")
+    user.press("a", "j", "x", "j", "x", "z")
 
     expect(saving(page)).to_contain_text("3 answers offline, kept here")
     expect(page.locator(".sign.is-waiting").first).to_be_visible()
     assert [scene.revision(name) for name in ("ghost", "walker", "away")] == [0, 0, 0]
     page.context.set_offline(False)
-    ada.saved()
+    user.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "keep"
     assert scene.review("walker")["verdict"] == "reject"
     assert scene.review("away") is None
@@ -55,26 +55,26 @@ OFFLINE_UNTIL_RETRY = """(() => {
 })()"""
 
 
-def test_waiting_answers_survive_a_reload(scene, ada):
-    page = ada.page
+def test_waiting_answers_survive_a_reload(scene, user):
+    page = user.page
     # Offline until the click: the page's own retry could come before it.
     page.add_init_script(OFFLINE_UNTIL_RETRY)
-    ada.open(scene.link("ghost"))
-    ada.press("a")
+    user.open(scene.link("ghost"))
+    user.press("a")
     expect(saving(page)).to_contain_text("1 answer offline, kept here")
 
     page.reload()
-    ada.ready()
+    user.wait_until_drawn()
 
     expect(page.locator(".answerline")).to_contain_text("keep")
     expect(page.locator(".answerline__state")).to_have_text("not saved yet")
     page.get_by_role("button", name="Retry").click()
-    ada.saved()
+    user.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "keep"
 
 
-def test_answer_whose_confirmation_was_lost_is_stored_once(scene, ada):
-    page = ada.page
+def test_answer_whose_confirmation_was_lost_is_stored_once(scene, user):
+    page = user.page
     arrived: list[int] = []
 
     def lose_the_answer(route):
@@ -85,42 +85,42 @@ def test_answer_whose_confirmation_was_lost_is_stored_once(scene, ada):
             route.continue_()
 
     page.route("**/reviews", lose_the_answer)
-    ada.open(scene.link("ghost"))
-    ada.press("a")
+    user.open(scene.link("ghost"))
+    user.press("a")
     expect(saving(page)).to_contain_text("offline")
     page.get_by_role("button", name="Retry").click()
 
-    ada.saved()
+    user.wait_until_saved()
     assert arrived == [201]
     assert scene.revision("ghost") == 1
 
 
 def test_signed_out_while_reviewing_keeps_the_answer_until_signed_in(
-    scene, ada, server
+    scene, user, server
 ):
-    page = ada.open(scene.link("ghost"))
+    page = user.open(scene.link("ghost"))
     lose_session(page)
 
-    ada.press("a")
+    user.press("a")
 
     expect(page.get_by_role("heading", name="Sign in to Unghost")).to_be_visible()
     expect(page.locator(".signin__note")).to_contain_text("1 answer of admin kept")
     page.get_by_label("Token").fill(server.token)
     page.get_by_role("button", name="Sign in").click()
-    ada.ready()
+    user.wait_until_drawn()
     expect(page.locator(".inspector__head h2")).to_have_text("truck ghost")
-    ada.saved()
+    user.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "keep"
 
 
 def test_second_of_two_answers_is_not_stored_and_shows_the_first(
-    scene: Scene, visit: Visit
+    scene: Scene, open_window: OpenWindow
 ):
-    ada, bo = visit(), visit()
+    ada, bo = open_window(), open_window()
     ada.open(scene.link("ghost"))
     page = bo.open(scene.link("ghost"))
     ada.press("x")
-    ada.saved()
+    ada.wait_until_saved()
 
     bo.press("a")
 
@@ -130,39 +130,39 @@ def test_second_of_two_answers_is_not_stored_and_shows_the_first(
     assert scene.revision("ghost") == 1
 
 
-def test_one_may_insist_after_a_conflict(scene, ada):
-    page = ada.open(scene.link("ghost"))
+def test_one_may_insist_after_a_conflict(scene, user):
+    page = user.open(scene.link("ghost"))
     answer_at_the_server(scene, "ghost", "reject")
-    ada.press("a")
+    user.press("a")
 
     page.get_by_role("button", name="Use mine: keep").click()
 
-    ada.saved()
+    user.wait_until_saved()
     expect(page.locator(".conflict")).to_have_count(0)
     review = scene.review("ghost")
     assert (review["verdict"], review["revision"]) == ("keep", 2)
 
 
-def test_one_may_leave_it_after_a_conflict(scene, ada):
-    page = ada.open(scene.link("ghost"))
+def test_one_may_leave_it_after_a_conflict(scene, user):
+    page = user.open(scene.link("ghost"))
     answer_at_the_server(scene, "ghost", "reject")
-    ada.press("a")
+    user.press("a")
 
     page.get_by_role("button", name="Keep theirs").click()
 
     expect(page.locator(".conflict")).to_have_count(0)
-    ada.press("z")
+    user.press("z")
     expect(page.locator(".toast", has_text="Nothing to undo.")).to_be_visible()
     assert scene.review("ghost")["verdict"] == "reject"
 
 
-def test_conflict_on_another_frame_leads_there(scene, ada):
+def test_conflict_on_another_frame_leads_there(scene, user):
     scene.push("run/000002")
-    page = ada.page
+    page = user.page
     page.route("**/reviews", lambda route: route.abort())
-    ada.open(scene.link("ghost"))
+    user.open(scene.link("ghost"))
     answer_at_the_server(scene, "ghost", "reject")
-    ada.press("a", "PageDown")
+    user.press("a", "PageDown")
     expect(page.locator("h1")).to_have_text("run/000002")
     page.unroute("**/reviews")
     page.get_by_role("button", name="Retry").click()
@@ -173,9 +173,9 @@ def test_conflict_on_another_frame_leads_there(scene, ada):
     expect(page.locator(".conflict")).to_contain_text("Your answer was not saved")
 
 
-def test_a_tab_opened_later_keeps_its_unsent_answers(scene, visit):
+def test_a_tab_opened_later_keeps_its_unsent_answers(scene, open_window):
     """Formerly the first tab sent them, and the second got a conflict with them."""
-    first = visit(color_scheme="light")
+    first = open_window(color_scheme="light")
     first.open(scene.link("real"))
     second = Visitor(first.page.context.new_page(), first.url)
     second.page.route("**/reviews", lambda route: route.abort())
@@ -185,18 +185,18 @@ def test_a_tab_opened_later_keeps_its_unsent_answers(scene, visit):
 
     first.page.evaluate("dispatchEvent(new Event('online'))")
     first.press("x")
-    first.saved()
+    first.wait_until_saved()
     assert scene.review("real")["verdict"] == "reject"
     second.page.unroute("**/reviews")
     second.press("x")
 
-    second.saved()
+    second.wait_until_saved()
     expect(second.page.locator(".conflict")).to_have_count(0)
     assert scene.review("ghost")["verdict"] == "reject"
 
 
-def test_answers_of_a_closed_tab_are_sent_by_the_next_one(scene, visit):
-    first = visit()
+def test_answers_of_a_closed_tab_are_sent_by_the_next_one(scene, open_window):
+    first = open_window()
     page = first.page
     page.route("**/reviews", lambda route: route.abort())
     first.open(scene.link("ghost"))
@@ -212,15 +212,15 @@ def test_answers_of_a_closed_tab_are_sent_by_the_next_one(scene, visit):
     third = Visitor(context.new_page(), first.url)
     third.open(scene.link("real"))
 
-    third.saved()
+    third.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "keep"
 
 
 def test_answer_that_another_tab_sends_is_shown_before_and_after_it_is_stored(
-    scene, visit
+    scene, open_window
 ):
     """This happens when a tab is reloaded and another tab takes over its answers."""
-    first = visit(color_scheme="light")
+    first = open_window(color_scheme="light")
     first.page.route("**/reviews", lambda route: route.abort())
     first.open(scene.link("ghost"))
     first.press("a")
@@ -234,26 +234,28 @@ def test_answer_that_another_tab_sends_is_shown_before_and_after_it_is_stored(
     expect(state).to_have_text("not saved yet")
     first.page.unroute("**/reviews")
     first.page.get_by_role("button", name="Retry").click()
-    first.saved()
+    first.wait_until_saved()
     expect(second.page.locator(".answerline")).to_contain_text("keep by admin")
     expect(state).to_have_text("saved")
 
 
 @pytest.mark.parametrize("view", ["frame", "queue"])
-def test_bulk_answer_of_another_tab_is_shown_when_it_is_stored(make_scene, visit, view):
+def test_bulk_answer_of_another_tab_is_shown_when_it_is_stored(
+    make_scene, open_window, view
+):
     """Formerly views showed the old state if the bulk answer had more than 20 boxes."""
-    scene = make_scene(boxes=crowds.crowd(24))
-    first = visit(color_scheme="light")
+    scene = make_scene(boxes=many_boxes.alternating_boxes(24))
+    first = open_window(color_scheme="light")
     first.page.route("**/reviews/bulk", lambda route: route.abort())
-    first.open(crowds.grid(scene))
+    first.open(many_boxes.grid(scene))
     expect(first.page.get_by_role("grid")).to_have_attribute("aria-busy", "false")
-    crowds.cell(first.page, 0).click()
-    crowds.cell(first.page, 23).click(modifiers=["Shift"])
+    many_boxes.cell(first.page, 0).click()
+    many_boxes.cell(first.page, 23).click(modifiers=["Shift"])
     first.press("a")
     expect(saving(first.page)).to_contain_text("offline")
     second = Visitor(first.page.context.new_page(), first.url)
     ids = ",".join(str(box["box_id"]) for box in scene.frame["boxes"])
-    links = {"frame": scene.link("b0"), "queue": crowds.queue(scene, boxes=ids)}
+    links = {"frame": scene.link("b0"), "queue": many_boxes.queue(scene, boxes=ids)}
     second.open(links[view])
     answer = second.page.locator(".answerline")
     expect(answer).to_contain_text("keep")
@@ -261,12 +263,14 @@ def test_bulk_answer_of_another_tab_is_shown_when_it_is_stored(make_scene, visit
     first.page.unroute("**/reviews/bulk")
     first.page.evaluate("dispatchEvent(new Event('online'))")
 
-    first.saved()
+    first.wait_until_saved()
     expect(answer).to_contain_text("keep by admin")
 
 
-def test_answer_of_another_tab_stays_while_the_server_does_not_answer(scene, visit):
-    first = visit(color_scheme="light")
+def test_answer_of_another_tab_stays_while_the_server_does_not_answer(
+    scene, open_window
+):
+    first = open_window(color_scheme="light")
     second = Visitor(first.page.context.new_page(), first.url)
     second.open(scene.link("ghost"))
     answer = second.page.locator(".answerline")
@@ -279,7 +283,7 @@ def test_answer_of_another_tab_stays_while_the_server_does_not_answer(scene, vis
 
     first.page.unroute("**/reviews")
     first.page.evaluate("dispatchEvent(new Event('online'))")
-    first.saved()
+    first.wait_until_saved()
     second.page.wait_for_event("requestfailed")
 
     expect(second.page.locator(".answerline__state")).to_have_text("saved")
@@ -294,27 +298,27 @@ KEEP_WITHOUT_A_NAME = """(boxId) => localStorage.setItem("unghost.outbox.v1.k",
 
 
 @pytest.fixture
-def unowned(scene: Scene, ada: Visitor) -> Page:
+def unowned(scene: Scene, user: Visitor) -> Page:
     """The grid, with an unsent answer in the browser that names no person.
 
     Earlier versions of the page kept such answers.
     """
-    page = ada.open(f"#/datasets/{scene.dataset}/grid")
+    page = user.open(f"#/datasets/{scene.dataset}/grid")
     page.evaluate(KEEP_WITHOUT_A_NAME, scene.box_id("ghost"))
     page.reload()
     expect(page.locator(".strip")).to_contain_text("1 unsent answer in this browser")
     return page
 
 
-def test_an_answer_without_a_name_is_sent_as_that_of_who_takes_it(scene, ada, unowned):
-    ada.saved()
+def test_an_answer_without_a_name_is_sent_as_that_of_who_takes_it(scene, user, unowned):
+    user.wait_until_saved()
     assert scene.review("ghost") is None
 
     unowned.get_by_role("button", name="Send as admin").click()
 
     expect(unowned.locator(".strip")).to_have_count(0)
     expect(unowned.locator(".sign--keep")).to_have_count(1)
-    ada.saved()
+    user.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "keep"
 
 
@@ -335,27 +339,27 @@ def test_an_answer_without_a_name_is_discarded_by_who_confirms_it(scene, unowned
     assert scene.review("ghost") is None
 
 
-def test_image_that_does_not_arrive_leaves_boxes_and_numbers(scene, ada):
-    page = ada.page
+def test_image_that_does_not_arrive_leaves_boxes_and_numbers(scene, user):
+    page = user.page
     page.route("**/image", lambda route: route.abort())
-    page.goto(f"{ada.url}/{scene.link('hidden')}")
+    page.goto(f"{user.url}/{scene.link('hidden')}")
 
     expect(page.get_by_role("alert").filter(has_text="Image:")).to_be_visible()
     expect(page.locator(".box")).to_have_count(5)
-    ada.press("x")
-    ada.saved()
+    user.press("x")
+    user.wait_until_saved()
     assert scene.review("hidden")["verdict"] == "reject"
 
 
-def test_text_from_outside_stays_text(make_scene, ada):
+def test_text_from_outside_stays_text(make_scene, user):
     evil = "<img src=x onerror=alert(1)>"
     boxes = [{"id": evil, "class": evil, "xyxy": scenes.CAR}]
     scene = make_scene(boxes=boxes)
-    page = ada.open(scene.link(evil))
+    page = user.open(scene.link(evil))
 
-    ada.press("x", "e")
+    user.press("x", "e")
     page.keyboard.type(evil)
-    ada.press("Enter")
+    user.press("Enter")
 
     expect(page.locator(".history__comment")).to_have_text(evil)
     expect(page.locator(".inspector__head h2")).to_have_text(

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from tests.support.databases import writing
+from tests.support.databases import hold_write_lock
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import car_at
@@ -36,8 +36,8 @@ def long_street(street: Scene) -> Scene:
     return street
 
 
-def runs_page(ada: Visitor, street: Scene, query: str = "") -> Page:
-    page = ada.open(f"#/datasets/{street.dataset}/runs{query}")
+def runs_page(user: Visitor, street: Scene, query: str = "") -> Page:
+    page = user.open(f"#/datasets/{street.dataset}/runs{query}")
     expect(page.locator("article.run").first).to_be_visible()
     return page
 
@@ -54,18 +54,18 @@ def run(page: Page, number: int) -> Locator:
     return page.get_by_role("article", name=f"Run {number}", exact=True)
 
 
-def test_a_run_says_what_it_decided_and_which_one_is_active(ada, street):
+def test_a_run_says_what_it_decided_and_which_one_is_active(user, street):
     number = apply(street, threshold_small_box=40)
 
-    page = runs_page(ada, street)
+    page = runs_page(user, street)
 
     expect(run(page, number)).to_contain_text("done")
     expect(run(page, number)).to_contain_text("active")
     expect(run(page, number)).to_contain_text("1 kept · 1 rejected · 1 changed")
 
 
-def test_a_run_is_watched_from_its_beginning_to_its_end(ada, long_street):
-    page = runs_page(ada, long_street)
+def test_a_run_is_watched_from_its_beginning_to_its_end(user, long_street):
+    page = runs_page(user, long_street)
     number = apply(long_street, profile="carlasimu")
 
     expect(run(page, number)).to_be_visible(timeout=15_000)
@@ -74,15 +74,15 @@ def test_a_run_is_watched_from_its_beginning_to_its_end(ada, long_street):
     expect(run(page, number).locator(".statebadge--done")).to_be_visible()
 
 
-def test_open_jobs_leave_connections_to_other_requests(ada, long_street, server):
+def test_open_jobs_leave_connections_to_other_requests(user, long_street, server):
     """A browser opens six connections to a server, shared by all its tabs.
 
     Formerly each open job occupied one of them.
     """
     keys = [{"profile": ("carlasimu", "paper")[n % 2]} for n in range(8)]
     numbers = [apply(long_street, **key, threshold_small_box=77) for key in keys]
-    with writing(server.data):
-        page = runs_page(ada, long_street)
+    with hold_write_lock(server.data):
+        page = runs_page(user, long_street)
         open_now = page.locator(".statebadge--queued, .statebadge--running")
         expect(open_now.nth(6)).to_be_visible()
 
@@ -94,8 +94,8 @@ def test_open_jobs_leave_connections_to_other_requests(ada, long_street, server)
     expect(run(page, numbers[-1]).locator(".statebadge--done")).to_be_visible()
 
 
-def test_a_run_is_cancelled_and_nothing_has_changed(ada, long_street):
-    page = runs_page(ada, long_street)
+def test_a_run_is_cancelled_and_nothing_has_changed(user, long_street):
+    page = runs_page(user, long_street)
     # Runs follow one another, and each measures all pixels: the last is still queued.
     for choice in product(("paper", "carlasimu"), ("naive", "clipped"), ("rgb", "bgr")):
         keys = dict(zip(PIXEL_KEYS, choice, strict=True))
@@ -110,10 +110,10 @@ def test_a_run_is_cancelled_and_nothing_has_changed(ada, long_street):
     assert (stored["state"], stored["changed"]) == ("cancelled", 0)
 
 
-def test_two_runs_are_compared_by_class_by_key_and_by_box(ada, street):
+def test_two_runs_are_compared_by_class_by_key_and_by_box(user, street):
     first = apply(street, threshold_small_box=40)
     second = apply(street, threshold_small_box=60)
-    page = runs_page(ada, street)
+    page = runs_page(user, street)
 
     page.get_by_role("link", name=f"What changed in run {second}").click()
 
@@ -134,8 +134,10 @@ def test_two_runs_are_compared_by_class_by_key_and_by_box(ada, street):
     expect(page.get_by_role("row", name="threshold_small_box 10 60")).to_be_visible()
 
 
-def test_an_export_is_made_watched_downloaded_and_can_be_checked(ada, street, tmp_path):
-    page = runs_page(ada, street)
+def test_an_export_is_made_watched_downloaded_and_can_be_checked(
+    user, street, tmp_path
+):
+    page = runs_page(user, street)
     page.get_by_role("button", name="New export").click()
     page.locator(".formatcard", has_text="COCO").click()
     page.get_by_role("combobox", name=re.compile("^Images")).select_option("none")
@@ -160,8 +162,8 @@ def members(archive: Path) -> list[str]:
         return opened.namelist()
 
 
-def test_an_export_is_cancelled(ada, long_street):
-    page = runs_page(ada, long_street)
+def test_an_export_is_cancelled(user, long_street):
+    page = runs_page(user, long_street)
     # Exports are written one after another: the last is still queued when cancelled.
     path = f"/datasets/{long_street.dataset}/exports"
     asked = [long_street.api.post(path, json={"format": "yolo"}) for _ in range(12)]
@@ -177,9 +179,9 @@ def test_an_export_is_cancelled(ada, long_street):
     assert (stored["state"], stored["download"]) == ("cancelled", None)
 
 
-def test_every_format_of_the_api_is_offered(ada, street):
-    schema = street.api.get(f"{ada.url}/openapi.json").json()["components"]["schemas"]
-    page = runs_page(ada, street)
+def test_every_format_of_the_api_is_offered(user, street):
+    schema = street.api.get(f"{user.url}/openapi.json").json()["components"]["schemas"]
+    page = runs_page(user, street)
 
     page.get_by_role("button", name="New export").click()
 
@@ -190,8 +192,8 @@ def test_every_format_of_the_api_is_offered(ada, street):
     assert offered == schema["ExportIn"]["properties"]["format"]["enum"]
 
 
-def test_a_refusal_of_the_server_is_shown_in_the_form(ada, street):
-    page = runs_page(ada, street)
+def test_a_refusal_of_the_server_is_shown_in_the_form(user, street):
+    page = runs_page(user, street)
     page.get_by_role("button", name="New export").click()
     page.get_by_label("Labels per distance, metres").fill("-5")
 
@@ -201,21 +203,21 @@ def test_a_refusal_of_the_server_is_shown_in_the_form(ada, street):
     expect(page.get_by_text("No export yet")).to_have_count(0)
 
 
-def test_a_dataset_without_exports_says_so_and_a_missing_one_too(ada, street):
-    page = runs_page(ada, street)
+def test_a_dataset_without_exports_says_so_and_a_missing_one_too(user, street):
+    page = runs_page(user, street)
     expect(page.get_by_text("No export yet")).to_be_visible()
 
-    ada.open("#/datasets/nothing-here/runs")
+    user.open("#/datasets/nothing-here/runs")
 
     expect(page.get_by_role("alert")).to_contain_text("nothing-here")
 
 
 def test_a_long_list_scrolls_by_itself_and_not_the_page_past_its_end(
-    long_street, visit
+    long_street, open_window
 ):
     number = apply(long_street, max_distance=1)
-    ada = visit(viewport=PHONE)
-    page = runs_page(ada, long_street, f"?run={number}")
+    user = open_window(viewport=PHONE)
+    page = runs_page(user, long_street, f"?run={number}")
     expect(page.locator(".flip")).to_have_count(FRAMES + 2)
 
     below = page.evaluate(
@@ -226,8 +228,8 @@ def test_a_long_list_scrolls_by_itself_and_not_the_page_past_its_end(
     assert below <= 1
 
 
-def test_an_export_is_not_asked_for_with_a_number_that_is_none(ada, street):
-    page = runs_page(ada, street)
+def test_an_export_is_not_asked_for_with_a_number_that_is_none(user, street):
+    page = runs_page(user, street)
     page.get_by_role("button", name="New export").click()
     field = page.get_by_label("Labels per distance, metres").last
     field.press_sequentially("50, 100, 20O")
@@ -244,11 +246,11 @@ def test_an_export_is_not_asked_for_with_a_number_that_is_none(ada, street):
     assert made["options"]["bands"] == [50, 100, 200]
 
 
-def test_a_failure_stays_as_it_is_until_somebody_tries_again(visit, street):
-    ada = visit(color_scheme="light")
-    ada.page.clock.install()
-    ada.page.route("**/runs?*", lambda route: route.fulfill(status=500))
-    page = ada.open(f"#/datasets/{street.dataset}/runs")
+def test_a_failure_stays_as_it_is_until_somebody_tries_again(open_window, street):
+    user = open_window(color_scheme="light")
+    user.page.clock.install()
+    user.page.route("**/runs?*", lambda route: route.fulfill(status=500))
+    page = user.open(f"#/datasets/{street.dataset}/runs")
     button = page.get_by_role("button", name="Try again")
     button.focus()
 

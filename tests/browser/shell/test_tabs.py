@@ -10,8 +10,8 @@ from tests.support.page.windows import PHONE
 pytestmark = pytest.mark.browser
 
 
-def test_tab_on_show_is_marked_and_filters_go_along(scene, ada):
-    page = ada.open(f"#/datasets/{scene.dataset}/frames?class=car&key=run")
+def test_tab_on_show_is_marked_and_filters_go_along(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/frames?class=car&key=run")
     tabs = page.get_by_role("navigation", name="Dataset")
 
     current = tabs.locator("[aria-current=page]")
@@ -22,8 +22,8 @@ def test_tab_on_show_is_marked_and_filters_go_along(scene, ada):
     )
 
 
-def test_tab_on_show_is_in_sight_on_a_phone(scene, visit):
-    page = visit(viewport=PHONE).open(f"#/datasets/{scene.dataset}/frames")
+def test_tab_on_show_is_in_sight_on_a_phone(scene, open_window):
+    page = open_window(viewport=PHONE).open(f"#/datasets/{scene.dataset}/frames")
 
     tabs = page.get_by_role("navigation", name="Dataset")
 

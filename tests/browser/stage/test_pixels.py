@@ -12,12 +12,12 @@ from playwright.sync_api import expect
 from tests.support.page import scenes
 from tests.support.page.scenes import Scene
 from tests.support.page.stage import (
-    after_drawing,
     drawings,
     edge_runs,
     layer,
     point,
     view,
+    wait_for_drawing,
 )
 from tests.support.page.windows import Visitor
 
@@ -30,20 +30,20 @@ def lit_count(top: np.ndarray) -> int:
     return int(((red > 220) & (green > 180) & (blue < 90) & (alpha > 100)).sum())
 
 
-def test_verdicts_differ_in_their_stroke_not_only_in_colour(make_scene, ada):
+def test_verdicts_differ_in_their_stroke_not_only_in_colour(make_scene, user):
     measured = make_scene()
-    page = ada.open(measured.link())
+    page = user.open(measured.link())
     kept = edge_runs(page, scenes.CAR)
     rejected = edge_runs(page, scenes.SKY)
-    ada.open(make_scene(form="none").link())
+    user.open(make_scene(form="none").link())
     unmeasured = edge_runs(page, scenes.SKY)
 
     assert kept == 1
     assert 5 < rejected < unmeasured
 
 
-def test_verdicts_have_words_and_signs(scene: Scene, ada: Visitor):
-    page = ada.open(scene.link("ghost"))
+def test_verdicts_have_words_and_signs(scene: Scene, user: Visitor):
+    page = user.open(scene.link("ghost"))
 
     expect(page.locator(".inspector__head .badge")).to_have_text("rejected")
     expect(page.locator(".inspector__head .badge svg")).to_have_count(1)
@@ -52,63 +52,63 @@ def test_verdicts_have_words_and_signs(scene: Scene, ada: Visitor):
 
 
 @pytest.mark.parametrize("form", ["palette", "bgr", "raw"])
-def test_matching_pixels_of_the_selected_box_are_lit(make_scene, ada, form):
+def test_matching_pixels_of_the_selected_box_are_lit(make_scene, user, form):
     scene = make_scene(form=form)
-    page = ada.open(scene.link("hidden"))
+    page = user.open(scene.link("hidden"))
     expect(page.locator(".stage")).to_have_attribute("data-lit", "400")
-    after_drawing(page)
+    wait_for_drawing(page)
 
     scale, *_ = view(page)
     assert lit_count(layer(page, "top")) == pytest.approx(400 * scale**2, rel=0.25)
-    ada.press("l")
+    user.press("l")
     expect(page.locator(".stage")).to_have_attribute("data-lit", "")
-    after_drawing(page)
+    wait_for_drawing(page)
     assert lit_count(layer(page, "top")) == 0
 
 
-def test_box_without_a_matching_pixel_lights_none(scene, ada):
-    page = ada.open(scene.link("ghost"))
+def test_box_without_a_matching_pixel_lights_none(scene, user):
+    page = user.open(scene.link("ghost"))
 
     expect(page.locator(".stage")).to_have_attribute("data-lit", "0")
-    after_drawing(page)
+    wait_for_drawing(page)
     assert lit_count(layer(page, "top")) == 0
 
 
 @pytest.mark.parametrize("form", ["palette", "bgr", "raw"])
-def test_mask_shows_the_palettes_colours_whatever_the_file_is(make_scene, ada, form):
-    page = ada.open(make_scene(form=form).link())
+def test_mask_shows_the_palettes_colours_whatever_the_file_is(make_scene, user, form):
+    page = user.open(make_scene(form=form).link())
     before = layer(page, "base")
     scale, x, y = view(page)
     sky = round(60 * scale + y), round(200 * scale + x)
     assert before[sky][:3].tolist() == [scenes.GREY] * 3
 
-    ada.press("m", *"]" * 5)
+    user.press("m", *"]" * 5)
     expect(page.locator(".stage")).to_have_attribute("data-mask", "on")
-    after_drawing(page)
+    wait_for_drawing(page)
 
     assert layer(page, "base")[sky][:3].tolist() == [70, 130, 180]
 
 
-def test_opacity_mixes_image_and_mask(scene, ada):
-    page = ada.open(scene.link())
+def test_opacity_mixes_image_and_mask(scene, user):
+    page = user.open(scene.link())
     scale, x, y = view(page)
     sky = round(60 * scale + y), round(200 * scale + x)
 
-    ada.press("m")
+    user.press("m")
     expect(page.locator(".stage")).to_have_attribute("data-mask", "on")
-    after_drawing(page)
+    wait_for_drawing(page)
 
     half = [(scenes.GREY + channel) / 2 for channel in (70, 130, 180)]
     assert layer(page, "base")[sky][:3].tolist() == pytest.approx(half, abs=2)
 
 
-def test_selected_box_is_brought_forward_and_the_others_dim(scene, ada):
-    page = ada.open(scene.link())
+def test_selected_box_is_brought_forward_and_the_others_dim(scene, user):
+    page = user.open(scene.link())
     before = layer(page, "base")
     assert not layer(page, "top").any()
 
-    ada.press("j")
-    after_drawing(page)
+    user.press("j")
+    wait_for_drawing(page)
 
     assert layer(page, "top").any()
     ink = np.abs(before.astype(int) - scenes.GREY).max()
@@ -116,10 +116,10 @@ def test_selected_box_is_brought_forward_and_the_others_dim(scene, ada):
     assert dimmed < ink
 
 
-def test_answer_is_a_mark_on_the_corner_of_its_box(scene, ada):
-    page = ada.open(scene.link("real"))
-    ada.press("a", "Escape")
-    after_drawing(page)
+def test_answer_is_a_mark_on_the_corner_of_its_box(scene, user):
+    page = user.open(scene.link("real"))
+    user.press("a", "Escape")
+    wait_for_drawing(page)
 
     scale, x, y = view(page)
     column, row = round(scenes.CAR[2] * scale + x), round(scenes.CAR[1] * scale + y)
@@ -130,33 +130,33 @@ def test_answer_is_a_mark_on_the_corner_of_its_box(scene, ada):
     assert greens > 60
 
 
-def test_edges_of_a_3d_box_are_drawn(make_scene, ada):
+def test_edges_of_a_3d_box_are_drawn(make_scene, user):
     scene = make_scene(boxes=[scenes.SOLID])
-    page = ada.open(scene.link("solid"))
-    after_drawing(page)
+    page = user.open(scene.link("solid"))
+    wait_for_drawing(page)
     with_edges = layer(page, "top")
 
-    ada.press("d")
-    after_drawing(page)
+    user.press("d")
+    wait_for_drawing(page)
 
     changed = (with_edges != layer(page, "top")).any(axis=2).sum()
     assert changed > 200
 
 
-def test_pointing_at_a_box_shows_its_label(scene, ada):
-    page = ada.open(scene.link())
+def test_pointing_at_a_box_shows_its_label(scene, user):
+    page = user.open(scene.link())
 
     page.mouse.move(*point(page, 160, 250))
-    after_drawing(page)
+    wait_for_drawing(page)
 
     assert layer(page, "top").any()
     page.mouse.move(*point(page, 10, 170))
-    after_drawing(page)
+    wait_for_drawing(page)
     assert not layer(page, "top").any()
 
 
-def test_wheel_zooms_where_the_pointer_is(scene, ada):
-    page = ada.open(scene.link())
+def test_wheel_zooms_where_the_pointer_is(scene, user):
+    page = user.open(scene.link())
     at = point(page, 160, 250)
     page.mouse.move(*at)
     fitted, *_ = view(page)
@@ -170,21 +170,21 @@ def test_wheel_zooms_where_the_pointer_is(scene, ada):
     assert point(page, 160, 250) == pytest.approx(at, abs=0.5)
 
 
-def test_dragging_pans(scene, ada):
-    page = ada.open(scene.link("real"))
+def test_dragging_pans(scene, user):
+    page = user.open(scene.link("real"))
     scale, x, y = view(page)
 
     page.mouse.move(*point(page, 10, 170))
     page.mouse.down()
     page.mouse.move(*(n + 40 for n in point(page, 10, 170)))
     page.mouse.up()
-    after_drawing(page)
+    wait_for_drawing(page)
 
     assert view(page) == pytest.approx((scale, x + 40, y + 40), abs=0.01)
     expect(page.locator(".inspector__head h2")).to_have_text("car real")
 
 
-def test_five_hundred_boxes_are_drawn_once_per_frame_of_the_screen(make_scene, ada):
+def test_five_hundred_boxes_are_drawn_once_per_frame_of_the_screen(make_scene, user):
     rng = np.random.default_rng(5)
     corners = rng.uniform((0, 0), (600, 330), (500, 2)).round(1)
     sizes = rng.uniform(6, 40, (500, 2)).round(1)
@@ -192,7 +192,7 @@ def test_five_hundred_boxes_are_drawn_once_per_frame_of_the_screen(make_scene, a
         {"id": str(i), "class": "car", "xyxy": [*corner, *(corner + size)]}
         for i, (corner, size) in enumerate(zip(corners, sizes, strict=True))
     ]
-    page = ada.open(make_scene(boxes=boxes).link())
+    page = user.open(make_scene(boxes=boxes).link())
     expect(page.locator(".panel__count")).to_have_text("500 boxes")
     before = drawings(page)
 
@@ -220,21 +220,21 @@ DRAG = """async () => {
 }"""
 
 
-def test_boxes_move_with_the_picture_while_one_pans_and_afterwards(scene, ada):
-    page = ada.open(scene.link())
+def test_boxes_move_with_the_picture_while_one_pans_and_afterwards(scene, user):
+    page = user.open(scene.link())
     start = point(page, 20, 20)
     page.mouse.move(*start)
     page.mouse.down()
 
     page.mouse.move(start[0] + 90, start[1] + 40, steps=4)
-    after_drawing(page)
+    wait_for_drawing(page)
 
     assert edge_runs(page, scenes.CAR) == 1
     assert edge_runs(page, scenes.HALF_HIDDEN) > 3
     page.mouse.move(start[0] + 460, start[1] - 30, steps=4)
-    after_drawing(page)
+    wait_for_drawing(page)
     assert edge_runs(page, scenes.CAR) == 1, "further than what was drawn ahead"
     page.mouse.up()
-    ada.press("+")
-    after_drawing(page)
+    user.press("+")
+    wait_for_drawing(page)
     assert edge_runs(page, scenes.CAR) == 1, "drawn afresh"

@@ -14,7 +14,7 @@ from playwright.sync_api import Locator, Page, expect
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import keys_of
 from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.tuning import applied_config, car_at, column, dragged
+from tests.support.page.tuning import applied_config, car_at, count_bar_colours, dragged
 from tests.support.page.windows import PHONE, Visitor, route_loaded
 from tests.support.waiting import until
 
@@ -34,8 +34,8 @@ def street(make_scene: MakeScene) -> Scene:
     return make_scene(boxes=[*BOXES, WALKER])
 
 
-def opened(ada: Visitor, street: Scene, query: str = "") -> Page:
-    page = ada.open(f"#/datasets/{street.dataset}/thresholds{query}")
+def opened(user: Visitor, street: Scene, query: str = "") -> Page:
+    page = user.open(f"#/datasets/{street.dataset}/thresholds{query}")
     expect(figure(page, "kept")).not_to_have_text("–")
     expect(page.locator(".histogram__drawing canvas").first).to_be_visible()
     return page
@@ -49,8 +49,8 @@ def figure(page: Page, which: str) -> Locator:
     return page.locator(f'[data-figure="{which}"] .figure__value')
 
 
-def test_dragging_a_threshold_counts_at_once_and_lists_what_would_flip(ada, street):
-    page = opened(ada, street)
+def test_dragging_a_threshold_counts_at_once_and_lists_what_would_flip(user, street):
+    page = opened(user, street)
     expect(figure(page, "kept")).to_have_text("4")
 
     dragged(page, handle(page, "all classes"), to=60)
@@ -67,8 +67,8 @@ def test_dragging_a_threshold_counts_at_once_and_lists_what_would_flip(ada, stre
     assert width > 0
 
 
-def test_a_flip_leads_to_its_box_in_its_frame(ada, street):
-    page = opened(ada, street, "?threshold_small_box=50")
+def test_a_flip_leads_to_its_box_in_its_frame(user, street):
+    page = opened(user, street, "?threshold_small_box=50")
     expect(page.locator(".flip--lost")).to_have_count(1)
 
     page.locator(".flip--lost").click()
@@ -77,26 +77,26 @@ def test_a_flip_leads_to_its_box_in_its_frame(ada, street):
     expect(page).to_have_url(re.compile(rf"#/frames/\d+\?box={box['box_id']}$"))
 
 
-def test_a_class_has_a_threshold_of_its_own_by_keyboard_alone(ada, street):
-    page = opened(ada, street)
+def test_a_class_has_a_threshold_of_its_own_by_keyboard_alone(user, street):
+    page = opened(user, street)
     handle(page, "car").focus()
 
-    ada.press("ArrowRight", "Shift+ArrowRight", "PageUp", "ArrowLeft")
+    user.press("ArrowRight", "Shift+ArrowRight", "PageUp", "ArrowLeft")
 
     expect(handle(page, "car")).to_have_attribute("aria-valuenow", "25")
     expect(handle(page, "car")).to_have_attribute("aria-valuetext", "25 %")
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "10")
-    ada.press("End")
+    user.press("End")
     expect(figure(page, "kept")).to_have_text("1")
-    ada.press("Home")
+    user.press("Home")
     expect(figure(page, "kept")).to_have_text("5")
     expect(figure(page, "won")).to_have_text("1")
     page.get_by_role("button", name="own").click()
     expect(handle(page, "car")).to_have_attribute("aria-valuenow", "10")
 
 
-def test_typing_a_number_moves_the_threshold_and_nonsense_does_not(ada, street):
-    page = opened(ada, street)
+def test_typing_a_number_moves_the_threshold_and_nonsense_does_not(user, street):
+    page = opened(user, street)
     field = page.get_by_label("Threshold of all classes", exact=True).first
 
     field = page.locator("input[aria-label='Threshold of all classes']")
@@ -108,15 +108,15 @@ def test_typing_a_number_moves_the_threshold_and_nonsense_does_not(ada, street):
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "31.25")
 
 
-def test_values_that_are_tried_are_a_link_and_going_back_restores_them(ada, street):
-    page = opened(ada, street)
+def test_values_that_are_tried_are_a_link_and_going_back_restores_them(user, street):
+    page = opened(user, street)
     handle(page, "all classes").focus()
-    ada.press("PageUp")
+    user.press("PageUp")
     expect(page).to_have_url(re.compile(r"\?threshold_small_box=20$"))
 
     link = page.url.partition("#")[2]
-    ada.open("#/datasets")
-    page = ada.open(f"#{link}")
+    user.open("#/datasets")
+    page = user.open(f"#{link}")
 
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "20")
     page.evaluate("link => { location.hash = link }", link.replace("=20", "=35"))
@@ -126,8 +126,8 @@ def test_values_that_are_tried_are_a_link_and_going_back_restores_them(ada, stre
     expect(page).to_have_url(re.compile("/thresholds$"))
 
 
-def test_saving_names_the_version_and_what_differs_and_decides_nothing(ada, street):
-    page = opened(ada, street, "?threshold_small_box=40&min_visible_pixels=3")
+def test_saving_names_the_version_and_what_differs_and_decides_nothing(user, street):
+    page = opened(user, street, "?threshold_small_box=40&min_visible_pixels=3")
     page.get_by_role("button", name="Save as new config version").click()
     dialog = page.get_by_role("dialog")
     rows = dialog.locator("tbody tr").all_inner_texts()
@@ -147,8 +147,8 @@ def test_saving_names_the_version_and_what_differs_and_decides_nothing(ada, stre
     assert applied_config(street)["threshold_small_box"] == 10
 
 
-def test_applying_runs_to_the_end_and_becomes_what_is_active(ada, street):
-    page = opened(ada, street, "?threshold_small_box=40")
+def test_applying_runs_to_the_end_and_becomes_what_is_active(user, street):
+    page = opened(user, street, "?threshold_small_box=40")
     page.get_by_role("button", name="Save as new config version").click()
 
     page.get_by_role("button", name="Save and apply").click()
@@ -163,9 +163,9 @@ def test_applying_runs_to_the_end_and_becomes_what_is_active(ada, street):
     expect(page.locator(".flip--lost")).to_have_count(1)
 
 
-def test_an_older_version_can_be_tried_and_made_active_again(ada, street):
+def test_an_older_version_can_be_tried_and_made_active_again(user, street):
     street.decide(threshold_small_box=60)
-    page = opened(ada, street)
+    page = opened(user, street)
     expect(page.locator(".version.is-active")).to_contain_text("in use")
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
 
@@ -178,8 +178,8 @@ def test_an_older_version_can_be_tried_and_made_active_again(ada, street):
     assert applied_config(street)["threshold_small_box"] == 10
 
 
-def test_a_preview_that_needs_pixels_says_so_and_shows_no_numbers(ada, street):
-    page = opened(ada, street)
+def test_a_preview_that_needs_pixels_says_so_and_shows_no_numbers(user, street):
+    page = opened(user, street)
 
     page.evaluate("location.hash += '?profile=carlasimu'")
 
@@ -197,8 +197,8 @@ def test_a_preview_that_needs_pixels_says_so_and_shows_no_numbers(ada, street):
     expect(handle(page, "all classes")).to_be_visible()
 
 
-def test_another_channel_that_decides_is_named_with_its_own_keys(ada, street):
-    page = opened(ada, street)
+def test_another_channel_that_decides_is_named_with_its_own_keys(user, street):
+    page = opened(user, street)
     line = page.locator(".tuning__channel")
     expect(line).to_have_count(0)
     street.decide(evidence="ordered")
@@ -213,9 +213,9 @@ def test_another_channel_that_decides_is_named_with_its_own_keys(ada, street):
     expect(figure(page, "kept")).to_be_visible()
 
 
-def test_the_numbers_that_other_channels_need_can_be_tried(ada, street):
+def test_the_numbers_that_other_channels_need_can_be_tried(user, street):
     street.decide(evidence="ordered")
-    page = opened(ada, street)
+    page = opened(user, street)
     expect(page.locator(".tuning__channel")).to_be_visible()
     kept = figure(page, "kept")
     before = int(kept.inner_text())
@@ -228,8 +228,8 @@ def test_the_numbers_that_other_channels_need_can_be_tried(ada, street):
     expect(points).to_have_value("5")
 
 
-def test_every_key_of_the_library_stands_in_the_form_as_it_is_declared(ada, street):
-    page = opened(ada, street)
+def test_every_key_of_the_library_stands_in_the_form_as_it_is_declared(user, street):
+    page = opened(user, street)
     keys = keys_of(FilterConfig)
     rows = page.locator(".table--keys tbody tr")
 
@@ -243,8 +243,8 @@ def test_every_key_of_the_library_stands_in_the_form_as_it_is_declared(ada, stre
     assert labels == asked
 
 
-def test_a_number_that_a_key_does_not_allow_is_not_tried(ada, street):
-    page = opened(ada, street)
+def test_a_number_that_a_key_does_not_allow_is_not_tried(user, street):
+    page = opened(user, street)
     share = page.get_by_role("spinbutton", name="size_big_box")
 
     for wrong in ("101", "-1"):
@@ -257,8 +257,8 @@ def test_a_number_that_a_key_does_not_allow_is_not_tried(ada, street):
     expect(page.locator(".summary__state")).to_contain_text("1 change, not saved")
 
 
-def test_reasons_and_flips_can_be_those_of_one_class(ada, street):
-    page = opened(ada, street, "?threshold_small_box=60")
+def test_reasons_and_flips_can_be_those_of_one_class(user, street):
+    page = opened(user, street, "?threshold_small_box=60")
     expect(page.get_by_role("row", name=re.compile("^visible 4 2"))).to_be_visible()
 
     page.get_by_role("button", name="walker", exact=True).click()
@@ -269,8 +269,8 @@ def test_reasons_and_flips_can_be_those_of_one_class(ada, street):
     expect(page).to_have_url(re.compile("class=walker"))
 
 
-def test_the_file_has_every_key_as_it_is_tried(ada, street):
-    page = opened(ada, street, "?threshold_small_box=12.5&classes.car.accept=[14]")
+def test_the_file_has_every_key_as_it_is_tried(user, street):
+    page = opened(user, street, "?threshold_small_box=12.5&classes.car.accept=[14]")
     page.get_by_text("As YAML").click()
 
     text = page.locator(".yaml pre").inner_text()
@@ -284,8 +284,8 @@ def test_the_file_has_every_key_as_it_is_tried(ada, street):
     assert config["classes"] == {"car": {"accept": [14]}} or config["classes"]
 
 
-def test_a_refused_value_says_why_and_the_histograms_stay(ada, street):
-    page = opened(ada, street)
+def test_a_refused_value_says_why_and_the_histograms_stay(user, street):
+    page = opened(user, street)
 
     page.evaluate("location.hash += '?min_distance=50&max_distance=10'")
 
@@ -293,10 +293,10 @@ def test_a_refused_value_says_why_and_the_histograms_stay(ada, street):
     expect(handle(page, "all classes")).to_be_visible()
 
 
-def test_a_server_that_is_away_is_said_and_asked_again(ada, street):
-    page = ada.page
+def test_a_server_that_is_away_is_said_and_asked_again(user, street):
+    page = user.page
     page.route("**/preview", lambda route: route.abort())
-    page.goto(f"{ada.url}/#/datasets/{street.dataset}/thresholds")
+    page.goto(f"{user.url}/#/datasets/{street.dataset}/thresholds")
     expect(page.get_by_role("alert")).to_have_text("The server does not answer.")
 
     page.unroute("**/preview")
@@ -305,8 +305,8 @@ def test_a_server_that_is_away_is_said_and_asked_again(ada, street):
     expect(figure(page, "kept")).to_have_text("4")
 
 
-def test_only_one_preview_is_on_its_way_however_fast_one_drags(ada, street):
-    page = opened(ada, street)
+def test_only_one_preview_is_on_its_way_however_fast_one_drags(user, street):
+    page = opened(user, street)
     page.wait_for_load_state("networkidle")
     page.evaluate("performance.clearResourceTimings()")
     handle(page, "all classes").focus()
@@ -323,26 +323,29 @@ def test_only_one_preview_is_on_its_way_however_fast_one_drags(ada, street):
     assert all(end <= start for end, start in zip(ends, starts, strict=True)), times
 
 
-def test_an_empty_dataset_says_what_is_missing(ada, api):
+def test_an_empty_dataset_says_what_is_missing(user, api):
     api.post("/datasets", json={"name": "no-boxes"})
 
-    page = ada.open("#/datasets/no-boxes/thresholds")
+    page = user.open("#/datasets/no-boxes/thresholds")
 
     expect(page.get_by_role("heading", name="No boxes yet")).to_be_visible()
 
 
-def test_bars_are_hatched_below_the_threshold_and_solid_above(ada, street):
-    page = opened(ada, street, "?threshold_small_box=50")
+def test_bars_are_hatched_below_the_threshold_and_solid_above(user, street):
+    page = opened(user, street, "?threshold_small_box=50")
     drawing = page.locator(".histogram--large .histogram__drawing canvas")
 
-    below, above = column(drawing, percent=30.25), column(drawing, percent=80.25)
+    below, above = (
+        count_bar_colours(drawing, percent=30.25),
+        count_bar_colours(drawing, percent=80.25),
+    )
 
     assert below > 1, "a rejected bar is slanted lines over a tint"
     assert above == 1, "a kept bar is one solid colour"
 
 
-def test_drawings_take_on_another_appearance(ada, street):
-    page = opened(ada, street)
+def test_drawings_take_on_another_appearance(user, street):
+    page = opened(user, street)
     drawing = page.locator(".histogram--large .histogram__drawing")
     expect(drawing).to_have_attribute("data-drawn", "1")
     page.get_by_role("button", name="Settings").click()
@@ -352,8 +355,8 @@ def test_drawings_take_on_another_appearance(ada, street):
     expect(drawing).to_have_attribute("data-drawn", "2")
 
 
-def test_a_threshold_is_moved_by_touch(street, visit):
-    bo = visit(viewport=PHONE, has_touch=True, is_mobile=True)
+def test_a_threshold_is_moved_by_touch(street, open_window):
+    bo = open_window(viewport=PHONE, has_touch=True, is_mobile=True)
     page = opened(bo, street)
     line = handle(page, "all classes")
     line.scroll_into_view_if_needed()
@@ -369,8 +372,8 @@ def test_a_threshold_is_moved_by_touch(street, visit):
     )
 
 
-def test_nothing_is_saved_over_a_version_that_somebody_has_applied_since(street, ada):
-    page = opened(ada, street)
+def test_nothing_is_saved_over_a_version_that_somebody_has_applied_since(street, user):
+    page = opened(user, street)
     street.decide(classes={"walker": {"threshold_small_box": 77}})
     page.locator("input[aria-label='Threshold of car, percent']").fill("50")
     page.get_by_role("button", name="Save as new config version").click()
@@ -390,7 +393,7 @@ def test_nothing_is_saved_over_a_version_that_somebody_has_applied_since(street,
 
 
 def test_the_counts_of_the_active_version_that_do_not_come_are_asked_for_again(
-    street, ada
+    street, user
 ):
     asked = []
 
@@ -398,16 +401,16 @@ def test_the_counts_of_the_active_version_that_do_not_come_are_asked_for_again(
         asked.append(route)
         route.fulfill(status=503, body="{}") if len(asked) == 2 else route.continue_()
 
-    ada.page.route("**/preview", refuse_the_second)
-    page = ada.open(f"#/datasets/{street.dataset}/thresholds")
+    user.page.route("**/preview", refuse_the_second)
+    page = user.open(f"#/datasets/{street.dataset}/thresholds")
 
     page.get_by_role("alert").get_by_role("button", name="Try again").click()
 
     expect(page.get_by_role("alert")).to_have_count(0)
 
 
-def test_the_save_dialog_says_nothing_of_another_configuration(street, ada):
-    page = opened(ada, street)
+def test_the_save_dialog_says_nothing_of_another_configuration(street, user):
+    page = opened(user, street)
     field = page.locator("input[aria-label='Threshold of all classes']")
     field.fill("60")
     expect(page.locator('[data-figure="lost"] .figure__value')).to_have_text("2")

@@ -56,8 +56,8 @@ def town(tmp_path: Path) -> Path:
     return root
 
 
-def pick(ada: Visitor, folder: Path) -> Page:
-    page = ada.open("#/datasets")
+def pick(user: Visitor, folder: Path) -> Page:
+    page = user.open("#/datasets")
     page.get_by_label("Upload a folder").last.set_input_files(folder)
     expect(page.get_by_label("Dataset", exact=True)).to_be_visible()
     return page
@@ -71,8 +71,8 @@ def send(page: Page) -> None:
     upload_button(page).click()
 
 
-def test_folder_is_matched_shown_sent_and_opened(town, ada, api):
-    page = pick(ada, town)
+def test_folder_is_matched_shown_sent_and_opened(town, user, api):
+    page = pick(user, town)
     dialog = page.get_by_role("dialog", name="Upload")
     expect(page.get_by_label("Dataset", exact=True)).to_have_value(town.name)
     expect(dialog.locator(".upload__sum")).to_have_text(
@@ -94,13 +94,13 @@ def test_folder_is_matched_shown_sent_and_opened(town, ada, api):
     assert (stored["classes"], stored["counts"]["kept"]) == (["car", "walker"], 3)
 
 
-def test_same_folder_again_stores_nothing_twice(town, ada):
-    page = pick(ada, town)
+def test_same_folder_again_stores_nothing_twice(town, user):
+    page = pick(user, town)
     send(page)
     page.get_by_role("button", name="Close the upload").click()
     expect(page.get_by_role("heading", name=town.name)).to_be_visible()
 
-    page = pick(ada, town)
+    page = pick(user, town)
     expect(page.locator("#upload-where")).to_contain_text("a dataset that has 3 frames")
     send(page)
 
@@ -108,8 +108,8 @@ def test_same_folder_again_stores_nothing_twice(town, ada):
     expect(outcome).to_have_text("0 frames stored · 3 there already")
 
 
-def test_files_dropped_anywhere_become_frames_of_the_dataset_on_show(scene, ada):
-    page = ada.open(scene.link("ghost"))
+def test_files_dropped_anywhere_become_frames_of_the_dataset_on_show(scene, user):
+    page = user.open(scene.link("ghost"))
     files = {
         "9.png": scenes.picture(),
         "9_seg.png": scenes.segmentation("raw"),
@@ -130,8 +130,8 @@ def encoded(files: dict[str, bytes]) -> list[list[str]]:
     return [[name, base64.b64encode(data).decode()] for name, data in files.items()]
 
 
-def test_nothing_is_sent_before_one_knows_whether_the_dataset_is_there(scene, ada):
-    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+def test_nothing_is_sent_before_one_knows_whether_the_dataset_is_there(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
     held: list[Route] = []
     route_loaded(page, "**/api/v1/datasets?*", lambda route: held.append(route))
@@ -148,8 +148,8 @@ def test_nothing_is_sent_before_one_knows_whether_the_dataset_is_there(scene, ad
     expect(button).to_be_enabled()
 
 
-def test_voc_files_are_read_as_the_library_reads_them(scene, ada):
-    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+def test_voc_files_are_read_as_the_library_reads_them(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
     files = {"v.xml": VOC.encode(), "v.png": scenes.picture(), "w.xml": b"<a>"}
 
@@ -198,14 +198,14 @@ KITTI = {
     ],
 )  # fmt: skip
 def test_every_layout_that_the_server_reads_can_be_dropped(
-    ada, api, tmp_path, title, files
+    user, api, tmp_path, title, files
 ):
     root = tmp_path / f"drop-{tmp_path.name.strip('_').lower()}"
     for name, content in files.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_bytes(content)
 
-    page = pick(ada, root)
+    page = pick(user, root)
 
     expect(page.locator(".upload__sum")).to_contain_text(f"{title} · 1 frame")
     send(page)
@@ -213,8 +213,8 @@ def test_every_layout_that_the_server_reads_can_be_dropped(
     assert scenes.get(api, f"/datasets/{root.name}")["counts"]["frames"] == 1
 
 
-def test_files_of_two_layouts_are_read_as_the_one_that_is_chosen(scene, ada):
-    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+def test_files_of_two_layouts_are_read_as_the_one_that_is_chosen(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
     files = {"v.xml": VOC.encode(), "v.png": scenes.picture(), "classes.txt": b"car"}
 
@@ -228,8 +228,8 @@ def test_files_of_two_layouts_are_read_as_the_one_that_is_chosen(scene, ada):
     expect(page.get_by_role("combobox", name="Dataset")).to_have_value("typed")
 
 
-def test_images_beside_labels_that_nobody_can_read_can_be_taken_alone(scene, ada):
-    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+def test_images_beside_labels_that_nobody_can_read_can_be_taken_alone(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
 
     page.evaluate(DROP, encoded({"9.png": scenes.picture(), "9.txt": b"0 1 1 1 1"}))
@@ -243,8 +243,8 @@ def test_images_beside_labels_that_nobody_can_read_can_be_taken_alone(scene, ada
     )
 
 
-def test_a_server_that_is_away_is_asked_again_and_reading_can_be_cancelled(town, ada):
-    page = ada.open("#/datasets")
+def test_a_server_that_is_away_is_asked_again_and_reading_can_be_cancelled(town, user):
+    page = user.open("#/datasets")
     route_loaded(page, "**/api/v1/folders?*", lambda route: route.abort())
     page.get_by_label("Upload a folder").last.set_input_files(town)
     expect(page.get_by_role("alert")).to_contain_text("The server does not answer")
@@ -259,7 +259,7 @@ def test_a_server_that_is_away_is_asked_again_and_reading_can_be_cancelled(town,
     expect(page.get_by_role("dialog", name="Upload")).to_have_count(0)
 
 
-def test_refused_frames_are_listed_and_tried_again(town, ada):
+def test_refused_frames_are_listed_and_tried_again(town, user):
     """They are listed with the server's message.
 
     A file that was changed after it was picked cannot be read again by the browser.
@@ -267,7 +267,7 @@ def test_refused_frames_are_listed_and_tried_again(town, ada):
     seg = town / "seg" / "2.png"
     good = seg.read_bytes()
     seg.write_bytes(good[:200])
-    page = pick(ada, town)
+    page = pick(user, town)
 
     send(page)
 
@@ -281,8 +281,8 @@ def test_refused_frames_are_listed_and_tried_again(town, ada):
     expect(page.get_by_label("Refused")).to_contain_text("can no longer be read")
 
 
-def test_upload_waits_while_the_server_is_away_and_goes_on(town, ada, api):
-    page = pick(ada, town)
+def test_upload_waits_while_the_server_is_away_and_goes_on(town, user, api):
+    page = pick(user, town)
     route_loaded(page, re.compile("/frames/"), lambda route: route.abort())
     expect_phase = expect(page.locator(".upload-panel h2"))
     page.route("**/api/v1/datasets", lambda route: route.continue_())
@@ -296,8 +296,8 @@ def test_upload_waits_while_the_server_is_away_and_goes_on(town, ada, api):
     assert scenes.get(api, f"/datasets/{town.name}")["counts"]["frames"] == 3
 
 
-def test_paused_and_cancelled_uploads_send_nothing_more(town, ada, api):
-    page = pick(ada, town)
+def test_paused_and_cancelled_uploads_send_nothing_more(town, user, api):
+    page = pick(user, town)
     held: list[Route] = []
     route_loaded(page, re.compile("/frames/"), lambda route: held.append(route))
     send(page)
@@ -310,8 +310,8 @@ def test_paused_and_cancelled_uploads_send_nothing_more(town, ada, api):
     assert scenes.get(api, f"/datasets/{town.name}")["counts"]["frames"] == 0
 
 
-def test_upload_goes_on_from_view_to_view_and_across_a_sign_in(town, ada, server):
-    page = pick(ada, town)
+def test_upload_goes_on_from_view_to_view_and_across_a_sign_in(town, user, server):
+    page = pick(user, town)
     # Enabled once the list of datasets is loaded.
     expect(upload_button(page)).to_be_enabled()
     lose_session(page)
@@ -330,8 +330,8 @@ def made(route: Route, server: RunningServer) -> None:
     route.fulfill(response=route.fetch(headers={**route.request.headers, **shown}))
 
 
-def test_bad_name_and_no_frames_are_said_before_anything_is_sent(town, ada, tmp_path):
-    page = pick(ada, town)
+def test_bad_name_and_no_frames_are_said_before_anything_is_sent(town, user, tmp_path):
+    page = pick(user, town)
     page.get_by_label("Dataset", exact=True).fill("Town Ten")
     send(page)
     expect(page.locator("#upload-error")).to_contain_text("small letters")

@@ -50,7 +50,7 @@ class Content:
 
 
 @dataclass(frozen=True)
-class Said:
+class RecordedAnswer:
     """One answer in a box's history."""
 
     verdict: str
@@ -63,7 +63,7 @@ class ModelBox:
 
     place: int
     verdict: str
-    answers: list[Said] = field(default_factory=list)
+    answers: list[RecordedAnswer] = field(default_factory=list)
     pile: list[tuple[int | None, str]] = field(default_factory=list)
     """Acts that are not undone, the newest last: batch, and the answer given."""
     verdicts: list[str] = field(default_factory=list)
@@ -101,7 +101,7 @@ class ModelBox:
         )
 
     def answer(self, verdict: str, batch: int | None = None) -> None:
-        self.answers.append(Said(verdict, batch))
+        self.answers.append(RecordedAnswer(verdict, batch))
         self.pile.append((batch, verdict))
 
     def take_back(self, batch: int, undo: int) -> bool:
@@ -110,7 +110,7 @@ class ModelBox:
             return False
         self.pile.pop()
         before = self.pile[-1][1] if self.pile else "clear"
-        self.answers.append(Said(before, undo))
+        self.answers.append(RecordedAnswer(before, undo))
         return True
 
 

@@ -14,7 +14,7 @@ EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "10"))
 ROOM = 96 * 1024**2
 """The most bytes of memory that reading a sample of a few kilobytes may take."""
 
-many = settings(max_examples=EXAMPLES)
+fuzz_settings = settings(max_examples=EXAMPLES)
 
 TELLING = [
     *(b"\x00", b"\xff", b"\x7f", b"\x80", b"\n", b"\r\n", b" ", b"\t", b"\x1a", b'"'),
@@ -84,7 +84,7 @@ json_values: st.SearchStrategy[object] = st.recursive(
 
 
 @st.composite
-def bent(draw: st.DrawFn, document: object) -> object:
+def mutated_json(draw: st.DrawFn, document: object) -> object:
     """A JSON document in which one value is replaced or removed."""
     if isinstance(document, dict) and document and draw(st.integers(0, 9)):
         key = draw(st.sampled_from(sorted(document)))
@@ -92,11 +92,11 @@ def bent(draw: st.DrawFn, document: object) -> object:
         if draw(st.integers(0, 7)) == 0:
             del changed[key]
         else:
-            changed[key] = draw(bent(document[key]))
+            changed[key] = draw(mutated_json(document[key]))
         return changed
     if isinstance(document, list) and document and draw(st.integers(0, 9)):
         at = draw(st.integers(0, len(document) - 1))
-        return [*document[:at], draw(bent(document[at])), *document[at + 1 :]]
+        return [*document[:at], draw(mutated_json(document[at])), *document[at + 1 :]]
     return draw(json_values)
 
 

@@ -72,10 +72,12 @@ def _config() -> schemathesis.Config:
 def _archive(_context: Any, value: Any) -> bytes:
     """The generated value as a file in a valid tar archive."""
     content = value if isinstance(value, bytes) else str(value).encode()
-    return archives.packed([("a.json", content), ("a.image.png", content)])
+    return archives.tar_archive([("a.json", content), ("a.image.png", content)])
 
 
-def says_what_is_wrong(_context: CheckContext, response: Response, case: Case) -> None:
+def check_is_not_malformed(
+    _context: CheckContext, response: Response, case: Case
+) -> None:
     """Check that a request of the documented form is not refused as malformed."""
     if response.status_code < 400:
         return
@@ -88,7 +90,7 @@ def says_what_is_wrong(_context: CheckContext, response: Response, case: Case) -
     assert not (is_positive and about_form), problem
 
 
-def spared(case: Case) -> Case:
+def without_own_tokens(case: Case) -> Case:
     """The case, changed so that it revokes no token that the test itself uses."""
     path: dict[str, Any] = case.path_parameters or {}
     token_id = path.get("token_id")
@@ -112,7 +114,7 @@ def populate(api: Api) -> None:
     bulk = {"dataset": DATASET, "box_ids": box_ids, "verdict": "keep"}
     assert api.post("/reviews/bulk", bulk).status_code == 201
     export = api.post(f"/datasets/{DATASET}/exports", {"format": "yolo"})
-    assert api.finished(export)["state"] == "done"
+    assert api.wait_for_job(export)["state"] == "done"
 
 
 SCHEMA: Final = _described()

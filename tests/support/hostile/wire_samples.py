@@ -8,9 +8,9 @@ from tests.support import archives
 
 FRAMES = archives.frame("a") + archives.frame("b/ü", number=1)
 ARCHIVES = [
-    archives.packed(FRAMES),
-    archives.packed([(f"{'long/' * 30}a.json", b"{}")], tarfile.GNU_FORMAT),
-    archives.pieces(FRAMES) + archives.END,
+    archives.tar_archive(FRAMES),
+    archives.tar_archive([(f"{'long/' * 30}a.json", b"{}")], tarfile.GNU_FORMAT),
+    archives.tar_without_end(FRAMES) + archives.END,
     archives.header_of("././@LongLink", 200, b"L") + b"a" * 512 + archives.END,
     archives.header_of("x", 60, b"x") + b"30 mtime=1\n19 path=a/b.json\n" + bytes(483),
     archives.header_of("a", 0, tarfile.SYMTYPE) + archives.END,

@@ -47,7 +47,7 @@ def drawings(page: Page) -> int:
     return int(page.locator(".stage").get_attribute("data-drawn") or 0)
 
 
-def after_drawing(page: Page) -> None:
+def wait_for_drawing(page: Page) -> None:
     """Wait for two animation frames, by which all pending drawing is done."""
     page.evaluate(
         "() => new Promise((done) => requestAnimationFrame("

@@ -47,7 +47,7 @@ def dragged(page: Page, handle: Locator, *, to: float) -> None:
     page.mouse.up()
 
 
-def column(canvas: Locator, *, percent: float) -> int:
+def count_bar_colours(canvas: Locator, *, percent: float) -> int:
     """How many colours the histogram's bar at a percentage has."""
     drawn = canvas.screenshot()
     pixels = cv2.imdecode(np.frombuffer(drawn, np.uint8), cv2.IMREAD_COLOR)

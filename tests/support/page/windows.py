@@ -20,7 +20,7 @@ from playwright.sync_api import (
     sync_playwright,
 )
 
-from tests.support.page.stage import after_drawing
+from tests.support.page.stage import wait_for_drawing
 from tests.support.servers import SESSION_KEY
 from tools.ensure_chromium import system_chromium
 
@@ -54,26 +54,26 @@ class Visitor:
         """Go to a view of the page; a frame's view is waited for until it is drawn."""
         self.page.goto(f"{self.url}/{link}")
         if link.startswith("#/frames/"):
-            self.ready()
+            self.wait_until_drawn()
         return self.page
 
-    def ready(self) -> None:
+    def wait_until_drawn(self) -> None:
         """Wait until the stage has drawn its picture."""
         stage = self.page.locator(".stage")
         expect(stage).to_have_attribute("data-picture", "shown")
         expect(stage).to_have_attribute("data-view", RE_VIEW)
-        after_drawing(self.page)
+        wait_for_drawing(self.page)
 
     def press(self, *keys: str) -> None:
         for key in keys:
             self.page.keyboard.press(key)
 
-    def saved(self) -> None:
+    def wait_until_saved(self) -> None:
         """Wait until the page shows that every answer is saved on the server."""
         expect(self.page.locator(".savestate")).to_have_class(RE_SAVED)
 
 
-Visit = Callable[..., Visitor]
+OpenWindow = Callable[..., Visitor]
 RouteHandler = Callable[[Route], object]
 
 
@@ -134,7 +134,7 @@ OPTIONS: dict[str, Any] = {"viewport": WIDE, "reduced_motion": "reduce"}
 
 
 @dataclass(frozen=True)
-class Plain:
+class SharedWindow:
     """The window of tests without special wishes; each test gets a new page in it."""
 
     context: BrowserContext

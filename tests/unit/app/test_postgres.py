@@ -21,7 +21,7 @@ from app.runs.flips import DiffPage, compared_runs, run_diff
 from filter_core.types import Reason
 from tests.support import frames as scene
 from tests.support.databases import empty_postgres
-from tests.support.services import Services, Street, running_services
+from tests.support.services import ServiceDataset, Services, running_services
 from unghost.wire.boxes import BulkIn
 
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
@@ -37,7 +37,7 @@ def services(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Services]:
         yield running
 
 
-def put(street: Street, key: str, **more):
+def put(street: ServiceDataset, key: str, **more):
     files = {"image": scene.image(), "segmentation": scene.segmentation()}
     return street.put(key, {**scene.annotation(), **more}, **files)
 

@@ -13,7 +13,7 @@ from filter_core.formats.registry import FORMATS, read_source
 from filter_core.local import export_sources, filter_one, filter_source
 from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.types import NOT_MEASURED
-from tests.support.folders import painted, png, street, write_files
+from tests.support.folders import painted, png, street_tags, write_files
 from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
 
 
@@ -26,7 +26,7 @@ def folder(tmp_path):
         files[f"labels/{number:03}.txt"] = (
             "0 0.375 0.41666667 0.5 0.5\n1 0.8125 0.79166667 0.125 0.25\n"
         )
-        tags = painted(street((10, 10, 50 - number, 40)))
+        tags = painted(street_tags((10, 10, 50 - number, 40)))
         files[f"seg/{number:03}.png"] = tags[:100] if number == 3 else tags
     return write_files(tmp_path, files)
 
@@ -112,7 +112,7 @@ def test_a_file_that_is_not_there_is_named_without_its_folder(tmp_path):
 
 
 def test_an_ignore_mask_beside_a_frame_counts(folder):
-    mask = (street() == 14).astype("uint8") * 255
+    mask = (street_tags() == 14).astype("uint8") * 255
     write_files(folder, {"mask.png": png(mask)})
     frame = next(iter(read_source(folder)))
     masked = FrameSource(

@@ -12,7 +12,7 @@ from filter_core.decisions.record import Decision
 from filter_core.errors import AnnotationErrors, ImageSizeMismatch, SegmentationError
 from filter_core.pipeline import FrameOptions, filter_frame
 from filter_core.segmentation.reading import SegmentationOptions
-from tests.support.folders import painted, png, street
+from tests.support.folders import painted, png, street_tags
 
 KEYS = list(Decision.__annotations__)
 
@@ -27,7 +27,7 @@ GHOST = {"id": "218", "class": "walker", "xyxy": [60, 40, 70, 55]}
 
 def test_a_decision_has_the_keys_of_the_api_and_its_numbers():
     result = filter_frame(
-        annotation(CAR), painted(street()), options=FrameOptions(key="a/7")
+        annotation(CAR), painted(street_tags()), options=FrameOptions(key="a/7")
     )
 
     (decision,) = result.decisions
@@ -60,7 +60,7 @@ def test_a_decision_has_the_keys_of_the_api_and_its_numbers():
 
 
 def test_decisions_are_composed_once_when_they_are_asked_for():
-    result = filter_frame(annotation(CAR, GHOST), painted(street()))
+    result = filter_frame(annotation(CAR, GHOST), painted(street_tags()))
 
     before = set(vars(result))
     first = result.decisions
@@ -71,7 +71,7 @@ def test_decisions_are_composed_once_when_they_are_asked_for():
 
 def test_decisions_are_plain_json():
     outside = {"class": "car", "xyxy": [900, 0, 950, 20]}
-    result = filter_frame(annotation(CAR, GHOST, outside), painted(street()))
+    result = filter_frame(annotation(CAR, GHOST, outside), painted(street_tags()))
 
     again = json.loads(json.dumps(result.decisions, allow_nan=False))
 
@@ -85,7 +85,7 @@ def test_decisions_are_plain_json():
 
 
 def test_a_ghost_says_what_is_there_instead():
-    tags = street()
+    tags = street_tags()
     tags[40:55, 60:70] = 9
 
     decision = filter_frame(annotation(GHOST), painted(tags)).decisions[0]
@@ -113,7 +113,7 @@ def test_without_a_segmentation_nothing_is_measured():
 
 
 def test_a_segmentation_may_be_a_file_raw_tags_or_an_array():
-    tags = street()
+    tags = street_tags()
 
     results = [
         filter_frame(annotation(CAR, GHOST), given)
@@ -132,7 +132,7 @@ def test_a_blueprint_decides_by_its_class_and_an_unknown_one_stays_itself():
         {"type_id": "static.prop.bin", "xyxy": [10, 10, 50, 40]},
     ]
 
-    van, prop = filter_frame(annotation(*boxes), painted(street())).decisions
+    van, prop = filter_frame(annotation(*boxes), painted(street_tags())).decisions
 
     assert (van["class"], van["reason"]) == ("van", "visible")
     assert van["explanation"] == (
@@ -144,7 +144,9 @@ def test_a_blueprint_decides_by_its_class_and_an_unknown_one_stays_itself():
 def test_a_class_s_own_accept_set_counts():
     config = FilterConfig.from_mapping({"classes": {"walker": {"accept": ["Road"]}}})
 
-    decision = filter_frame(annotation(GHOST), painted(street()), config).decisions[0]
+    decision = filter_frame(
+        annotation(GHOST), painted(street_tags()), config
+    ).decisions[0]
 
     assert (decision["verdict"], decision["match_percent"]) == ("kept", 100.0)
 
@@ -154,7 +156,9 @@ def test_pixels_that_are_ignored_never_count():
     ignore[10:40, 10:30] = True
 
     options = FrameOptions(ignore=ignore)
-    decision = filter_frame(annotation(CAR), street(), options=options).decisions[0]
+    decision = filter_frame(annotation(CAR), street_tags(), options=options).decisions[
+        0
+    ]
 
     assert (decision["matched_pixels"], decision["box_pixels"]) == (600, 600)
 
@@ -168,9 +172,9 @@ def test_pixels_that_are_ignored_never_count():
 )
 def test_images_of_different_sizes_are_refused(more, options, words):
     with pytest.raises(ImageSizeMismatch, match=words):
-        filter_frame(annotation(CAR, **more), painted(street()), options=options)
+        filter_frame(annotation(CAR, **more), painted(street_tags()), options=options)
     with pytest.raises(ImageSizeMismatch, match=words):
-        filter_frame(annotation(CAR, **more), street(), options=options)
+        filter_frame(annotation(CAR, **more), street_tags(), options=options)
 
 
 def test_a_frame_whose_size_nothing_tells_is_refused():
@@ -181,7 +185,7 @@ def test_a_frame_whose_size_nothing_tells_is_refused():
 
 def test_tags_without_a_family_are_never_guessed_at():
     with pytest.raises(SegmentationError, match="cannot name its family") as caught:
-        filter_frame({"boxes": [CAR]}, street())
+        filter_frame({"boxes": [CAR]}, street_tags())
     assert caught.value.kind == "family_not_named"
 
 
@@ -192,14 +196,14 @@ def test_a_contradiction_about_the_palette_names_both_sides():
     with pytest.raises(
         SegmentationError, match=r"the dataset says .* the configuration says"
     ):
-        filter_frame(annotation(CAR), painted(street()), config, dataset)
+        filter_frame(annotation(CAR), painted(street_tags()), config, dataset)
 
 
 def test_all_faults_of_an_annotation_come_at_once():
     boxes = [{"class": "car", "xyxy": [1, 2, 3]}, {"class": "car"}]
 
     with pytest.raises(AnnotationErrors) as caught:
-        filter_frame(annotation(*boxes), street(), options=FrameOptions(key="k"))
+        filter_frame(annotation(*boxes), street_tags(), options=FrameOptions(key="k"))
     assert len(caught.value.errors) == 2
 
 
@@ -214,7 +218,7 @@ def test_a_3d_box_comes_with_its_rectangles_and_edges():
     camera["transform"] = dict.fromkeys(("x", "y", "z", "pitch", "yaw", "roll"), 0)
 
     boxes = [{"class": "car", "box3d": box3d}]
-    result = filter_frame(annotation(*boxes, camera=camera), street())
+    result = filter_frame(annotation(*boxes, camera=camera), street_tags())
 
     (decision,) = result.decisions
     assert decision["distance"] == pytest.approx(10)
@@ -227,4 +231,4 @@ def test_a_3d_box_comes_with_its_rectangles_and_edges():
 
 
 def test_a_frame_without_boxes_has_no_decisions():
-    assert filter_frame(annotation(), street()).decisions == []
+    assert filter_frame(annotation(), street_tags()).decisions == []

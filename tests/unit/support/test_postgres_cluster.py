@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.support.databases import SERVER_VARIABLE, answers
+from tests.support.databases import SERVER_VARIABLE, is_reachable
 from tests.support.postgres_cluster import Cluster, own_cluster
 from tests.support.sources import CHECKOUT
 
@@ -49,7 +49,7 @@ def test_a_server_that_answers_is_used_and_goes_on(cluster: Cluster):
 
     assert said.strip() == cluster.url
     assert process.returncode == 7
-    assert answers(cluster.url)
+    assert is_reachable(cluster.url)
 
 
 @pytest.mark.parametrize(
@@ -60,8 +60,8 @@ def test_where_none_answers_there_is_one_until_the_command_ends(nobody: str, num
         assert process.stdout
         said = process.stdout.readline().strip()
         assert said != nobody
-        assert answers(said)
+        assert is_reachable(said)
         process.send_signal(number)
 
     assert process.returncode != 0
-    assert not answers(said)
+    assert not is_reachable(said)

@@ -16,7 +16,7 @@ from hypothesis.stateful import (
 
 from app.errors import Conflict, NotFound
 from tests.support import frames as scene
-from tests.support.services import Services, Street
+from tests.support.services import ServiceDataset, Services
 
 KEYS = st.sampled_from(["a", "b", "c"])
 ANSWERS = st.sampled_from(["keep", "reject", "unsure", "clear"])
@@ -55,7 +55,7 @@ class Reviewing(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.street: Street = self.services.dataset()
+        self.street: ServiceDataset = self.services.dataset()
         self.batches: list[int] = []
 
     @rule(key=KEYS, boxes=BOXES, shift=st.sampled_from([0, 10, None]))

@@ -59,7 +59,7 @@ class Fateful(runs.SmallChunks):
         else:
             future.set_result(told)
 
-    outcome = runs.Forgetful.outcome
+    outcome = runs.DisconnectingEngine.outcome
 
 
 @settings(max_examples=15)
@@ -70,7 +70,7 @@ def test_each_frame_counts_once_for_any_fate_of_chunks(services, fates, seed):
         runs.put(street, number)
     run_id = street.request(runs.FROM_PIXELS)
 
-    with runs.engine_of(street, Fateful(fates, seed)) as context:
+    with runs.context_with_engine(street, Fateful(fates, seed)) as context:
         drive_job(context, run_job(run_id))
 
-    runs.check_whole(street, runs.run_of(street, run_id))
+    runs.check_run_is_complete(street, runs.run_of(street, run_id))

@@ -21,7 +21,7 @@ from tests.support.exporting import (
     export,
     frame,
     labels_of,
-    unpacked,
+    write_exported_files,
 )
 
 # Pixels by which a rectangle may change: half a unit of the format's last digit. In VOC
@@ -97,7 +97,9 @@ SLOW = settings(
 @given(drawn=FRAMES)
 def test_written_labels_are_read_again(name, drawn):
     with tempfile.TemporaryDirectory() as folder:
-        found = read_again(unpacked(Path(folder), export(name, frames_of(drawn))))
+        found = read_again(
+            write_exported_files(Path(folder), export(name, frames_of(drawn)))
+        )
 
     assert set(found) == set(drawn)
     for key, boxes in drawn.items():
@@ -117,7 +119,7 @@ def test_written_labels_are_read_again(name, drawn):
 def test_an_export_that_is_read_and_exported_again_is_identical(name, drawn):
     first = export(name, frames_of(drawn), **bands_of(name))
     with tempfile.TemporaryDirectory() as folder:
-        source = unpacked(Path(folder), first)
+        source = write_exported_files(Path(folder), first)
         again = convert(name, source, name, **bands_of(name))
 
     assert again.keys() == first.keys()

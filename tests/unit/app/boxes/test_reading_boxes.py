@@ -12,7 +12,7 @@ from app.boxes.frames import crop_of, describe_frame, overlay_of
 from app.boxes.queries import PageRequest
 from app.boxes.reader import DecisionReader, describe_box, list_boxes, read_box
 from tests.support.sensors import ANNOTATION, cube, sensors
-from tests.support.services import Street
+from tests.support.services import ServiceDataset
 from tests.support.statements import statements_of
 from unghost.wire.frames import CropQuery, Frame, OverlayQuery
 
@@ -22,9 +22,9 @@ BESIDE = 1000.0
 
 
 @pytest.fixture(scope="module")
-def street(services) -> Street:
+def street(services) -> ServiceDataset:
     """Frames of four boxes: some explain others, one lies outside of the image."""
-    street: Street = services.dataset()
+    street: ServiceDataset = services.dataset()
     for number in range(FRAMES):
         boxes = [cube(str(place), 10.0 + 3 * place + number) for place in range(4)]
         boxes[2]["box3d"]["transform"]["y"] = 12.0
@@ -36,7 +36,7 @@ def street(services) -> Street:
     return street
 
 
-def asked(street: Street, read: Callable[[Session], object]) -> list[str]:
+def asked(street: ServiceDataset, read: Callable[[Session], object]) -> list[str]:
     """The statements that `read` runs."""
     with (
         street.context.database.read() as session,
@@ -46,13 +46,13 @@ def asked(street: Street, read: Callable[[Session], object]) -> list[str]:
     return [statement for statement, _ in found]
 
 
-def frame_of(street: Street, box_id: int) -> int:
+def frame_of(street: ServiceDataset, box_id: int) -> int:
     with street.context.database.read() as session:
         frame_id: int = describe_box(session, box_id)["frame_id"]
         return frame_id
 
 
-def page(street: Street, limit: int) -> Callable[[Session], object]:
+def page(street: ServiceDataset, limit: int) -> Callable[[Session], object]:
     def read(session: Session) -> object:
         wanted = to_filter(session, street.row(session), Selection())
         request = PageRequest("id", None, limit)

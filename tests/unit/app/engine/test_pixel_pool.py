@@ -14,7 +14,7 @@ import pytest
 
 from app.engine.children import ChildFailed, GivenUp, PixelPool, PixelsRefused
 from filter_core.errors import AnnotationErrors, SegmentationError
-from tests.support import pixel_acts
+from tests.support import pool_tasks
 from tests.support.sources import CHECKOUT
 from tests.support.waiting import until
 
@@ -41,8 +41,8 @@ def is_running(pid):
 def test_results_are_what_the_work_returns_and_a_process_is_kept(pool):
     values = np.arange(300_000)
 
-    np.testing.assert_array_equal(pool.run(pixel_acts.doubled, values), values * 2)
-    pids = {pool.run(pixel_acts.own_pid) for _ in range(5)}
+    np.testing.assert_array_equal(pool.run(pool_tasks.doubled, values), values * 2)
+    pids = {pool.run(pool_tasks.own_pid) for _ in range(5)}
 
     assert len(pids) == 1
     assert pids != {os.getpid()}
@@ -50,17 +50,17 @@ def test_results_are_what_the_work_returns_and_a_process_is_kept(pool):
 
 def test_refusals_come_back_with_all_that_they_say(pool):
     with pytest.raises(SegmentationError, match="no such tag") as refused:
-        pool.run(pixel_acts.refuse)
+        pool.run(pool_tasks.refuse)
     with pytest.raises(AnnotationErrors) as refusals:
-        pool.run(pixel_acts.refuse_twice)
+        pool.run(pool_tasks.refuse_twice)
 
     assert (refused.value.pointer, refused.value.kind) == ("/segmentation", "tag")
     assert [fault.pointer for fault in refusals.value.errors] == ["/a", "/b"]
 
 
 def test_a_slip_of_ours_is_told_with_its_place(pool):
-    with pytest.raises(ChildFailed, match=r"pixel_acts.py(.|\n)*a slip of ours"):
-        pool.run(pixel_acts.fail)
+    with pytest.raises(ChildFailed, match=r"pool_tasks.py(.|\n)*a slip of ours"):
+        pool.run(pool_tasks.fail)
 
 
 def test_work_that_takes_too_long_is_ended_and_its_place_is_free_again(tmp_path):
@@ -68,59 +68,59 @@ def test_work_that_takes_too_long_is_ended_and_its_place_is_free_again(tmp_path)
     note = tmp_path / "pid"
 
     with pytest.raises(PixelsRefused, match=r"longer than the 1 s.*MAX_PIXEL_SECONDS"):
-        pool.run(pixel_acts.never_end, note)
+        pool.run(pool_tasks.never_end, note)
 
     assert not is_running(int(note.read_text("utf-8")))
-    assert pool.run(pixel_acts.own_pid) != int(note.read_text("utf-8"))
+    assert pool.run(pool_tasks.own_pid) != int(note.read_text("utf-8"))
     pool.close()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux enforces the limit")
 def test_work_that_needs_too_much_memory_is_refused_and_leaves_none_behind(pool):
-    before = pool.run(pixel_acts.own_pid)
+    before = pool.run(pool_tasks.own_pid)
 
     with pytest.raises(PixelsRefused, match=r"256 MiB.*MAX_PIXEL_MEMORY_BYTES"):
-        pool.run(pixel_acts.use_memory, 2 * LIMIT_BYTES)
+        pool.run(pool_tasks.use_memory, 2 * LIMIT_BYTES)
 
     assert not is_running(before)
-    assert pool.run(pixel_acts.use_memory, LIMIT_BYTES // 4) == 1
+    assert pool.run(pool_tasks.use_memory, LIMIT_BYTES // 4) == 1
 
 
 def test_work_that_ends_its_process_is_tried_once_more_and_then_refused(pool, tmp_path):
     note = tmp_path / "deaths"
 
     with pytest.raises(PixelsRefused, match=r"two processes.*SIGSEGV"):
-        pool.run(pixel_acts.die, note)
+        pool.run(pool_tasks.die, note)
 
     assert note.read_text("utf-8").split() == ["died", "died"]
-    assert pool.run(pixel_acts.own_pid)
+    assert pool.run(pool_tasks.own_pid)
 
 
 def test_nothing_is_run_that_a_process_answers(pool, tmp_path):
     note = tmp_path / "note"
 
     with pytest.raises(PixelsRefused, match=r"answered with posix\.system"):
-        pool.run(pixel_acts.answer_with_a_program, note)
+        pool.run(pool_tasks.return_malicious_pickle, note)
 
     assert not note.exists()
 
 
 def test_a_process_that_somebody_killed_costs_nothing_but_time(pool, tmp_path):
-    assert pool.run(pixel_acts.die_once, tmp_path / "note") == "alive"
+    assert pool.run(pool_tasks.die_once, tmp_path / "note") == "alive"
 
-    idle = pool.run(pixel_acts.own_pid)
+    idle = pool.run(pool_tasks.own_pid)
     os.kill(idle, 9)
     until(lambda: not is_running(idle))
-    assert pool.run(pixel_acts.own_pid) != idle
+    assert pool.run(pool_tasks.own_pid) != idle
 
 
 def test_giving_up_ends_the_work_and_the_wait_for_it(pool, tmp_path):
     note = tmp_path / "pid"
     first, second = threading.Event(), threading.Event()
     with ThreadPoolExecutor(2) as threads:
-        working = threads.submit(pool.run, pixel_acts.never_end, note, given_up=first)
+        working = threads.submit(pool.run, pool_tasks.never_end, note, given_up=first)
         until(lambda: note.exists() and note.read_text("utf-8"))
-        waiting = threads.submit(pool.run, pixel_acts.own_pid, given_up=second)
+        waiting = threads.submit(pool.run, pool_tasks.own_pid, given_up=second)
         second.set()
         with pytest.raises(GivenUp):
             waiting.result(PATIENCE_S)
@@ -139,7 +139,7 @@ def test_as_many_work_at_the_same_time_as_there_are_processes():
         pids = {
             each.result(PATIENCE_S)
             for each in [
-                threads.submit(pool.run, pixel_acts.own_pid) for _ in range(40)
+                threads.submit(pool.run, pool_tasks.own_pid) for _ in range(40)
             ]
         }
     pool.close()
@@ -151,11 +151,11 @@ def test_as_many_work_at_the_same_time_as_there_are_processes():
 PROGRAM = """
 import os
 from app.engine.children import PixelPool
-from tests.support import pixel_acts
+from tests.support import pool_tasks
 
 pool = PixelPool(2)
 pool.warm_up()
-print(pool.run(pixel_acts.own_pid), pool.run(pixel_acts.own_pid), flush=True)
+print(pool.run(pool_tasks.own_pid), pool.run(pool_tasks.own_pid), flush=True)
 {end}
 """
 

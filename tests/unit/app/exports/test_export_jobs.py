@@ -23,14 +23,14 @@ from filter_core.formats.format import Need
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
 from filter_core.types import VERDICTS
 from tests.support import frames as scene
-from tests.support.services import Street, running_services
+from tests.support.services import ServiceDataset, running_services
 
 SOME = ("yolo", "coco", "manifest", "decisions-jsonl")
 
 
 @pytest.fixture
-def street(services) -> Street:
-    street: Street = services.dataset()
+def street(services) -> ServiceDataset:
+    street: ServiceDataset = services.dataset()
     filled(street)
     return street
 
@@ -47,7 +47,7 @@ def asked_for(street, form="yolo"):
     wanted = ExportRequest(form, {}, "ada")
     with street.context.database.write() as session:
         dataset = street.row(session)
-        return request_export(street.resting, session, dataset, wanted).id
+        return request_export(street.idle_context, session, dataset, wanted).id
 
 
 def job_of(export_id):

@@ -25,12 +25,12 @@ from tests.support import frames as scene
 from tests.support.chunks import (
     FRAMES,
     FROM_PIXELS,
-    check_whole,
-    engine_of,
-    left,
+    check_run_is_complete,
+    context_with_engine,
     measured,
     put,
     read,
+    remaining_rows,
     run_of,
 )
 from tests.support.services import run_job
@@ -84,7 +84,7 @@ def cut_off(street, *spans):
 
 def go_on(street, run_id, look=lambda _engine, _frame_id: None, **others):
     """Drive a run and return it; `others` replace attributes of the context."""
-    with engine_of(street, Watched(look)) as context:
+    with context_with_engine(street, Watched(look)) as context:
         drive_job(replace(context, **others), run_job(run_id))
     return run_of(street, run_id)
 
@@ -95,7 +95,7 @@ def test_an_attempt_is_written_down_when_a_chunk_begins_and_not_before(street):
 
     run = go_on(street, run_id, lambda *_: seen.append(attempts(street, run_id)))
 
-    check_whole(street, run)
+    check_run_is_complete(street, run)
     assert len(seen) == FRAMES
     assert {sum(one.values()) for one in seen} == {1}
     assert [number for one in seen for number in one if one[number]] == [
@@ -117,7 +117,7 @@ def test_a_chunk_that_ended_processes_is_measured_frame_by_frame_and_forgiven(st
 
     run = go_on(street, run_id, look)
 
-    check_whole(street, run)
+    check_run_is_complete(street, run)
     # A frame begins after the one before it was stored, which resets the count.
     forgiven = [(place, place, 0) for place in range(1, FRAMES)]
     assert seen == [(0, 0, MOST_ATTEMPTS), *forgiven]
@@ -135,9 +135,9 @@ def test_a_frame_at_which_processes_ended_is_left_alone_and_no_other_one(street)
         "log of the process may say why",
     }
     assert (run.done, len(measured(street, run))) == (FRAMES - 1, FRAMES - 1)
-    (chunk,) = left(street, Chunk, run)
+    (chunk,) = remaining_rows(street, Chunk, run)
     assert (chunk.state, chunk.attempts, chunk.frames) == ("quarantined", 3, 1)
-    check_whole(street, run_of(street, again(street)))
+    check_run_is_complete(street, run_of(street, again(street)))
 
 
 def again(street):
@@ -271,7 +271,7 @@ def test_a_service_that_stops_is_not_to_blame(street):
 
     assert run.state == "running"
     assert (seen[0], attempts(street, run_id)) == ({1: 2}, {1: 0})
-    check_whole(street, go_on(street, run_id))
+    check_run_is_complete(street, go_on(street, run_id))
 
 
 class Deciding(LocalEngine):
@@ -297,7 +297,7 @@ def cut_off_deciding(street, ended):
 
 
 def go_on_deciding(street, run_id, look=lambda _engine: None):
-    with engine_of(street, Deciding(look)) as context:
+    with context_with_engine(street, Deciding(look)) as context:
         drive_job(context, run_job(run_id))
     return run_of(street, run_id)
 
@@ -312,7 +312,7 @@ def test_an_attempt_to_decide_is_written_down_before_it_begins(street):
     assert (run.state, run.changed > 0) == ("done", True)
     assert seen
     assert {one[FINAL_STEP] for one in seen} == {MOST_ATTEMPTS}
-    assert left(street, Chunk, run) == []
+    assert remaining_rows(street, Chunk, run) == []
 
 
 def test_a_decision_that_ends_its_processes_is_given_up_in_words(street):
@@ -337,7 +337,9 @@ def test_a_decision_that_was_given_up_is_not_withdrawn(street):
     with street.context.database.write() as session:
         ChunkRepository(session).withdraw_final_step(run_job(run.id))
 
-    assert [chunk.state for chunk in left(street, Chunk, run)] == ["quarantined"]
+    assert [chunk.state for chunk in remaining_rows(street, Chunk, run)] == [
+        "quarantined"
+    ]
 
 
 def test_a_decision_that_is_interrupted_is_not_to_blame(street):

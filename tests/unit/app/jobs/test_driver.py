@@ -18,23 +18,23 @@ from app.jobs.work import work_in_worker, work_on_chunk
 from tests.support.chunks import (
     FRAMES,
     FROM_PIXELS,
-    Deadly,
-    Forgetful,
+    CrashingEngine,
+    DisconnectingEngine,
     SmallChunks,
-    check_whole,
-    engine_of,
-    left,
+    check_run_is_complete,
+    context_with_engine,
     measured,
+    remaining_rows,
     run_of,
 )
 from tests.support.leases import ELSEWHERE as ANOTHER_MACHINE
-from tests.support.leases import give, take_away
+from tests.support.leases import delete_lease, give_lease
 from tests.support.services import run_job
 
 
 def run_with(street, engine):
     run_id = street.request(FROM_PIXELS)
-    with engine_of(street, engine) as context:
+    with context_with_engine(street, engine) as context:
         drive_job(context, run_job(run_id))
     return run_of(street, run_id)
 
@@ -44,23 +44,25 @@ def test_chunks_beside_each_other_are_as_one(street):
 
     run = run_with(street, engine)
 
-    check_whole(street, run)
+    check_run_is_complete(street, run)
     assert sorted(number for number, _ in engine.begun) == [1, 2, 3, 4]
-    assert left(street, Chunk, run) == left(street, Lease, run) == []
+    assert (
+        remaining_rows(street, Chunk, run) == remaining_rows(street, Lease, run) == []
+    )
 
 
 def test_an_engine_that_goes_away_is_waited_for_and_asked_again(street):
-    engine = Forgetful()
+    engine = DisconnectingEngine()
 
     run = run_with(street, engine)
 
-    check_whole(street, run)
+    check_run_is_complete(street, run)
     assert engine.connects >= 2
     assert len(engine.begun) > 4
 
 
 def test_a_chunk_that_kills_is_put_into_quarantine_and_no_other_one(street):
-    engine = Deadly(2)
+    engine = CrashingEngine(2)
 
     run = run_with(street, engine)
 
@@ -68,7 +70,7 @@ def test_a_chunk_that_kills_is_put_into_quarantine_and_no_other_one(street):
     assert run.error is not None
     assert run.error["code"] == "quarantined"
     assert "'03' to '05'" in run.error["detail"]
-    (chunk,) = left(street, Chunk, run)
+    (chunk,) = remaining_rows(street, Chunk, run)
     assert (chunk.number, chunk.state) == (2, "quarantined")
     assert chunk.attempts == MOST_ATTEMPTS
     assert len(measured(street, run)) == FRAMES - 3
@@ -76,11 +78,11 @@ def test_a_chunk_that_kills_is_put_into_quarantine_and_no_other_one(street):
 
 
 def test_chunks_beside_a_dead_process_are_tried_alone(street):
-    engine = Deadly(2, times=2)
+    engine = CrashingEngine(2, times=2)
 
     run = run_with(street, engine)
 
-    check_whole(street, run)
+    check_run_is_complete(street, run)
     again = [beside for number, beside in engine.begun[4:]]
     assert again
     assert {len(beside) for beside in again} == {1}
@@ -89,7 +91,7 @@ def test_chunks_beside_a_dead_process_are_tried_alone(street):
 def test_a_chunk_that_is_given_back_is_tried_alone_again(street):
     """The worker of the second attempt stops, so the cause is still unknown."""
 
-    class Stopping(Deadly):
+    class Stopping(CrashingEngine):
         def _work(self, here, job, number):
             tries = [one for one, _ in self.begun if one == number]
             if number == 2 and len(tries) == 2:
@@ -100,18 +102,18 @@ def test_a_chunk_that_is_given_back_is_tried_alone_again(street):
 
     run = run_with(street, engine)
 
-    check_whole(street, run)
+    check_run_is_complete(street, run)
     beside = [beside for number, beside in engine.begun if number == 2]
     assert beside[2:] == [{2}]
 
 
 def test_a_new_run_measures_what_was_in_quarantine(street):
-    failed = run_with(street, Deadly(2))
+    failed = run_with(street, CrashingEngine(2))
 
     run = run_with(street, SmallChunks())
 
     assert failed.state == "failed"
-    check_whole(street, run)
+    check_run_is_complete(street, run)
 
 
 def test_a_chunk_that_is_done_twice_counts_once(street):
@@ -123,14 +125,14 @@ def test_a_chunk_that_is_done_twice_counts_once(street):
                 assert {first, other.result()} == {DONE}
             return super()._work(here, job, number)
 
-    check_whole(street, run_with(street, Twice()))
+    check_run_is_complete(street, run_with(street, Twice()))
 
 
 def test_two_drivers_end_a_run_once(street):
     run_id = street.request(FROM_PIXELS)
     with (
-        engine_of(street, SmallChunks()) as one,
-        engine_of(street, SmallChunks()) as two,
+        context_with_engine(street, SmallChunks()) as one,
+        context_with_engine(street, SmallChunks()) as two,
     ):
         contexts = [one, replace(two, owned={})]
         drivers = [
@@ -143,7 +145,7 @@ def test_two_drivers_end_a_run_once(street):
             driver.join()
 
     run = run_of(street, run_id)
-    check_whole(street, run)
+    check_run_is_complete(street, run)
     entries = street.history(street.box_ids()[0])
     assert [entry["run"] for entry in entries].count(run_id) <= 1
 
@@ -155,19 +157,19 @@ def test_a_driver_whose_lease_is_taken_stops_before_it_ends_the_run(street):
     class Robbed(SmallChunks):
         def _work(self, here, job, number):
             with street.context.database.write() as session:
-                give(session, job, ANOTHER_MACHINE)
+                give_lease(session, job, ANOTHER_MACHINE)
             return super()._work(here, job, number)
 
-    with engine_of(street, Robbed()) as context:
+    with context_with_engine(street, Robbed()) as context:
         drive_job(context, run_job(run_id))
     run = run_of(street, run_id)
     assert run.state == "running"
     assert street.reasons() == before
 
     with street.context.database.write() as session:
-        take_away(session, run_job(run_id))
+        delete_lease(session, run_job(run_id))
     drive_job(street.context, run_job(run_id))
-    check_whole(street, run_of(street, run_id))
+    check_run_is_complete(street, run_of(street, run_id))
 
 
 def test_a_worker_of_another_installation_is_told(street):
@@ -180,7 +182,7 @@ def test_a_worker_of_another_installation_is_told(street):
         def start_chunk(self, here, job, number):
             return self._chunks.submit(lambda: ELSEWHERE)
 
-    with engine_of(street, Elsewhere()) as context:
+    with context_with_engine(street, Elsewhere()) as context:
         drive_job(context, run_job(run_id))
     run = run_of(street, run_id)
     assert run.error is not None

@@ -15,7 +15,7 @@ from app.jobs.queries import close
 from app.jobs.service import start
 from app.runs.service import RUNS, RunJobs
 from filter_core.errors import ConfigError
-from tests.support.leases import ELSEWHERE, ended_process, give
+from tests.support.leases import ELSEWHERE, ended_process, give_lease
 from tests.support.services import run_job
 from tests.support.waiting import until
 
@@ -38,7 +38,7 @@ def queued(street, kind):
         return run_job(street.request({}))
     wanted = ExportRequest("yolo", {}, "ada")
     with street.context.database.write() as session:
-        row = request_export(street.resting, session, street.row(session), wanted)
+        row = request_export(street.idle_context, session, street.row(session), wanted)
     return Job("export", row.id)
 
 
@@ -57,7 +57,7 @@ def test_an_abandoned_job_is_started_and_no_other_one_of_its_kind(services, kind
     streets = services.dataset(), services.dataset()
     abandoned, other = (queued(street, kind) for street in streets)
     with services.context.database.write() as session:
-        give(session, abandoned, ended_process())
+        give_lease(session, abandoned, ended_process())
 
     until(lambda: state_of(streets[0], abandoned) == "done")
 
@@ -134,7 +134,7 @@ def test_a_job_that_another_process_drives_has_not_ended_by_a_failure_here(
     class Robbed(ExportJobs):
         def work(self, task):
             with street.context.database.write() as session:
-                give(session, task.job, ELSEWHERE)
+                give_lease(session, task.job, ELSEWHERE)
             raise Conflict("it is so", code="so")
 
     registered(Robbed())

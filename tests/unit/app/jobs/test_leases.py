@@ -24,7 +24,7 @@ from app.jobs.leases import (
 from app.jobs.service import cancel
 from app.runs.queries import RunRepository
 from app.runs.service import RUNS
-from tests.support.leases import ELSEWHERE, ended_process, give, take_away
+from tests.support.leases import ELSEWHERE, delete_lease, ended_process, give_lease
 from tests.support.services import run_job
 from tests.support.waiting import until
 
@@ -77,7 +77,7 @@ def test_a_lease_has_one_holder_until_it_is_given_back(services, job):
 def test_a_lease_that_ran_out_or_whose_holder_died_is_anybodys(services, write, job):
     database = services.context.database
     with write() as session:
-        give(session, job, ended_process())
+        give_lease(session, job, ended_process())
         assert Leased.of(session).void >= {job}
     other = taken(database, job, ELSEWHERE)
 
@@ -87,7 +87,7 @@ def test_a_lease_that_ran_out_or_whose_holder_died_is_anybodys(services, write, 
         row = session.get_one(Lease, job)
         assert timedelta(0) < row.until - utc_now() <= LEASE_LASTS
         assert Leased.of(session).valid >= {job}
-        give(session, job, "another-machine/4/5/6", timedelta(0))
+        give_lease(session, job, "another-machine/4/5/6", timedelta(0))
 
     taken(database, job, "mine").release()
     other.release()
@@ -100,7 +100,7 @@ def test_a_driver_that_lost_its_lease_finds_out_before_it_writes(services, write
             lease.take(session)
             lease.require(session)
         with write() as session:
-            give(session, job, ELSEWHERE)
+            give_lease(session, job, ELSEWHERE)
         with pytest.raises(LeaseLost), write() as session:
             lease.require(session)
         with pytest.raises(LeaseLost), write() as session:
@@ -108,7 +108,7 @@ def test_a_driver_that_lost_its_lease_finds_out_before_it_writes(services, write
 
     assert holder_of(context, job) == ELSEWHERE  # another one's lease is not released
     with write() as session:
-        take_away(session, job)
+        delete_lease(session, job)
 
 
 def test_a_job_whose_driver_died_is_found_at_once(services, write):
@@ -118,11 +118,11 @@ def test_a_job_whose_driver_died_is_found_at_once(services, write):
     watch = Watchdog(services.context)
     assert job not in watch.abandoned()
     with write() as session:
-        give(session, job, ELSEWHERE)
+        give_lease(session, job, ELSEWHERE)
     assert job not in watch.abandoned()
 
     with write() as session:
-        give(session, job, ended_process())
+        give_lease(session, job, ended_process())
 
     assert job in watch.abandoned()
     street.wait(run_id)
@@ -170,10 +170,10 @@ def test_a_job_waits_anew_once_somebody_has_driven_it(services, write):
     now[0] += UNDRIVEN_FOR_S
 
     with write() as session:
-        give(session, run_job(run_id), ELSEWHERE)
+        give_lease(session, run_job(run_id), ELSEWHERE)
     driven = watch.abandoned()
     with write() as session:
-        take_away(session, run_job(run_id))
+        delete_lease(session, run_job(run_id))
 
     assert run_job(run_id) not in driven + watch.abandoned()
 
@@ -183,7 +183,7 @@ def test_leases_of_the_dead_go_with_their_jobs(services, write):
     jobs = [run_job(services.dataset().request({})) for _ in holders]
     for job, holder in zip(jobs, holders, strict=True):
         with write() as session:
-            give(session, job, holder)
+            give_lease(session, job, holder)
     # After all have leases: when a run ends, the service starts those without one.
     for job in jobs:
         with write() as session:
@@ -193,7 +193,7 @@ def test_leases_of_the_dead_go_with_their_jobs(services, write):
 
     with write() as session:
         left = [session.get(Lease, job) is not None for job in jobs]
-        take_away(session, jobs[1])
+        delete_lease(session, jobs[1])
     assert left == [False, True]
 
 

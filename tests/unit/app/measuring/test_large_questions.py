@@ -45,7 +45,9 @@ def street(services):
         boxes[number % 5]["class"] = "truck"
         street.put(str(number), {**ANNOTATION, "boxes": boxes}, **sensors())
     with street.context.database.write() as session:
-        run = request_evaluation(street.resting, session, street.row(session), "ada").id
+        run = request_evaluation(
+            street.idle_context, session, street.row(session), "ada"
+        ).id
     drive_job(street.context, run_job(run))
     for place, verdict in enumerate(("keep", "reject", "keep", "unsure")):
         street.review(street.box_ids()[place * 7], verdict)

@@ -16,7 +16,7 @@ from app.engine.children import PixelPool
 from app.measuring.frame_files import SIMPLE_BOXES, FrameFiles, measure_files
 from app.measuring.plan import DatasetReading, plan_for
 from filter_core import FilterConfig, FilterError, parse_annotation
-from tests.support import pixel_acts
+from tests.support import pool_tasks
 
 WH = (64, 48)
 PLAN = plan_for(DatasetReading("town"), FilterConfig())
@@ -62,7 +62,7 @@ def processes():
 def test_an_ordinary_segmentation_is_measured_in_the_thread_that_asks(pool):
     assert measured(pool, picture()) == (100, 0)
     assert measured(pool, picture((1920, 1080)), wh=(1920, 1080)) == (100, 0)
-    assert pool.run_here(pixel_acts.own_pid) == os.getpid()
+    assert pool.run_here(pool_tasks.own_pid) == os.getpid()
 
 
 @pytest.mark.parametrize(

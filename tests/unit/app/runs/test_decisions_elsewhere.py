@@ -17,7 +17,7 @@ from app.runs.queries import RunRepository
 from app.runs.service import RUNS
 from benchmarks.million import Wanted, make
 from tests.support.databases import migrated_postgres
-from tests.support.services import Street, run_job, running_services
+from tests.support.services import ServiceDataset, run_job, running_services
 
 FRAMES = 8_000
 """They have 15 boxes each: so many that changing their decisions takes seconds."""
@@ -40,7 +40,7 @@ def services(tmp_path_factory):
 def street(services):
     one, _ = services
     dataset_id = make(one.context, Wanted("many", FRAMES, 15), lambda _boxes: None)
-    return Street(one, "many", dataset_id)
+    return ServiceDataset(one, "many", dataset_id)
 
 
 def seen_by(services, run_id):

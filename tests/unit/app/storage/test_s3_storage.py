@@ -11,7 +11,7 @@ import pytest
 from app.errors import StorageAway, TryLater
 from app.storage import Unsure, sha256_of
 from app.storage.s3 import S3Storage
-from tests.support.s3_server import answering, gate
+from tests.support.s3_server import gate, server_answering_with
 
 CONTENT = b"an image"
 DIGEST = sha256_of(CONTENT)
@@ -103,7 +103,7 @@ def test_an_old_blob_that_is_put_again_is_young(s3, open_bucket):
 )
 def test_any_refusal_of_a_bucket_means_that_it_is_away(open_bucket, s3, status):
     """Clients cannot do anything about it, and are not told what the server said."""
-    with answering(lambda _: (status, "<Code>Quoted</Code> secret")) as url:
+    with server_answering_with(lambda _: (status, "<Code>Quoted</Code> secret")) as url:
         store = open_bucket(s3.bucket().behind(url).place(timeout_s=0.5))
         for ask in (
             store.check,
@@ -126,7 +126,7 @@ def test_a_server_that_fails_now_and_then_is_asked_again(open_bucket, s3):
         asked.append(1)
         return (503, "<Code>SlowDown</Code>") if len(asked) < 3 else (200, "")
 
-    with answering(answer) as url:
+    with server_answering_with(answer) as url:
         store = open_bucket(s3.bucket().behind(url).place(timeout_s=5.0))
         store.put({DIGEST: CONTENT})
 

@@ -23,7 +23,7 @@ from filter_core.formats.registry import (
     read_source,
     write_export,
 )
-from tests.support.exporting import HEAD, box, export, frame, street
+from tests.support.exporting import HEAD, box, export, frame, sample_frames
 from tests.support.folders import write_files
 
 
@@ -52,9 +52,9 @@ def test_a_format_can_be_recognised_if_it_can_be_read(one):
 
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
 def test_the_same_frames_give_the_same_bytes_and_counts_that_add_up(name):
-    files = export(name, street(7))
+    files = export(name, sample_frames(7))
 
-    assert files == export(name, street(7))
+    assert files == export(name, sample_frames(7))
     counts = json.loads(files["manifest.json"])["counts"]["boxes"]
     assert counts["in"] == 70
     assert counts["in"] == counts["out"] + counts["dropped"] + counts["dontcare"]
@@ -63,7 +63,7 @@ def test_the_same_frames_give_the_same_bytes_and_counts_that_add_up(name):
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
 def test_a_count_that_does_not_add_up_fails_every_format(name):
     with pytest.raises(ExportError, match="expected 71 boxes, found 70"):
-        export(name, street(7), replace(HEAD, expected_boxes=71))
+        export(name, sample_frames(7), replace(HEAD, expected_boxes=71))
 
 
 @pytest.mark.parametrize("name", EXPORT_FORMATS)

@@ -24,7 +24,7 @@ from tests.support.exporting import (
     box,
     export,
     frame,
-    unpacked,
+    write_exported_files,
 )
 
 KEYS = ["Town05_1.5km", "a/000001", "a/000002", "straße 7", "empty", "IMG.v2"]
@@ -119,7 +119,9 @@ def ultralytics_labels(root):
 
 
 def test_yolo_passes_ultralytics_own_rules(tmp_path):
-    root = unpacked(tmp_path / "my data", export("yolo", street(), split=0.5))
+    root = write_exported_files(
+        tmp_path / "my data", export("yolo", street(), split=0.5)
+    )
 
     read = list(ultralytics_labels(root))
 

@@ -6,7 +6,7 @@ import inspect
 
 import pytest
 
-from tests.support.answers import DATASET
+from tests.support.response_checks import DATASET
 from tests.support.scripted_server import json_reply
 from unghost import Client, UnexpectedAnswer
 
@@ -27,7 +27,7 @@ def test_each_method_says_what_it_does_and_what_it_returns(name):
 def test_a_description_sends_nothing(scripted, client):
     client.boxes("town")
 
-    assert scripted.asked == []
+    assert scripted.received_requests == []
 
 
 def test_parameters_are_written_as_the_api_reads_them(scripted, client):
@@ -36,7 +36,7 @@ def test_parameters_are_written_as_the_api_reads_them(scripted, client):
     list(client.boxes("town", cursor="here", limit=2))
     list(client.boxes("town", class_name="car", toss_up=True, reason=None, id=["a", 1]))
 
-    first, asked = scripted.asked
+    first, asked = scripted.received_requests
     assert first.path == "/api/v1/boxes?limit=2&dataset=town&cursor=here"
     assert asked.path == (
         "/api/v1/boxes?limit=500&dataset=town&class=car&toss_up=true&id=a&id=1"
@@ -50,11 +50,14 @@ def test_a_page_is_asked_for_when_the_one_before_it_was_read(scripted, client):
 
     datasets = client.datasets()
     first = [next(datasets).name, next(datasets).name]
-    asked = len(scripted.asked)
+    asked = len(scripted.received_requests)
 
     assert (first, asked) == (["a", "b"], 1)
     assert [dataset.name for dataset in datasets] == ["c"]
-    assert scripted.asked[1].path == "/api/v1/datasets?limit=500&cursor=after+b"
+    assert (
+        scripted.received_requests[1].path
+        == "/api/v1/datasets?limit=500&cursor=after+b"
+    )
 
 
 @pytest.mark.parametrize(

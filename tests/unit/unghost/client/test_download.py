@@ -49,7 +49,7 @@ def test_the_file_is_written_and_nothing_else(scripted, client, tmp_path):
     assert (tmp_path / "out" / "x.zip").read_bytes() == CONTENT
     assert [file.name for file in (tmp_path / "out").iterdir()] == ["x.zip"]
     assert seen[-1] == (len(CONTENT), len(CONTENT))
-    assert scripted.asked[0].path == "/api/v1/exports/5/download"
+    assert scripted.received_requests[0].path == "/api/v1/exports/5/download"
 
 
 def test_a_connection_that_breaks_is_taken_up_again(scripted, client, tmp_path):
@@ -58,7 +58,7 @@ def test_a_connection_that_breaks_is_taken_up_again(scripted, client, tmp_path):
     client.download(EXPORT, tmp_path / "x.zip")
 
     assert (tmp_path / "x.zip").read_bytes() == CONTENT
-    assert scripted.asked[1].headers["Range"] == "bytes=5000-"
+    assert scripted.received_requests[1].headers["Range"] == "bytes=5000-"
 
 
 def test_bytes_are_a_new_start_and_silence_is_not(scripted, client, tmp_path):

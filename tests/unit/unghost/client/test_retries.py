@@ -35,7 +35,7 @@ def test_retries_are_bounded_and_the_last_answer_is_raised(scripted, client):
 
     with pytest.raises(Unavailable, match="it is database_busy"):
         client.version()
-    assert len(scripted.asked) == QUICK.attempts
+    assert len(scripted.received_requests) == QUICK.attempts
 
 
 def test_a_post_is_repeated_under_the_same_idempotency_key(scripted, client):
@@ -43,7 +43,7 @@ def test_a_post_is_repeated_under_the_same_idempotency_key(scripted, client):
 
     client.start_run("town", {}, activate=False)
 
-    keys = [asked.headers["Idempotency-Key"] for asked in scripted.asked]
+    keys = [asked.headers["Idempotency-Key"] for asked in scripted.received_requests]
     assert len(keys) == 2
     assert len(set(keys)) == 1
 
@@ -54,7 +54,10 @@ def test_two_posts_have_two_idempotency_keys(scripted, client):
     client.start_run("town", {})
     client.start_run("town", {})
 
-    assert len({asked.headers["Idempotency-Key"] for asked in scripted.asked}) == 2
+    assert (
+        len({asked.headers["Idempotency-Key"] for asked in scripted.received_requests})
+        == 2
+    )
 
 
 def test_a_refusal_is_not_asked_again(scripted, client):
@@ -62,7 +65,7 @@ def test_a_refusal_is_not_asked_again(scripted, client):
 
     with pytest.raises(Exception, match="it is internal"):
         client.version()
-    assert len(scripted.asked) == 1
+    assert len(scripted.received_requests) == 1
 
 
 def test_the_wait_that_the_server_asks_for_is_kept(scripted):
@@ -89,7 +92,7 @@ def test_readiness_is_asked_once(scripted, client):
     scripted.answer(problem(503, "not_ready"))
 
     assert client.ready() is False
-    assert len(scripted.asked) == 1
+    assert len(scripted.received_requests) == 1
 
 
 @pytest.mark.parametrize(

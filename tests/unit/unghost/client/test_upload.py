@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from tests.support.batch_server import BatchServer, Turn
+from tests.support.batch_server import BatchReply, BatchServer
 from tests.support.scripted_server import QUICK
 from unghost import (
     Client,
@@ -91,7 +91,7 @@ def test_a_frame_with_other_content_is_sent(batches, client, changed):
 
 
 def test_a_cut_connection_costs_only_what_was_not_answered(batches, client):
-    batches.turns = [Turn(lines=4), Turn(lines=3), Turn()]
+    batches.replies = [BatchReply(lines=4), BatchReply(lines=3), BatchReply()]
 
     outcomes = list(client.push("town", many(12)))
 
@@ -100,23 +100,23 @@ def test_a_cut_connection_costs_only_what_was_not_answered(batches, client):
 
 
 def test_answers_are_a_new_start_and_silence_is_not(batches, client):
-    batches.turns = [Turn(lines=1)] * 9
+    batches.replies = [BatchReply(lines=1)] * 9
     assert len(list(client.push("town", many(9)))) == 9
 
-    batches.turns = [Turn(lines=0)] * 2 * QUICK.attempts
+    batches.replies = [BatchReply(lines=0)] * 2 * QUICK.attempts
     with pytest.raises(httpx.TransportError):
         list(client.push("town", many(9)))
-    assert batches.turns == []
+    assert batches.replies == []
 
 
 def test_a_busy_server_is_asked_again(batches, client):
-    batches.turns = [Turn(refusal=(503, "busy", {"Retry-After": "0"}))]
+    batches.replies = [BatchReply(refusal=(503, "busy", {"Retry-After": "0"}))]
 
     assert words(client.push("town", many(2))) == {"0": "stored", "1": "stored"}
 
 
 def test_a_server_without_batches_gets_one_request_per_frame(batches, client):
-    batches.turns = [Turn(refusal=(404, "not_found", {}))] * 2
+    batches.replies = [BatchReply(refusal=(404, "not_found", {}))] * 2
 
     outcomes = list(client.push("town", [outgoing("a b"), outgoing("c")]))
 
@@ -137,7 +137,7 @@ def test_a_proxy_would_hold_answers_back(batches, client, monkeypatch):
 
 
 def test_a_refusal_of_every_frame_stops_the_push(batches, client):
-    batches.turns = [Turn(refusal=(401, "unauthorised", {}))]
+    batches.replies = [BatchReply(refusal=(401, "unauthorised", {}))]
 
     with pytest.raises(Unauthorized):
         list(client.push("town", many(3)))
@@ -145,7 +145,7 @@ def test_a_refusal_of_every_frame_stops_the_push(batches, client):
 
 
 def test_a_batch_that_ends_with_a_problem_raises_it(batches, client):
-    batches.turns = [Turn(end={"problem": {"status": 409, "code": "odd"}})]
+    batches.replies = [BatchReply(end={"problem": {"status": 409, "code": "odd"}})]
 
     with pytest.raises(Conflict):
         list(client.push("town", many(1)))
@@ -155,7 +155,7 @@ def test_a_batch_that_ends_with_a_problem_raises_it(batches, client):
 def test_a_line_that_cannot_be_read_is_no_answer_of_the_service(
     batches, client, decisions
 ):
-    batches.turns = [Turn(decisions=decisions)]
+    batches.replies = [BatchReply(decisions=decisions)]
 
     with pytest.raises(UnexpectedAnswer, match="has a line that cannot be read"):
         list(client.push("town", many(1)))
@@ -227,7 +227,7 @@ def test_nothing_is_asked_for_more_keys_than_a_request_may_have(batches, client)
 
 
 def test_a_server_may_start_anew_while_it_is_asked_what_it_has(batches, client):
-    batches.unheard = 2 * QUICK.attempts - 1
+    batches.dropped_requests = 2 * QUICK.attempts - 1
 
     assert words(client.push("town", many(2))) == {"0": "stored", "1": "stored"}
 

@@ -61,7 +61,7 @@ def test_an_interrupted_export_is_ended_and_says_so(scripted, client, answer, wo
     with pytest.raises(KeyboardInterrupt, match=f"export 4 {words} command makes it"):
         wait_for_export(client, Export.read(EXPORT), Impatient())
 
-    assert scripted.asked[-1].path == "/api/v1/exports/4/cancel"
+    assert scripted.received_requests[-1].path == "/api/v1/exports/4/cancel"
 
 
 def test_waiting_for_a_run_outlasts_a_restart_of_the_server(scripted, client):

@@ -11,6 +11,6 @@ FRAMES = 12
 
 
 @pytest.fixture(scope="session")
-def drive():
+def demo_frames():
     """The first twelve frames of the demo; the three towns take turns."""
     return [DecodedFrame(frame) for frame in StreetScene(0).frames(FRAMES)]

@@ -31,65 +31,65 @@ def raw_frame():
     return StreetScene(0, raw=True).render_frame(0)
 
 
-def test_same_seed_gives_the_same_bytes(drive, raw_frame):
-    first, again = vars(drive[0].frame), vars(raw_frame)
+def test_same_seed_gives_the_same_bytes(demo_frames, raw_frame):
+    first, again = vars(demo_frames[0].frame), vars(raw_frame)
 
     differing = [name for name in first if first[name] != again[name]]
 
     assert differing == ["segmentation_png"]
 
 
-def test_raw_segmentation_has_the_tags_in_red(drive, raw_frame):
+def test_raw_segmentation_has_the_tags_in_red(demo_frames, raw_frame):
     raw = DecodedFrame(raw_frame).segmentation
 
-    assert np.array_equal(raw[..., 0], drive[0].instances[0])
+    assert np.array_equal(raw[..., 0], demo_frames[0].instances[0])
     assert not raw[..., 1:].any()
 
 
-def test_another_seed_gives_another_street(drive):
+def test_another_seed_gives_another_street(demo_frames):
     other = StreetScene(1).render_frame(0)
 
-    assert other.image_png != drive[0].frame.image_png
-    assert other.annotation["boxes"] != drive[0].frame.annotation["boxes"]
+    assert other.image_png != demo_frames[0].frame.image_png
+    assert other.annotation["boxes"] != demo_frames[0].frame.annotation["boxes"]
 
 
-def test_towns_take_turns(drive):
-    keys = [decoded.frame.key for decoded in drive[:4]]
+def test_towns_take_turns(demo_frames):
+    keys = [decoded.frame.key for decoded in demo_frames[:4]]
 
     assert keys == ["town-a/000000", "town-b/000000", "town-c/000000", "town-a/000001"]
 
 
-def test_every_image_is_as_large_as_the_camera_says(drive):
-    for decoded in drive:
+def test_every_image_is_as_large_as_the_camera_says(demo_frames):
+    for decoded in demo_frames:
         camera = decoded.frame.annotation["camera"]
         assert decoded.image.shape == (camera["height"], camera["width"], 3)
         assert decoded.segmentation.shape == decoded.image.shape
 
 
-def test_segmentation_and_instances_carry_the_same_tags(drive):
+def test_segmentation_and_instances_carry_the_same_tags(demo_frames):
     palette = palette_of("carla-0.9.14")
-    for decoded in drive:
+    for decoded in demo_frames:
         tags, _ = decoded.instances
         assert np.array_equal(palette.decode(decoded.segmentation), tags)
 
 
-def test_depth_is_finite_and_the_sky_is_a_kilometre_away(drive):
+def test_depth_is_finite_and_the_sky_is_a_kilometre_away(demo_frames):
     sky = palette_of("carla-0.9.14").tag_of("Sky")
-    for decoded in drive:
+    for decoded in demo_frames:
         is_sky = decoded.instances[0] == sky
         assert np.all(decoded.depth[is_sky] == pytest.approx(1000.0, abs=1e-4))
         assert decoded.depth[~is_sky].min() >= 0.1
         assert decoded.depth[~is_sky].max() < 1000.0
 
 
-def test_truth_is_what_a_recount_of_the_instance_image_gives(drive):
-    for decoded in drive:
+def test_truth_is_what_a_recount_of_the_instance_image_gives(demo_frames):
+    for decoded in demo_frames:
         recount = [len(decoded.own_pixels(line)[0]) for line in decoded.frame.truth]
         assert recount == [line["visible_pixels"] for line in decoded.frame.truth]
 
 
-def test_boxes_name_their_instances(drive):
-    for decoded in drive:
+def test_boxes_name_their_instances(demo_frames):
+    for decoded in demo_frames:
         named = [box["instance_id"] for box in decoded.frame.annotation["boxes"]]
         assert named == [line["instance"] for line in decoded.frame.truth]
 
@@ -107,8 +107,8 @@ def test_fewer_actors_leave_the_houses_and_many_of_the_boxes_away():
     assert scenery[0] == scenery[1]
 
 
-def test_truth_has_one_line_per_box_and_a_kind_for_each_ghost(drive):
-    for decoded in drive:
+def test_truth_has_one_line_per_box_and_a_kind_for_each_ghost(demo_frames):
+    for decoded in demo_frames:
         truth = decoded.frame.truth
         assert [line["id"] for line in truth] == [
             box["id"] for box in decoded.frame.annotation["boxes"]
@@ -118,16 +118,16 @@ def test_truth_has_one_line_per_box_and_a_kind_for_each_ghost(drive):
             assert (line["ghost"] is None) == line["visible"]
 
 
-def test_every_kind_of_ghost_occurs(drive):
-    kinds = {line["ghost"] for decoded in drive for line in decoded.frame.truth}
+def test_every_kind_of_ghost_occurs(demo_frames):
+    kinds = {line["ghost"] for decoded in demo_frames for line in decoded.frame.truth}
 
     assert kinds == {None, *GHOST_KINDS}
 
 
-def test_every_class_occurs_seen_and_unseen(drive):
+def test_every_class_occurs_seen_and_unseen(demo_frames):
     seen: set[str] = set()
     unseen: set[str] = set()
-    for decoded in drive:
+    for decoded in demo_frames:
         for line in decoded.frame.truth:
             (seen if line["visible"] else unseen).add(line["class"])
 
@@ -136,23 +136,23 @@ def test_every_class_occurs_seen_and_unseen(drive):
 
 
 def test_boxes_come_in_3d_and_in_every_fourth_frame_of_a_town_as_naive_rectangles(
-    drive,
+    demo_frames,
 ):
     forms = {
         decoded.frame.key: {
             "xyxy" if "xyxy" in box else "box3d"
             for box in decoded.frame.annotation["boxes"]
         }
-        for decoded in drive
+        for decoded in demo_frames
     }
 
     assert forms["town-a/000000"] == {"box3d"}
     assert forms["town-a/000003"] == {"xyxy"}
 
 
-def test_tight_visible_boxes_are_filled_as_in_real_recordings(drive):
+def test_tight_visible_boxes_are_filled_as_in_real_recordings(demo_frames):
     fill: dict[str, list[float]] = defaultdict(list)
-    for decoded in drive:
+    for decoded in demo_frames:
         for line, box in zip(decoded.frame.truth, decoded.geometry.xyxy, strict=True):
             own = decoded.own_pixels(line)
             if len(own[0]) > 150 and not np.isnan(box).any():
@@ -184,8 +184,8 @@ def _fill_if_unhidden(own, box, *, whole):
     return [len(rows) / (width * height)]
 
 
-def test_pixels_of_a_thing_lie_inside_its_3d_box(drive):
-    for decoded in drive:
+def test_pixels_of_a_thing_lie_inside_its_3d_box(demo_frames):
+    for decoded in demo_frames:
         camera = Camera.from_fov(
             1280, 720, 90, decoded.frame.annotation["camera"]["transform"]
         )
@@ -215,8 +215,8 @@ def _outside_m(decoded, camera, own, box3d):
     return worst
 
 
-def test_lidar_points_name_the_actors_whose_pixels_they_hit(drive):
-    for decoded in drive[:3]:
+def test_lidar_points_name_the_actors_whose_pixels_they_hit(demo_frames):
+    for decoded in demo_frames[:3]:
         points = np.load(BytesIO(decoded.frame.lidar_npy))
         visible = {int(line["id"]) for line in decoded.frame.truth if line["visible"]}
         boxed = {int(line["id"]) for line in decoded.frame.truth}
@@ -226,9 +226,9 @@ def test_lidar_points_name_the_actors_whose_pixels_they_hit(drive):
         assert np.all((points["CosAngle"] >= 0) & (points["CosAngle"] <= 1.001))
 
 
-def test_the_filter_reads_the_frames_and_finds_most_ghosts(drive):
+def test_the_filter_reads_the_frames_and_finds_most_ghosts(demo_frames):
     found, ghosts = 0, 0
-    for decoded in drive[:3]:
+    for decoded in demo_frames[:3]:
         frame = decoded.frame
         decisions = filter_frame(frame.annotation, frame.segmentation_png).decisions
         for decision, line in zip(decisions, frame.truth, strict=True):

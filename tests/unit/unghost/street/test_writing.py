@@ -24,9 +24,9 @@ def lines_of(path):
 
 
 @pytest.mark.long
-def test_a_written_street_is_a_manifest_and_its_files(written, drive):
+def test_a_written_street_is_a_manifest_and_its_files(written, demo_frames):
     manifest, _ = written
-    frame, (line,) = drive[0].frame, lines_of(manifest)
+    frame, (line,) = demo_frames[0].frame, lines_of(manifest)
 
     assert {name: line[name] for name in frame.annotation} == frame.annotation
     assert line["image"] == "rgb/town-a/000000.png"
@@ -37,9 +37,9 @@ def test_a_written_street_is_a_manifest_and_its_files(written, drive):
 
 
 @pytest.mark.long
-def test_truth_lies_beside_the_manifest_and_in_no_input(written, drive):
+def test_truth_lies_beside_the_manifest_and_in_no_input(written, demo_frames):
     manifest, _ = written
-    frame = drive[0].frame
+    frame = demo_frames[0].frame
 
     truth = lines_of(manifest.parent / "truth.jsonl")
 

@@ -7,7 +7,7 @@ from datetime import datetime, timedelta, timezone
 import pytest
 from pydantic import ValidationError
 
-from tests.support.answers import COUNTS, DATASET
+from tests.support.response_checks import COUNTS, DATASET
 from unghost import Dataset, Decision, Frame, HistoryEntry
 from unghost.wire import MissingKey
 

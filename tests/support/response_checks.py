@@ -9,12 +9,12 @@ import httpx
 from unghost.wire.model import ResponseModel
 
 
-def said(answer: httpx.Response) -> Any:
+def successful_json(answer: httpx.Response) -> Any:
     assert answer.is_success, answer.text
     return answer.json()
 
 
-def assert_answered_by(kind: type[ResponseModel], raw: Any) -> None:
+def assert_matches_model(kind: type[ResponseModel], raw: Any) -> None:
     """Check that a response has exactly the keys of a model, at any depth.
 
     Fields of response models have no defaults, so a key that the service leaves out

@@ -7,16 +7,16 @@ from collections.abc import Mapping
 from typing import Any
 
 from tests.support.api import FINISHED, Api
-from tests.support.long_streets import FROM_PIXELS
+from tests.support.slow_datasets import FROM_PIXELS
 from tests.support.waiting import until
 
 
-def state_of(api: Api, run_id: int) -> dict[str, Any]:
+def get_run(api: Api, run_id: int) -> dict[str, Any]:
     run: dict[str, Any] = api.json(f"/runs/{run_id}")
     return run
 
 
-def asked(
+def post_run(
     api: Api,
     dataset: str,
     config: Mapping[str, Any] = FROM_PIXELS,
@@ -30,7 +30,7 @@ def asked(
     return int(answer.json()["id"])
 
 
-def begun_run(
+def start_run(
     api: Api,
     dataset: str,
     config: Mapping[str, Any] = FROM_PIXELS,
@@ -38,17 +38,17 @@ def begun_run(
     activate: bool = True,
 ) -> int:
     """Request a run, and wait until it has measured some frames; returns its id."""
-    run_id = asked(api, dataset, config, activate=activate)
-    until(lambda: state_of(api, run_id)["done"] > 0, "the run does not begin")
+    run_id = post_run(api, dataset, config, activate=activate)
+    until(lambda: get_run(api, run_id)["done"] > 0, "the run does not begin")
     return run_id
 
 
-def ended(api: Api, run_id: int) -> dict[str, Any]:
-    until(lambda: state_of(api, run_id)["state"] in FINISHED, "the run does not end")
-    return state_of(api, run_id)
+def wait_for_run_end(api: Api, run_id: int) -> dict[str, Any]:
+    until(lambda: get_run(api, run_id)["state"] in FINISHED, "the run does not end")
+    return get_run(api, run_id)
 
 
-def check_totals(
+def check_run_results(
     api: Api, dataset: str, run: dict[str, Any], frames: int, *, empty: int = 0
 ) -> None:
     """Check that a run's results are complete, as if no process had died meanwhile.

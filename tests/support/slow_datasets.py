@@ -31,7 +31,7 @@ def annotation(number: int) -> dict[str, object]:
     return {"carla_version": "0.9.15", "boxes": boxes, "number": number}
 
 
-def fill(api: Api, frames: int) -> str:
+def create_slow_dataset(api: Api, frames: int) -> str:
     """Create a dataset of `frames` frames that take some 20 ms each; its name."""
     tags = np.kron(scene.tags(), np.ones((LARGER, LARGER), np.uint8))
     noise = np.random.default_rng(7).integers(0, 2, tags.shape, np.uint8)
@@ -47,5 +47,5 @@ def fill(api: Api, frames: int) -> str:
     }
     name = api.dataset()
     for number in range(frames):
-        api.stored(name, f"{number:04}", annotation(number), **files)
+        api.upload_frame(name, f"{number:04}", annotation(number), **files)
     return name

@@ -30,22 +30,22 @@ A context is one call of a route in its thread, or a thread of the service.
 
 
 @dataclass
-class Acts:
+class DatabaseAccess:
     """What the modules of `app` did with the database."""
 
     writes: set[tuple[str, str]] = field(default_factory=set)
     """Pairs of a module and a table in which it inserted, changed or deleted rows."""
-    within: set[str] = field(default_factory=set)
+    nested_transactions: set[str] = field(default_factory=set)
     """Modules that began a second transaction while a write transaction was open."""
 
 
-_watched: dict[URL, Acts] = {}
+_watched: dict[URL, DatabaseAccess] = {}
 
 
 @contextmanager
-def watched(database: Database) -> Iterator[Acts]:
+def record_access(database: Database) -> Iterator[DatabaseAccess]:
     """Record what all threads do with this database until the block ends."""
-    acts = _watched[database.engine.url] = Acts()
+    acts = _watched[database.engine.url] = DatabaseAccess()
     try:
         yield acts
     finally:
@@ -56,7 +56,7 @@ def watched(database: Database) -> Iterator[Acts]:
 def _begun(connection: Any) -> None:
     acts = _watched.get(connection.engine.url)
     if acts and _WRITING.get():
-        acts.within.add(_caller())
+        acts.nested_transactions.add(_caller())
     if connection.get_execution_options().get("writes", False):
         _WRITING.set(True)
         connection.connection.record_info["watched"] = True

@@ -25,7 +25,7 @@ ANSWER_WAIT_S: Final = 60
 
 
 @dataclass
-class Ledger:
+class WriteRecord:
     """The writes to one dataset: those that were confirmed, and those in flight."""
 
     dataset: str
@@ -44,7 +44,7 @@ class Ledger:
     runs: set[int] = field(default_factory=set)
     maybe_runs: int = 0
 
-    def promises(self) -> int:
+    def count_confirmed(self) -> int:
         """How many writes were confirmed."""
         said = sum(map(len, list(self.answers.values())))
         return len(self.stored) + said + len(self.digests) + len(self.runs)
@@ -74,7 +74,7 @@ class Writer:
     """One client with its own random numbers and its own boxes."""
 
     api: Api
-    ledger: Ledger
+    write_record: WriteRecord
     dice: random.Random
     name: str
     box_ids: tuple[int, ...]
@@ -98,16 +98,20 @@ class Writer:
     def _upload(self, turn: int) -> None:
         key = f"{self.name}/{turn if self.dice.random() < 0.7 else 0}"
         number = 1 + turn
-        self.ledger.sending[key] = {number}
+        self.write_record.sending[key] = {number}
         answer = self.api.put(
-            self.ledger.dataset, key, annotation(number), replace=True, **files(number)
+            self.write_record.dataset,
+            key,
+            annotation(number),
+            replace=True,
+            **files(number),
         )
         assert answer.status_code in (200, 201), answer.text
         self._promised(key, number)
 
     def _promised(self, key: str, number: int) -> None:
-        self.ledger.stored[key] = number
-        self.ledger.sending.pop(key, None)
+        self.write_record.stored[key] = number
+        self.write_record.sending.pop(key, None)
 
     def _push(self, turn: int) -> None:
         numbers = {f"{self.name}/{turn}-{place}": 10 + place for place in range(6)}
@@ -117,8 +121,8 @@ class Writer:
             for member in self._members(place, key, number)
         ]
         for key, number in numbers.items():
-            self.ledger.sending[key] = {number}
-        for line in self._lines(archives.packed(members)):
+            self.write_record.sending[key] = {number}
+        for line in self._lines(archives.tar_archive(members)):
             if "key" in line:
                 assert line["status"] == 201, line
                 self._promised(line["key"], numbers[line["key"]])
@@ -131,7 +135,7 @@ class Writer:
 
     def _lines(self, archive: bytes) -> Iterator[dict[str, Any]]:
         """Send a batch; yield each line as it arrives, until the server ends."""
-        url = f"/api/v1/datasets/{self.ledger.dataset}/batches"
+        url = f"/api/v1/datasets/{self.write_record.dataset}/batches"
         headers = {"Content-Type": "application/x-tar"}
         with self.api.http.stream(
             "POST", url, content=archive, headers=headers
@@ -142,21 +146,21 @@ class Writer:
 
     def _review(self, turn: int) -> None:
         box_id, verdict = self.dice.choice(self.box_ids), self.dice.choice(VERDICTS)
-        said = self.ledger.answers.setdefault(box_id, [])
+        said = self.write_record.answers.setdefault(box_id, [])
         act = (frozenset({box_id}), verdict)
-        self.ledger.maybe_answers.append(act)
+        self.write_record.maybe_answers.append(act)
         answer = self.api.review(box_id, verdict, len(said))
         assert answer.status_code == 201, answer.text
         said.append(verdict)
-        self.ledger.maybe_answers.remove(act)
+        self.write_record.maybe_answers.remove(act)
 
     def _bulk_and_undo(self, turn: int) -> None:
         verdict = self.dice.choice(VERDICTS)
         before = {one: self._latest(one) for one in self.box_ids}
-        boxes, answers = frozenset(self.box_ids), self.ledger.answers
-        self.ledger.maybe_answers.append((boxes, verdict))
+        boxes, answers = frozenset(self.box_ids), self.write_record.answers
+        self.write_record.maybe_answers.append((boxes, verdict))
         body = {
-            "dataset": self.ledger.dataset,
+            "dataset": self.write_record.dataset,
             "box_ids": list(self.box_ids),
             "seen_revisions": [len(answers.get(one, [])) for one in self.box_ids],
             "verdict": verdict,
@@ -164,33 +168,33 @@ class Writer:
         answer = self.api.post("/reviews/bulk", body)
         assert answer.status_code == 201, answer.text
         self._said(dict.fromkeys(self.box_ids, verdict))
-        self.ledger.maybe_answers.remove((boxes, verdict))
+        self.write_record.maybe_answers.remove((boxes, verdict))
         if self.dice.random() < 0.5:
-            self.ledger.maybe_undone.append(boxes)
+            self.write_record.maybe_undone.append(boxes)
             undone = self.api.post(f"/review-batches/{answer.json()['id']}/undo")
             assert undone.json()["undone"] == len(boxes), undone.text
             self._said(before)
-            self.ledger.maybe_undone.remove(boxes)
+            self.write_record.maybe_undone.remove(boxes)
 
     def _latest(self, box_id: int) -> str:
-        said = self.ledger.answers.get(box_id, [])
+        said = self.write_record.answers.get(box_id, [])
         return said[-1] if said else "clear"
 
     def _said(self, verdicts: dict[int, str]) -> None:
         for box_id, verdict in verdicts.items():
-            self.ledger.answers.setdefault(box_id, []).append(verdict)
+            self.write_record.answers.setdefault(box_id, []).append(verdict)
 
     def _configure(self, turn: int) -> None:
         config = {"threshold_small_box": round(1 + turn * 0.01, 2)}
-        path = f"/datasets/{self.ledger.dataset}"
-        self.ledger.maybe_configs += 1
+        path = f"/datasets/{self.write_record.dataset}"
+        self.write_record.maybe_configs += 1
         answer = self.api.post(f"{path}/configs", config)
         assert answer.status_code in (200, 201), answer.text
-        self.ledger.digests.add(answer.json()["digest"])
-        self.ledger.maybe_configs -= 1
-        self.ledger.maybe_runs += 1
+        self.write_record.digests.add(answer.json()["digest"])
+        self.write_record.maybe_configs -= 1
+        self.write_record.maybe_runs += 1
         body = {"config": answer.json()["digest"], "activate": turn % 2 == 0}
         run = self.api.post(f"{path}/runs", body)
         assert run.status_code == 202, run.text
-        self.ledger.runs.add(run.json()["id"])
-        self.ledger.maybe_runs -= 1
+        self.write_record.runs.add(run.json()["id"])
+        self.write_record.maybe_runs -= 1

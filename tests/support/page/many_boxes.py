@@ -12,7 +12,7 @@ from tests.support.page import scenes
 from tests.support.page.scenes import Scene
 
 
-def crowd(count: int) -> list[dict[str, Any]]:
+def alternating_boxes(count: int) -> list[dict[str, Any]]:
     """Boxes that are by turns on the car (kept) and in the sky (rejected)."""
     boxes = []
     for index in range(count):
@@ -30,7 +30,7 @@ def fill(api: httpx.Client, dataset: str, frames: int, boxes: int) -> None:
     place = {"x": 0, "y": 0, "z": 0}
     size = {"width": scenes.WIDTH, "height": scenes.HEIGHT}
     annotation = {"camera": {**size, "fov": 90, "transform": place}}
-    content = json.dumps({**annotation, "boxes": crowd(boxes)})
+    content = json.dumps({**annotation, "boxes": alternating_boxes(boxes)})
     files: dict[str, tuple[str, bytes | str, str]] = {
         "image": ("image.png", scenes.picture(), "image/png"),
         "segmentation": ("tags.png", scenes.segmentation("palette"), "image/png"),
@@ -66,13 +66,13 @@ def selected(page: Page) -> list[int]:
 
 def answers(scene: Scene) -> dict[str, str]:
     """The stored answers, by the sender's box id."""
-    found = answered(scene)
+    found = answered_boxes(scene)
     names = {box["id"]: box["review"]["verdict"] for box in found}
     assert len(names) == len(found), "boxes of several frames share their names"
     return names
 
 
-def answered(scene: Scene) -> list[dict[str, Any]]:
+def answered_boxes(scene: Scene) -> list[dict[str, Any]]:
     """Every box that has an answer on the server."""
     found = scenes.get(scene.api, f"/boxes?dataset={scene.dataset}&review=any")
     items: list[dict[str, Any]] = found["items"]
@@ -86,6 +86,6 @@ def review(scene: Scene, box_id: int, verdict: str) -> None:
     assert scene.api.post(f"/boxes/{box_id}/reviews", json=body).status_code == 201
 
 
-def queued(page: Page) -> str:
+def queued_box_id(page: Page) -> str:
     """The sender's id of the box that the queue shows."""
     return page.locator(".inspector__head h2").inner_text().split()[-1]

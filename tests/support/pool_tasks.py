@@ -58,7 +58,7 @@ def die_once(note: Path) -> str:
     return "never"
 
 
-class Program:
+class MaliciousPickle:
     """An object whose pickle would run a program when it is read."""
 
     def __init__(self, note: Path) -> None:
@@ -68,5 +68,5 @@ class Program:
         return os.system, (f"touch {self.note}",)
 
 
-def answer_with_a_program(note: Path) -> Program:
-    return Program(note)
+def return_malicious_pickle(note: Path) -> MaliciousPickle:
+    return MaliciousPickle(note)

@@ -43,7 +43,7 @@ class Point:
 
 
 @dataclass
-class Nursery:
+class CrashingServers:
     """Starts servers of one data folder, one after the other."""
 
     data: Path
@@ -54,20 +54,20 @@ class Nursery:
         (self.data.with_name(ARMED)).unlink(missing_ok=True)
         return self._link({"point": None if point is None else vars(point)})
 
-    def poisoned(self, kind: str) -> tuple[str, str]:
+    def start_poisoned(self, kind: str) -> tuple[str, str]:
         """Start a server that dies of a kind of poison; its address and token."""
         return self._link({"poison": kind})
 
-    def dies(self, kind: str) -> int:
+    def start_and_wait_for_crash(self, kind: str) -> int:
         """Start a poisoned server that dies without any request; its exit status."""
         self._start({"poison": kind})
-        return self.ended(ask=False)
+        return self.wait_for_exit(ask=False)
 
     def arm(self) -> None:
         """From now on, let the server count the steps towards its point."""
         self.data.with_name(ARMED).touch()
 
-    def ended(self, *, ask: bool) -> int:
+    def wait_for_exit(self, *, ask: bool) -> int:
         """Wait for the server's end; its exit status. `ask` sends SIGTERM first."""
         process, self._living = self._living, None
         assert process is not None
@@ -87,7 +87,7 @@ class Nursery:
 
     def _start(self, word: dict[str, Any]) -> Process:
         settings = {"PYTHONPATH": str(CHECKOUT), "UNGHOST_WORKERS": "1"}
-        words = ["tests.support.dying_servers", json.dumps(word)]
+        words = ["tests.support.crash_points", json.dumps(word)]
         self._living = start(words, self.data, self._log, settings)
         return self._living
 
@@ -101,16 +101,16 @@ class Nursery:
 
 
 @contextmanager
-def nursery(data: Path) -> Iterator[Nursery]:
-    """Yield a `Nursery` of a data folder, and stop its last server at the end."""
-    made = Nursery(data)
+def crashing_servers(data: Path) -> Iterator[CrashingServers]:
+    """Yield the `CrashingServers` of a data folder, and stop the last one at the end."""
+    made = CrashingServers(data)
     try:
         yield made
     finally:
         made.end()
 
 
-class Fuse:
+class CrashCounter:
     """Counts the steps of one kind, and kills this process at the chosen one."""
 
     def __init__(self, point: Point, armed: Path) -> None:
@@ -128,7 +128,9 @@ class Fuse:
             time.sleep(60)  # so that nothing more happens before the signal arrives
 
 
-def wrapped(fuse: Fuse, call: Callable[..., Any], name_of: Callable[..., str]) -> Any:
+def wrapped(
+    fuse: CrashCounter, call: Callable[..., Any], name_of: Callable[..., str]
+) -> Any:
     """Wrap a function so that the fuse counts its calls; `name_of` names the step."""
 
     def passing(*args: Any, **more: Any) -> Any:
@@ -141,7 +143,7 @@ def wrapped(fuse: Fuse, call: Callable[..., Any], name_of: Callable[..., str]) -
     return passing
 
 
-def wrap_calls(fuse: Fuse) -> None:
+def wrap_calls(fuse: CrashCounter) -> None:
     """Wrap every call that makes data durable, and the sending of responses."""
     from sqlalchemy.engine.default import DefaultDialect
     from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
@@ -186,7 +188,7 @@ def become_server(point: Point | None, poison: str | None) -> None:
     if poison is not None:
         lay_poison(poison)
     if point is not None:
-        wrap_calls(Fuse(point, settings.data.with_name(ARMED)))
+        wrap_calls(CrashCounter(point, settings.data.with_name(ARMED)))
     serve(settings)
 
 
