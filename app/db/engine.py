@@ -36,11 +36,6 @@ _DAMAGED: Final = ("malformed", "is not a database")
 _ONCE_COMMITTED: Final = "once committed"
 
 
-def sqlite_url(path: Path) -> str:
-    """The URL of a database file."""
-    return f"sqlite:///{path}"
-
-
 def make_engine(url: str, turns: Turns | None = None) -> Engine:
     """An engine whose commits are durable when they return.
 

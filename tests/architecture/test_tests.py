@@ -84,6 +84,9 @@ def replaced(tree: ast.Module) -> Iterator[int]:
         elif isinstance(node, ast.Subscript):
             is_change = isinstance(node.ctx, ast.Store)
             changed = ast.unparse(node.value).removeprefix("vars(").removesuffix(")")
+        elif isinstance(node, ast.Attribute):
+            is_change = isinstance(node.ctx, ast.Store)
+            changed = ast.unparse(node.value)
         else:
             continue
         if is_change and changed in ours:
@@ -97,6 +100,7 @@ def replaced(tree: ast.Module) -> Iterator[int]:
         'type.__setattr__(cli, "ROWS", 1)',
         'with patch.object(cli, "ROWS", 1): pass',
         'vars(cli)["ROWS"] = 1',
+        "cli.ROWS = 1",
     ],
 )
 def test_a_replaced_name_is_noticed(statement):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import Engine
 
-from app.db.engine import make_engine, sqlite_url
+from app.db.engine import make_engine
 from tests.support.databases import empty_postgres
 
 
@@ -16,7 +16,7 @@ from tests.support.databases import empty_postgres
 def engine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Engine]:
     """An engine for an empty database; each test runs once for each kind."""
     if request.param == "sqlite":
-        yield from _engine(sqlite_url(tmp_path / "empty.sqlite3"))
+        yield from _engine(f"sqlite:///{tmp_path}/empty.sqlite3")
         return
     with empty_postgres() as url:
         yield from _engine(url)

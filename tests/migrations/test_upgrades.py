@@ -12,7 +12,7 @@ from contextlib import closing
 import pytest
 from sqlalchemy import inspect
 
-from app.db.engine import make_engine, sqlite_url
+from app.db.engine import make_engine
 from app.db.inspection import revision_of
 from app.db.migrate import head_revision, migrate
 from app.package import migrations_dir
@@ -90,7 +90,7 @@ def test_columns_that_both_revisions_have_survive_the_way_down_and_up(engine, re
 def test_a_server_brings_an_old_folder_up_to_date_and_keeps_a_copy(tmp_path, revision):
     data = tmp_path / "data"
     data.mkdir()
-    engine = make_engine(sqlite_url(data / "unghost.db"))
+    engine = make_engine(f"sqlite:///{data}/unghost.db")
     migrate(engine, SCRIPTS, revision)
     fill(engine, revision)
     before = contents(engine)
@@ -111,7 +111,7 @@ def test_a_server_brings_an_old_folder_up_to_date_and_keeps_a_copy(tmp_path, rev
     copy = data / f"unghost.db.schema-{revision}"
     assert revision_of(data / "unghost.db") == head_revision(SCRIPTS)
     assert revision_of(copy) == revision
-    kept = make_engine(sqlite_url(copy))
+    kept = make_engine(f"sqlite:///{copy}")
     assert contents(kept) == before
     kept.dispose()
 
@@ -120,7 +120,7 @@ def test_a_server_brings_an_old_folder_up_to_date_and_keeps_a_copy(tmp_path, rev
 def test_a_database_of_a_newer_version_is_not_touched(tmp_path):
     data = tmp_path / "data"
     data.mkdir()
-    engine = make_engine(sqlite_url(data / "unghost.db"))
+    engine = make_engine(f"sqlite:///{data}/unghost.db")
     migrate(engine, SCRIPTS)
     engine.dispose()
     with closing(sqlite3.connect(data / "unghost.db")) as database, database:

@@ -102,7 +102,7 @@ class CrashingServers:
 
 @contextmanager
 def crashing_servers(data: Path) -> Iterator[CrashingServers]:
-    """Yield the `CrashingServers` of a data folder, and stop the last one at the end."""
+    """Yield a `CrashingServers` of a data folder; stop its last server at the end."""
     made = CrashingServers(data)
     try:
         yield made

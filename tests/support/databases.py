@@ -33,7 +33,7 @@ from sqlalchemy import (
 from sqlalchemy.exc import OperationalError
 
 from app.db import inspection
-from app.db.engine import Database, make_engine, sqlite_url
+from app.db.engine import Database, make_engine
 from app.db.inspection import broken_keys
 from app.db.migrate import migrate
 from app.db.tables import Installation
@@ -98,7 +98,7 @@ def give_tables(data: Path, settings: Mapping[str, object]) -> None:
 
 def url_of(data: Path) -> str:
     """The URL of the database of a data folder."""
-    return _text(_database_of(data)) if CHOSEN else sqlite_url(data / FILE)
+    return _text(_database_of(data)) if CHOSEN else f"sqlite:///{data / FILE}"
 
 
 @contextmanager
@@ -231,7 +231,7 @@ def _migrated() -> URL:
 def _migrated_file() -> bytes:
     with TemporaryDirectory() as folder:
         file = Path(folder) / FILE
-        with closing(Database(sqlite_url(file))) as database:
+        with closing(Database(f"sqlite:///{file}")) as database:
             migrate(database.engine, migrations_dir())
         return file.read_bytes()
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 import cv2
 import numpy as np
 
 from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
 from tests.support.api import Api
+from tests.support.servers import RunningServer, running_server
 
 LARGER = 28
 WIDE, HIGH = scene.WIDTH * LARGER, scene.HEIGHT * LARGER
@@ -49,3 +54,20 @@ def create_slow_dataset(api: Api, frames: int) -> str:
     for number in range(frames):
         api.upload_frame(name, f"{number:04}", annotation(number), **files)
     return name
+
+
+@contextmanager
+def slow_server(folder: Path, frames: int) -> Iterator[tuple[RunningServer, Api, str]]:
+    """Yield a server that measures one frame at a time, a client, and a filled dataset.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        An empty folder.
+    frames : int
+        How many frames the dataset has.
+    """
+    with running_server(folder / "data", {"UNGHOST_WORKERS": "1"}) as server:
+        api = Api.at(server.url, server.headers)
+        with api.http:
+            yield server, api, create_slow_dataset(api, frames)

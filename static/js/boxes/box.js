@@ -29,7 +29,7 @@ export const currentAnswer = ({ box_id, review }) =>
   ({ boxId: box_id, verdict: review?.verdict ?? "clear", comment: review?.comment ?? "" });
 
 /** @param {Decision} box */
-export const isUndecided = (box) => answerOf(box) === null;
+export const isUnanswered = (box) => answerOf(box) === null;
 
 /**
  * The newest revision of the box that this page has seen; it is sent with an answer.

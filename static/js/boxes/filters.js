@@ -2,7 +2,7 @@
 // Filters of boxes: as parts of the address, as parameters of the API, and as a test of one box.
 
 import { linkTo } from "../core/router.js";
-import { answerOf, isUndecided } from "./box.js";
+import { answerOf, isUnanswered } from "./box.js";
 
 /** @typedef {import("./box.js").Decision} Decision */
 /** @typedef {import("../core/openapi.js").BoxSelection} BoxSelection */
@@ -52,9 +52,9 @@ export function neighbour(boxes, query, selected, step) {
 }
 
 /** The next shown box without an answer, continuing at the start after the end. @param {readonly Decision[]} boxes @param {Query} query @param {number | null} selected @returns {Decision | null} */
-export function nextUndecided(boxes, query, selected) {
+export function nextUnanswered(boxes, query, selected) {
   /** @param {Decision} box */
-  const wanted = (box) => box.box_id !== selected && isUndecided(box) && isShown(box, query);
+  const wanted = (box) => box.box_id !== selected && isUnanswered(box) && isShown(box, query);
   return search(boxes, selected, 1, wanted) ?? boxes.find(wanted) ?? null;
 }
 

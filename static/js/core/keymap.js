@@ -25,7 +25,7 @@ export const KEYMAP = [
   { action: "comment", keys: ["E"], help: "Write a comment", group: "Answer" },
   { action: "next", keys: ["J", "ArrowRight"], help: "Next box", group: "Move" },
   { action: "previous", keys: ["ArrowLeft"], help: "Previous box", group: "Move" },
-  { action: "nextUndecided", keys: ["Shift+J"], help: "Next box that nobody has answered", group: "Move" },
+  { action: "nextUnanswered", keys: ["Shift+J"], help: "Next box that nobody has answered", group: "Move" },
   { action: "nextFrame", keys: ["PageDown"], help: "Next frame", group: "Move" },
   { action: "previousFrame", keys: ["PageUp"], help: "Previous frame", group: "Move" },
   { action: "grid", keys: ["G"], help: "Boxes as a grid; from the grid, frames", group: "Move" },
@@ -122,7 +122,8 @@ export const shownKey = (name) => SHOWN[name] ?? name.replace("Shift+", "⇧");
 export function loadKeys(storage) {
   try {
     const { off, keys } = JSON.parse(storage.getItem(STORAGE_KEY) ?? "");
-    return { off: off === true, keys: typeof keys === "object" && keys ? keys : {} };
+    const named = Object.entries(keys ?? {}).map(([action, names]) => [RENAMED[action] ?? action, names]);
+    return { off: off === true, keys: Object.fromEntries(named) };
   } catch {
     return DEFAULT_SETTINGS;
   }
@@ -133,9 +134,12 @@ export const saveKeys = (storage, settings) => keep(storage, STORAGE_KEY, settin
 
 const STORAGE_KEY = "unghost.keys.v1";
 
+/** Actions by the names under which earlier versions of the page have stored them. @type {Record<string, string>} */
+const RENAMED = { nextUndecided: "nextUnanswered" };
+
 /** Actions that repeat while their key is held down. Answers do not: nobody would see the boxes. */
 const HELD = new Set([
-  ...["next", "previous", "nextUndecided", "nextFrame", "previousFrame"],
+  ...["next", "previous", "nextUnanswered", "nextFrame", "previousFrame"],
   ...["left", "right", "up", "down", "pageUp", "pageDown"],
   ...["zoomIn", "zoomOut", "opacityUp", "opacityDown"],
 ]);

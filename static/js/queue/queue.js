@@ -196,7 +196,7 @@ export function createQueueActions(app, session, page) {
       comment: () => current() && page.openComment(),
       next: () => show(stepped(line.get(), 1)),
       previous: () => show(stepped(line.get(), -1)),
-      nextUndecided: () => show(nextOpen(line.get())),
+      nextUnanswered: () => show(nextOpen(line.get())),
       grid: () => app.router.go(linkTo("grid", { dataset: session.dataset }, { ...session.query, order: "", blind: "" })),
       ...createLookActions(app, page.stage),
       cycleVerdict: () => cycleVerdict(app),

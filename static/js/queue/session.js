@@ -2,7 +2,7 @@
 // A review session in the queue: its boxes, position, counts and pace. It is kept for a while when another view is
 // opened.
 
-import { answerOf, isUndecided } from "../boxes/box.js";
+import { answerOf, isUnanswered } from "../boxes/box.js";
 import { listedOf, selectionOf } from "../boxes/filters.js";
 import { REASONS } from "../boxes/wording.js";
 import { ApiError, get, post } from "../core/api.js";
@@ -239,7 +239,7 @@ const boxOf = (id) => get("/api/v1/boxes/{box_id}", { path: { box_id: id } });
 async function listedBoxes(ids) {
   const found = await Promise.all(ids.map((id) => boxOf(id).catch(ignoreMissing)));
   const items = found.filter((box) => box !== null);
-  return { items, remaining: items.filter(isUndecided).length, unsure: 0, claimed_by_others: 0 };
+  return { items, remaining: items.filter(isUnanswered).length, unsure: 0, claimed_by_others: 0 };
 }
 
 /** @param {unknown} error */

@@ -1,8 +1,8 @@
 // @ts-check
 // The view of one frame: the stage in the middle, the list of boxes on the left, the selected box on the right.
 
-import { asShown, isUndecided } from "../boxes/box.js";
-import { cycleVerdict, filtersOf, isShown, neighbour, nextUndecided, shownBoxes } from "../boxes/filters.js";
+import { asShown, isUnanswered } from "../boxes/box.js";
+import { cycleVerdict, filtersOf, isShown, neighbour, nextUnanswered, shownBoxes } from "../boxes/filters.js";
 import { useBoxes, useHeld, useAsShown } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
 import { useActions, useHead, useLoaded, useValue } from "../core/hooks.js";
@@ -193,7 +193,7 @@ export function createFrameActions(app, frame, ids, page) {
     return true;
   }
 
-  /** @param {number | null} id @param {string} box  which one there: first, last, undecided */
+  /** @param {number | null} id @param {string} box  which one there: first, last, unanswered */
   function goToFrame(id, box) {
     if (id === null) return app.toasts.show("There are no more frames.");
     app.router.go(linkTo("frame", { id }, { ...query(), box }));
@@ -230,12 +230,12 @@ export function createFrameActions(app, frame, ids, page) {
     select,
     saveComment: answer,
 
-    /** The id of the box that the address asks for by a word (first, last, undecided). @param {string} which @returns {number | null} */
+    /** The id of the box that the address asks for by a word (first, last, unanswered). @param {string} which @returns {number | null} */
     resolve(which) {
       const shown = shownBoxes(boxes(), query());
       if (which === "first") return shown[0]?.box_id ?? null;
       if (which === "last") return shown.at(-1)?.box_id ?? null;
-      return (shown.find(isUndecided) ?? shown[0])?.box_id ?? null;
+      return (shown.find(isUnanswered) ?? shown[0])?.box_id ?? null;
     },
 
     /** By the names of the keymap. */
@@ -247,10 +247,10 @@ export function createFrameActions(app, frame, ids, page) {
       comment: () => (selected() ? page.openComment() : app.toasts.show("Select a box first.")),
       next: () => step(1),
       previous: () => step(-1),
-      nextUndecided() {
-        const box = nextUndecided(boxes(), query(), selectedId());
+      nextUnanswered() {
+        const box = nextUnanswered(boxes(), query(), selectedId());
         if (box) select(box.box_id);
-        else goToFrame(frame.next_id, "undecided");
+        else goToFrame(frame.next_id, "unanswered");
       },
       nextFrame: () => goToFrame(frame.next_id, ""),
       previousFrame: () => goToFrame(frame.previous_id, ""),

@@ -1,7 +1,7 @@
 // @ts-check
 // Everything about one box: verdict, explanation, numbers, comment, overlapping boxes, history.
 
-import { answerOf, isVeiled, seenRevision } from "../boxes/box.js";
+import { answerOf, isUnanswered, isVeiled, seenRevision } from "../boxes/box.js";
 import { AnswerSign, StrokeSwatch, VerdictBadge } from "../boxes/signs.js";
 import { ANSWER_TEXT, acceptedText, evidenceText, isByShare, labelText, matchText, reasonText } from "../boxes/wording.js";
 import { get } from "../core/api.js";
@@ -28,7 +28,7 @@ export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentR
   return html`<aside class="panel panel--inspector" aria-label="Selected box">
     ${box
       ? html`<${BoxDetails} key=${box.box_id} app=${app} box=${box} boxes=${boxes} isWaiting=${isWaiting} actions=${actions} commentRef=${commentRef} />`
-      : html`<${FrameDetails} app=${app} frame=${frame} boxes=${boxes} onStart=${actions.byName.nextUndecided} />`}
+      : html`<${FrameDetails} app=${app} frame=${frame} boxes=${boxes} onStart=${actions.byName.nextUnanswered} />`}
   </aside>`;
 }
 
@@ -117,9 +117,9 @@ function HiddenBy({ box }) {
 
 /** No box is selected: the frame itself, and where to start. @param {{app: App, frame: Frame, boxes: readonly Decision[], onStart: () => void}} props */
 function FrameDetails({ app, frame, boxes, onStart }) {
-  const undecided = boxes.filter((box) => answerOf(box) === null).length;
+  const unanswered = boxes.filter(isUnanswered).length;
   const { segmentation } = frame;
-  const keys = useKeys(app).find(({ action }) => action === "nextUndecided")?.keys ?? [];
+  const keys = useKeys(app).find(({ action }) => action === "nextUnanswered")?.keys ?? [];
   const facts = [
     ["Size", frame.width && frame.height ? `${frame.width} × ${frame.height}` : "unknown"],
     ["Map", frame.map],
@@ -129,8 +129,8 @@ function FrameDetails({ app, frame, boxes, onStart }) {
   ];
   return html`
     <header class="inspector__head"><h2>This frame</h2></header>
-    <p class="inspector__sentence">${undecided ? `${countText(undecided)} of ${countText(boxes.length)} boxes have no answer yet.` : "Every box here has an answer."}</p>
-    ${undecided > 0 && html`<button class="button button--primary" onClick=${onStart}>Go to the next undecided box<${Keys} app=${app} keys=${keys} /></button>`}
+    <p class="inspector__sentence">${unanswered ? `${countText(unanswered)} of ${countText(boxes.length)} boxes have no answer yet.` : "Every box here has an answer."}</p>
+    ${unanswered > 0 && html`<button class="button button--primary" onClick=${onStart}>Go to the next box without an answer<${Keys} app=${app} keys=${keys} /></button>`}
     <dl class="facts">${facts.map(([name, value]) => value && html`<div><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
     ${segmentation?.notes?.map((note) => html`<p class="faint">${note}</p>`)}`;
 }

@@ -9,10 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.api import Api
 from tests.support.command_line import CommandLine
-from tests.support.servers import running_server
-from tests.support.slow_datasets import OTHER_PIXELS, create_slow_dataset
+from tests.support.slow_datasets import OTHER_PIXELS, slow_server
 from unghost import Client, Conflict
 
 pytestmark = pytest.mark.long
@@ -23,17 +21,14 @@ FRAMES = 150
 
 @pytest.fixture(scope="module")
 def slow(tmp_path_factory):
-    """A server that measures one frame at a time, and a dataset that takes long."""
-    folder = tmp_path_factory.mktemp("slow") / "data"
-    with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
-        api = Api.at(server.url, server.headers)
-        with api.http:
-            yield server, create_slow_dataset(api, FRAMES)
+    """A server that measures one frame at a time, a client, and a dataset."""
+    with slow_server(tmp_path_factory.mktemp("slow"), FRAMES) as slow:
+        yield slow
 
 
 @pytest.fixture
 def unghost(slow, tmp_path: Path) -> CommandLine:
-    server, _ = slow
+    server, *_ = slow
     settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
     (tmp_path / "strict.yaml").write_text("min_visible_pixels: 1000000\n")
     return CommandLine(tmp_path, settings)
@@ -41,7 +36,7 @@ def unghost(slow, tmp_path: Path) -> CommandLine:
 
 def interrupted(unghost, slow, config, *options):
     """Interrupt `run --wait` part way; return its messages, and the run afterwards."""
-    server, dataset = slow
+    server, _, dataset = slow
     (unghost.folder / "pixels.yaml").write_text(json.dumps(config))
     words = ("run", dataset, "--config", "pixels.yaml", "--wait", *options)
     with Client(server.url, server.token) as client:
@@ -73,7 +68,7 @@ def test_an_interruption_ends_the_run_on_request(unghost, slow):
 
 
 def test_a_run_is_cancelled_and_then_waiting_for_it_fails(unghost, slow):
-    server, dataset = slow
+    server, _, dataset = slow
     with Client(server.url, server.token) as client:
         runs = [client.start_run(dataset, config).id for config in OTHER_PIXELS[2:6]]
 
@@ -88,7 +83,7 @@ def test_a_run_is_cancelled_and_then_waiting_for_it_fails(unghost, slow):
 
 
 def test_progress_is_told_while_a_run_is_waited_for(unghost, slow):
-    _, dataset = slow
+    *_, dataset = slow
 
     answer = unghost("run", dataset, "--config", "strict.yaml", "--wait")
 
@@ -98,7 +93,7 @@ def test_progress_is_told_while_a_run_is_waited_for(unghost, slow):
 
 
 def test_two_runs_are_compared_per_class(unghost, slow):
-    server, dataset = slow
+    server, _, dataset = slow
     run = unghost("run", dataset, "--config", "strict.yaml", "--wait", "--json")
     with Client(server.url, server.token) as client:
         active = client.dataset(dataset).active_run

@@ -9,8 +9,12 @@ import pytest
 from tests.support import frames as scene
 from tests.support.api import Api
 from tests.support.event_reader import events, open_events
-from tests.support.servers import running_server
-from tests.support.slow_datasets import FROM_PIXELS, OTHER_PIXELS, create_slow_dataset
+from tests.support.slow_datasets import (
+    FROM_PIXELS,
+    OTHER_PIXELS,
+    create_slow_dataset,
+    slow_server,
+)
 
 FRAMES = 60
 AT_ONCE_S = 10
@@ -21,11 +25,8 @@ NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 @pytest.fixture(scope="module")
 def slow(tmp_path_factory):
     """A server that measures one frame at a time, a client, and a slow dataset."""
-    folder = tmp_path_factory.mktemp("slow") / "data"
-    with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
-        api = Api.at(server.url, server.headers)
-        with api.http:
-            yield server, api, create_slow_dataset(api, FRAMES)
+    with slow_server(tmp_path_factory.mktemp("slow"), FRAMES) as slow:
+        yield slow
 
 
 def asked_for(api, dataset, config, *, activate=True):

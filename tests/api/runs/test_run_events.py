@@ -13,7 +13,7 @@ from tests.support.api import BASE, Api
 from tests.support.databases import change
 from tests.support.event_reader import events, open_events
 from tests.support.servers import running_server
-from tests.support.slow_datasets import FROM_PIXELS, create_slow_dataset
+from tests.support.slow_datasets import FROM_PIXELS, slow_server
 from tests.support.waiting import PATIENCE_S, until
 
 FRAMES = 100
@@ -24,11 +24,8 @@ FAST = 0.15
 @pytest.fixture(scope="module")
 def slow(tmp_path_factory):
     """A server that measures one frame at a time, a client of it, and a dataset."""
-    folder = tmp_path_factory.mktemp("slow") / "data"
-    with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
-        api = Api.at(server.url, server.headers)
-        with api.http:
-            yield server, api, create_slow_dataset(api, FRAMES)
+    with slow_server(tmp_path_factory.mktemp("slow"), FRAMES) as slow:
+        yield slow
 
 
 def asked_for(api, dataset, config):

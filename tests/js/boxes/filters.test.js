@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { countOfMore, countsBy, filtersOf, isFiltered, listQuery, listedOf, neighbour, nextUndecided, selectionOf, shownBoxes, sortOf, withoutFilters, withoutList } from "../../../static/js/boxes/filters.js";
+import { countOfMore, countsBy, filtersOf, isFiltered, listQuery, listedOf, neighbour, nextUnanswered, selectionOf, shownBoxes, sortOf, withoutFilters, withoutList } from "../../../static/js/boxes/filters.js";
 import { decision } from "../../support/page/builders.js";
 
 /** @param {string} verdict */
@@ -40,10 +40,10 @@ test("a step leads to the next box that the filters show", () => {
   assert.equal(neighbour(BOXES, query, 2, -1), null);
 });
 
-test("the next undecided box is searched from the front again at the end, and is never the current one", () => {
-  assert.equal(nextUndecided(BOXES, {}, 1)?.box_id, 3);
-  assert.equal(nextUndecided(BOXES, {}, 3)?.box_id, 1);
-  assert.equal(nextUndecided([decision({ box_id: 1 })], {}, 1), null);
+test("the next box without an answer is searched from the front again at the end, and is never the current one", () => {
+  assert.equal(nextUnanswered(BOXES, {}, 1)?.box_id, 3);
+  assert.equal(nextUnanswered(BOXES, {}, 3)?.box_id, 1);
+  assert.equal(nextUnanswered([decision({ box_id: 1 })], {}, 1), null);
 });
 
 test("only the filters of an address are kept for another view", () => {

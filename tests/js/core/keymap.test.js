@@ -31,7 +31,7 @@ test("a key that is given to an action of the grid keeps its action in other vie
 test("the documented keys have their actions by default", () => {
   const promised = { a: "keep", k: "keep", x: "reject", r: "reject", " ": "unsure", z: "undo", Backspace: "undo", j: "next", ArrowRight: "next", ArrowLeft: "previous", m: "mask", "[": "opacityDown", "]": "opacityUp", v: "cycleVerdict", c: "crop", f: "fit", g: "grid", e: "comment", "?": "help", Escape: "escape" };
   for (const [key, action] of Object.entries(promised)) assert.equal(actionOf(press(key), DEFAULT_SETTINGS), action, key);
-  assert.equal(actionOf(press("J", { shiftKey: true }), DEFAULT_SETTINGS), "nextUndecided");
+  assert.equal(actionOf(press("J", { shiftKey: true }), DEFAULT_SETTINGS), "nextUnanswered");
 });
 
 test("Shift matters for letters only", () => {
@@ -66,4 +66,10 @@ test("changed keys survive a reload, and an unreadable entry of the storage is i
   assert.equal(actionOf(press("q"), loadKeys(storage)), "fit");
   storage.setItem("unghost.keys.v1", "not json");
   assert.deepEqual(loadKeys(storage), DEFAULT_SETTINGS);
+});
+
+test("a changed key of an action is kept although earlier versions called the action otherwise", () => {
+  const storage = memoryStorage();
+  storage.setItem("unghost.keys.v1", JSON.stringify({ off: false, keys: { nextUndecided: ["N"] } }));
+  assert.equal(actionOf(press("n"), loadKeys(storage)), "nextUnanswered");
 });

@@ -75,10 +75,10 @@ test("undoing an answer on another frame takes it back, and opens that frame", (
   assert.deepEqual([app.boxes.get(99)?.review, app.router.route.get().params.id, query()], [null, "12", { box: "99" }]);
 });
 
-test("the step to the next undecided box skips boxes that have an answer", () => {
+test("the step to the next box without an answer skips boxes that have one", () => {
   actions.select(1);
   actions.byName.keep();
-  actions.byName.nextUndecided();
+  actions.byName.nextUnanswered();
   assert.equal(query().box, "2");
 });
 
@@ -96,8 +96,8 @@ test("the bracket keys change the segmentation's opacity within limits, and swit
   assert.equal(app.prefs.get().opacity, 0.1);
 });
 
-test("the address can name the first, the last or an undecided box", () => {
+test("the address can name the first box, the last one, or one without an answer", () => {
   actions.select(1);
   actions.byName.keep();
-  assert.deepEqual(["first", "last", "undecided"].map(actions.resolve), [1, 3, 2]);
+  assert.deepEqual(["first", "last", "unanswered"].map(actions.resolve), [1, 3, 2]);
 });

@@ -18,7 +18,7 @@ from app.db.bulk import (
     insert_rows,
     update_rows,
 )
-from app.db.engine import Database, sqlite_url
+from app.db.engine import Database
 from app.db.migrate import migrate
 from app.db.tables import Blob, Dataset, Frame
 from app.package import migrations_dir
@@ -43,7 +43,7 @@ def database(request, tmp_path_factory) -> Iterator[Database]:
         with migrated_postgres() as url, closing(Database(url)) as database:
             yield database
         return
-    url = sqlite_url(tmp_path_factory.mktemp("bulk") / "bulk.db")
+    url = f"sqlite:///{tmp_path_factory.mktemp('bulk')}/bulk.db"
     with closing(Database(url)) as database:
         migrate(database.engine, migrations_dir())
         yield database

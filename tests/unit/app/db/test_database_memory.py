@@ -18,13 +18,13 @@ import sys
 from contextlib import ExitStack
 from pathlib import Path
 from sqlalchemy import text
-from app.db.engine import Database, sqlite_url
+from app.db.engine import Database
 
 def resident_kib():
     status = Path("/proc/self/status").read_text()
     return int(status.partition("VmRSS:")[2].split()[0])
 
-database = Database(sqlite_url(Path(sys.argv[1])))
+database = Database(f"sqlite:///{sys.argv[1]}")
 with database.write() as session:
     session.execute(text("CREATE TABLE pages (content BLOB)"))
     session.execute(

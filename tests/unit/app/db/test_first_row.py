@@ -10,14 +10,14 @@ from sqlalchemy import Integer, Select, bindparam, column, literal, select, tabl
 from sqlalchemy.exc import OperationalError
 
 from app.db.bulk import first_row
-from app.db.engine import make_engine, sqlite_url
+from app.db.engine import make_engine
 
 DOUBLED = select(bindparam("number", type_=Integer) * 2, literal("two").label("word"))
 
 
 @pytest.fixture
 def engine(tmp_path):
-    engine = make_engine(sqlite_url(tmp_path / "some.db"))
+    engine = make_engine(f"sqlite:///{tmp_path}/some.db")
     yield engine
     engine.dispose()
 

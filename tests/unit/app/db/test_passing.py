@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import create_engine, text
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.db.engine import make_engine, sqlite_url
+from app.db.engine import make_engine
 from app.db.transient import in_a_line, is_transient
 from tests.support.databases import empty_postgres
 
@@ -32,14 +32,14 @@ def test_a_locked_database_is_transient_and_a_full_disk_is_not(
     file = tmp_path / "some.db"
     make = "CREATE TABLE some (one TEXT)"
     full = failure(
-        sqlite_url(file),
+        f"sqlite:///{file}",
         "PRAGMA max_page_count = 2",
         make,
         last="INSERT INTO some VALUES (hex(randomblob(20000)))",
     )
     with closing(sqlite3.connect(file)) as other:
         other.execute("BEGIN EXCLUSIVE")
-        locked = failure(sqlite_url(file), last=make)
+        locked = failure(f"sqlite:///{file}", last=make)
 
     assert (is_transient(full), is_transient(locked)) == (False, True), (full, locked)
     assert in_a_line(locked) == "(sqlite3.OperationalError) database is locked"

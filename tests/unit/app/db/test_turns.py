@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import text
 from sqlalchemy.exc import TimeoutError as WaitedTooLong
 
-from app.db.engine import Database, sqlite_url
+from app.db.engine import Database
 from app.db.turns import PEOPLE_IN_A_ROW, Turns
 from tests.support.databases import empty_postgres
 
@@ -20,7 +20,7 @@ SOON_S = 10
 def database(request, tmp_path):
     """A new database for each test, of each kind."""
     with ExitStack() as opened:
-        url = sqlite_url(tmp_path / "some.db")
+        url = f"sqlite:///{tmp_path}/some.db"
         if request.param == "postgresql":
             url = opened.enter_context(empty_postgres())
         yield opened.enter_context(closing(Database(url)))
