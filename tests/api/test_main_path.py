@@ -42,19 +42,19 @@ def stats(api, name):
     return found["frames"], found["kept"], found["rejected"]
 
 
-def take(api, name, limit):
+def take_from_queue(api, name, limit):
     answer = api.post(f"/datasets/{name}/queue", {"limit": limit})
     assert answer.status_code == 200, answer.text
     return answer.json()
 
 
-def test_frames_are_answered_run_undone_and_exported(api, street):
+def test_main_path_of_upload_review_undo_run_and_export(api, street):
     pushed = stats(api, street)
-    queue = take(api, street, 5)
+    queue = take_from_queue(api, street, 5)
     for box in queue["items"]:
         assert api.review(box["box_id"], "reject").status_code == 201
     stale = api.review(queue["items"][0]["box_id"], "keep")
-    left = take(api, street, 5)["remaining"]
+    left = take_from_queue(api, street, 5)["remaining"]
     ghosts = api.boxes(street, verdict="rejected", review="none", limit=1000)
     bulk = api.post(
         "/reviews/bulk",
@@ -94,7 +94,7 @@ def labels_of(api, name):
     return names
 
 
-def test_a_frame_that_is_sent_again_deleted_and_replaced_is_counted_once(api, street):
+def test_stats_are_right_after_replaced_repeated_and_deleted_frames(api, street):
     first = api.put(street, "run/00", {**scene.annotation(), "number": 99})
     replaced = api.put(
         street, "run/00", {**scene.annotation(), "number": 99}, replace=True
@@ -109,7 +109,7 @@ def test_a_frame_that_is_sent_again_deleted_and_replaced_is_counted_once(api, st
     assert len(boxes) == 2 * (FRAMES - 1)
 
 
-def test_lists_go_page_by_page_in_every_order(api, street):
+def test_box_list_pagination_in_every_sort_order(api, street):
     for order in ("id", "doubt", "match_percent", "-match_percent", "crowding"):
         seen: list[int] = []
         cursor: dict[str, str] | None = {}
@@ -120,7 +120,7 @@ def test_lists_go_page_by_page_in_every_order(api, street):
         assert len(seen) == len(set(seen)) == 2 * FRAMES, order
 
 
-def test_a_repeated_post_gets_the_same_answer(api, street):
+def test_review_with_a_repeated_idempotency_key_is_replayed(api, street):
     box = api.boxes(street)[0]["box_id"]
     body = {"verdict": "keep", "seen_revision": 0}
     headers = {"Idempotency-Key": f"main-path-{box}"}

@@ -73,7 +73,7 @@ def test_every_declared_package_is_used():
 
 
 @pytest.mark.parametrize("name", FLOORS)
-def test_dependencies_with_a_known_hole_are_not_installed(name):
+def test_dependencies_with_a_known_vulnerability_are_not_installed(name):
     declared = map(Requirement, metadata.requires("unghost") or [])
     (wanted,) = (one for one in declared if one.name == name)
     lowest = [Version(one.version) for one in wanted.specifier if one.operator == ">="]

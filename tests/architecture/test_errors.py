@@ -17,7 +17,7 @@ from filter_core.errors import FilterError
 NOBODYS_FAULT = (AppError, DamagedFile)
 
 
-def load_everything() -> None:
+def import_all_modules() -> None:
     """Import every module of the service and the library, so no subclass is missed."""
     for package in (app, filter_core):
         for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
@@ -25,13 +25,20 @@ def load_everything() -> None:
                 importlib.import_module(found.name)
 
 
-def below(cls: type[Exception]) -> list[type[Exception]]:
+def class_and_subclasses(cls: type[Exception]) -> list[type[Exception]]:
     """The class and all classes derived from it."""
-    return [cls, *(found for child in cls.__subclasses__() for found in below(child))]
+    return [
+        cls,
+        *(
+            found
+            for child in cls.__subclasses__()
+            for found in class_and_subclasses(child)
+        ),
+    ]
 
 
-load_everything()
-ERRORS = [*below(AppError), *below(FilterError)]
+import_all_modules()
+ERRORS = [*class_and_subclasses(AppError), *class_and_subclasses(FilterError)]
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: error.__name__)
@@ -50,11 +57,13 @@ def test_every_error_has_a_stable_code_and_a_docstring(error):
     assert error.__doc__
 
 
-def test_every_tree_is_drawn_where_it_is_planted():
+def test_every_error_class_is_in_the_docstring_of_its_module():
     for root in (AppError, FilterError):
         module = importlib.import_module(root.__module__)
         own = {
-            each.__name__ for each in below(root) if each.__module__ == root.__module__
+            each.__name__
+            for each in class_and_subclasses(root)
+            if each.__module__ == root.__module__
         }
 
         assert {name for name in own if name not in (module.__doc__ or "")} == set()

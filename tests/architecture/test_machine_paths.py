@@ -11,7 +11,7 @@ MACHINE_PATH = re.compile(
 )
 
 
-def test_no_path_of_somebodys_machine():
+def test_no_file_contains_an_absolute_local_path():
     documents = sources((".ci", "docs"), ".md", ".yaml", ".yml", ".toml")
     found = [
         f"{source.name}:{number}"

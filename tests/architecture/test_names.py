@@ -16,13 +16,13 @@ EMPTY_NAMES = frozenset(
 )
 
 
-def test_no_module_has_an_empty_name():
+def test_no_module_has_a_meaningless_name():
     files = [source.name for source in (*python_sources(), *page_sources())]
 
     assert [name for name in files if PurePath(name).stem in EMPTY_NAMES] == []
 
 
-def test_no_package_has_an_empty_name():
+def test_no_package_has_a_meaningless_name():
     folders = {
         folder
         for source in (*python_sources("app", "filter_core", "unghost"),)
@@ -43,7 +43,7 @@ def test_imports_are_absolute():
     assert relative == []
 
 
-def test_every_module_says_what_it_is():
+def test_every_module_has_a_docstring():
     silent = [
         source.name
         for source in python_sources("app", "filter_core", "unghost")

@@ -64,7 +64,7 @@ def test_every_room_has_its_level():
     assert rooms - named == set()
 
 
-def test_rooms_import_only_what_stands_below_them():
+def test_rooms_import_only_rooms_of_lower_levels():
     height = {room: number for number, level in enumerate(LEVELS) for room in level}
 
     up = {(a, b) for a, b in imported_rooms() if height[a] >= height[b]}

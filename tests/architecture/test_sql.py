@@ -60,7 +60,7 @@ def test_only_queries_build_and_run_statements():
     assert [found for source in outside for found in calls(source)] == []
 
 
-def test_the_rule_would_notice_a_statement():
+def test_statement_outside_of_queries_is_detected():
     source = Source(
         "app/runs/service.py", "from sqlalchemy import select\ns.execute(1)"
     )

@@ -48,7 +48,7 @@ WRITES: Final = frozenset(
 )
 
 
-def written(source: Source) -> Iterator[str]:
+def written_tables(source: Source) -> Iterator[str]:
     """The tables in which a module inserts, updates or deletes rows.
 
     Found are statements (`update`, `sa.update`), and assignments to an attribute whose
@@ -109,13 +109,13 @@ def test_every_table_has_an_owner():
     assert access is not None
 
 
-def test_only_its_owner_writes_a_table():
+def test_table_is_written_only_by_its_owner():
     owner = {name: room for room, names in OWNERS.items() for name in names}
     found = {
         (source.name.split("/")[1], name)
         for source in python_sources("app")
         if source.name not in CLEARING
-        for name in written(source)
+        for name in written_tables(source)
     }
 
     strangers = {(room, name) for room, name in found if owner[name] != room}
@@ -124,7 +124,7 @@ def test_only_its_owner_writes_a_table():
     assert strangers == set()
 
 
-def test_only_its_owner_writes_a_table_of_a_service_at_work(recorded_access):
+def test_table_is_written_only_by_its_owner_at_run_time(recorded_access):
     owner = {
         mapper.class_.__tablename__: room
         for room, names in OWNERS.items()
@@ -141,19 +141,19 @@ def test_only_its_owner_writes_a_table_of_a_service_at_work(recorded_access):
     assert {(room, table) for room, table in found if owner[table] != room} == DRIVEN
 
 
-def test_decisions_and_answers_change_through_one_door():
+def test_decisions_and_answers_are_written_by_a_single_module():
     found = {
         (source.name, name)
         for source in python_sources("app")
         if source.name not in CLEARING
-        for name in written(source)
+        for name in written_tables(source)
     }
 
     for door, names in ONE_DOOR.items():
         assert {source for source, name in found if name in names} == {door}
 
 
-def test_a_write_is_recognised():
+def test_table_writes_are_detected():
     text = """
 update(Decision)
 insert_columns(session, Box, rows)
@@ -163,6 +163,6 @@ self.owner_of_nothing = 3
 select(Frame)
 """
 
-    assert set(written(Source("app/x.py", text))) == {
+    assert set(written_tables(Source("app/x.py", text))) == {
         *("Decision", "Box", "Claim", "Dataset")
     }

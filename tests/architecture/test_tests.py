@@ -17,7 +17,7 @@ REPLACE = {"setattr", "delattr", "__setattr__", "object"}
 """Functions that change an attribute of their first argument."""
 
 
-def imported(tree: ast.Module) -> Iterator[tuple[int, str]]:
+def imported_names(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """(line, full dotted name) of everything that a module imports."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -27,7 +27,7 @@ def imported(tree: ast.Module) -> Iterator[tuple[int, str]]:
                 yield node.lineno, f"{node.module}.{one.name}"
 
 
-def is_of_pytest(name: str) -> bool:
+def is_in_a_test_module(name: str) -> bool:
     """Whether a dotted name is that of something in a test module or a conftest."""
     return any(
         part == "conftest" or part.startswith("test_") for part in name.split(".")[:-1]
@@ -38,7 +38,7 @@ def is_private(name: str) -> bool:
     return name.startswith("_") and not name.startswith("__")
 
 
-def of_others(tree: ast.Module) -> Iterator[tuple[int, str]]:
+def private_names_of_others(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """(line, name) of private names that a module imports, reads or patches.
 
     Its own attributes, such as `self._name`, do not count.
@@ -103,13 +103,13 @@ def replaced(tree: ast.Module) -> Iterator[int]:
         "cli.ROWS = 1",
     ],
 )
-def test_a_replaced_name_is_noticed(statement):
+def test_replaced_product_name_is_detected(statement):
     source = Source("tests/test_it.py", f"from unghost import cli\n{statement}")
 
     assert list(replaced(source.tree)) == [2]
 
 
-def test_tests_replace_no_name_of_the_product():
+def test_tests_do_not_replace_names_of_the_product():
     found = [
         f"{source.name}:{line}"
         for source in python_sources("tests")
@@ -119,22 +119,22 @@ def test_tests_replace_no_name_of_the_product():
     assert found == []
 
 
-def test_tests_know_no_private_names():
+def test_tests_use_no_private_names():
     found = [
         f"{source.name}:{line} knows {name}"
         for source in python_sources("tests", "benchmarks")
-        for line, name in of_others(source.tree)
+        for line, name in private_names_of_others(source.tree)
     ]
 
     assert found == []
 
 
-def test_nobody_imports_a_test_or_a_conftest():
+def test_test_modules_and_conftests_are_never_imported():
     found = [
         f"{source.name}:{line} imports {name}"
         for source in python_sources("tests", "benchmarks", "tools")
-        for line, name in imported(source.tree)
-        if name.startswith("tests.") and is_of_pytest(f"{name}.")
+        for line, name in imported_names(source.tree)
+        if name.startswith("tests.") and is_in_a_test_module(f"{name}.")
     ]
 
     assert found == []

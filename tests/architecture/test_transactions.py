@@ -32,7 +32,7 @@ def is_given_a_session(function):
     )
 
 
-def oversteps(function):
+def ends_or_opens_a_session(function):
     """Whether a function ends a session, or is given one and opens another one."""
     given = is_given_a_session(function)
     calls = [
@@ -47,19 +47,19 @@ def oversteps(function):
     )
 
 
-def test_functions_with_a_session_leave_transactions_alone():
+def test_functions_with_a_session_neither_end_nor_open_transactions():
     found = {
         f"{source.name}:{function.name}"
         for source in python_sources("app")
         for function in ast.walk(source.tree)
         if isinstance(function, (ast.FunctionDef, ast.AsyncFunctionDef))
-        and oversteps(function)
+        and ends_or_opens_a_session(function)
     }
 
     assert found == ALLOWED
 
 
-def test_nobody_begins_a_transaction_within_one_that_writes(recorded_access):
+def test_no_transaction_begins_within_a_writing_transaction(recorded_access):
     """Others wait to write meanwhile, and the inner one reads another state."""
     assert recorded_access.writes
     assert recorded_access.nested_transactions <= LOOKS_AROUND

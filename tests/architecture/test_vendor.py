@@ -36,7 +36,7 @@ def test_no_code_is_vendored_without_a_record():
     assert code == {file["path"] for file in LOCKED}
 
 
-def test_every_vendored_file_brings_its_licence_and_origin():
+def test_every_vendored_file_has_a_licence_and_an_origin():
     for file in LOCKED:
         assert file["licence"] in WELCOME_LICENCES
         assert (VENDOR / file["licence_file"]).stat().st_size > 0

@@ -13,7 +13,7 @@ from tests.support.page.windows import Visitor
 pytestmark = pytest.mark.browser
 
 
-def test_a_frame_is_reviewed_by_keyboard_alone(scene, user: Visitor):
+def test_frame_can_be_reviewed_by_keyboard_only(scene, user: Visitor):
     page = user.open("#/datasets")
     page.get_by_role("link", name=scene.dataset).focus()
     user.press("Enter")

@@ -247,7 +247,7 @@ VIEWS: list[View] = [
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("view", VIEWS, ids=lambda view: view.__name__)
-def test_nothing_is_cut_off_and_nothing_serious_is_found(
+def test_every_view_has_no_overflow_and_no_axe_findings(
     open_window: OpenWindow,
     make_scene: MakeScene,
     tmp_path: Path,

@@ -50,7 +50,7 @@ def empty(api: httpx.Client) -> str:
 
 
 @pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
-def test_a_long_key_stretches_no_picture(
+def test_long_frame_key_does_not_stretch_thumbnails(
     scene: Scene, open_window: OpenWindow, size: ViewportSize
 ):
     scene.push(LONG_KEY)
@@ -66,7 +66,7 @@ def test_a_long_key_stretches_no_picture(
 
 
 @pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
-def test_an_empty_queue_says_so_below_its_head(open_window, empty, size):
+def test_empty_queue_shows_message_below_its_header(open_window, empty, size):
     page = open_window(viewport=size).open(f"#/datasets/{empty}/queue")
     notice = page.locator(".notice")
 
@@ -76,7 +76,7 @@ def test_an_empty_queue_says_so_below_its_head(open_window, empty, size):
     assert notice.evaluate(TOP) < 240
 
 
-def test_whether_one_agrees_with_the_filter_stands_in_one_line(
+def test_agreement_icon_and_text_are_on_the_same_line(
     make_scene: MakeScene, user: Visitor
 ):
     scene = make_scene(boxes=many_boxes.alternating_boxes(3))
@@ -86,12 +86,20 @@ def test_whether_one_agrees_with_the_filter_stands_in_one_line(
     user.press("a")
 
     sign, words = page.locator(".agreement > *").all()
-    middles = [(box["y"] + box["height"] / 2) for box in map(placed, (sign, words))]
+    middles = [
+        (box["y"] + box["height"] / 2)
+        for box in map(visible_bounding_box, (sign, words))
+    ]
     assert middles[0] == pytest.approx(middles[1], abs=2)
-    assert placed(words)["x"] - placed(sign)["x"] - placed(sign)["width"] >= 6
+    assert (
+        visible_bounding_box(words)["x"]
+        - visible_bounding_box(sign)["x"]
+        - visible_bounding_box(sign)["width"]
+        >= 6
+    )
 
 
-def placed(element: Locator) -> FloatRect:
+def visible_bounding_box(element: Locator) -> FloatRect:
     expect(element).to_be_visible()
     found = element.bounding_box()
     assert found is not None
@@ -106,7 +114,7 @@ def test_buttons_of_a_notice_do_not_touch(user: Visitor, empty):
     assert min(buttons.evaluate_all(GAPS)) >= 8
 
 
-def test_keys_of_a_configuration_break_between_their_words_alone(scene, open_window):
+def test_configuration_keys_wrap_only_at_underscores(scene, open_window):
     page = open_window(viewport=PHONE).open(f"#/datasets/{scene.dataset}/thresholds")
     keys = page.locator("th code")
     expect(keys.filter(has_text="threshold_small_box")).to_be_visible()
@@ -117,7 +125,7 @@ def test_keys_of_a_configuration_break_between_their_words_alone(scene, open_win
     assert page.evaluate(OVERFLOW) <= 0
 
 
-def test_the_longest_share_of_a_tag_stays_on_one_line(scene: Scene, user: Visitor):
+def test_longest_share_of_a_tag_does_not_wrap(scene: Scene, user: Visitor):
     page = user.open(scene.link("hidden"))
     share = page.locator(".hidden-by .num").first
     expect(share).to_be_visible()
@@ -128,7 +136,7 @@ def test_the_longest_share_of_a_tag_stays_on_one_line(scene: Scene, user: Visito
 
 
 @pytest.mark.parametrize("link", ["#/datasets/nowhere/frames", "#/frames/999999"])
-def test_a_missing_page_leads_to_the_datasets(user, link):
+def test_missing_page_links_to_the_datasets(user, link):
     page: Page = user.open("#/datasets")
     page.goto(f"{user.url}/{link}")
 
@@ -137,7 +145,7 @@ def test_a_missing_page_leads_to_the_datasets(user, link):
     expect(page.get_by_role("heading", name="Datasets")).to_be_visible()
 
 
-def test_a_dataset_without_answers_is_not_shown_as_answered(make_scene, user, empty):
+def test_dataset_without_answers_shows_zero_progress(make_scene, user, empty):
     outside = [{"id": "a", "class": "car", "xyxy": [-20, -20, -5, -5]}]
     scene = make_scene(boxes=outside)
     page = user.open(f"#/datasets/{scene.dataset}/frames")
@@ -158,7 +166,7 @@ def test_a_dataset_without_answers_is_not_shown_as_answered(make_scene, user, em
         pytest.param("review", WIDE, id="frame"),
     ],
 )
-def test_a_message_above_a_view_that_fills_the_window_does_not_push_it_out(
+def test_message_above_a_full_window_view_causes_no_overflow(
     scene: Scene, open_window: OpenWindow, view: str, size: ViewportSize
 ):
     links = {"review": scene.link("ghost"), "queue": many_boxes.queue(scene)}
@@ -172,13 +180,13 @@ def test_a_message_above_a_view_that_fills_the_window_does_not_push_it_out(
     assert page.evaluate(OVERFLOW_DOWN) == 0
 
 
-def test_numbers_of_a_narrow_window_stay_on_the_line_of_their_units(
+def test_numbers_and_units_do_not_wrap_in_a_narrow_window(
     make_scene: MakeScene, open_window: OpenWindow
 ):
     scene = make_scene(boxes=many_boxes.alternating_boxes(4))
     many_boxes.review(scene, scene.box_id("b0"), "keep")
     user = open_window(viewport=PHONE)
-    user.page.route("**/quality?*", with_many_answers)
+    user.page.route("**/quality?*", respond_with_many_answers)
     page = user.open(f"#/datasets/{scene.dataset}/quality")
     shares = page.locator(".field2__share")
     expect(shares).to_have_count(4)
@@ -187,7 +195,7 @@ def test_numbers_of_a_narrow_window_stay_on_the_line_of_their_units(
     assert shares.evaluate_all(BELOW_SIGN) == []
 
 
-def with_many_answers(route: Route) -> None:
+def respond_with_many_answers(route: Route) -> None:
     """Give the server's own answer, with counts of two and three digits in it."""
     quality = route.fetch().json()
     counts = {"kept_keep": 409, "rejected_reject": 383, "kept_reject": 111}

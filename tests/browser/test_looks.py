@@ -21,14 +21,16 @@ IN_SIGHT = """(element) => {
 
 
 @pytest.mark.parametrize(("scheme", "is_dark"), [("dark", True), ("light", False)])
-def test_page_follows_the_systems_appearance(open_window: OpenWindow, scheme, is_dark):
+def test_page_follows_the_system_colour_scheme(
+    open_window: OpenWindow, scheme, is_dark
+):
     page = open_window(color_scheme=scheme).open("#/datasets")
 
     red, *_ = map(int, re.findall(r"\d+", page.evaluate(BACKGROUND)))
     assert (red < 60) == is_dark
 
 
-def test_chosen_appearance_wins_and_is_remembered(open_window):
+def test_chosen_colour_scheme_overrides_system_and_is_remembered(open_window):
     page = open_window(color_scheme="light").open("#/datasets")
     page.get_by_role("button", name="Settings").click()
 
@@ -45,7 +47,9 @@ BETWEEN = [pytest.param(px, marks=pytest.mark.long) for px in (390, 768, 1024)]
 
 
 @pytest.mark.parametrize("width", [360, *BETWEEN, 1600])
-def test_nothing_is_cut_off_at_any_width(scene: Scene, open_window: OpenWindow, width):
+def test_nothing_overflows_at_any_window_width(
+    scene: Scene, open_window: OpenWindow, width
+):
     user = open_window(viewport={"width": width, "height": 844})
     links = ["#/datasets", f"#/datasets/{scene.dataset}/frames", scene.link("hidden")]
     for link in links:
@@ -58,7 +62,7 @@ def test_nothing_is_cut_off_at_any_width(scene: Scene, open_window: OpenWindow, 
                 assert button.evaluate(IN_SIGHT), (link, button.inner_text())
 
 
-def test_phone_shows_list_and_box_in_turns_and_answers_by_touch(scene, open_window):
+def test_phone_toggles_list_and_box_and_answers_by_touch(scene, open_window):
     bo = open_window(viewport=PHONE, has_touch=True, is_mobile=True)
     page = bo.open(scene.link())
     expect(page.locator(".panel--list")).to_be_hidden()
@@ -75,7 +79,7 @@ def test_phone_shows_list_and_box_in_turns_and_answers_by_touch(scene, open_wind
     assert scene.review("ghost")["verdict"] == "keep"
 
 
-def test_two_fingers_zoom(scene, open_window):
+def test_pinch_gesture_zooms(scene, open_window):
     bo = open_window(viewport=PHONE, has_touch=True, is_mobile=True)
     page = bo.open(scene.link())
     before, *_ = view(page)
@@ -101,7 +105,7 @@ PINCH = """() => {
 }"""
 
 
-def test_empty_server_says_how_to_bring_data(open_window, start_server):
+def test_empty_server_shows_how_to_upload_data(open_window, start_server):
     own = start_server()
     page = open_window(sign_in=False).page
 
@@ -114,7 +118,7 @@ def test_empty_server_says_how_to_bring_data(open_window, start_server):
     expect(page.get_by_role("button", name=re.compile("^Copy"))).to_have_count(3)
 
 
-def test_loading_is_shown_and_failing_can_be_tried_again(scene, user: Visitor):
+def test_failed_dataset_list_shows_error_and_can_be_retried(scene, user: Visitor):
     page = user.page
     page.route("**/api/v1/datasets?*", lambda route: route.abort())
     page.goto(f"{user.url}/#/frames/{scene.frame['id']}")

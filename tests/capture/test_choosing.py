@@ -25,11 +25,11 @@ def spawned(stage, **vehicles):
     ],
     ids=str,
 )
-def test_wheels_and_generation_choose_the_vehicles(stage, wanted, kinds):
+def test_wheels_and_generation_filter_vehicle_blueprints(stage, wanted, kinds):
     assert spawned(stage, **wanted) == kinds
 
 
-def test_a_generation_chooses_the_walkers(stage):
+def test_generation_filters_walker_blueprints(stage):
     people = {"standing": 1, "generation": 1}
 
     assert stage.capture(**{**CALM, "walkers": people}).walkers == 1
@@ -45,14 +45,14 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("sensors", "words"), WRONG, ids=str)
-def test_a_value_that_carla_would_misread_is_refused(stage, sensors, words):
+def test_invalid_sensor_attribute_value_is_refused(stage, sensors, words):
     with pytest.raises(ScenarioError, match=f"sensors.*attributes.*{words}"):
         stage.capture(**CALM, sensors=sensors)
 
     assert stage.left_behind() == {}
 
 
-def test_whole_numbers_are_given_as_such(stage):
+def test_integer_valued_attribute_is_passed_as_an_integer(stage):
     seen: list[str] = []
     stage.simulator.faults.on_tick = lambda server, _: seen.extend(
         actor.attributes["channels"]
@@ -65,7 +65,7 @@ def test_whole_numbers_are_given_as_such(stage):
     assert set(seen) == {"16"}
 
 
-def test_after_a_mistake_the_mended_scenario_goes_on_in_its_folder(stage):
+def test_corrected_scenario_is_accepted_in_the_same_folder(stage):
     with pytest.raises(ScenarioError, match=r"ego\.blueprint"):
         stage.capture(**CALM, ego={"blueprint": "vehicle.tesla.modl3"})
 

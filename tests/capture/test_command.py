@@ -21,7 +21,7 @@ def unghost(tmp_path):
     return CommandLine(tmp_path, {})
 
 
-def written(folder, **changes):
+def write_scenario(folder, **changes):
     path = folder / "street.yaml"
     path.write_text(yaml.safe_dump({**SMALL, **changes}))
     return path
@@ -31,9 +31,11 @@ def run(*words):
     return CliRunner().invoke(app, ["capture", *map(str, words)])
 
 
-def test_a_dry_run_shows_the_plan_and_touches_nothing(tmp_path, monkeypatch):
+def test_dry_run_prints_the_plan_and_writes_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    scenario = written(tmp_path, map="Town05", sensors={"radar": True, "lidar": True})
+    scenario = write_scenario(
+        tmp_path, map="Town05", sensors={"radar": True, "lidar": True}
+    )
 
     done = run(scenario, "--dry-run", "--push", "street")
 
@@ -46,8 +48,8 @@ def test_a_dry_run_shows_the_plan_and_touches_nothing(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["street.yaml"]
 
 
-def test_a_dry_run_is_a_record_for_programs(tmp_path):
-    done = run(written(tmp_path), "--dry-run", "--json")
+def test_dry_run_prints_json(tmp_path):
+    done = run(write_scenario(tmp_path), "--dry-run", "--json")
 
     plan = json.loads(done.stdout)
     assert plan["ticks"] == 16
@@ -55,8 +57,8 @@ def test_a_dry_run_is_a_record_for_programs(tmp_path):
     assert set(plan["sensors"]) == {"rgb", "segmentation"}
 
 
-def test_a_mistake_ends_with_1_and_its_words(unghost, tmp_path):
-    said = unghost("capture", written(tmp_path, vehicls={}), "--dry-run")
+def test_invalid_scenario_exits_with_1_and_a_message(unghost, tmp_path):
+    said = unghost("capture", write_scenario(tmp_path, vehicls={}), "--dry-run")
 
     assert said.code == 1
     assert said.err == (
@@ -65,30 +67,30 @@ def test_a_mistake_ends_with_1_and_its_words(unghost, tmp_path):
     )
 
 
-def test_without_a_simulator_it_ends_with_69(unghost, tmp_path):
+def test_missing_simulator_exits_with_69(unghost, tmp_path):
     with socket.socket() as taken:
         # Bound but not listening, so that no other program can listen on this port.
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-        said = unghost("capture", written(tmp_path, port=port, timeout_s=1))
+        said = unghost("capture", write_scenario(tmp_path, port=port, timeout_s=1))
 
     assert said.code == 69, said.err
     assert f"no simulator at 127.0.0.1:{port}" in said.err
     assert not (tmp_path / "capture-street").exists()
 
 
-def test_a_host_that_nobody_knows_ends_with_69(unghost, tmp_path):
+def test_unknown_host_exits_with_69(unghost, tmp_path):
     # No host has a name that ends in ".invalid": it is reserved for this.
-    said = unghost("capture", written(tmp_path, host="simulator.invalid"))
+    said = unghost("capture", write_scenario(tmp_path, host="simulator.invalid"))
 
     assert said.code == 69, said.err
     assert "no simulator at simulator.invalid:2000" in said.err
 
 
-def test_a_blueprint_that_the_simulator_lacks_is_named_with_the_file(
+def test_unknown_blueprint_error_names_the_file_and_the_nearest_blueprint(
     as_carla, tmp_path
 ):
-    scenario = written(tmp_path, ego={"blueprint": "vehicle.tesla.modl3"})
+    scenario = write_scenario(tmp_path, ego={"blueprint": "vehicle.tesla.modl3"})
 
     done = run(scenario, "--output", tmp_path / "out")
 
@@ -99,35 +101,33 @@ def test_a_blueprint_that_the_simulator_lacks_is_named_with_the_file(
     assert as_carla.left_behind() == {}
 
 
-def test_a_plan_of_what_is_no_number_is_still_a_plan(tmp_path):
+def test_dry_run_does_not_validate_sensor_attribute_values(tmp_path):
     sensors = {"lidar": {"attributes": {"points_per_second": "many"}}}
 
-    done = run(written(tmp_path, sensors=sensors), "--dry-run")
+    done = run(write_scenario(tmp_path, sensors=sensors), "--dry-run")
 
     assert "sensor lidar" in done.stdout
 
 
-def test_a_service_that_is_not_there_is_found_before_recording(
-    as_carla, tmp_path, monkeypatch
-):
+def test_unreachable_service_fails_before_recording(as_carla, tmp_path, monkeypatch):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         monkeypatch.setenv(
             "UNGHOST_SERVER", f"http://127.0.0.1:{taken.getsockname()[1]}"
         )
         monkeypatch.setenv("UNGHOST_TOKEN", "ugt_of_nobody")
-        done = run(written(tmp_path), "-o", tmp_path / "out", "--push", "street")
+        done = run(write_scenario(tmp_path), "-o", tmp_path / "out", "--push", "street")
 
     assert isinstance(done.exception, httpx.TransportError)
     assert as_carla.simulator.spawned == ["traffic.traffic_light"]
     assert not (tmp_path / "out").exists()
 
 
-def test_without_a_scenario_it_ends_with_2():
+def test_missing_scenario_argument_exits_with_2():
     assert run().exit_code == 2
 
 
-def test_carlasimus_files_are_printed_as_a_scenario(tmp_path):
+def test_carlasimu_files_are_converted_to_a_scenario(tmp_path):
     (tmp_path / "weather.yaml").write_text("sitting: {fog_density: 3}")
 
     done = run("--from-carlasimu", tmp_path)
@@ -138,8 +138,8 @@ def test_carlasimus_files_are_printed_as_a_scenario(tmp_path):
     }
 
 
-def test_a_capture_is_told_in_a_record(as_carla, tmp_path):
-    scenario = written(tmp_path, frames=2, camera={"width": 48, "height": 32})
+def test_capture_prints_a_json_summary(as_carla, tmp_path):
+    scenario = write_scenario(tmp_path, frames=2, camera={"width": 48, "height": 32})
 
     done = run(scenario, "--output", tmp_path / "out", "--json")
 
@@ -153,7 +153,7 @@ def test_a_capture_is_told_in_a_record(as_carla, tmp_path):
     assert as_carla.left_behind() == {}
 
 
-def test_a_captured_folder_is_filtered_as_it_is(unghost, stage):
+def test_captured_folder_can_be_filtered_directly(unghost, stage):
     stage.capture(frames=2)
 
     said = unghost("filter", stage.folder, "--output", "decisions.jsonl", "--json")
@@ -166,7 +166,7 @@ def test_a_captured_folder_is_filtered_as_it_is(unghost, stage):
 
 def test_missed_ticks_and_objects_are_reported(as_carla, tmp_path):
     as_carla.simulator.faults.foreign_ticks = {12}
-    scenario = written(tmp_path, frames=1, camera={"width": 48, "height": 32})
+    scenario = write_scenario(tmp_path, frames=1, camera={"width": 48, "height": 32})
 
     done = run(scenario, "--output", tmp_path / "out")
 
@@ -175,12 +175,10 @@ def test_missed_ticks_and_objects_are_reported(as_carla, tmp_path):
     assert "objects without a box: 2: impossible box" in done.stderr
 
 
-def test_an_installation_without_the_library_says_what_to_install(
-    tmp_path, monkeypatch
-):
+def test_missing_carla_library_shows_the_install_command(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "carla", None)
 
-    done = run(written(tmp_path))
+    done = run(write_scenario(tmp_path))
 
     assert done.exit_code == 1
     assert "pip install 'unghost[carla]'" in str(done.exception)

@@ -53,19 +53,21 @@ def line(tmp_path):
     return CaptureLine(tmp_path, {})
 
 
-def finished(process):
+def wait_for_exit(process):
     out, err = process.communicate(timeout=WAIT_S)
     return process.returncode, out, err
 
 
-def test_a_hundred_frames_reach_a_live_service(tmp_path, server: RunningServer):
+def test_100_captured_frames_are_pushed_to_a_live_service(
+    tmp_path, server: RunningServer
+):
     line = CaptureLine(
         tmp_path, {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
     )
     scenario = line.scenario(frames=100, interval_s=0.05, sensors=ALL)
 
     command = ("capture", scenario, "--push", "captured-street", "--output", "out")
-    code, out, err = finished(line.start(*command))
+    code, out, err = wait_for_exit(line.start(*command))
 
     assert code == 0, err
     assert "100 frames\t100 new\t0 ticks missed" in out
@@ -89,7 +91,7 @@ def test_a_hundred_frames_reach_a_live_service(tmp_path, server: RunningServer):
             assert content == (tmp_path / "out" / first[kind]).read_bytes()
 
 
-def test_ctrl_c_ends_the_command_with_130_and_it_goes_on_later(line):
+def test_ctrl_c_exits_with_130_and_the_capture_can_be_resumed(line):
     scenario = line.scenario(frames=2000, interval_s=0.05)
     process = line.start("capture", scenario, "--output", "out")
     manifest = line.folder / "out" / "manifest.jsonl"
@@ -98,7 +100,7 @@ def test_ctrl_c_ends_the_command_with_130_and_it_goes_on_later(line):
         time.sleep(0.05)
 
     process.send_signal(signal.SIGINT)
-    code, _, err = finished(process)
+    code, _, err = wait_for_exit(process)
 
     assert code == 130, err
     assert "the same command goes on" in err
@@ -106,6 +108,6 @@ def test_ctrl_c_ends_the_command_with_130_and_it_goes_on_later(line):
     assert line.left["managers"] == [False]
     there = len(manifest.read_text().splitlines())
     line.scenario(frames=there + 2, interval_s=0.05)
-    code, out, err = finished(line.start("capture", scenario, "--output", "out"))
+    code, out, err = wait_for_exit(line.start("capture", scenario, "--output", "out"))
     assert code == 0, err
     assert f"{there + 2} frames\t2 new" in out

@@ -77,7 +77,7 @@ METHODS = [
 
 
 @pytest.mark.parametrize("name", FAKES)
-def test_the_real_class_has_everything_the_fake_has(name):
+def test_real_class_has_every_public_name_of_the_fake(name):
     assert public(FAKES[name]) - OWN <= set(dir(getattr(carla, name)))
 
 
@@ -92,7 +92,7 @@ def test_the_real_class_has_every_operator_of_the_fake(name):
     ("protocol", "name"),
     [(protocol, name) for protocol, names in PROTOCOLS.items() for name in names],
 )
-def test_the_real_class_has_every_member_that_its_protocol_names(protocol, name):
+def test_real_class_has_every_member_of_its_protocol(protocol, name):
     members = {*vars(protocol), *getattr(protocol, "__annotations__", {})}
     used = {one for one in members if not one.startswith("_")}
     used |= members & {*OPERATORS}
@@ -101,7 +101,7 @@ def test_the_real_class_has_every_member_that_its_protocol_names(protocol, name)
     assert used <= set(dir(getattr(carla, name)))
 
 
-def test_every_protocol_of_a_class_is_compared_with_it():
+def test_every_class_protocol_is_compared_with_its_class():
     described = {
         one
         for one in vars(known).values()
@@ -115,7 +115,7 @@ def test_every_protocol_of_a_class_is_compared_with_it():
     assert described - by_hand == {*PROTOCOLS}
 
 
-def test_the_module_and_its_enumerations_have_what_their_protocols_name():
+def test_module_and_enumerations_have_every_member_of_their_protocols():
     assert set(known.Carla.__annotations__) <= set(dir(carla))
     assert set(known.AttachmentTypes.__annotations__) <= set(dir(carla.AttachmentType))
     assert set(known.Labels.__annotations__) <= set(dir(carla.CityObjectLabel))
@@ -133,18 +133,18 @@ def test_the_module_and_its_enumerations_have_what_their_protocols_name():
         (known.Sensor, "Sensor"),
     ],
 )
-def test_the_kinds_of_actors_are_told_apart(kind, own):
+def test_actor_protocol_matches_only_its_own_class(kind, own):
     names = ("Vehicle", "Walker", "WalkerAIController", "TrafficLight", "Sensor")
 
     assert [name for name in names if issubclass(getattr(carla, name), kind)] == [own]
     assert [name for name in names if issubclass(FAKES[name], kind)] == [own]
 
 
-def test_kinds_of_attributes_are_named_as_the_library_names_them():
+def test_attribute_types_have_the_names_of_the_library():
     assert set(carla.ActorAttributeType.names) >= {*NUMBERS, "Bool", "String"}
 
 
-def test_real_actors_have_everything_that_fake_actors_have(stage):
+def test_real_actors_have_every_public_name_of_fake_actors(stage):
     for type_id in ("vehicle.x", "walker.x", "controller.x", "sensor.x"):
         actor = stage.simulator.add(type_id, {}, carla.Transform())
 
@@ -155,7 +155,7 @@ def test_real_actors_have_everything_that_fake_actors_have(stage):
 
 
 @pytest.mark.parametrize(("name", "method"), METHODS)
-def test_methods_take_what_the_real_ones_take(name, method):
+def test_fake_methods_have_the_parameters_of_the_real_methods(name, method):
     real = parameters(getattr(getattr(carla, name), method).__doc__, method)
     fake = [
         (parameter.name, parameter.default is not inspect.Parameter.empty)
@@ -167,7 +167,7 @@ def test_methods_take_what_the_real_ones_take(name, method):
     assert fake == real
 
 
-def test_the_client_is_made_as_the_real_one():
+def test_fake_client_has_the_constructor_parameters_of_the_real_client():
     real = parameters(carla.Client.__init__.__doc__, "__init__")
     fake = inspect.signature(FAKES["Client"]).parameters.values()
 
@@ -190,11 +190,11 @@ def parameters(documentation, method):
     ]
 
 
-def test_values_come_from_the_real_library():
+def test_value_types_exist_in_the_real_library():
     assert set(VALUES) <= set(dir(carla))
 
 
-def test_the_words_of_scenarios_are_the_librarys():
+def test_scenario_presets_lights_and_layers_match_the_library():
     weather = carla.WeatherParameters
     presets = {n for n in dir(weather) if isinstance(getattr(weather, n), weather)}
 

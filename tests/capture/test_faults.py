@@ -34,14 +34,14 @@ TINY = {"width": 48, "height": 32}
 CALM = {"frames": 3, "interval_s": 0.1, "camera": TINY}
 
 
-def test_without_faults_the_ticks_are_those_of_the_plan(stage):
+def test_without_faults_the_planned_ticks_are_recorded(stage):
     done = stage.capture(**CALM)
 
     assert ticks(stage) == [FIRST, FIRST + 2, FIRST + 4]
     assert done.missed.total() == 0
 
 
-def test_a_lost_measurement_costs_its_tick_and_is_counted(stage):
+def test_tick_with_a_lost_measurement_is_skipped_and_counted(stage):
     stage.simulator.faults.lost = {("semantic_segmentation", FIRST)}
 
     done = stage.capture(**CALM, sensor_wait_s=1.5)
@@ -52,7 +52,7 @@ def test_a_lost_measurement_costs_its_tick_and_is_counted(stage):
     assert stage.left_behind() == {}
 
 
-def test_a_late_measurement_never_meets_those_of_another_tick(stage):
+def test_late_measurement_is_not_combined_with_another_tick(stage):
     stage.simulator.speed = 40.0
     stage.simulator.faults.late = {("rgb", FIRST)}
 
@@ -63,7 +63,7 @@ def test_a_late_measurement_never_meets_those_of_another_tick(stage):
     assert stage.left_behind() == {}
 
 
-def test_a_sensor_that_stays_silent_ends_the_capture_with_its_name(stage):
+def test_silent_sensor_ends_the_capture_with_an_error_that_names_it(stage):
     stage.simulator.faults.lost = {("rgb", tick) for tick in range(200)}
 
     with pytest.raises(CaptureError, match=r"no complete frame in 20 ticks.*rgb sent"):
@@ -72,7 +72,7 @@ def test_a_sensor_that_stays_silent_ends_the_capture_with_its_name(stage):
     assert stage.left_behind() == {}
 
 
-def test_measurements_of_a_later_tick_are_not_taken(stage):
+def test_measurement_of_a_later_tick_is_not_recorded(stage):
     def renumber(server, tick):
         sensor = next((a for a in server.actors.values() if "rgb" in a.type_id), None)
         if tick == FIRST and sensor is not None:
@@ -96,7 +96,9 @@ def test_measurements_of_a_later_tick_are_not_taken(stage):
 @pytest.mark.parametrize(
     ("version", "used", "x"), [("0.9.15", "snapshot", 1.5), ("0.9.16", "image", 2.5)]
 )
-def test_both_poses_are_stored_and_the_right_one_is_used(make_stage, version, used, x):
+def test_both_poses_are_stored_and_the_used_pose_depends_on_version(
+    make_stage, version, used, x
+):
     stage = make_stage(version)
     stage.simulator.faults.pose_shift = 1.0
 
@@ -111,7 +113,7 @@ def test_both_poses_are_stored_and_the_right_one_is_used(make_stage, version, us
     assert [note for note in stage.notes if "another camera pose" in note]
 
 
-def test_where_images_can_lag_the_ticks_around_are_stored_as_well(make_stage):
+def test_version_with_lagging_images_also_stores_adjacent_ticks(make_stage):
     stage = make_stage("0.9.15")
     stage.simulator.speed = 20.0
 
@@ -126,13 +128,13 @@ def test_where_images_can_lag_the_ticks_around_are_stored_as_well(make_stage):
     assert ticks(stage) == [FIRST, FIRST + 2, FIRST + 4]
 
 
-def test_the_newest_version_needs_no_neighbours(stage):
+def test_newest_version_stores_no_adjacent_ticks(stage):
     stage.capture(**CALM)
 
     assert not {"before", "after"} & set(frames(stage)[0]["extra"]["capture"])
 
 
-def test_an_actor_that_vanishes_costs_its_box_alone(stage):
+def test_vanished_actor_loses_only_its_own_box(stage):
     def vanish(server, tick):
         if tick == FIRST + 1:
             cars = [a for a in server.actors.values() if "tesla" in a.type_id]
@@ -151,7 +153,7 @@ def test_an_actor_that_vanishes_costs_its_box_alone(stage):
 @pytest.mark.parametrize(
     ("fault", "reason"), [("boxless", "no_answer"), ("unsnapped", "not_in_snapshot")]
 )
-def test_an_actor_of_which_not_all_is_known_is_counted(stage, fault, reason):
+def test_actor_without_box_or_snapshot_is_left_out_and_counted(stage, fault, reason):
     def appear(server, tick):
         if tick == FIRST:
             late = server.add("vehicle.late", {"base_type": "car"}, at(50, 0))
@@ -178,7 +180,7 @@ def test_dormant_actors_have_no_box(stage):
     assert done.left_out["dormant"] == 3
 
 
-def test_ticks_that_another_client_made_are_not_recorded(stage):
+def test_ticks_of_another_client_are_not_recorded(stage):
     stage.simulator.faults.foreign_ticks = {FIRST}
 
     done = stage.capture(**CALM)
@@ -190,7 +192,7 @@ def test_ticks_that_another_client_made_are_not_recorded(stage):
     assert stage.left_behind() == {}
 
 
-def test_a_client_that_always_ticks_ends_the_capture(stage):
+def test_constantly_ticking_client_ends_the_capture(stage):
     stage.simulator.faults.foreign_ticks = set(range(500))
 
     with pytest.raises(CaptureError, match="another client ticked the world"):
@@ -201,7 +203,7 @@ def test_a_client_that_always_ticks_ends_the_capture(stage):
 
 @pytest.mark.parametrize("tick", [1, 5, FIRST, FIRST + 3])
 @pytest.mark.parametrize("error", [RuntimeError, KeyError], ids=lambda e: e.__name__)
-def test_an_error_in_the_middle_leaves_nothing_behind(stage, tick, error):
+def test_error_during_capture_restores_the_simulator(stage, tick, error):
     def fail(_server, now):
         if now == tick:
             raise error("time-out of 30000ms while waiting for the simulator")
@@ -219,7 +221,7 @@ def test_an_error_in_the_middle_leaves_nothing_behind(stage, tick, error):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("tick", [1, 5, FIRST, FIRST + 3])
-def test_a_stop_leaves_nothing_behind_and_the_frames_whole(stage, tick, number):
+def test_stop_signal_restores_the_simulator_and_capture_resumes(stage, tick, number):
     before = signal.getsignal(number)
 
     def stop(_server, now):
@@ -237,7 +239,7 @@ def test_a_stop_leaves_nothing_behind_and_the_frames_whole(stage, tick, number):
     assert stage.capture(**CALM).frames == 3
 
 
-def test_a_second_ctrl_c_does_not_cut_the_putting_back_short(stage, monkeypatch):
+def test_second_ctrl_c_does_not_interrupt_the_cleanup(stage, monkeypatch):
     def stop(_server, now):
         if now == FIRST:
             signal.raise_signal(signal.SIGINT)
@@ -257,7 +259,7 @@ def test_a_second_ctrl_c_does_not_cut_the_putting_back_short(stage, monkeypatch)
     assert stage.left_behind() == {}
 
 
-def test_a_step_back_that_fails_keeps_no_other_from_being_taken(stage, monkeypatch):
+def test_failed_cleanup_step_does_not_prevent_the_others(stage, monkeypatch):
     def fail(_actor_id):
         raise RuntimeError("no answer")
 
@@ -269,7 +271,7 @@ def test_a_step_back_that_fails_keeps_no_other_from_being_taken(stage, monkeypat
     assert [note for note in stage.notes if "could not destroy" in note]
 
 
-def test_different_versions_are_told_and_both_stored(make_stage):
+def test_version_mismatch_is_reported_and_both_versions_are_stored(make_stage):
     stage = make_stage("0.9.15", client_version="0.9.16")
 
     stage.capture(**CALM)
@@ -280,7 +282,7 @@ def test_different_versions_are_told_and_both_stored(make_stage):
     assert frame["extra"]["capture"]["client_version"] == "0.9.16"
 
 
-def test_a_world_that_somebody_drives_already_is_told_and_left_synchronous(make_stage):
+def test_already_synchronous_world_is_reported_and_stays_synchronous(make_stage):
     stage = make_stage()
     stage.simulator.settings.synchronous_mode = True
 

@@ -37,7 +37,7 @@ def given_box():
 
 
 @pytest.mark.parametrize("pose", POSES, ids=str)
-def test_an_actors_box_has_the_librarys_corners(pose):
+def test_corners_of_an_actor_box_match_the_carla_library(pose):
     real = given_box().get_world_vertices(pose)
 
     one = SeenObject(
@@ -49,7 +49,7 @@ def test_an_actors_box_has_the_librarys_corners(pose):
 
 
 @pytest.mark.parametrize("pose", POSES, ids=str)
-def test_a_box_of_the_map_is_in_the_world_already(pose):
+def test_corners_of_a_map_box_match_the_carla_library(pose):
     box = given_box()
     box.location, box.rotation = pose.location, pose.rotation
     real = box.get_world_vertices(carla.Transform())
@@ -60,7 +60,7 @@ def test_a_box_of_the_map_is_in_the_world_already(pose):
 
 
 @pytest.mark.parametrize("pose", POSES, ids=str)
-def test_annotations_are_projected_as_by_the_librarys_matrices(pose):
+def test_projection_of_annotations_matches_the_matrices_of_the_library(pose):
     ahead = carla.Transform(pose.transform(carla.Location(15, 2, 0)), pose.rotation)
     one = SeenObject(
         Named("7", "actor", "car"), local_box(given_box()), as_transform(ahead)
@@ -81,7 +81,7 @@ def test_annotations_are_projected_as_by_the_librarys_matrices(pose):
     np.testing.assert_allclose(read.amodal_xyxy[0], expected, atol=0.05)
 
 
-def test_a_mount_becomes_the_same_transform():
+def test_mount_is_converted_to_the_same_transform():
     mount = Mount(x=1.5, y=-0.4, z=2.4, pitch=-5, yaw=30, roll=1)
 
     pose = as_transform(pose_of(carla, mount))
@@ -89,7 +89,7 @@ def test_a_mount_becomes_the_same_transform():
     assert pose == Transform((1.5, -0.4, 2.4), (-5, 30, 1))
 
 
-def test_weather_survives_the_way_there_and_back():
+def test_weather_parameters_round_trip():
     for preset in (
         carla.WeatherParameters.HardRainNoon,
         carla.WeatherParameters.Default,
@@ -97,7 +97,7 @@ def test_weather_survives_the_way_there_and_back():
         assert parameters(carla, as_numbers(preset)) == preset
 
 
-def test_lights_add_up():
+def test_vehicle_lights_are_combined_as_flags():
     state = light_state(carla, ["LowBeam", "Fog"])
 
     assert state == carla.VehicleLightState(

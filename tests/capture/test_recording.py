@@ -27,7 +27,7 @@ ALL: dict[str, Any] = {"instances": True, "depth": True, "radar": True}
 ALL |= {"lidar": FAR, "semantic_lidar": FAR}
 
 
-def lines(stage):
+def manifest_frames(stage):
     """The frames that the recorded manifest lists."""
     text = (stage.folder / "manifest.jsonl").read_text("utf-8")
     return [json.loads(line) for line in text.splitlines()]
@@ -47,16 +47,16 @@ def verdicts(stage, **config):
     return {box["id"]: box["verdict"] for box in first.decisions}
 
 
-def picture(stage, name):
+def read_image(stage, name):
     """An image file of the recorded folder, as an array of pixels."""
     read = cv2.imread(str(stage.folder / name), cv2.IMREAD_UNCHANGED)
     assert read is not None
     return read
 
 
-def by_place(stage):
+def actor_ids_by_position(stage):
     """The ids of the first frame's actors, by their position (x, y)."""
-    boxes = lines(stage)[0]["boxes"]
+    boxes = manifest_frames(stage)[0]["boxes"]
     placed = [box for box in boxes if "transform" in box["box3d"]]
     return {
         (box["box3d"]["transform"]["x"], box["box3d"]["transform"]["y"]): box["id"]
@@ -65,10 +65,10 @@ def by_place(stage):
 
 
 @pytest.mark.parametrize("evidence", ["semantic", "depth", "instance"])
-def test_ghosts_are_rejected_and_what_is_seen_is_kept(stage, evidence):
+def test_ghosts_are_rejected_and_visible_objects_are_kept(stage, evidence):
     stage.capture(sensors=ALL)
 
-    said, at = verdicts(stage, evidence=evidence), by_place(stage)
+    said, at = verdicts(stage, evidence=evidence), actor_ids_by_position(stage)
 
     assert {place: said[one] for place, one in at.items()} == {
         (15, -3): "kept",
@@ -81,7 +81,7 @@ def test_ghosts_are_rejected_and_what_is_seen_is_kept(stage, evidence):
     assert stage.left_behind() == {}
 
 
-def test_boxes_of_the_map_are_kept_and_none_is_there_twice(stage):
+def test_boxes_of_the_map_are_kept_without_duplicates(stage):
     done = stage.capture()
 
     said = {name: v for name, v in verdicts(stage).items() if "-" in name}
@@ -96,7 +96,7 @@ def test_boxes_of_the_map_are_kept_and_none_is_there_twice(stage):
 def test_every_frame_has_a_key_and_its_files(stage):
     done = stage.capture(sensors=ALL, frames=4)
 
-    frames = lines(stage)
+    frames = manifest_frames(stage)
     assert (done.frames, done.added, done.missed.total()) == (4, 4, 0)
     assert [frame["key"] for frame in frames] == keys(4, sensors=ALL)
     ticks = [frame["extra"]["capture"]["frame"] for frame in frames]
@@ -106,11 +106,11 @@ def test_every_frame_has_a_key_and_its_files(stage):
             assert (stage.folder / frame[kind]).stat().st_size > 0
 
 
-def test_tags_depth_and_ids_are_stored_without_loss(stage):
+def test_tags_depth_and_instance_ids_are_stored_losslessly(stage):
     stage.capture(sensors=ALL)
 
-    frame = lines(stage)[0]
-    tags = picture(stage, frame["segmentation"])
+    frame = manifest_frames(stage)[0]
+    tags = read_image(stage, frame["segmentation"])
     depth = read_depth((stage.folder / frame["depth"]).read_bytes())
     ids = read_instances((stage.folder / frame["instances"]).read_bytes())
     sky, road = (0, 80), (95, 80)
@@ -122,22 +122,22 @@ def test_tags_depth_and_ids_are_stored_without_loss(stage):
     # less than half the image below the horizon, which gives the distance.
     assert metres[road] == pytest.approx(2.4 * 80 / 47.5, abs=1e-3)
     seen = {int(one) for one in np.unique(ids.ids[tags == 14])}
-    at = by_place(stage)
+    at = actor_ids_by_position(stage)
     assert {int(at[15, -3]), int(at[24, 5])} <= seen
 
 
-def test_the_picture_is_in_true_colours(stage):
+def test_image_is_stored_in_true_colours(stage):
     stage.capture(sensors=ALL)
 
-    frame = lines(stage)[0]
-    shown = picture(stage, frame["image"])
+    frame = manifest_frames(stage)[0]
+    shown = read_image(stage, frame["image"])
     assert shown[0, 80].tolist() == [180, 130, 70]  # the sky, as BGR
 
 
-def test_points_are_stored_as_measured(stage):
+def test_lidar_and_radar_points_are_stored_as_measured(stage):
     stage.capture(sensors=ALL)
 
-    frame = lines(stage)[0]
+    frame = manifest_frames(stage)[0]
     points = read_points((stage.folder / frame["lidar"]).read_bytes())
     plain = frame["extra"]["files"]["lidar_intensity"]
     radar = (stage.folder / frame["radar"]).read_bytes()
@@ -156,14 +156,14 @@ def test_points_are_stored_as_measured(stage):
 def test_attributes_of_an_actor_are_stored(stage):
     stage.capture()
 
-    boxes = {box["id"]: box for box in lines(stage)[0]["boxes"]}
-    car = boxes[by_place(stage)[15, -3]]
+    boxes = {box["id"]: box for box in manifest_frames(stage)[0]["boxes"]}
+    car = boxes[actor_ids_by_position(stage)[15, -3]]
     assert car["type_id"] == "vehicle.tesla.model3"
     assert (car["class"], car["base_type"]) == ("car", "car")
     assert car["extra"]["semantic_tags"] == [14]
     assert (car["extra"]["source"], car["extra"]["band"]) == ("actor", 50)
     assert car["instance_id"] == int(car["id"])
-    walker = boxes[by_place(stage)[12, 4]]
+    walker = boxes[actor_ids_by_position(stage)[12, 4]]
     assert walker["extra"]["flags"] == ["capsule", "widened"]
     assert walker["extra"]["box_given"]["extent"]["x"] == pytest.approx(0.188)
     assert walker["box3d"]["extent"]["x"] == pytest.approx(0.338)
@@ -171,10 +171,10 @@ def test_attributes_of_an_actor_are_stored(stage):
     assert all("semantic_tags" not in box["extra"] for box in lights)
 
 
-def test_a_two_wheeler_without_width_gets_a_usual_size_and_a_mark(stage):
+def test_two_wheeler_without_width_gets_the_default_size_and_a_flag(stage):
     stage.capture(vehicles={"count": 1, "filter": "vehicle.bh.*"}, walkers={})
 
-    box = next(b for b in lines(stage)[0]["boxes"] if b["class"] == "bicycle")
+    box = next(b for b in manifest_frames(stage)[0]["boxes"] if b["class"] == "bicycle")
     assert box["extra"]["flags"] == ["default_size"]
     assert box["box3d"]["extent"] == {"x": 0.82, "y": 0.3, "z": 0.85}
     assert box["box3d"]["location"] == {"x": 0, "y": 0, "z": 0.85}
@@ -189,32 +189,36 @@ def test_a_two_wheeler_without_width_is_left_out_on_request(stage):
         frames=1,
     )
 
-    assert [box for box in lines(stage)[0]["boxes"] if box["class"] == "bicycle"] == []
+    assert [
+        box for box in manifest_frames(stage)[0]["boxes"] if box["class"] == "bicycle"
+    ] == []
     assert done.left_out["impossible_box"] == 2  # one is a pedestrian's button
 
 
-def test_an_object_that_the_map_and_the_actors_both_have_is_there_once(stage):
+def test_object_in_map_and_actors_is_recorded_once(stage):
     for thing in stage.simulator.environment[:1]:
         thing.bounding_box.location = carla.Location(24, 5, 0.75)
 
     done = stage.capture(frames=1)
 
-    ids = [box["id"] for box in lines(stage)[0]["boxes"]]
+    ids = [box["id"] for box in manifest_frames(stage)[0]["boxes"]]
     assert f"env-{2**40 + 1}" not in ids
     assert done.left_out["duplicate"] == 1
 
 
-def test_lights_that_the_map_does_not_know_come_from_the_level(stage):
+def test_traffic_lights_missing_from_the_map_come_from_the_level(stage):
     stage.simulator.faults.no_light_boxes = True
 
     stage.capture(frames=1)
 
-    boxes = [b for b in lines(stage)[0]["boxes"] if b["class"] == "traffic_light"]
+    boxes = [
+        b for b in manifest_frames(stage)[0]["boxes"] if b["class"] == "traffic_light"
+    ]
     assert [box["extra"]["source"] for box in boxes] == ["level", "level"]
     assert boxes[1]["extra"]["flags"] == ["thickened"]
 
 
-def test_weather_lights_layers_and_classes_are_as_the_scenario_says(stage):
+def test_weather_layers_and_classes_follow_the_scenario(stage):
     seen = []
     stage.simulator.faults.on_tick = lambda server, _: seen.append(
         (list(server.layers_off), server.weather.fog_density)
@@ -231,7 +235,7 @@ def test_weather_lights_layers_and_classes_are_as_the_scenario_says(stage):
         classes={"vehicle.tesla.model3": "taxi"},
     )
 
-    frames = lines(stage)
+    frames = manifest_frames(stage)
     assert [frame["weather"]["fog_density"] for frame in frames] == [0, 25, 50]
     assert {frame["weather"]["precipitation"] for frame in frames} == {100}
     assert {layers[0] for layers, _ in seen} == {"ParkedVehicles"}
@@ -240,7 +244,7 @@ def test_weather_lights_layers_and_classes_are_as_the_scenario_says(stage):
     assert stage.left_behind() == {}
 
 
-def test_walkers_stand_walk_and_run_as_asked(stage):
+def test_walkers_stand_walk_and_run_as_configured(stage):
     seen = {}
 
     def look(server, _tick):
@@ -258,7 +262,7 @@ def test_walkers_stand_walk_and_run_as_asked(stage):
     assert stage.left_behind() == {}
 
 
-def test_a_lidar_turns_once_per_tick_unless_told_otherwise(stage):
+def test_lidar_rotates_once_per_tick_unless_configured_otherwise(stage):
     turns = {}
 
     def look(server, _tick):
@@ -274,9 +278,9 @@ def test_a_lidar_turns_once_per_tick_unless_told_otherwise(stage):
     assert turns == {"sensor.lidar.ray_cast_semantic": 20, "sensor.lidar.ray_cast": 5}
 
 
-def test_a_capture_that_goes_on_does_not_repeat_its_traffic(stage):
+def test_resumed_capture_does_not_repeat_its_traffic(stage):
     def placed():
-        boxes = lines(stage)[-1]["boxes"]
+        boxes = manifest_frames(stage)[-1]["boxes"]
         return {
             b["id"]: b["box3d"]["transform"]
             for b in boxes
@@ -290,7 +294,7 @@ def test_a_capture_that_goes_on_does_not_repeat_its_traffic(stage):
     assert list(placed().values()) != first
 
 
-def test_people_with_a_seed_of_their_own_do_not_walk_the_same_way_again(stage):
+def test_resumed_capture_changes_the_configured_walker_seed(stage):
     people = {"standing": 1, "seed": 40}
 
     stage.capture(frames=2, walkers=people)
@@ -301,14 +305,14 @@ def test_people_with_a_seed_of_their_own_do_not_walk_the_same_way_again(stage):
 
 
 @pytest.mark.parametrize("layer", ["ParkedVehicles", "All"])
-def test_parked_cars_that_were_taken_away_get_no_boxes(stage, layer):
+def test_parked_cars_of_a_removed_map_layer_get_no_boxes(stage, layer):
     stage.capture(frames=1, map_layers={layer: False})
 
-    ids = [box["id"] for box in lines(stage)[0]["boxes"]]
+    ids = [box["id"] for box in manifest_frames(stage)[0]["boxes"]]
     assert [one for one in ids if one.startswith("env-")] == []
 
 
-def test_an_interrupted_capture_goes_on_where_it_was(stage):
+def test_interrupted_capture_resumes_after_the_last_complete_frame(stage):
     stage.capture(frames=2)
     with (stage.folder / "manifest.jsonl").open("ab") as file:
         file.write(b'{"key": "Town10HD/000002", "ima')
@@ -316,7 +320,7 @@ def test_an_interrupted_capture_goes_on_where_it_was(stage):
     done = stage.capture(frames=4)
 
     assert (done.frames, done.added) == (4, 2)
-    assert [frame["key"] for frame in lines(stage)] == keys(4)
+    assert [frame["key"] for frame in manifest_frames(stage)] == keys(4)
     again = stage.capture(frames=4)
     assert (again.frames, again.added) == (4, 0)
     assert stage.left_behind() == {}

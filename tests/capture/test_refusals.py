@@ -46,9 +46,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("changes", "words"), WRONG, ids=lambda v: str(v)[:40])
-def test_a_scenario_that_does_not_fit_is_refused_before_anything_is_spawned(
-    stage, changes, words
-):
+def test_invalid_scenario_is_refused_before_spawning_actors(stage, changes, words):
     before = len(stage.simulator.spawned)
 
     with pytest.raises(CaptureError, match=words):
@@ -58,13 +56,13 @@ def test_a_scenario_that_does_not_fit_is_refused_before_anything_is_spawned(
     assert stage.left_behind() == {}
 
 
-def test_vehicles_that_find_no_place_are_counted(stage):
+def test_only_vehicles_that_found_a_spawn_point_are_counted(stage):
     done = stage.capture(vehicles={"count": 50}, frames=1)
 
     assert done.vehicles == 4
 
 
-def test_a_folder_of_something_else_is_left_alone(stage):
+def test_folder_without_a_capture_is_refused_and_unchanged(stage):
     stage.folder.mkdir()
     (stage.folder / "thesis.tex").write_text("x")
 
@@ -75,7 +73,7 @@ def test_a_folder_of_something_else_is_left_alone(stage):
     assert stage.left_behind() == {}
 
 
-def test_a_damaged_manifest_is_told_and_left_alone(stage):
+def test_damaged_manifest_is_refused_and_unchanged(stage):
     stage.capture(**CALM)
     path = stage.folder / "manifest.jsonl"
     damaged = b'{"key": 1\n' + path.read_bytes()
@@ -88,7 +86,7 @@ def test_a_damaged_manifest_is_told_and_left_alone(stage):
     assert stage.left_behind() == {}
 
 
-def test_another_scenario_does_not_go_on_in_the_same_folder(stage):
+def test_another_scenario_in_the_same_folder_is_refused(stage):
     stage.capture(**CALM)
 
     with pytest.raises(CaptureError, match="another scenario"):
@@ -104,7 +102,7 @@ def test_another_scenario_does_not_go_on_in_the_same_folder(stage):
         ({"autopilot": False, "lights": ["Fog"]}, "no vehicle: it has no lights"),
     ],
 )
-def test_options_of_vehicles_are_refused_for_other_blueprints(stage, ego, words):
+def test_vehicle_options_are_refused_for_other_blueprints(stage, ego, words):
     walker = {"blueprint": "walker.pedestrian.0001", "spawn_point": 0}
 
     with pytest.raises(CaptureError, match=words):

@@ -17,26 +17,26 @@ TICK = 12
 
 
 @pytest.fixture(autouse=True)
-def from_a_terminal():
+def default_sighup_action():
     """Restore the default action of SIGHUP, which `nohup` lets the tests ignore."""
     before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield
     signal.signal(signal.SIGHUP, before)
 
 
-class Closed:
+class ClosedTerminal:
     """Stands for `stage.notes` when the terminal is closed: every note fails."""
 
     def append(self, _text):
         raise OSError(5, "Input/output error")
 
 
-def at_tick(stage, tick, act):
+def call_at_tick(stage, tick, act):
     """Call `act` when the simulator makes this tick."""
     stage.simulator.faults.on_tick = lambda _, now: act() if now == tick else None
 
 
-def test_an_impatient_ctrl_c_loses_no_actor(stage, monkeypatch):
+def test_repeated_ctrl_c_while_spawning_leaves_no_actor_behind(stage, monkeypatch):
     add = stage.simulator.add
 
     def add_slowly(*given):
@@ -55,7 +55,7 @@ def test_an_impatient_ctrl_c_loses_no_actor(stage, monkeypatch):
 
 def test_a_stop_does_not_wait_for_a_silent_sensor(stage):
     stage.simulator.faults.lost = {("rgb", tick) for tick in range(200)}
-    at_tick(stage, TICK, lambda: signal.raise_signal(signal.SIGINT))
+    call_at_tick(stage, TICK, lambda: signal.raise_signal(signal.SIGINT))
 
     # The sensor may stay silent for an hour: if the stop waited for it, the test would
     # time out.
@@ -66,8 +66,8 @@ def test_a_stop_does_not_wait_for_a_silent_sensor(stage):
 
 
 @pytest.mark.parametrize("tick", [1, 5, TICK, TICK + 3])
-def test_a_terminal_that_is_closed_leaves_nothing_behind(stage, tick):
-    at_tick(stage, tick, lambda: signal.raise_signal(signal.SIGHUP))
+def test_sighup_of_a_closed_terminal_restores_the_simulator(stage, tick):
+    call_at_tick(stage, tick, lambda: signal.raise_signal(signal.SIGHUP))
 
     with pytest.raises(KeyboardInterrupt):
         stage.capture(**CALM)
@@ -75,9 +75,9 @@ def test_a_terminal_that_is_closed_leaves_nothing_behind(stage, tick):
     assert stage.left_behind() == {}
 
 
-def test_a_capture_that_ignores_hangups_outlives_its_terminal(stage):
+def test_capture_that_ignores_sighup_survives_its_terminal(stage):
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    at_tick(stage, TICK, lambda: signal.raise_signal(signal.SIGHUP))
+    call_at_tick(stage, TICK, lambda: signal.raise_signal(signal.SIGHUP))
 
     try:
         done = stage.capture(**CALM)
@@ -87,7 +87,7 @@ def test_a_capture_that_ignores_hangups_outlives_its_terminal(stage):
     assert done.frames == 3
 
 
-def test_a_simulator_that_is_gone_is_not_asked_again_and_again(stage):
+def test_crashed_simulator_gets_few_further_requests(stage):
     def crash(server, now):
         server.faults.gone = now >= TICK
 
@@ -102,12 +102,12 @@ def test_a_simulator_that_is_gone_is_not_asked_again_and_again(stage):
     assert stage.simulator.unanswered == 4
 
 
-def test_a_closed_terminal_keeps_nothing_from_being_put_back(stage, monkeypatch):
+def test_failing_notes_of_a_closed_terminal_do_not_stop_the_cleanup(stage, monkeypatch):
     def fail(_actor_id):
         raise RuntimeError("no answer")
 
     monkeypatch.setattr(stage.simulator, "remove", fail)
-    monkeypatch.setattr(stage, "notes", Closed())
+    monkeypatch.setattr(stage, "notes", ClosedTerminal())
 
     stage.capture(**CALM)
 

@@ -35,11 +35,11 @@ def made(tmp_path_factory):
     return folder / "nodes", first, unghost("certificates", "nodes", *words)
 
 
-def read(folder, name):
+def read_certificate(folder, name):
     return x509.load_pem_x509_certificate((folder / f"{name}.pem").read_bytes())
 
 
-def test_certificates_are_written_once_and_keys_are_private(made):
+def test_certificates_are_never_overwritten_and_keys_are_private(made):
     folder, first, second = made
     files = {file.name: stat.S_IMODE(file.stat().st_mode) for file in folder.iterdir()}
 
@@ -53,12 +53,12 @@ def test_certificates_are_written_once_and_keys_are_private(made):
     assert "has ca.pem" in second.err
 
 
-def test_each_is_signed_by_the_authority_for_the_hosts_and_days(made):
+def test_each_certificate_is_signed_for_its_hosts_and_days(made):
     folder = made[0]
-    authority = read(folder, "ca")
+    authority = read_certificate(folder, "ca")
     soon = datetime.now(timezone.utc) + timedelta(days=30)
     for name in NODES:
-        found = read(folder, name)
+        found = read_certificate(folder, name)
         found.verify_directly_issued_by(authority)
         names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName)
         key = found.public_key()
@@ -73,14 +73,14 @@ def test_each_is_signed_by_the_authority_for_the_hosts_and_days(made):
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_a_key_fits_its_certificate(made, name):
+def test_key_matches_its_certificate(made, name):
     folder = made[0]
     context = ssl.create_default_context(cafile=str(folder / "ca.pem"))
 
     context.load_cert_chain(folder / f"{name}.pem", folder / f"{name}.key")
 
 
-def test_a_scheduler_without_certificates_stays_on_this_machine():
+def test_scheduler_without_certificates_is_refused_on_public_address():
     with pytest.raises(UnusableEngine, match="let anybody run code"):
         run_scheduler("0.0.0.0", 0, Certificates(), print)
 
@@ -94,7 +94,7 @@ def test_a_scheduler_without_certificates_stays_on_this_machine():
         ({"key": "worker.key"}, r"UNGHOST_TLS_KEY: .*worker.key.* does not belong to"),
     ],
 )
-def test_a_file_that_is_another_one_is_named(made, wrong, words):
+def test_wrong_certificate_or_key_file_is_refused_and_named(made, wrong, words):
     names = {"ca": "ca.pem", "cert": "scheduler.pem", "key": "scheduler.key"} | wrong
     shown = Certificates(**{part: made[0] / name for part, name in names.items()})
 
@@ -102,14 +102,14 @@ def test_a_file_that_is_another_one_is_named(made, wrong, words):
         run_scheduler("127.0.0.1", 0, shown, print)
 
 
-def test_a_scheduler_names_what_it_lacks(made):
+def test_scheduler_names_the_missing_certificate_file(made):
     shown = Certificates(made[0] / "ca.pem", made[0] / "nothing.pem", None)
 
     with pytest.raises(UnusableEngine, match=r"there is no file .*nothing.pem"):
         run_scheduler("127.0.0.1", 0, shown, print)
 
 
-def test_a_scheduler_on_a_port_that_is_taken_says_so(made, tmp_path):
+def test_scheduler_on_a_port_in_use_exits_with_a_message(made, tmp_path):
     files = ("--ca", "ca.pem", "--cert", "scheduler.pem", "--key", "scheduler.key")
     folder = made[0]
     words = [str(folder / word) if "." in word else word for word in files]
@@ -126,7 +126,7 @@ def test_a_scheduler_on_a_port_that_is_taken_says_so(made, tmp_path):
 
 
 @pytest.mark.long
-def test_a_worker_without_a_scheduler_says_why_in_plain_words(made, tmp_path):
+def test_worker_without_a_scheduler_exits_with_69_and_the_reason(made, tmp_path):
     with running_services(tmp_path / "data"):
         pass
     with socket.create_server(("127.0.0.1", 0)) as nobody:

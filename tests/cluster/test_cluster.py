@@ -43,7 +43,7 @@ def long_street(running_cluster):
     return create_slow_dataset(running_cluster.api, FRAMES)
 
 
-def exported(api, dataset):
+def export_dataset(api, dataset):
     """Export a dataset in two formats.
 
     Gives the hashes of both archives, and the address of the first one.
@@ -56,7 +56,9 @@ def exported(api, dataset):
     return [one["sha256"] for one in asked], asked[0]["download"]
 
 
-def test_a_cluster_gives_byte_by_byte_what_one_process_gives(running_cluster):
+def test_cluster_exports_are_byte_identical_to_those_of_a_single_process(
+    running_cluster,
+):
     dataset = running_cluster.api.dataset()
     for number in range(45):
         files = {
@@ -67,11 +69,11 @@ def test_a_cluster_gives_byte_by_byte_what_one_process_gives(running_cluster):
             dataset, f"{number:02}", scene.annotation(), **files
         )
     run = running_cluster.api.run(dataset, {**FROM_PIXELS, "threshold_small_box": 30})
-    by_workers, download = exported(running_cluster.api, dataset)
+    by_workers, download = export_dataset(running_cluster.api, dataset)
     before = running_cluster.api.json(f"/datasets/{dataset}/stats")
 
     with running_cluster.cluster.server(UNGHOST_ENGINE="local") as (_, alone):
-        by_itself, _ = exported(alone, dataset)
+        by_itself, _ = export_dataset(alone, dataset)
         # Measured once more by this server: a difference would change the statistics.
         again = alone.run(dataset, {**OTHER_PIXELS[3], "threshold_small_box": 30})
         back = alone.run(dataset, {**FROM_PIXELS, "threshold_small_box": 30})
@@ -85,10 +87,10 @@ def test_a_cluster_gives_byte_by_byte_what_one_process_gives(running_cluster):
 
 
 @pytest.mark.long
-def test_channels_that_workers_measure_are_compared_as_those_measured_here(
+def test_channel_evaluation_by_workers_equals_the_local_evaluation(
     running_cluster,
 ):
-    def evaluated(api):
+    def evaluate_channels(api):
         dataset = api.dataset()
         for number in range(25):
             api.upload_frame(dataset, f"{number:02}", ANNOTATION, **sensors())
@@ -102,34 +104,36 @@ def test_channels_that_workers_measure_are_compared_as_those_measured_here(
         assert found["not_measured"] == []
         return found["channels"].values()
 
-    before = measured_here(running_cluster.api)
-    by_workers = evaluated(running_cluster.api)
-    uploaded = measured_here(running_cluster.api) - before
+    before = frames_measured_by_the_server(running_cluster.api)
+    by_workers = evaluate_channels(running_cluster.api)
+    uploaded = frames_measured_by_the_server(running_cluster.api) - before
     with running_cluster.cluster.server(UNGHOST_ENGINE="local") as (_, alone):
-        by_itself = evaluated(alone)
+        by_itself = evaluate_channels(alone)
 
     assert by_workers == by_itself
     assert uploaded == 25
     assert {one["judged"] for one in by_workers} == {0, 50}
 
 
-def test_the_server_itself_measures_only_what_is_uploaded(running_cluster, long_street):
-    before = measured_here(running_cluster.api)
+def test_server_of_a_cluster_does_not_measure_frames_of_a_run(
+    running_cluster, long_street
+):
+    before = frames_measured_by_the_server(running_cluster.api)
 
     run = running_cluster.api.run(long_street, OTHER_PIXELS[2])
 
     check_run_results(running_cluster.api, long_street, run, FRAMES)
-    assert measured_here(running_cluster.api) == before
+    assert frames_measured_by_the_server(running_cluster.api) == before
 
 
-def measured_here(api):
+def frames_measured_by_the_server(api):
     """How many frames the server's own process has measured, from its metrics."""
     lines = api.http.get("/metrics").text.splitlines()
     (found,) = [one for one in lines if one.startswith("unghost_measure_seconds_count")]
     return float(found.split()[-1])
 
 
-def test_a_worker_that_is_killed_costs_nothing_but_time(running_cluster, long_street):
+def test_run_completes_after_a_worker_process_is_killed(running_cluster, long_street):
     run_id = start_run(running_cluster.api, long_street)
 
     killed = kill_working_process(running_cluster.workers[0])
@@ -148,9 +152,7 @@ def test_a_worker_that_is_killed_costs_nothing_but_time(running_cluster, long_st
     running_cluster.workers[0].wait_for_log("starting another")
 
 
-def test_cancelling_ends_a_run_and_its_work_within_a_second(
-    running_cluster, long_street
-):
+def test_cancelled_run_stops_measuring_within_a_second(running_cluster, long_street):
     run_id = start_run(
         running_cluster.api, long_street, OTHER_PIXELS[0], activate=False
     )
@@ -201,9 +203,7 @@ def test_only_the_documented_ports_listen_and_only_on_loopback(running_cluster):
     assert server == {("127.0.0.1", int(running_cluster.server.url.rpartition(":")[2]))}
 
 
-def test_nobody_is_let_in_without_a_certificate_of_the_authority(
-    running_cluster, tmp_path
-):
+def test_worker_without_a_valid_certificate_cannot_join(running_cluster, tmp_path):
     foreign = tmp_path / "foreign"
     make_certificates(foreign, ("127.0.0.1",), 2)
     missing = dict.fromkeys(running_cluster.cluster.tls("worker"), "")
@@ -225,7 +225,7 @@ def test_nobody_is_let_in_without_a_certificate_of_the_authority(
     assert not any("joined" in other.log_text for other in others)
 
 
-def test_every_port_of_work_asks_for_a_certificate_of_the_authority(
+def test_every_cluster_port_requires_a_valid_client_certificate(
     running_cluster, tmp_path
 ):
     foreign = tmp_path / "foreign"
@@ -237,7 +237,7 @@ def test_every_port_of_work_asks_for_a_certificate_of_the_authority(
 
     answers = [
         [
-            answered(port, shown)
+            accepts_client(port, shown)
             for shown in (None, foreign, running_cluster.cluster.certificates)
         ]
         for port in sorted(ports)
@@ -246,7 +246,7 @@ def test_every_port_of_work_asks_for_a_certificate_of_the_authority(
     assert answers == [[False, False, True]] * (1 + len(running_cluster.workers))
 
 
-def answered(port, certificates):
+def accepts_client(port, certificates):
     """Whether a node answers a client with the certificate in this folder.
 
     None stands for a client that shows no certificate.
@@ -273,7 +273,7 @@ def answered(port, certificates):
         pytest.param("dask", "is not an engine", marks=pytest.mark.long),
     ],
 )
-def test_a_server_refuses_an_engine_that_anybody_could_use(tmp_path, engine, said):
+def test_server_refuses_an_insecure_or_unknown_engine(tmp_path, engine, said):
     done = subprocess.run(
         [sys.executable, "-m", "unghost.cli", "serve", "--port", "0"],
         env={"UNGHOST_ENGINE": engine, "UNGHOST_DATA": str(tmp_path / "data")},

@@ -50,7 +50,7 @@ def service(places: tuple[str, str, str], folder: Path, s3: S3Server) -> Iterato
         yield api
 
 
-def made_by(api: Api) -> dict[str, Any]:
+def run_counts_and_export_hashes(api: Api) -> dict[str, Any]:
     """Upload frames, run and export them; give the run's counts and exports' hashes."""
     assert api.post("/datasets", {"name": "same"}).status_code == 201
     for number in range(FRAMES):
@@ -73,7 +73,7 @@ def made_by(api: Api) -> dict[str, Any]:
 def expected(tmp_path_factory: pytest.TempPathFactory, s3: S3Server) -> dict[str, Any]:
     """What one process with SQLite and a folder makes, to compare the others with."""
     with service(LOCAL, tmp_path_factory.mktemp("alone"), s3) as api:
-        return made_by(api)
+        return run_counts_and_export_hashes(api)
 
 
 @pytest.mark.parametrize(
@@ -90,6 +90,8 @@ def expected(tmp_path_factory: pytest.TempPathFactory, s3: S3Server) -> dict[str
         if places != LOCAL
     ],
 )
-def test_labels_are_the_same_byte_by_byte(places, expected, tmp_path, s3):
+def test_labels_are_byte_identical_for_every_combination(
+    places, expected, tmp_path, s3
+):
     with service(places, tmp_path, s3) as api:
-        assert made_by(api) == expected
+        assert run_counts_and_export_hashes(api) == expected

@@ -32,7 +32,7 @@ def made(tmp_path):
         yield made
 
 
-def at_work(made, api, config=FROM_PIXELS, *, workers=1):
+def start_workers_and_run(made, api, config=FROM_PIXELS, *, workers=1):
     """Start workers and a run.
 
     Gives the workers, the dataset's name and the run's number while the run goes on.
@@ -42,10 +42,10 @@ def at_work(made, api, config=FROM_PIXELS, *, workers=1):
     return joined, name, start_run(api, name, config)
 
 
-def test_a_scheduler_that_dies_is_waited_for(made):
+def test_run_waits_for_a_killed_scheduler_and_completes(made):
     scheduler = made.scheduler()
     with made.server() as (_, api):
-        workers, name, run_id = at_work(made, api, workers=2)
+        workers, name, run_id = start_workers_and_run(made, api, workers=2)
 
         scheduler.kill()
         until(lambda: all("went away" in one.log_text for one in workers), "no notice")
@@ -55,13 +55,13 @@ def test_a_scheduler_that_dies_is_waited_for(made):
         check_run_results(api, name, wait_for_run_end(api, run_id), FRAMES)
 
 
-def test_a_scheduler_that_stands_still_holds_nobody(made):
+def test_hanging_scheduler_does_not_block_cancelling_or_stopping(made):
     scheduler = made.scheduler()
     # The library's own regular requests are made rare, so that only the service's count
     # of workers meets the connection that does not answer.
     quiet = {"DASK_DISTRIBUTED__CLIENT__SCHEDULER_INFO_INTERVAL": "1 hour"}
     with made.server(**quiet) as (server, api):
-        _, _, run_id = at_work(made, api)
+        _, _, run_id = start_workers_and_run(made, api)
         scheduler.process.send_signal(signal.SIGSTOP)
         try:
             # Longer than the service keeps its count of workers before it counts again.
@@ -77,10 +77,10 @@ def test_a_scheduler_that_stands_still_holds_nobody(made):
     assert took_s < STOP_WAIT_S
 
 
-def test_a_server_that_dies_goes_on_where_it_was(made):
+def test_restarted_server_resumes_the_run_of_a_killed_server(made):
     made.scheduler()
     with made.server() as (server, api):
-        _, name, run_id = at_work(made, api)
+        _, name, run_id = start_workers_and_run(made, api)
         server.process.kill()
         server.process.wait()
 
@@ -88,17 +88,17 @@ def test_a_server_that_dies_goes_on_where_it_was(made):
         check_run_results(api, name, wait_for_run_end(api, run_id), FRAMES)
 
 
-def test_another_server_takes_over_from_one_that_died(made):
+def test_another_server_takes_over_the_run_of_a_killed_server(made):
     made.scheduler()
     with made.server() as (first, api), made.server() as (_, other):
-        _, name, run_id = at_work(made, api)
+        _, name, run_id = start_workers_and_run(made, api)
         first.process.kill()
         first.process.wait()
 
         check_run_results(other, name, wait_for_run_end(other, run_id), FRAMES)
 
 
-def test_a_frame_that_kills_is_named_and_all_others_are_measured(made):
+def test_frame_that_kills_workers_is_quarantined_and_named(made):
     made.scheduler()
     with made.server() as (_, api):
         program = ("tests.support.poisoned_worker",)
@@ -120,10 +120,10 @@ def test_a_frame_that_kills_is_named_and_all_others_are_measured(made):
         check_run_results(api, name, run, FRAMES + 1, empty=1)
 
 
-def test_a_worker_that_is_told_to_stop_gives_back_what_it_was_at(made):
+def test_stopped_worker_returns_its_work_and_the_run_completes(made):
     made.scheduler()
     with made.server() as (_, api):
-        (leaving,), _, run_id = at_work(made, api, OTHER_PIXELS[1])
+        (leaving,), _, run_id = start_workers_and_run(made, api, OTHER_PIXELS[1])
 
         leaving.process.send_signal(signal.SIGTERM)
         code = leaving.wait_for_exit()
@@ -138,22 +138,24 @@ def test_a_worker_that_is_told_to_stop_gives_back_what_it_was_at(made):
 
 
 @pytest.mark.parametrize("dies", ["worker", "server"])
-def test_an_export_outlasts_whoever_dies_while_it_is_written(made, dies):
+def test_export_completes_after_its_worker_or_server_is_killed(made, dies):
     made.scheduler()
     with made.server() as (server, api):
         worker, name = made.worker(), create_slow_dataset(api, 5)
-        expected = api.wait_for_job(asked_export(api, name))
+        expected = api.wait_for_job(post_export(api, name))
         busy = working_process(worker)
         os.kill(busy, signal.SIGSTOP)
-        answer = asked_export(api, name)
-        until(lambda: shown(api, answer)["state"] == "running", "nobody begins")
+        answer = post_export(api, name)
+        until(lambda: get_export(api, answer)["state"] == "running", "nobody begins")
         if dies == "server":
             server.process.kill()
             server.process.wait()
             os.kill(busy, signal.SIGCONT)
         else:
             os.kill(busy, signal.SIGKILL)
-            until(lambda: shown(api, answer)["state"] == "done", "it is not written")
+            until(
+                lambda: get_export(api, answer)["state"] == "done", "it is not written"
+            )
 
     with made.server() as (_, api):
         done = api.wait_for_job(answer)
@@ -162,15 +164,15 @@ def test_an_export_outlasts_whoever_dies_while_it_is_written(made, dies):
     assert done["sha256"] == expected["sha256"]
 
 
-def asked_export(api, name):
+def post_export(api, name):
     return api.post(f"/datasets/{name}/exports", {"format": "decisions-jsonl"})
 
 
-def shown(api, answer):
+def get_export(api, answer):
     return api.json(f"/exports/{answer.json()['id']}")
 
 
-def test_a_worker_without_a_scheduler_gives_up_in_words(made):
+def test_worker_that_lost_its_scheduler_exits_with_69_and_a_message(made):
     scheduler = made.scheduler()
     with made.server():
         worker = made.worker("--patience", "3")
@@ -181,7 +183,7 @@ def test_a_worker_without_a_scheduler_gives_up_in_words(made):
     assert "no scheduler takes this worker" in worker.log_text
 
 
-def test_a_worker_whose_parent_is_killed_ends_as_well(made):
+def test_child_process_of_a_killed_worker_ends(made):
     made.scheduler()
     with made.server():
         worker = made.worker()
@@ -192,7 +194,7 @@ def test_a_worker_whose_parent_is_killed_ends_as_well(made):
         until(lambda: "stopped" in worker.log_text, f"{child} works on")
 
 
-def test_a_worker_with_another_database_is_told_so(made, tmp_path):
+def test_run_fails_if_its_worker_uses_another_database(made, tmp_path):
     made.scheduler()
     (tmp_path / "elsewhere").mkdir()
     with (
@@ -208,10 +210,10 @@ def test_a_worker_with_another_database_is_told_so(made, tmp_path):
 
 
 @pytest.mark.parametrize("is_away", [False, True], ids=["at work", "no scheduler"])
-def test_a_server_that_is_told_to_stop_leaves_its_run_to_the_next_one(made, is_away):
+def test_stopped_server_leaves_its_run_to_the_next_server(made, is_away):
     scheduler = made.scheduler()
     with made.server() as (server, api):
-        _, name, run_id = at_work(made, api)
+        _, name, run_id = start_workers_and_run(made, api)
         if is_away:
             scheduler.kill()
             until(lambda: "waits for its engine" in server.log.read_text(), "no notice")

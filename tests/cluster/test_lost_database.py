@@ -20,7 +20,7 @@ AWAY_S = 2
 pytestmark = pytest.mark.long
 
 
-def test_a_database_that_is_killed_under_workers_costs_nothing_but_time(tmp_path):
+def test_run_completes_after_the_database_is_killed_and_restarted(tmp_path):
     with own_cluster() as postgres, cluster(tmp_path) as made:
         made.settings["UNGHOST_DATABASE_URL"] = postgres.url
         made.scheduler()

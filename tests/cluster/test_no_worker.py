@@ -15,7 +15,7 @@ from tests.support.waiting import until
 SAID = "no worker has joined"
 
 
-def test_an_absence_of_workers_is_logged_at_its_beginning_and_once_in_a_while():
+def test_absence_of_workers_is_logged_at_once_and_then_rarely():
     now = [0.0]
     absence = AbsenceLog(clock=lambda: now[0])
 
@@ -31,7 +31,7 @@ def test_an_absence_of_workers_is_logged_at_its_beginning_and_once_in_a_while():
 
 
 @pytest.mark.long
-def test_a_service_without_workers_says_so_once(tmp_path):
+def test_service_without_workers_logs_that_only_once(tmp_path):
     with cluster(tmp_path) as made:
         made.scheduler()
         with made.server() as (server, api):

@@ -43,7 +43,7 @@ def test_every_route_is_listed_and_every_listed_route_exists(routes):
     assert [path for _, path, text in listed if not text.strip()] == []
 
 
-def test_every_route_that_prose_mentions_exists(routes):
+def test_every_route_mentioned_in_the_documents_exists(routes):
     shapes = {(method, shape(path)) for method, path in routes}
     mentioned = {
         (method, shape(path))
@@ -54,7 +54,7 @@ def test_every_route_that_prose_mentions_exists(routes):
     assert mentioned <= shapes
 
 
-def test_every_route_is_tagged_and_described(routes):
+def test_every_route_has_a_description(routes):
     paths = create_app(Settings()).openapi()["paths"]
 
     bare = [
@@ -68,7 +68,7 @@ def test_every_route_is_tagged_and_described(routes):
     assert bare == []
 
 
-def test_the_example_of_an_error_is_what_the_server_answers(start_server):
+def test_example_of_an_error_equals_the_response_of_the_server(start_server):
     server = start_server()
     shown, *_ = (json.loads(block) for block in blocks(read("docs/api.md"), "json"))
     boxes = '{"class": "car", "xyxy": [%s]}'
@@ -87,7 +87,7 @@ def test_the_example_of_an_error_is_what_the_server_answers(start_server):
     assert problem == shown
 
 
-def test_the_example_of_an_annotation_is_taken_as_it_stands():
+def test_example_of_an_annotation_can_be_parsed():
     _, example, *_ = blocks(read("docs/api.md"), "json")
 
     frame = parse_annotation(example)

@@ -50,7 +50,7 @@ def files() -> frozenset[str]:
     return frozenset(found) | {path.name for path in CHECKOUT.iterdir()}
 
 
-def matching(named: str) -> list[str]:
+def matching_files(named: str) -> list[str]:
     """Files and folders whose path ends with `named`, which may lack its first parts.
 
     The document writes `boxes/reader.py` where `app/boxes/reader.py` is clear.
@@ -107,7 +107,7 @@ def is_command(named: str) -> bool:
     "named", [n for n in NAMED if is_path(n) and not is_command(n)]
 )
 def test_named_files_exist(named):
-    assert matching(named)
+    assert matching_files(named)
 
 
 @pytest.mark.parametrize(
@@ -124,10 +124,10 @@ PLACED = re.findall(r"`(\w+)` (?:in|of)\s+`([\w./]+\.(?:py|js))`", TEXT) + re.fi
 
 
 @pytest.mark.parametrize(("one", "other"), PLACED)
-def test_names_are_in_the_files_that_are_said(one, other):
+def test_named_definitions_are_in_the_named_files(one, other):
     name, file = (other, one) if is_path(one) else (one, other)
 
-    assert any(name in defined_in(found) for found in matching(file))
+    assert any(name in defined_in(found) for found in matching_files(file))
 
 
 def walks() -> list[tuple[str, str]]:
@@ -147,7 +147,7 @@ def test_every_step_of_a_walk_names_a_file_or_a_function():
     assert [step for _, step in walks() if "`" not in step] == []
 
 
-def test_commands_that_import_the_service_are_those_of_the_contract():
+def test_commands_that_import_the_service_match_the_import_contract():
     project = (CHECKOUT / "pyproject.toml").read_text("utf-8")
     allowed = set(re.findall(r'"unghost\.cli\.(\w+) -> app', project))
     said = WORDS.partition("In `unghost`, only commands")[2].partition(". ")[0]
@@ -171,6 +171,6 @@ def test_commands_that_import_the_service_are_those_of_the_contract():
         ),
     ],
 )
-def test_figures_are_those_of_the_code(sentence, figure, expected):
+def test_figures_match_the_code(sentence, figure, expected):
     assert sentence in WORDS
     assert figure == expected

@@ -14,6 +14,6 @@ def test_every_benchmark_is_listed():
     assert set(re.findall(r"`(bench_\w+\.py)`", read("docs/benchmarks.md"))) == scripts
 
 
-def test_every_benchmark_says_what_it_asks():
+def test_every_benchmark_has_a_docstring():
     for path in (CHECKOUT / "benchmarks").glob("bench_*.py"):
         assert path.read_text("utf-8").startswith('"""'), path.name

@@ -13,15 +13,15 @@ EXAMPLES = blocks(read("docs/client.md"), "python")
 
 
 @pytest.fixture
-def beside_a_recording(start_server, tmp_path, monkeypatch):
+def server_and_recording(start_server, tmp_path, monkeypatch):
     server = start_server()
     monkeypatch.chdir(write_manifest(tmp_path / "recording", 2))
     monkeypatch.setenv("UNGHOST_SERVER", server.url)
     monkeypatch.setenv("UNGHOST_TOKEN", server.token)
 
 
-@pytest.mark.usefixtures("beside_a_recording")
-def test_the_examples_run_in_order_and_print_what_they_promise(capsys):
+@pytest.mark.usefixtures("server_and_recording")
+def test_examples_run_in_order_and_print_the_expected_output(capsys):
     namespace: dict[str, Any] = {"__name__": "__main__"}
 
     printed = []

@@ -29,7 +29,7 @@ def shell_lines():
     ]
 
 
-def test_every_make_command_is_a_target():
+def test_every_documented_make_command_is_a_target():
     targets = set(MAKE_TARGET.findall(read("Makefile")))
     prose = [document.read_text("utf-8") for document in DOCUMENTS]
 
@@ -62,7 +62,7 @@ def test_every_command_and_option_has_help(path):
 
 
 @pytest.mark.parametrize("path", COMMANDS)
-def test_no_option_names_a_variable_that_it_is_not_read_from(path):
+def test_options_show_exactly_the_environment_variables_they_read(path):
     parameters = [vars(one) for one in COMMANDS[path].params]
 
     shown = {one["name"] for one in parameters if one["show_envvar"]}
@@ -86,7 +86,7 @@ def test_every_documented_command_line_can_be_parsed(line):
     assert options - {"--help"} <= known
 
 
-def test_make_alone_lists_every_target():
+def test_make_without_a_target_lists_every_target():
     listing = subprocess.run(
         ["make", "--no-print-directory"],
         cwd=CHECKOUT,
@@ -102,5 +102,5 @@ def test_make_alone_lists_every_target():
     assert named == MAKE_TARGET.findall(read("Makefile"))
 
 
-def test_ci_runs_what_the_readme_names():
+def test_ci_runs_make_test():
     assert "make test" in (CHECKOUT / ".ci" / "run").read_text("utf-8")

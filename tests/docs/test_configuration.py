@@ -28,7 +28,7 @@ def test_every_example_is_a_valid_configuration():
         FilterConfig.from_mapping(yaml.safe_load(text))
 
 
-def test_every_setting_says_what_it_does():
+def test_every_setting_has_a_description():
     silent = [
         name for name, field in Settings.model_fields.items() if not field.description
     ]
@@ -37,7 +37,7 @@ def test_every_setting_says_what_it_does():
     assert len(list(settings_table())) == len(Settings.model_fields) + 2
 
 
-def test_the_parts_that_repeat_the_code_are_up_to_date():
+def test_generated_parts_of_the_documents_are_up_to_date():
     for name, (path, lines) in PARTS.items():
         found = part_pattern(name).search(path.read_text("utf-8"))
 

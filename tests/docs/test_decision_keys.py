@@ -39,12 +39,12 @@ NOT_IN_TABLES = {
 def schema_of(model: type[BaseModel]) -> dict[str, object]:
     """The keys of a model's JSON object, and the type of each value."""
     return {
-        field.alias or name: plain(field.annotation)
+        field.alias or name: json_type(field.annotation)
         for name, field in model.model_fields.items()
     }
 
 
-def plain(kind: object) -> object:
+def json_type(kind: object) -> object:
     """The JSON type of a Python type.
 
     Models become the types of their keys, and a `Literal` the type of its values.
@@ -53,9 +53,9 @@ def plain(kind: object) -> object:
         (one,) = {type(value) for value in get_args(kind)}
         return one
     if get_origin(kind) in (Union, types.UnionType):
-        return frozenset(plain(part) for part in get_args(kind))
+        return frozenset(json_type(part) for part in get_args(kind))
     if get_origin(kind) in (list, tuple):
-        return (list, plain(get_args(kind)[0]))
+        return (list, json_type(get_args(kind)[0]))
     if is_typeddict(kind):
         return tuple(sorted(typed_keys(kind).items(), key=str))
     if isinstance(kind, type) and issubclass(kind, BaseModel):
@@ -64,25 +64,25 @@ def plain(kind: object) -> object:
 
 
 def typed_keys(kind: object) -> dict[str, object]:
-    return {name: plain(hint) for name, hint in get_type_hints(kind).items()}
+    return {name: json_type(hint) for name, hint in get_type_hints(kind).items()}
 
 
-def test_the_service_answers_the_types_of_the_library():
+def test_types_of_an_api_decision_match_the_library():
     answered = schema_of(boxes.Decision)
 
     found = {name: answered.get(name) for name in Decision.__annotations__}
     assert found == typed_keys(Decision)
 
 
-def test_composed_decisions_have_the_documented_keys():
+def test_keys_of_a_stored_decision_match_the_api_model():
     assert typed_keys(StoredDecision) == schema_of(boxes.Decision)
 
 
-def test_tables_have_a_column_for_every_plain_value():
+def test_tables_have_a_column_for_every_scalar_key():
     assert set(Decision.__annotations__) - set(COLUMNS) == NOT_IN_TABLES
 
 
-def test_every_key_is_explained():
+def test_every_decision_key_is_documented():
     section = read("docs/api.md").split("## A decision")[1].split("## ")[0]
     explained = set(re.findall(r"`(\w+)`", section))
 

@@ -21,7 +21,7 @@ SHOWN = [
 
 
 @pytest.mark.parametrize("block", SHOWN)
-def test_an_annotation_that_is_shown_can_be_sent(block):
+def test_every_example_annotation_can_be_parsed(block):
     shown = json.loads(block)
 
     assert len(parse_annotation(shown).boxes) == len(shown["boxes"])

@@ -46,7 +46,7 @@ def test_the_table_has_every_format_that_the_api_exports():
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_every_format_says_what_it_holds(name):
+def test_every_format_has_a_title_and_a_description(name):
     assert FORMATS[name].title
     assert FORMATS[name].docs_row
     assert bool(FORMATS[name].brief) == (FORMATS[name].write is not None)
@@ -65,7 +65,7 @@ def test_every_export_option_is_described_with_its_default(option):
 
 
 @pytest.mark.parametrize("option", ExportOptions.model_fields)
-def test_every_export_option_names_the_formats_that_have_it(option):
+def test_every_export_option_lists_the_formats_that_support_it(option):
     row = re.search(rf"^\| `{option}` \|.*\| (.*?) \|$", GOING_OUT, re.MULTILINE)
 
     assert row is not None

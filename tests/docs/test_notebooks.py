@@ -37,10 +37,10 @@ def run(path: Path, folder: Path, settings: dict[str, str]) -> str:
         text=True,
     )
     assert answer.returncode == 0, answer.stderr
-    return "\n".join(printed(json.loads(answer.stdout)))
+    return "\n".join(printed_outputs(json.loads(answer.stdout)))
 
 
-def printed(notebook):
+def printed_outputs(notebook):
     for cell in notebook["cells"]:
         for output in cell.get("outputs", ()):
             assert output.get("name") != "stderr", output
@@ -49,7 +49,7 @@ def printed(notebook):
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebooks_are_kept_without_outputs(path):
+def test_notebooks_are_stored_without_outputs(path):
     cells = json.loads(path.read_text("utf-8"))["cells"]
     code = [cell for cell in cells if cell["cell_type"] == "code"]
 
@@ -58,7 +58,7 @@ def test_notebooks_are_kept_without_outputs(path):
     assert {cell["execution_count"] for cell in code} == {None}
 
 
-def test_the_notebook_of_the_client_runs(demo, tmp_path):
+def test_client_notebook_runs(demo, tmp_path):
     said = run(CHECKOUT / "docs" / "notebooks" / "client.ipynb", tmp_path, demo)
 
     assert "2 frames, " in said
@@ -67,5 +67,5 @@ def test_the_notebook_of_the_client_runs(demo, tmp_path):
     assert "files, such as " in said
 
 
-def test_no_notebook_is_left_out():
+def test_every_notebook_has_a_test():
     assert [path.stem for path in NOTEBOOKS] == ["client"]

@@ -32,7 +32,7 @@ def first_cells(text):
     return {name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])}
 
 
-def exposed(server):
+def exposed_metrics(server):
     """The names of all metrics of a server.
 
     Waits for those of blobs, which are there only when files have been counted.
@@ -49,27 +49,27 @@ def exposed(server):
 
 
 @pytest.mark.sqlite_files("one metric is of its log")
-def test_every_metric_is_explained_and_none_that_is_not_there(server):
-    assert first_cells(section("Metrics")) == exposed(server)
+def test_documented_metrics_equal_the_exposed_metrics(server):
+    assert first_cells(section("Metrics")) == exposed_metrics(server)
 
 
 @pytest.mark.sqlite_files("one metric is of its log")
-def test_alerts_ask_for_metrics_that_there_are(server):
+def test_alert_rules_use_only_existing_metrics(server):
     (rules,) = (yaml.safe_load(text) for text in blocks(section("Alerts"), "yaml"))
     asked = [rule["expr"] for group in rules["groups"] for rule in group["rules"]]
 
     names = {BUCKETS.sub("", name) for text in asked for name in METRIC.findall(text)}
     assert len(asked) >= 5
-    assert names <= exposed(server)
+    assert names <= exposed_metrics(server)
 
 
-def test_every_check_of_readiness_is_explained(server):
+def test_every_readiness_check_is_documented(server):
     checks = httpx.get(f"{server.url}/readyz").json()["checks"]
 
     assert first_cells(section("Alive and ready")) == {*checks, "shutdown"}
 
 
-def test_the_line_of_the_log_is_one_that_is_written(caplog):
+def test_example_log_line_has_the_keys_of_a_real_log_line(caplog):
     with caplog.at_level(logging.INFO, access_log.name):
         log_access(AccessRecord("GET", "/", "/", 200, 0.1, "ada", "127.0.0.1"))
     (record,) = caplog.records
@@ -79,7 +79,7 @@ def test_the_line_of_the_log_is_one_that_is_written(caplog):
     assert first_cells(section("Logs")) <= {*shown, "traceback"}
 
 
-def test_every_setting_that_is_named_is_one():
+def test_every_setting_in_the_document_exists():
     of_the_client = {"UNGHOST_TOKEN"}
     known = {f"UNGHOST_{name.upper()}" for name in Settings.model_fields}
 

@@ -24,7 +24,7 @@ def run(example):
 
 
 @pytest.fixture
-def one_frame(tmp_path, monkeypatch):
+def folder_with_a_frame(tmp_path, monkeypatch):
     """A folder to run in, with the image and the segmentation of the examples."""
     monkeypatch.chdir(tmp_path)
     colors = np.full((720, 1280, 3), 70, np.uint8)
@@ -48,8 +48,10 @@ def test_the_library_example_is_ten_lines_beside_its_imports():
     assert len([line for line in code if "import" not in line]) <= 10
 
 
-@pytest.mark.usefixtures("one_frame")
-def test_the_client_example_uploads_and_explains(start_server, monkeypatch, capsys):
+@pytest.mark.usefixtures("folder_with_a_frame")
+def test_client_example_uploads_a_frame_and_prints_its_explanation(
+    start_server, monkeypatch, capsys
+):
     server = start_server()
     monkeypatch.setenv("UNGHOST_SERVER", server.url)
     monkeypatch.setenv("UNGHOST_TOKEN", server.token)
@@ -60,7 +62,7 @@ def test_the_client_example_uploads_and_explains(start_server, monkeypatch, caps
 
 
 @pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
-@pytest.mark.usefixtures("one_frame")
+@pytest.mark.usefixtures("folder_with_a_frame")
 def test_the_curl_example_uploads_a_frame(tmp_path):
     (example,) = (text for text in blocks(read("README.md"), "sh") if "curl" in text)
 

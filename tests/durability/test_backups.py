@@ -35,11 +35,13 @@ def keys(data):
         return {row[0] for row in database.execute("SELECT key FROM frames")}
 
 
-def test_a_backup_of_a_busy_server_has_every_answer_given_before_it(tmp_path, unghost):
+def test_backup_of_busy_server_has_every_frame_acknowledged_before_it(
+    tmp_path, unghost
+):
     stop = threading.Event()
     answered: list[str] = []
 
-    def send(api, dataset):
+    def upload_until_stopped(api, dataset):
         while not stop.is_set():
             number = len(answered)
             files = {"image": scene.image(number), "segmentation": scene.segmentation()}
@@ -47,7 +49,9 @@ def test_a_backup_of_a_busy_server_has_every_answer_given_before_it(tmp_path, un
             answered.append(f"f/{number}")
 
     with served(tmp_path / "data") as (_, api):
-        sending = threading.Thread(target=send, args=(api, api.dataset()))
+        sending = threading.Thread(
+            target=upload_until_stopped, args=(api, api.dataset())
+        )
         sending.start()
         try:
             while len(answered) < 10:
@@ -64,7 +68,9 @@ def test_a_backup_of_a_busy_server_has_every_answer_given_before_it(tmp_path, un
     assert doctor_findings(tmp_path / "again").keys() <= {"token"}
 
 
-def test_a_restored_backup_is_served_as_what_it_was_made_of(filled, unghost, tmp_path):
+def test_server_of_restored_backup_returns_the_same_boxes_and_images(
+    filled, unghost, tmp_path
+):
     backed_up(filled, tmp_path / "kept.tar")
 
     done = unghost("restore", "kept.tar", "--data", tmp_path / "again")
@@ -80,7 +86,7 @@ def test_a_restored_backup_is_served_as_what_it_was_made_of(filled, unghost, tmp
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_a_backup_holds_no_token_and_is_for_its_owner_alone(filled, tmp_path, target):
+def test_backup_has_no_token_and_only_its_owner_can_read_it(filled, tmp_path, target):
     secret = (filled / "token").read_bytes().strip()
 
     backup = backed_up(filled, tmp_path / target)
@@ -90,7 +96,9 @@ def test_a_backup_holds_no_token_and_is_for_its_owner_alone(filled, tmp_path, ta
     assert [file for file in files if file.stat().st_mode & 0o077] == []
 
 
-def test_nothing_is_replaced_and_nothing_is_left_of_what_failed(filled, tmp_path):
+def test_existing_backup_is_not_overwritten_and_failed_one_is_cleaned_up(
+    filled, tmp_path
+):
     kept = tmp_path / "kept"
     damaged = blobs(filled)[0]
     damaged.write_bytes(b"")
@@ -106,7 +114,7 @@ def test_nothing_is_replaced_and_nothing_is_left_of_what_failed(filled, tmp_path
     assert [path.name for path in tmp_path.glob(".kept*")] == []
 
 
-def test_a_backup_that_was_killed_leaves_nothing_in_the_way(filled, tmp_path):
+def test_partial_backup_of_a_killed_process_does_not_block_the_next(filled, tmp_path):
     (tmp_path / ".kept.partial" / "kept").mkdir(parents=True)
 
     backed_up(filled, tmp_path / "kept")
@@ -114,31 +122,31 @@ def test_a_backup_that_was_killed_leaves_nothing_in_the_way(filled, tmp_path):
     assert not (tmp_path / ".kept.partial").exists()
 
 
-def test_two_backups_at_once_do_not_meet(filled, tmp_path):
+def test_second_concurrent_backup_is_refused(filled, tmp_path):
     with alone_in(filled), pytest.raises(CannotMaintain, match="is running already"):
         backed_up(filled, tmp_path / "kept")
 
 
-def damaged_folder(kept):
+def damage_a_blob(kept):
     file = blobs(kept)[0]
     file.write_bytes(file.read_bytes()[:-1] + b"?")
 
 
-def without_a_file(kept):
+def delete_a_blob(kept):
     blobs(kept)[0].unlink()
 
 
-def without_its_label(kept):
+def delete_backup_json(kept):
     (kept / "backup.json").unlink()
 
 
-def other_database(kept):
+def corrupt_the_database(kept):
     with (kept / "unghost.db").open("r+b") as file:
         file.seek(5000)
         file.write(b"\xff" * 64)
 
 
-def with_something_else(kept):
+def add_an_unexpected_file(kept):
     (kept / "blobs" / "aa").mkdir(exist_ok=True)
     (kept / "blobs" / "aa" / "run.sh").write_text("no")
 
@@ -146,14 +154,14 @@ def with_something_else(kept):
 @pytest.mark.parametrize(
     "spoil",
     [
-        damaged_folder,
-        without_a_file,
-        without_its_label,
-        other_database,
-        with_something_else,
+        damage_a_blob,
+        delete_a_blob,
+        delete_backup_json,
+        corrupt_the_database,
+        add_an_unexpected_file,
     ],
 )
-def test_a_backup_that_is_not_whole_is_not_restored(filled, tmp_path, spoil):
+def test_damaged_or_incomplete_backup_is_not_restored(filled, tmp_path, spoil):
     kept = backed_up(filled, tmp_path / "kept")
     spoil(kept)
 
@@ -163,7 +171,7 @@ def test_a_backup_that_is_not_whole_is_not_restored(filled, tmp_path, spoil):
     assert [*(tmp_path / "again").iterdir()] == []
 
 
-def test_a_tar_that_was_cut_off_is_not_restored(filled, tmp_path):
+def test_truncated_tar_is_not_restored(filled, tmp_path):
     whole = backed_up(filled, tmp_path / "kept.tar").read_bytes()
     cut = tmp_path / "cut.tar"
 
@@ -176,7 +184,7 @@ def test_a_tar_that_was_cut_off_is_not_restored(filled, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["../evil", "/evil", "blobs/../../evil"])
-def test_a_tar_is_never_unpacked_outside_the_folder(tmp_path, name):
+def test_tar_with_path_traversal_is_not_restored(tmp_path, name):
     with tarfile.open(tmp_path / "evil.tar", "w") as archive:
         archive.addfile(tarfile.TarInfo(name))
 
@@ -184,7 +192,7 @@ def test_a_tar_is_never_unpacked_outside_the_folder(tmp_path, name):
         restored(tmp_path / "evil.tar", tmp_path / "again")
 
 
-def test_only_an_empty_folder_is_restored_into(filled, unghost, tmp_path):
+def test_restore_into_a_folder_that_is_not_empty_is_refused(filled, unghost, tmp_path):
     backed_up(filled, tmp_path / "kept")
     before = sorted(filled.rglob("*"))
 
@@ -195,7 +203,7 @@ def test_only_an_empty_folder_is_restored_into(filled, unghost, tmp_path):
     assert sorted(filled.rglob("*")) == before
 
 
-def test_a_restore_that_was_interrupted_is_not_served_and_can_be_repeated(
+def test_interrupted_restore_is_not_served_and_can_be_repeated(
     filled, unghost, tmp_path
 ):
     backed_up(filled, tmp_path / "kept")
@@ -210,7 +218,7 @@ def test_a_restore_that_was_interrupted_is_not_served_and_can_be_repeated(
     assert doctor_findings(filled).keys() <= {"token"}
 
 
-def test_a_backup_of_a_newer_version_is_refused(filled, tmp_path):
+def test_backup_of_a_newer_schema_version_is_not_restored(filled, tmp_path):
     with closing(sqlite3.connect(filled / "unghost.db")) as database, database:
         database.execute("UPDATE alembic_version SET version_num = '9999'")
     kept = backed_up(filled, tmp_path / "kept")
@@ -219,7 +227,7 @@ def test_a_backup_of_a_newer_version_is_refused(filled, tmp_path):
         restored(kept, tmp_path / "again")
 
 
-def test_postgres_is_saved_by_its_own_tools(tmp_path):
+def test_backup_and_restore_of_postgres_name_pg_dump_and_pg_restore(tmp_path):
     url = "postgresql+psycopg://nobody@127.0.0.1:1/none"
     settings = Settings(data=tmp_path / "data", database_url=url)
 

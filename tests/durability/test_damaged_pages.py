@@ -18,7 +18,7 @@ pytestmark = pytest.mark.sqlite_files("its pages are damaged")
 PAGE = 4096
 
 
-def damage(data, name):
+def damage_first_page(data, name):
     """Overwrite the first page of a table or an index, so that reading it fails."""
     file = data / "unghost.db"
     with closing(sqlite3.connect(file)) as database:
@@ -30,7 +30,7 @@ def damage(data, name):
         pages.write(b"\xff" * PAGE)
 
 
-def ready(server):
+def get_readyz(server):
     return plain_http.get(f"{server.url}/readyz", timeout=60)
 
 
@@ -45,13 +45,13 @@ def doctor(data):
     return found.stdout
 
 
-def faults(answer):
+def error_details(answer):
     return {fault["code"]: fault["detail"] for fault in answer.json()["errors"]}
 
 
-def test_whole_pages_are_said_to_be_whole(filled):
+def test_intact_pages_are_reported_by_readyz_and_the_log(filled):
     with served(filled) as (server, _):
-        until(lambda: ready(server).json()["checks"]["pages"] == "are whole")
+        until(lambda: get_readyz(server).json()["checks"]["pages"] == "are whole")
         log = server.log.read_text("utf-8")
 
     assert "the pages of the database are intact" in log
@@ -61,34 +61,34 @@ def test_whole_pages_are_said_to_be_whole(filled):
     "name",
     ["decisions", pytest.param("ix_decisions_by_crowding", marks=pytest.mark.long)],
 )
-def test_damaged_pages_are_found_after_the_start(filled, name):
-    damage(filled, name)
+def test_damaged_pages_are_reported_by_readyz_log_and_doctor(filled, name):
+    damage_first_page(filled, name)
 
     with served(filled) as (server, _):
         until(lambda: "the database is damaged: " in server.log.read_text("utf-8"))
-        until(lambda: "table decisions" in ready(server).text)
-        answer = ready(server)
+        until(lambda: "table decisions" in get_readyz(server).text)
+        answer = get_readyz(server)
         log = server.log.read_text("utf-8")
 
     assert answer.json()["code"] == "not_ready"
-    assert "the database is damaged: " in faults(answer)["pages"]
-    assert "table decisions or an index of it: " in faults(answer)["pages"]
-    assert "restore the last backup" in faults(answer)["pages"]
-    assert "`unghost doctor` on the server says more" in faults(answer)["pages"]
+    assert "the database is damaged: " in error_details(answer)["pages"]
+    assert "table decisions or an index of it: " in error_details(answer)["pages"]
+    assert "restore the last backup" in error_details(answer)["pages"]
+    assert "`unghost doctor` on the server says more" in error_details(answer)["pages"]
     assert "the database is damaged: table decisions or an index of it: " in log
     examined = doctor(filled)
     assert "table decisions or an index of it: " in examined
     assert "table boxes" not in examined
 
 
-def test_damage_that_is_met_while_serving_is_told(filled):
+def test_damaged_page_read_by_a_request_returns_503_and_is_reported(filled):
     with served(filled) as (server, api):
-        until(lambda: ready(server).json()["checks"]["pages"] == "are whole")
+        until(lambda: get_readyz(server).json()["checks"]["pages"] == "are whole")
         (dataset,) = api.json("/datasets")["items"]
-        damage(filled, "ix_decisions_by_crowding")
+        damage_first_page(filled, "ix_decisions_by_crowding")
         met = api.get("/boxes", dataset=dataset["name"], sort="crowding")
-        until(lambda: ready(server).status_code == 503)
-        answer = ready(server)
+        until(lambda: get_readyz(server).status_code == 503)
+        answer = get_readyz(server)
 
     assert (met.status_code, met.json()["code"]) == (503, "database_damaged")
-    assert "malformed" in faults(answer)["pages"]
+    assert "malformed" in error_details(answer)["pages"]

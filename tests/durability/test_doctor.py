@@ -12,13 +12,13 @@ from tests.support import frames as scene
 from tests.support.data_folders import blobs, doctor_findings, served
 
 
-def rows(data, statement):
+def execute_sql(data, statement):
     with closing(sqlite3.connect(data / "unghost.db")) as database, database:
         database.execute("PRAGMA foreign_keys=OFF")
         return database.execute(statement).fetchall()
 
 
-def state_of(data):
+def file_times_and_sizes(data):
     return {
         path: (path.stat().st_mtime_ns, path.stat().st_size)
         for path in data.rglob("*")
@@ -27,8 +27,8 @@ def state_of(data):
 
 
 @pytest.mark.sqlite_files("its file is damaged, missing or compared")
-def test_a_folder_in_order_is_left_as_it_is(filled, unghost):
-    before = state_of(filled)
+def test_doctor_reports_ok_and_changes_nothing_in_an_intact_folder(filled, unghost):
+    before = file_times_and_sizes(filled)
 
     healthy = unghost("doctor", "--verify", "--json")
 
@@ -44,25 +44,25 @@ def test_a_folder_in_order_is_left_as_it_is(filled, unghost):
         "unused",
         "leftovers",
     ]
-    assert state_of(filled) == before
+    assert file_times_and_sizes(filled) == before
 
 
-def flipped(data):
+def flip_a_bit(data):
     content = bytearray(blobs(data)[0].read_bytes())
     content[len(content) // 2] ^= 4
     blobs(data)[0].write_bytes(content)
 
 
-def cut(data):
+def truncate_a_blob(data):
     blobs(data)[0].write_bytes(blobs(data)[0].read_bytes()[:-1])
 
 
-def gone(data):
+def delete_a_blob(data):
     blobs(data)[0].unlink()
 
 
-@pytest.mark.parametrize("spoil", [flipped, cut, gone])
-def test_a_damaged_file_is_found_and_named(filled, spoil):
+@pytest.mark.parametrize("spoil", [flip_a_bit, truncate_a_blob, delete_a_blob])
+def test_damaged_or_missing_file_is_reported_by_name(filled, spoil):
     name = blobs(filled)[0].name
     spoil(filled)
 
@@ -73,10 +73,10 @@ def test_a_damaged_file_is_found_and_named(filled, spoil):
     assert "backup" in found["files"].todo
 
 
-def test_faults_are_told_by_the_exit_code_and_in_words(filled, unghost):
+def test_doctor_reports_faults_with_exit_code_and_messages(filled, unghost):
     (filled / "token").chmod(0o644)
     warned = unghost("doctor")
-    cut(filled)
+    truncate_a_blob(filled)
     failed = unghost("doctor")
 
     assert (warned.code, failed.code) == (3, 1)
@@ -94,14 +94,16 @@ def test_faults_are_told_by_the_exit_code_and_in_words(filled, unghost):
         ("UPDATE alembic_version SET version_num = '0001'", "schema"),
     ],
 )
-def test_a_database_that_does_not_fit_is_found(filled, statement, check):
-    rows(filled, statement)
+def test_inconsistent_rows_or_wrong_schema_version_are_reported(
+    filled, statement, check
+):
+    execute_sql(filled, statement)
 
     assert doctor_findings(filled)[check].todo
 
 
 @pytest.mark.sqlite_files("its file is damaged, missing or compared")
-def test_a_damaged_database_is_found(filled):
+def test_damaged_database_is_reported(filled):
     with (filled / "unghost.db").open("r+b") as file:
         file.seek(4096 * 3)
         file.write(b"\xff" * 4096)
@@ -113,7 +115,7 @@ def test_a_damaged_database_is_found(filled):
 
 
 @pytest.mark.sqlite_files("its file is damaged, missing or compared")
-def test_a_database_that_is_missing_is_not_made(filled):
+def test_missing_database_is_reported_and_not_created(filled):
     (filled / "unghost.db").unlink()
 
     found = doctor_findings(filled)["database"]
@@ -122,14 +124,14 @@ def test_a_database_that_is_missing_is_not_made(filled):
     assert not (filled / "unghost.db").exists()
 
 
-def test_little_room_is_said(filled):
+def test_low_free_disk_space_gives_a_warning(filled):
     assert (
         doctor_findings(filled, min_free_bytes=2**60)["disk"].severity
         is Severity.WARNING
     )
 
 
-def test_the_doctor_examines_a_folder_that_is_served(tmp_path):
+def test_doctor_examines_a_folder_while_a_server_uses_it(tmp_path):
     with served(tmp_path / "data") as (_, api):
         dataset = api.dataset()
         api.upload_frame(

@@ -64,20 +64,20 @@ def servers(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def dataset(servers):
-    with alive(servers) as api:
+    with running_client(servers) as api:
         return api.dataset()
 
 
 @contextmanager
-def alive(servers):
+def running_client(servers):
     """A client of a server that is terminated after the block and must exit with 0."""
-    api = Api.at(*called(servers.server()))
+    api = Api.at(*url_and_headers(servers.server()))
     with api.http:
         yield api
     assert servers.wait_for_exit(ask=True) == 0
 
 
-def called(link):
+def url_and_headers(link):
     url, token = link
     return url, {"Authorization": f"Bearer {token}"}
 
@@ -88,7 +88,7 @@ def killed(servers, point, act):
     `act` gets a client and returns the function that sends the request. Returns what
     that function returns: what the server has acknowledged.
     """
-    api = Api.at(*called(servers.server(point)))
+    api = Api.at(*url_and_headers(servers.server(point)))
     with api.http:
         prepared = act(api)
         servers.arm()
@@ -97,7 +97,7 @@ def killed(servers, point, act):
     return acknowledged
 
 
-def pictures(number):
+def image_and_segmentation(number):
     """An image and a segmentation that are different for each number."""
     tags = scene.tags()
     tags[0, number % scene.WIDTH] = tags[-1, 0]
@@ -109,7 +109,7 @@ def pictures(number):
 def upload(dataset, number):
     def send(api):
         try:
-            answer = api.put(dataset, f"put/{number}", **pictures(number))
+            answer = api.put(dataset, f"put/{number}", **image_and_segmentation(number))
         except httpx.TransportError:
             return []
         return [f"put/{number}"] if answer.status_code == 201 else []
@@ -146,7 +146,7 @@ def stored(api, dataset):
     return {item["key"]: item["id"] for item in items}
 
 
-def check_whole(api, frame_id):
+def check_frame_is_complete(api, frame_id):
     """Check that a frame's boxes are decided and that its files match their digests."""
     described = api.json(f"/frames/{frame_id}")
     assert [box["verdict"] for box in described["boxes"]] == ["kept", "rejected"]
@@ -156,7 +156,7 @@ def check_whole(api, frame_id):
         assert answer.headers["etag"] == f'"{sha256_of(answer.content)}"'
 
 
-def check_folder(data):
+def check_doctor_finds_nothing(data):
     found = [
         finding
         for finding in examine(Settings(data=data), verify=True, steps=silently)
@@ -174,7 +174,7 @@ def check_folder(data):
         if ALL or str(point) in FEW[act.__name__]
     ],
 )
-def test_frames_are_whole_or_not_there(servers, dataset, act, point):
+def test_frames_are_complete_or_absent_after_a_kill(servers, dataset, act, point):
     number = 10 + 2 * EVERY.index(point) + (act is batch)
     wanted = (
         {f"put/{number}"} if act is upload else {f"run/{number}-a", f"run/{number}-b"}
@@ -182,17 +182,17 @@ def test_frames_are_whole_or_not_there(servers, dataset, act, point):
 
     acknowledged = killed(servers, point, act(dataset, number))
 
-    with alive(servers) as api:
+    with running_client(servers) as api:
         frames = stored(api, dataset)
         assert {*acknowledged} <= wanted & frames.keys()
         assert wanted & frames.keys() == (wanted if point in SEEN else set())
         for key in wanted & frames.keys():
-            check_whole(api, frames[key])
-        check_folder(servers.data)
+            check_frame_is_complete(api, frames[key])
+        check_doctor_finds_nothing(servers.data)
         act(dataset, number)(api)()
         frames = stored(api, dataset)
         for key in wanted:
-            check_whole(api, frames[key])
+            check_frame_is_complete(api, frames[key])
 
 
 @pytest.mark.parametrize(
@@ -200,7 +200,7 @@ def test_frames_are_whole_or_not_there(servers, dataset, act, point):
     [point for point in EVERY[-4:] if ALL or str(point) in FEW["review"]],
     ids=str,
 )
-def test_an_answer_of_a_person_is_there_or_not(servers, dataset, point):
+def test_review_is_stored_or_absent_after_a_kill(servers, dataset, point):
     boxes: list[int] = []
 
     def send(api):
@@ -211,19 +211,21 @@ def test_an_answer_of_a_person_is_there_or_not(servers, dataset, point):
 
     def prepare(api):
         number = 100 + EVERY.index(point)
-        frame = api.upload_frame(dataset, f"r/{number}", **pictures(number))
+        frame = api.upload_frame(
+            dataset, f"r/{number}", **image_and_segmentation(number)
+        )
         boxes.append(frame["decisions"][0]["box_id"])
         return lambda: send(api)
 
     told = killed(servers, point, prepare)
 
-    with alive(servers) as api:
+    with running_client(servers) as api:
         review = api.json(f"/boxes/{boxes[0]}")["review"]
     assert (review is not None) == (point in SEEN)
     assert told in ((None, 201) if point in SEEN else (None,))
 
 
-def test_leftovers_of_killed_servers_can_be_removed(servers, dataset):
+def test_garbage_collection_removes_leftovers_of_killed_servers(servers, dataset):
     """It creates leftovers of its own, so it also passes without the other tests."""
     killed(servers, Point("rename", after=True, turn=2), upload(dataset, 200))
     left = len(blobs(servers.data))
@@ -232,4 +234,4 @@ def test_leftovers_of_killed_servers_can_be_removed(servers, dataset):
     collect(settings, grace_hours=-1, dry_run=False, steps=silently)
 
     assert len(blobs(servers.data)) < left
-    check_folder(servers.data)
+    check_doctor_finds_nothing(servers.data)

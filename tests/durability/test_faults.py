@@ -14,7 +14,7 @@ pytestmark = pytest.mark.long
 LITTLE = {"UNGHOST_MIN_FREE_BYTES": "0"}
 
 
-def refused_start(data, tmp_path):
+def log_of_failed_start(data, tmp_path):
     """The log of a server that must exit with status 1 instead of starting."""
     log = tmp_path / "refused.log"
     with start(["app"], data, log, {}) as process:
@@ -23,13 +23,13 @@ def refused_start(data, tmp_path):
 
 
 @pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
-def test_a_full_disk_refuses_and_loses_nothing_and_goes_on_when_there_is_room(tmp_path):
+def test_full_disk_returns_503_loses_nothing_and_recovers_when_space_is_free(tmp_path):
     with small_disk(tmp_path / "disk", 24) as disk:
         data = disk / "data"
         with served(data, **LITTLE) as (_, api):
             dataset = api.dataset()
             first = api.upload_frame(dataset, "first")["decisions"][0]["box_id"]
-            stored, full = filled_by(api, dataset, disk)
+            stored, full = upload_until_disk_is_full(api, dataset, disk)
             review = api.review(first, "reject")
             shown = api.json(f"/boxes/{first}")
             (disk / "filler").unlink()
@@ -46,7 +46,7 @@ def test_a_full_disk_refuses_and_loses_nothing_and_goes_on_when_there_is_room(tm
         assert doctor_findings(data, min_free_bytes=0) == {}
 
 
-def filled_by(api, dataset, disk):
+def upload_until_disk_is_full(api, dataset, disk):
     """Upload frames while the disk is filled.
 
     Returns the keys of the stored frames, and the first response that refused one.
@@ -68,7 +68,7 @@ def filled_by(api, dataset, disk):
 
 
 @pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
-def test_a_folder_that_becomes_read_only_is_told_apart(tmp_path):
+def test_read_only_data_folder_returns_storage_read_only(tmp_path):
     data = tmp_path / "data"
     with served(data) as (_, api):
         dataset = api.dataset()
@@ -81,12 +81,12 @@ def test_a_folder_that_becomes_read_only_is_told_apart(tmp_path):
     assert (refused.status_code, refused.json()["code"]) == (503, "storage_read_only")
     assert (len(shown), again.status_code) == (2, 201)
     with read_only(data):
-        said = refused_start(data, tmp_path)
+        said = log_of_failed_start(data, tmp_path)
         assert doctor_findings(data) == {}
     assert "could not start with the data folder" in said.splitlines()[-1]
 
 
-def test_damaged_files_are_refused_by_name_and_mended_by_sending_them_again(tmp_path):
+def test_damaged_files_return_500_with_their_name_and_reupload_repairs_them(tmp_path):
     data, image = tmp_path / "data", scene.image(7)
     with served(data) as (_, api):
         dataset = api.dataset()
@@ -114,13 +114,11 @@ def test_damaged_files_are_refused_by_name_and_mended_by_sending_them_again(tmp_
 
 
 @pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
-def test_a_folder_whose_database_is_gone_is_not_served_as_an_empty_one(
-    filled, tmp_path
-):
+def test_server_does_not_start_when_the_database_is_missing(filled, tmp_path):
     """With a new, empty database, all files would count as garbage."""
     (filled / "unghost.db").unlink()
 
-    said = refused_start(filled, tmp_path)
+    said = log_of_failed_start(filled, tmp_path)
 
     assert "is missing, but its files still exist" in said.splitlines()[-1]
     assert "restore a backup" in said.splitlines()[-1]
@@ -130,11 +128,11 @@ def test_a_folder_whose_database_is_gone_is_not_served_as_an_empty_one(
 
 @pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
 @pytest.mark.parametrize("content", [b"no database at all " * 300, b"SQLite format 3"])
-def test_a_file_that_is_no_database_is_said_in_one_line(tmp_path, content):
+def test_server_does_not_start_with_an_invalid_database_file(tmp_path, content):
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "unghost.db").write_bytes(content)
 
-    said = refused_start(tmp_path / "data", tmp_path)
+    said = log_of_failed_start(tmp_path / "data", tmp_path)
 
     assert "`unghost doctor` says more" in said.splitlines()[-1]
     assert doctor_findings(tmp_path / "data").keys() >= {"database"}

@@ -31,7 +31,7 @@ def collected(data, *, grace_hours=0.0, dry_run=False, **settings):
     return collect(chosen, grace_hours=grace_hours, dry_run=dry_run, steps=silently)
 
 
-def aged(*paths):
+def set_old_mtime(*paths):
     for path in paths:
         os.utime(path, (LONG_AGO, LONG_AGO))
 
@@ -44,7 +44,7 @@ def delete_a_frame(data):
         ServiceDataset(services, row.name, row.id).delete("f/0")
 
 
-def test_files_of_a_deleted_frame_go_and_others_stay(filled):
+def test_files_of_a_deleted_frame_are_removed_and_others_kept(filled):
     delete_a_frame(filled)
     before = {path.name for path in blobs(filled)}
 
@@ -60,18 +60,18 @@ def test_files_of_a_deleted_frame_go_and_others_stay(filled):
     assert collected(filled).files == 0
 
 
-def test_files_younger_than_the_grace_period_stay(filled):
+def test_files_younger_than_the_grace_period_are_kept(filled):
     delete_a_frame(filled)
 
     kept = collected(filled, grace_hours=1)
-    aged(*blobs(filled))
+    set_old_mtime(*blobs(filled))
     found = collected(filled, grace_hours=1)
 
     assert (kept.files, kept.too_young, kept.rows) == (0, 2, 0)
     assert (found.files, found.too_young) == (2, 0)
 
 
-def test_leftovers_go_when_they_are_old(filled):
+def test_old_leftovers_are_removed_and_young_ones_kept(filled):
     storage = FolderStorage(filled / "blobs")
     old, young = (
         storage.draft({sha256_of(data): data}).files[0][0] for data in (b"old", b"new")
@@ -79,17 +79,17 @@ def test_leftovers_go_when_they_are_old(filled):
     export = storage.temporary_folder() / "export-77"
     export.mkdir()
     (export / "export.zip").write_bytes(b"half")
-    aged(old, export / "export.zip", export)
+    set_old_mtime(old, export / "export.zip", export)
 
     assert doctor_findings(filled)["leftovers"].count == 2
     assert collected(filled).leftovers == 2
     assert (old.exists(), export.exists(), young.exists()) == (False, False, True)
 
 
-def test_an_unused_file_that_is_sent_again_is_used_again(filled):
+def test_unused_file_that_is_uploaded_again_is_not_removed(filled):
     """The file still exists, so the upload only adds a reference to it."""
     delete_a_frame(filled)
-    aged(*blobs(filled))
+    set_old_mtime(*blobs(filled))
 
     with running_services(filled) as services:
         services.dataset().put(
@@ -104,18 +104,18 @@ def test_an_unused_file_that_is_sent_again_is_used_again(filled):
     assert doctor_findings(filled) == {}
 
 
-def test_a_backup_holds_it_off(filled):
+def test_collection_during_a_backup_is_refused(filled):
     with alone_in(filled), pytest.raises(CannotMaintain, match="is running already"):
         collected(filled)
 
 
-def test_a_folder_that_is_not_there_is_told_so(tmp_path):
+def test_missing_data_folder_raises_an_error(tmp_path):
     with pytest.raises(CannotMaintain, match=r"no folder .*--data DIR or UNGHOST_DATA"):
         collected(tmp_path / "nowhere")
 
 
 @pytest.mark.sqlite_files("its file is missing")
-def test_a_folder_without_a_database_is_left_alone(filled):
+def test_folder_without_a_database_is_refused_and_keeps_its_files(filled):
     (filled / "unghost.db").unlink()
 
     with pytest.raises(CannotMaintain, match="no database"):
@@ -124,7 +124,7 @@ def test_a_folder_without_a_database_is_left_alone(filled):
     assert len(blobs(filled)) == 4
 
 
-def test_postgres_is_cleared_up_as_well(tmp_path):
+def test_unused_files_and_rows_are_removed_with_postgres(tmp_path):
     with empty_postgres() as url:
         chosen = {"database_url": url}
         with running_services(tmp_path / "data", **chosen) as services:
@@ -139,7 +139,7 @@ def test_postgres_is_cleared_up_as_well(tmp_path):
         assert doctor_findings(tmp_path / "data", **chosen) == {}
 
 
-def test_no_frame_loses_a_file_to_a_collection_without_grace(tmp_path):
+def test_concurrent_collection_without_grace_removes_no_file_in_use(tmp_path):
     """Frames that share files are deleted and sent again while garbage is collected.
 
     Without a grace period, files in use are protected only because transactions that
@@ -148,17 +148,17 @@ def test_no_frame_loses_a_file_to_a_collection_without_grace(tmp_path):
     data, over = tmp_path / "data", threading.Event()
     removed = []
 
-    def clear_away():
+    def collect_repeatedly():
         while not over.is_set():
             removed.append(collected(data, grace_hours=-1).files)
 
     with served(data) as (_, api):
         dataset = api.dataset()
-        collecting = threading.Thread(target=clear_away)
+        collecting = threading.Thread(target=collect_repeatedly)
         collecting.start()
         try:
             for number in count():
-                come_and_go(api, dataset, number)
+                delete_and_upload_again(api, dataset, number)
                 if number >= ROUNDS and sum(removed) > 0:
                     break
         finally:
@@ -172,7 +172,7 @@ def test_no_frame_loses_a_file_to_a_collection_without_grace(tmp_path):
     assert doctor_findings(data) == {}
 
 
-def come_and_go(api, dataset, number):
+def delete_and_upload_again(api, dataset, number):
     """Delete both frames, which share files, and store them again: one in a batch."""
     for key in ("f/one", "run/many") if number else ():
         path = f"{BASE}/datasets/{dataset}/frames/{key}"

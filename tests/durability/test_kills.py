@@ -60,7 +60,7 @@ def configs():
         yield {**pixels, **NOTHING_VISIBLE}
 
 
-def test_a_run_that_is_killed_at_any_moment_ends_once(folder):
+def test_run_of_a_killed_server_is_finished_once_by_the_next(folder):
     print(f"KILL_SEED={SEED}")
     dice = random.Random(SEED)
     with served(folder) as (_, api):
@@ -70,10 +70,10 @@ def test_a_run_that_is_killed_at_any_moment_ends_once(folder):
     for _ in range(ROUNDS):
         run_id, before = killed(folder, dataset, next(wanted), dice)
         with served(folder) as (_, api):
-            run = ended(api, run_id)
+            run = wait_for_run(api, run_id)
             shown = api.boxes(dataset, limit=1000)
         assert (run["state"], run["done"]) == ("done", FRAMES), run
-        check_nothing_is_lost_or_twice(folder, run, before)
+        check_no_rows_are_lost_or_duplicated(folder, run, before)
         assert Counter(box["verdict"] for box in shown) == Counter(run["counts"])
         assert {box["run"] for box in shown} == {run_id}
 
@@ -93,7 +93,7 @@ def killed(folder, dataset, config, dice):
     return answer.json()["id"], measured(folder)
 
 
-def ended(api, run_id):
+def wait_for_run(api, run_id):
     for _ in range(2000):
         run = api.json(f"/runs/{run_id}")
         if run["state"] not in ("queued", "running"):
@@ -102,7 +102,7 @@ def ended(api, run_id):
     raise AssertionError(run)
 
 
-def check_nothing_is_lost_or_twice(folder, run, before):
+def check_no_rows_are_lost_or_duplicated(folder, run, before):
     after = measured(folder)
     (measurement,) = rows(
         folder, f"SELECT measurement_id FROM runs WHERE id = {run['id']}"

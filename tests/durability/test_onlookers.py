@@ -18,7 +18,7 @@ LOOK = (
 )
 
 
-def seen(file):
+def count_datasets_in_another_process(file):
     """The number of datasets that another process reads before it closes the file."""
     done = subprocess.run(
         [sys.executable, "-c", LOOK, str(file)],
@@ -37,10 +37,10 @@ def test_rows_written_after_another_process_read_the_database_are_kept(tmp_path)
 
     with running_services(tmp_path / "data") as services:
         services.dataset()
-        first = seen(file)
+        first = count_datasets_in_another_process(file)
         services.dataset()
-        second = seen(file)
+        second = count_datasets_in_another_process(file)
         has_log = file.with_name("unghost.db-wal").exists()
 
     assert (first, second, has_log) == (1, 2, True)
-    assert seen(file) == 2
+    assert count_datasets_in_another_process(file) == 2

@@ -63,13 +63,13 @@ def flushed(path):
     return lambda call: call.name in FLUSHES and f"<{path}>" in call.words
 
 
-def drafts(calls, begin, end):
+def drafts_between(calls, begin, end):
     """Folder and temporary name of each blob that is written between two positions."""
     opened = [call for call in calls[begin:end] if call.name == "openat"]
     return [found.groups() for call in opened if (found := DRAFT.search(call.words))]
 
 
-def check_files(calls, begin, end, log):
+def check_files_are_flushed_before_rows(calls, begin, end, log):
     """Check that each file is written, flushed and renamed, and its folder flushed.
 
     Only then are rows written to the database's log, which is flushed at the end.
@@ -79,7 +79,7 @@ def check_files(calls, begin, end, log):
         for place in range(begin, end)
         if calls[place].name == "pwrite64" and log in calls[place].words
     ]
-    for folder, name in drafts(calls, begin, end):
+    for folder, name in drafts_between(calls, begin, end):
         draft = f"{folder}/{name}"
         written = last(
             calls, end, lambda c, d=draft: c.name == "write" and d in c.words
@@ -90,38 +90,38 @@ def check_files(calls, begin, end, log):
         )
         kept = last(calls, rows[0], flushed(folder))
         assert begin < written < whole < named < kept < rows[0], draft
-    assert last(calls, end, flushed_log(log)) > rows[-1]
+    assert last(calls, end, is_flush_of_log(log)) > rows[-1]
 
 
-def flushed_log(log):
+def is_flush_of_log(log):
     return lambda call: call.name in FLUSHES and f"/{log}>" in call.words
 
 
-def test_an_upload_is_answered_when_files_and_rows_are_on_the_disk(calls):
+def test_upload_is_answered_after_its_files_and_rows_are_flushed(calls):
     dataset, frame_answer, _ = answers(calls, "HTTP/1.1 201")[:3]
 
-    assert len(drafts(calls, dataset, frame_answer)) == 2
-    check_files(calls, dataset, frame_answer, "unghost.db-wal")
+    assert len(drafts_between(calls, dataset, frame_answer)) == 2
+    check_files_are_flushed_before_rows(calls, dataset, frame_answer, "unghost.db-wal")
 
 
-def test_a_line_of_a_batch_leaves_when_its_frame_is_on_the_disk(calls):
+def test_batch_line_is_sent_after_its_frame_is_flushed(calls):
     before, first = answers(calls, "HTTP/1.1 201")[2], answers(calls, LINE)[0]
 
     # Two images. The segmentation exists already; only its folder is flushed again.
-    assert len(drafts(calls, before, first)) == 2
-    check_files(calls, before, first, "unghost.db-wal")
+    assert len(drafts_between(calls, before, first)) == 2
+    check_files_are_flushed_before_rows(calls, before, first, "unghost.db-wal")
 
 
-def test_a_review_is_answered_when_its_row_is_on_the_disk(calls):
+def test_review_is_answered_after_its_row_is_flushed(calls):
     _, before, review = answers(calls, "HTTP/1.1 201")[:3]
 
     rows = last(
         calls, review, lambda c: c.name == "pwrite64" and "unghost.db-wal" in c.words
     )
-    assert before < rows < last(calls, review, flushed_log("unghost.db-wal"))
+    assert before < rows < last(calls, review, is_flush_of_log("unghost.db-wal"))
 
 
-def test_the_names_of_database_log_and_folders_are_on_the_disk_before_all(calls):
+def test_new_database_log_and_folders_are_flushed_before_the_first_answer(calls):
     first = answers(calls, "HTTP/1.1 201")[0]
     made = [
         place

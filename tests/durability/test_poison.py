@@ -54,14 +54,14 @@ def client(link):
 
 
 @contextmanager
-def alive(servers, link):
+def running_client(servers, link):
     """A client of a server that is terminated after the block and must exit with 0."""
     with client(link) as api:
         yield api
     assert servers.wait_for_exit(ask=True) == 0
 
 
-def put(api, name, *keys):
+def put_frames(api, name, *keys):
     for number, key in enumerate(keys):
         files = {"image": scene.image(number), "segmentation": scene.segmentation()}
         api.upload_frame(name, key, scene.annotation(), **files)
@@ -77,7 +77,7 @@ def put_large(api, name, key):
     api.upload_frame(name, key, annotation, segmentation=segmentation)
 
 
-def asked(api, url, body):
+def request_job(api, url, body):
     """Request a job; it may kill the server before the request is answered."""
     try:
         answer = api.post(url, body)
@@ -86,11 +86,11 @@ def asked(api, url, body):
     assert answer.status_code == 202, answer.text
 
 
-def wanted(api, name, config=FROM_PIXELS):
-    asked(api, f"/datasets/{name}/runs", {"config": config, "activate": True})
+def request_run(api, name, config=FROM_PIXELS):
+    request_job(api, f"/datasets/{name}/runs", {"config": config, "activate": True})
 
 
-def measured(data, run_id):
+def count_measurements(data, run_id):
     """How often the evidence of a run has each frame, by the frame's key."""
     rows = rows_of(
         data,
@@ -106,7 +106,7 @@ def export(api):
     return api.json("/exports/1")
 
 
-def log_of(data):
+def log_path_of(data):
     return data.with_name("poisoned.log")
 
 
@@ -114,7 +114,7 @@ def log_of(data):
 def poisoned_server(data):
     """The process of a server with two workers, which poisoned frames kill."""
     settings = {"PYTHONPATH": str(CHECKOUT), "UNGHOST_WORKERS": "2"}
-    process = start(["tests.support.poison"], data, log_of(data), settings)
+    process = start(["tests.support.poison"], data, log_path_of(data), settings)
     try:
         yield process
     finally:
@@ -126,24 +126,24 @@ def last_run(data):
     return rows_of(data, "SELECT id, state, done FROM runs ORDER BY id DESC")[0]
 
 
-def over(data):
+def is_over(data):
     return last_run(data)[1] in FINISHED
 
 
-def has_gone_on(data, done):
+def has_progressed(data, done):
     return last_run(data)[2] > done
 
 
-def test_a_frame_that_kills_the_service_is_named_and_all_others_are_measured(servers):
-    with alive(servers, servers.server()) as api:
+def test_frame_that_kills_the_service_is_quarantined_and_others_are_measured(servers):
+    with running_client(servers, servers.server()) as api:
         name = api.dataset()
         put_poison(api, name, "m-poison")
-        put(api, name, "a", "b", "x", "y")
+        put_frames(api, name, "a", "b", "x", "y")
     with client(servers.start_poisoned(FRAMES)) as api:
-        wanted(api, name)
+        request_run(api, name)
     deaths = [servers.wait_for_exit(ask=False)]
     deaths += [servers.start_and_wait_for_crash(FRAMES) for _ in range(MOST_DEATHS - 1)]
-    with alive(servers, servers.start_poisoned(FRAMES)) as api:
+    with running_client(servers, servers.start_poisoned(FRAMES)) as api:
         run_id = last_run(servers.data)[0]
         failed = wait_for_run_end(api, run_id)
 
@@ -151,22 +151,24 @@ def test_a_frame_that_kills_the_service_is_named_and_all_others_are_measured(ser
     assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
     assert failed["error"]["detail"].startswith("frame 'm-poison' ended the process")
     assert (failed["done"], failed["total"]) == (4, 5)
-    assert measured(servers.data, run_id) == dict.fromkeys(("a", "b", "x", "y"), 1)
+    assert count_measurements(servers.data, run_id) == dict.fromkeys(
+        ("a", "b", "x", "y"), 1
+    )
 
-    with alive(servers, servers.server()) as api:
+    with running_client(servers, servers.server()) as api:
         check_run_results(api, name, api.run(name, FROM_PIXELS), 5, empty=1)
 
 
 @pytest.mark.long
-def test_frames_whose_pictures_need_too_much_are_named_and_all_others_measured(data):
+def test_frames_over_the_memory_limit_are_quarantined_and_others_measured(data):
     with served(data) as (_, api):
         name = api.dataset()
-        put(api, name, "a", "b")
+        put_frames(api, name, "a", "b")
         for key in ("large/1", "large/2"):
             put_large(api, name, key)
-        put(api, name, "x")
+        put_frames(api, name, "x")
     with served(data, UNGHOST_MAX_PIXEL_MEMORY_BYTES="64MiB") as (_, api):
-        wanted(api, name)
+        request_run(api, name)
         failed = wait_for_run_end(api, last_run(data)[0])
 
     assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
@@ -174,23 +176,23 @@ def test_frames_whose_pictures_need_too_much_are_named_and_all_others_measured(d
     assert detail.startswith("frames 'large/1', 'large/2' cannot be read: ")
     assert "UNGHOST_MAX_PIXEL_MEMORY_BYTES" in detail
     assert (failed["done"], failed["total"]) == (3, 5)
-    assert measured(data, failed["id"]) == dict.fromkeys(("a", "b", "x"), 1)
+    assert count_measurements(data, failed["id"]) == dict.fromkeys(("a", "b", "x"), 1)
 
     with served(data) as (_, api):
         check_run_results(api, name, api.run(name, FROM_PIXELS), 5, empty=2)
 
 
 @pytest.mark.long
-def test_an_export_that_kills_the_service_fails_and_says_so(servers):
+def test_export_that_kills_the_service_fails_as_quarantined(servers):
     with client(servers.start_poisoned(EXPORTS)) as api:
         name = api.dataset()
-        put(api, name, "a")
-        asked(api, f"/datasets/{name}/exports", {"format": "yolo"})
+        put_frames(api, name, "a")
+        request_job(api, f"/datasets/{name}/exports", {"format": "yolo"})
     deaths = [servers.wait_for_exit(ask=False)]
     deaths += [
         servers.start_and_wait_for_crash(EXPORTS) for _ in range(MOST_DEATHS - 1)
     ]
-    with alive(servers, servers.start_poisoned(EXPORTS)) as api:
+    with running_client(servers, servers.start_poisoned(EXPORTS)) as api:
         until(lambda: export(api)["state"] in FINISHED, "the export does not end")
         failed = export(api)
 
@@ -200,17 +202,17 @@ def test_an_export_that_kills_the_service_fails_and_says_so(servers):
 
 
 @pytest.mark.long
-def test_a_decision_that_kills_the_service_changes_nothing_and_says_so(servers):
+def test_run_whose_deciding_kills_the_service_fails_and_changes_nothing(servers):
     with client(servers.start_poisoned(DECISIONS)) as api:
         name = api.dataset()
-        put(api, name, "a", "b")
+        put_frames(api, name, "a", "b")
         before = api.json(f"/datasets/{name}/stats")
-        wanted(api, name, NOTHING_VISIBLE)
+        request_run(api, name, NOTHING_VISIBLE)
     deaths = [servers.wait_for_exit(ask=False)]
     deaths += [
         servers.start_and_wait_for_crash(DECISIONS) for _ in range(MOST_DEATHS - 1)
     ]
-    with alive(servers, servers.start_poisoned(DECISIONS)) as api:
+    with running_client(servers, servers.start_poisoned(DECISIONS)) as api:
         run = api.json(f"/datasets/{name}/runs")["items"][0]
         failed = wait_for_run_end(api, run["id"])
         after = api.json(f"/datasets/{name}/stats")
@@ -222,23 +224,25 @@ def test_a_decision_that_kills_the_service_changes_nothing_and_says_so(servers):
 
 
 @pytest.mark.long
-def test_frames_that_kill_among_many_cost_no_other_one_its_numbers(data):
+def test_killing_frames_in_a_chunk_do_not_stop_other_frames_from_measuring(data):
     """One chunk has frames before, between and after the two frames that kill."""
     with served(data) as (_, api):
         name = create_slow_dataset(api, BEFORE)
         for key in ("p", "q"):
             put_poison(api, name, key)
-            put(api, name, f"{key}1", f"{key}2")
+            put_frames(api, name, f"{key}1", f"{key}2")
     with poisoned_server(data) as process:
-        url = wait_for_link(process, log_of(data)).partition("/#")[0]
+        url = wait_for_link(process, log_path_of(data)).partition("/#")[0]
         with client((url, token_of(data))) as api:
-            wanted(api, name)
+            request_run(api, name)
             assert process.wait(PATIENCE_S) == KILLED
     deaths = 1
-    while not over(data):
+    while not is_over(data):
         with poisoned_server(data) as process:
-            until(lambda: process.poll() is not None or over(data), "nothing happens")
-            deaths += not over(data)
+            until(
+                lambda: process.poll() is not None or is_over(data), "nothing happens"
+            )
+            deaths += not is_over(data)
     with served(data) as (_, api):
         failed = get_run(api, last_run(data)[0])
         run = api.run(name, FROM_PIXELS)
@@ -253,15 +257,15 @@ def test_frames_that_kill_among_many_cost_no_other_one_its_numbers(data):
 
 
 @pytest.mark.long
-def test_a_run_that_is_killed_again_and_again_is_not_to_blame(data):
+def test_run_killed_from_outside_repeatedly_is_not_quarantined(data):
     done = 0
     with served(data, UNGHOST_WORKERS="1") as (_, api):
         name = create_slow_dataset(api, MANY)
     for kill in range(KILLS):
         with served(data, UNGHOST_WORKERS="1") as (server, api):
             if kill == 0:
-                wanted(api, name)
-            until(partial(has_gone_on, data, done), "the run does not go on")
+                request_run(api, name)
+            until(partial(has_progressed, data, done), "the run does not go on")
             server.process.kill()
             server.process.wait()
         chunks = rows_of(data, "SELECT state, attempts FROM chunks ORDER BY number")

@@ -33,7 +33,7 @@ VICTIMS = ("client", "server", "server that comes back", "both")
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory) -> Path:
+def push_folder(tmp_path_factory) -> Path:
     """A folder with the frames to push; the server's data folder is created in it."""
     folder: Path = tmp_path_factory.mktemp("killed")
     write_manifest(folder / "frames", FRAMES)
@@ -41,46 +41,48 @@ def place(tmp_path_factory) -> Path:
 
 
 @contextmanager
-def served(place: Path, port: int = 0) -> Iterator[RunningServer]:
+def served(push_folder: Path, port: int = 0) -> Iterator[RunningServer]:
     settings = {"UNGHOST_LOG_LEVEL": "warning", "UNGHOST_PORT": str(port)}
-    with running_server(place / "data", settings) as server:
+    with running_server(push_folder / "data", settings) as server:
         yield server
 
 
-def command_line(place: Path, server: RunningServer) -> CommandLine:
+def command_line(push_folder: Path, server: RunningServer) -> CommandLine:
     return CommandLine(
-        place, {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+        push_folder, {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
     )
 
 
-def test_acknowledged_frames_survive_any_kill_during_a_push(place):
+def test_acknowledged_frames_survive_a_kill_of_client_or_server_during_push(
+    push_folder,
+):
     print(f"KILL_SEED={SEED}")
     dice = random.Random(SEED)
-    wanted = digests(place)
+    wanted = digests(push_folder)
 
     for number in range(ROUNDS):
         dataset = f"round-{number}"
         # Taken in turn, so that four rounds have each kind of death.
         victim = VICTIMS[(SEED + number) % len(VICTIMS)]
-        acknowledged = push_and_kill(place, dataset, victim, dice)
-        with served(place) as server, Client(server.url, server.token) as client:
-            stored = check_whole(place, client, dataset, wanted)
+        acknowledged = push_and_kill(push_folder, dataset, victim, dice)
+        with served(push_folder) as server, Client(server.url, server.token) as client:
+            stored = check_stored_frames(push_folder, client, dataset, wanted)
             assert set(acknowledged) <= set(stored), (number, victim)
-            again = command_line(place, server)(
+            again = command_line(push_folder, server)(
                 "push", "frames", "--dataset", dataset, "--json"
             )
             check_complete(client, dataset, again, (wanted, stored))
-        check_database(place)
+        check_database(push_folder)
 
 
-def push_and_kill(place, dataset, victim, dice) -> list[str]:
+def push_and_kill(push_folder, dataset, victim, dice) -> list[str]:
     """Begin a push and kill the client, the server or both.
 
     Returns the keys that the client has reported as stored or already there.
     """
-    with served(place) as server:
+    with served(push_folder) as server:
         words = ("push", "frames", "--dataset", dataset, "--json")
-        with command_line(place, server).running(*words) as client:
+        with command_line(push_folder, server).running(*words) as client:
             assert client.stdout is not None
             told = [client.stdout.readline() for _ in range(dice.randrange(FRAMES))]
             time.sleep(dice.uniform(0, dice.choice([0.02, 1.5])))
@@ -91,16 +93,16 @@ def push_and_kill(place, dataset, victim, dice) -> list[str]:
                 server.process.wait()
             if victim == "server that comes back":
                 port = int(server.url.rpartition(":")[2])
-                with served(place, port):
+                with served(push_folder, port):
                     told += client.stdout.readlines()
             else:
                 told += client.stdout.readlines()
             code = client.wait()
     assert code in (DONE, UNAVAILABLE, -9), victim
-    return list(keys_of(told))
+    return list(reported_keys(told))
 
 
-def keys_of(lines: list[str]) -> Iterator[str]:
+def reported_keys(lines: list[str]) -> Iterator[str]:
     """Keys that are reported as stored or already there; a cut-off line is skipped."""
     for line in lines:
         if line.endswith("\n"):
@@ -109,13 +111,13 @@ def keys_of(lines: list[str]) -> Iterator[str]:
                 yield record["key"]
 
 
-def digests(place: Path) -> dict[str, str]:
+def digests(push_folder: Path) -> dict[str, str]:
     """The digest of each frame, as documented, by its key."""
     found = {}
-    for line in (place / "frames" / "manifest.jsonl").read_text().splitlines():
+    for line in (push_folder / "frames" / "manifest.jsonl").read_text().splitlines():
         frame = json.loads(line)
         files = {
-            name: place / "frames" / frame.pop(name)
+            name: push_folder / "frames" / frame.pop(name)
             for name in ("image", "segmentation")
         }
         key = frame.pop("key")
@@ -123,7 +125,7 @@ def digests(place: Path) -> dict[str, str]:
     return found
 
 
-def check_whole(place, client, dataset, wanted) -> list[str]:
+def check_stored_frames(push_folder, client, dataset, wanted) -> list[str]:
     """Check that stored frames have all bytes and decisions; returns their keys."""
     if dataset not in [each.name for each in client.datasets()]:
         return []
@@ -165,5 +167,5 @@ def check_complete(client, dataset, again, before) -> None:
     assert list(client.problems(dataset)) == []
 
 
-def check_database(place: Path) -> None:
-    assert problems_of(place / "data") == []
+def check_database(push_folder: Path) -> None:
+    assert problems_of(push_folder / "data") == []

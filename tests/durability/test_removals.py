@@ -60,7 +60,7 @@ def data(tmp_path):
     return folder
 
 
-def fill(api):
+def add_one_row_of_each_kind(api):
     """Add a frame, a refused one, a review, a run and an export; returns their ids."""
     api.upload_frame(NAME, "one")
     refused = api.put(NAME, "refused", {"boxes": [{"class": "car"}]})
@@ -77,9 +77,9 @@ def fill(api):
     return Ids(newest["id"], box, run["id"], export["id"], batch["id"], config)
 
 
-def test_a_deleted_dataset_is_gone_for_everybody_before_its_rows_are(data):
+def test_deleted_dataset_returns_404_before_its_rows_are_removed(data):
     with served(data) as (_, api):
-        ids = fill(api)
+        ids = add_one_row_of_each_kind(api)
 
         api.remove(NAME)
         found = {path: api.get(path).status_code for path in ids.paths()}
@@ -98,9 +98,9 @@ def test_a_deleted_dataset_is_gone_for_everybody_before_its_rows_are(data):
     assert 'unghost_jobs{kind="export",state="done"} 0' in metrics
 
 
-def test_a_removal_that_a_kill_interrupted_is_finished_by_the_next_server(data):
+def test_removal_interrupted_by_a_kill_is_finished_by_the_next_server(data):
     with served(data) as (server, api):
-        fill(api)
+        add_one_row_of_each_kind(api)
         stored = count(data)
         api.remove(NAME)
         until(lambda: count(data) <= stored - BOXES_AT_A_TIME)
@@ -122,9 +122,9 @@ def test_a_removal_that_a_kill_interrupted_is_finished_by_the_next_server(data):
     assert problems_of(data) == []
 
 
-def test_others_write_between_two_portions(data):
+def test_reviews_are_stored_between_two_portions_of_a_removal(data):
     with served(data) as (_, api):
-        fill(api)
+        add_one_row_of_each_kind(api)
         beside = api.dataset()
         api.upload_frame(beside, "a")
         box, *others = api.boxes(beside)

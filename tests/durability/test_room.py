@@ -37,7 +37,7 @@ def data(tmp_path):
 
 
 @contextmanager
-def filled(data, leaving_bytes):
+def full_disk(data, leaving_bytes):
     """Fill the disk until the block ends; `leaving_bytes` stay free."""
     filler = data.parent / "filler"
     with filler.open("wb", buffering=0) as file:
@@ -52,12 +52,12 @@ def filled(data, leaving_bytes):
         filler.unlink()
 
 
-def test_below_what_has_to_stay_free_nothing_is_taken_in_but_answers(data):
+def test_below_min_free_bytes_uploads_and_exports_are_refused_not_reviews(data):
     with served(data, **SETTINGS) as (_, api):
         beside = api.dataset()
         api.upload_frame(beside, "a")
         (box, *_) = api.boxes(beside)
-        with filled(data, MIN_FREE_MIB * MIB // 2):
+        with full_disk(data, MIN_FREE_MIB * MIB // 2):
             upload = api.put(beside, "c")
             batch = api.http.post(
                 f"/api/v1/datasets/{beside}/batches",
@@ -76,12 +76,12 @@ def test_below_what_has_to_stay_free_nothing_is_taken_in_but_answers(data):
     assert (review.status_code, again.status_code) == (201, 201)
 
 
-def test_on_a_full_disk_datasets_are_deleted_and_garbage_is_collected(data, unghost):
+def test_full_disk_still_allows_deletion_and_garbage_collection(data, unghost):
     with served(data, **SETTINGS) as (_, api):
         small = api.dataset()
         api.upload_frame(small, "a")
         until((data / RESERVE).exists)
-        with filled(data, 0):
+        with full_disk(data, 0):
             full = api.put(small, "b").status_code
             api.remove(NAME)
             gone = api.http.delete(f"/api/v1/datasets/{small}?confirm={small}")
@@ -97,10 +97,10 @@ def test_on_a_full_disk_datasets_are_deleted_and_garbage_is_collected(data, ungh
     assert left == []
 
 
-def test_deleting_on_a_full_disk_goes_on_once_no_reader_holds_the_log(data):
+def test_deletion_on_a_full_disk_resumes_when_no_reader_holds_the_log(data):
     with served(data, **SETTINGS) as (server, api):
         until((data / RESERVE).exists)
-        with filled(data, 0):
+        with full_disk(data, 0):
             with database_of(data) as reader:
                 reader.execute(text("SELECT 1 FROM datasets"))
                 api.remove(NAME)
@@ -108,13 +108,13 @@ def test_deleting_on_a_full_disk_goes_on_once_no_reader_holds_the_log(data):
             until(lambda: count(data, "datasets") == 0)
 
 
-def test_the_reserve_is_kept_from_who_deletes_nothing_or_needs_no_room(data):
+def test_reserve_is_used_only_by_a_deletion_that_needs_space(data):
     with served(data, **SETTINGS) as (_, api):
         name = api.dataset()
         api.upload_frame(name, "a")
         token = api.post("/tokens", {"name": "ada", "role": "viewer"}).json()["id"]
         until((data / RESERVE).exists)
-        with filled(data, 0):
+        with full_disk(data, 0):
             absent = [
                 api.delete(path).status_code
                 for path in (
@@ -126,10 +126,10 @@ def test_the_reserve_is_kept_from_who_deletes_nothing_or_needs_no_room(data):
                 )
             ]
             kept = [(data / RESERVE).exists()]
-        with filled(data, 6 * MIB):
+        with full_disk(data, 6 * MIB):
             revoked = api.delete(f"/tokens/{token}").status_code
             kept.append((data / RESERVE).exists())
-        with filled(data, 0):
+        with full_disk(data, 0):
             deleted = api.delete(f"/datasets/{name}/frames/a").status_code
             kept.append((data / RESERVE).exists())
         until((data / RESERVE).exists)

@@ -32,7 +32,7 @@ class SlowUpload:
     """An upload of a frame that sends half of its body, and the rest in `finish`."""
 
     def __init__(self, server, dataset, key):
-        body = _form(
+        body = multipart_body(
             annotation=json.dumps(scene.annotation()).encode(),
             image=scene.image(),
             segmentation=scene.segmentation(),
@@ -62,7 +62,7 @@ class SlowUpload:
         return (int(head.split()[1]) if head else None), body
 
 
-def _form(**parts):
+def multipart_body(**parts):
     head = '--{}\r\nContent-Disposition: form-data; name="{}"\r\n\r\n'
     lines = [
         head.format(BOUNDARY, name).encode() + content + b"\r\n"
@@ -71,7 +71,7 @@ def _form(**parts):
     return b"".join((*lines, f"--{BOUNDARY}--\r\n".encode()))
 
 
-def until_it_works(server, api):
+def wait_until_batch_is_open(server, api):
     """Wait until the server has begun the batch, and the upload sent before it."""
     for _ in range(PATIENCE_S * 10):
         if "unghost_batches_open 1" in api.http.get("/metrics").text:
@@ -80,7 +80,7 @@ def until_it_works(server, api):
     raise AssertionError(server.log.read_text("utf-8"))
 
 
-def terminate(server):
+def terminate_and_wait_for_shutdown(server):
     """Send SIGTERM and wait until the server reports that it is shutting down."""
     server.process.send_signal(signal.SIGTERM)
     for _ in range(PATIENCE_S * 10):
@@ -92,7 +92,7 @@ def terminate(server):
     raise AssertionError("it stays ready")
 
 
-def rows(server, statement):
+def query_rows(server, statement):
     return rows_of(server.data, statement)
 
 
@@ -100,7 +100,7 @@ def ended(server):
     return server.process.wait(PATIENCE_S)
 
 
-def test_a_stop_answers_requests_that_arrived_and_begins_nothing_new(start_api):
+def test_shutdown_finishes_open_requests_and_refuses_new_writes(start_api):
     server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S=str(PATIENCE_S))
     name = api.dataset()
     upload = SlowUpload(server, name, "slow")
@@ -108,9 +108,9 @@ def test_a_stop_answers_requests_that_arrived_and_begins_nothing_new(start_api):
     members = [frame for n in range(3) for frame in archives.frame(str(n), number=n)]
     # The first member of a fourth frame shows that the third one is complete.
     batch.send(archives.tar_without_end([*members, archives.frame("3")[0]]))
-    until_it_works(server, api)
+    wait_until_batch_is_open(server, api)
 
-    terminate(server)
+    terminate_and_wait_for_shutdown(server)
     late = api.put(name, "late")
     read = api.get(f"/datasets/{name}")
     lines = [batch.line() for _ in range(4)]
@@ -126,12 +126,12 @@ def test_a_stop_answers_requests_that_arrived_and_begins_nothing_new(start_api):
     assert (status, json.loads(body)["frame"]["key"]) == (201, "slow")
     assert ended(server) == 0
     batch.close()
-    keys = [key for (key,) in rows(server, "SELECT key FROM frames ORDER BY key")]
+    keys = [key for (key,) in query_rows(server, "SELECT key FROM frames ORDER BY key")]
     assert keys == ["run/0", "run/1", "run/2", "slow"]
     assert "Traceback" not in server.log.read_text("utf-8")
 
 
-def test_a_run_pauses_and_goes_on_with_nothing_measured_twice(start_api):
+def test_run_resumes_after_shutdown_without_measuring_a_frame_twice(start_api):
     first, api = start_api(UNGHOST_WORKERS="1")
     name = create_slow_dataset(api, FRAMES)
     accepted = api.post(f"/datasets/{name}/runs", {"config": FROM_PIXELS})
@@ -144,23 +144,23 @@ def test_a_run_pauses_and_goes_on_with_nothing_measured_twice(start_api):
     assert ended(first) == 0
     assert last.name == "progress"
     of_run = f"SELECT state, done FROM runs WHERE id = {run_id}"
-    ((state, done),) = rows(first, of_run)
-    before = rows(first, "SELECT id, frame_id, measurement_id FROM evidence")
+    ((state, done),) = query_rows(first, of_run)
+    before = query_rows(first, "SELECT id, frame_id, measurement_id FROM evidence")
     assert (state, done) == ("running", len(before) - FRAMES)
     assert 0 < done < FRAMES
 
     second, api = start_api(UNGHOST_WORKERS="1")
     run = api.wait_for_job(accepted)
 
-    after = rows(second, "SELECT id, frame_id, measurement_id FROM evidence")
+    after = query_rows(second, "SELECT id, frame_id, measurement_id FROM evidence")
     assert (run["state"], run["done"], run["total"]) == ("done", FRAMES, FRAMES)
     assert set(before) <= set(after)
     assert len({row[1:] for row in after}) == len(after) == 2 * FRAMES
-    assert measured_by(api) == FRAMES - done
+    assert measured_frames(api) == FRAMES - done
     assert "Traceback" not in first.log.read_text("utf-8")
 
 
-def measured_by(api):
+def measured_frames(api):
     """The number of frames that the server has measured, from its metrics."""
     text = api.http.get("/metrics").text
     found = {
@@ -172,7 +172,7 @@ def measured_by(api):
 
 
 @pytest.mark.long
-def test_an_export_is_made_anew_and_is_the_same(start_api):
+def test_export_interrupted_by_shutdown_is_rewritten_with_the_same_bytes(start_api):
     first, api = start_api()
     name = api.dataset()
     box = {"class": "car", "xyxy": scene.ON_THE_CAR}
@@ -185,26 +185,26 @@ def test_an_export_is_made_anew_and_is_the_same(start_api):
     assert whole["state"] == "done", whole
     accepted = api.post(f"/datasets/{name}/exports", body)
     of_export = f"SELECT state FROM exports WHERE id = {accepted.json()['id']}"
-    while rows(first, of_export) == [("queued",)]:
+    while query_rows(first, of_export) == [("queued",)]:
         time.sleep(0.001)
 
     first.process.send_signal(signal.SIGTERM)
     code = ended(first)
-    left = rows(first, of_export)
+    left = query_rows(first, of_export)
     temporary = list((first.data / "blobs" / "tmp").iterdir())
     second, api = start_api()
     again = api.wait_for_job(accepted)
 
     assert (code, left, temporary) == (0, [("running",)], [])
     assert (again["state"], again["sha256"]) == ("done", whole["sha256"])
-    assert rows(second, "SELECT count(*) FROM exports") == [(2,)]
+    assert query_rows(second, "SELECT count(*) FROM exports") == [(2,)]
 
 
 @pytest.mark.long
-def test_a_request_that_takes_too_long_is_told_so(start_api):
+def test_request_beyond_the_shutdown_wait_is_cancelled_with_503(start_api):
     server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S="1")
     upload = SlowUpload(server, api.dataset(), "never")
-    until_open(server, api)
+    wait_until_upload_is_read(server, api)
 
     server.process.send_signal(signal.SIGTERM)
     status, body = upload.answer()
@@ -212,11 +212,11 @@ def test_a_request_that_takes_too_long_is_told_so(start_api):
     assert (status, json.loads(body)["code"]) == (503, "not_ready")
     assert ended(server) == 0
     assert "1 requests are cancelled" in server.log.read_text("utf-8")
-    assert rows(server, "SELECT count(*) FROM frames") == [(0,)]
+    assert query_rows(server, "SELECT count(*) FROM frames") == [(0,)]
 
 
 @pytest.mark.long
-def test_a_download_is_finished_for_who_reads_slowly(start_api):
+def test_shutdown_finishes_the_download_of_a_slow_client(start_api):
     server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S=str(PATIENCE_S))
     noise = np.random.default_rng(7).integers(0, 256, (2000, 3000, 3), np.uint8)
     image = scene.png(noise)
@@ -224,19 +224,19 @@ def test_a_download_is_finished_for_who_reads_slowly(start_api):
     url = stored["frame"]["files"]["image"]["url"]
 
     with (
-        reading_little_by_little(server) as client,
+        slow_reading_client(server) as client,
         client.stream("GET", url) as answer,
     ):
         pieces = answer.iter_bytes(1000)
         got = [next(pieces)]
-        terminate(server)
+        terminate_and_wait_for_shutdown(server)
         got += pieces
 
     assert b"".join(got) == image
     assert ended(server) == 0
 
 
-def reading_little_by_little(server):
+def slow_reading_client(server):
     """A client with a small receive buffer: most of a download waits in the server."""
     little = (socket.SOL_SOCKET, socket.SO_RCVBUF, 64 * 1024)
     transport = httpx.HTTPTransport(socket_options=[little])
@@ -249,7 +249,7 @@ def reading_little_by_little(server):
 
 
 @pytest.mark.long
-def test_work_that_does_not_end_is_ended_and_goes_on_later(start_api):
+def test_run_that_blocks_shutdown_is_stopped_and_resumes_after_restart(start_api):
     first, api = start_api(UNGHOST_WORKERS="1", UNGHOST_SHUTDOWN_WAIT_S="0")
     name = create_slow_dataset(api, FRAMES)
     accepted = api.post(f"/datasets/{name}/runs", {"config": FROM_PIXELS})
@@ -270,11 +270,11 @@ def test_work_that_does_not_end_is_ended_and_goes_on_later(start_api):
 @pytest.mark.parametrize(
     "sig", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.long)]
 )
-def test_a_second_signal_ends_it_at_once(start_api, sig):
+def test_second_signal_ends_the_server_immediately(start_api, sig):
     server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S="3600")
     upload = SlowUpload(server, api.dataset(), "never")
-    until_open(server, api)
-    terminate(server)
+    wait_until_upload_is_read(server, api)
+    terminate_and_wait_for_shutdown(server)
 
     server.process.send_signal(sig)
 
@@ -282,7 +282,7 @@ def test_a_second_signal_ends_it_at_once(start_api, sig):
     assert upload.answer() == (None, "")
 
 
-def until_open(server, api):
+def wait_until_upload_is_read(server, api):
     """Wait until the server has begun the upload that was sent before."""
     # The server answers requests that were sent later, so it has read the upload's.
     for _ in range(3):

@@ -17,7 +17,7 @@ from tests.support.sources import CHECKOUT
 SMALL = CHECKOUT / "tests" / "data" / "published_verdicts"
 
 
-def check(folder: Path) -> int:
+def check_cases(folder: Path) -> int:
     """Every verdict and correction in the folder; the number of cases."""
     cases = json.loads((folder / "cases.json").read_text())["cases"]
     groups = defaultdict(list)
@@ -54,15 +54,15 @@ def assert_same_rectangle(decision, case):
 
 
 def test_all_published_verdicts_and_corrections_agree():
-    assert check(shared("oracles/published_verdicts")) == 1090
+    assert check_cases(shared("oracles/published_verdicts")) == 1090
 
 
-def test_a_selection_with_every_exact_threshold_agrees():
-    assert check(SMALL) >= 40
+def test_selected_verdicts_at_exact_thresholds_agree():
+    assert check_cases(SMALL) >= 40
 
 
 @pytest.mark.parametrize("kind", ["vehicle.tesla.model3", "walker.pedestrian.0001"])
-def test_a_blueprint_decides_as_its_class_does(kind):
+def test_blueprint_gets_the_same_decision_as_its_class(kind):
     name = {"vehicle.tesla.model3": "car", "walker.pedestrian.0001": "walker"}[kind]
     config = FilterConfig(profile="carlasimu", palette="paper-table1")
     content = (SMALL / "masks" / "mask_003.png").read_bytes()

@@ -49,7 +49,7 @@ def test_the_authors_own_frame_is_imported_and_corrected(profile):
             )
 
 
-def test_labels_without_a_class_are_not_guessed_at():
+def test_labels_without_a_class_get_the_reason_unmapped_class():
     frames = read_source(shared(f"{AUTHORS}/samples"))
 
     (outcome,) = filter_source(frames, FilterConfig())
@@ -58,7 +58,7 @@ def test_labels_without_a_class_are_not_guessed_at():
     assert reasons == {"outside_image": 12, "unmapped_class": 20}
 
 
-def test_frames_without_a_segmentation_are_unmeasured_and_nothing_else():
+def test_boxes_of_frames_without_a_segmentation_are_unmeasured():
     frames = read_source(shared(VOC))
 
     outcomes = list(filter_source(frames, FilterConfig()))
@@ -73,7 +73,7 @@ def annotation_by_key(frames):
     return {frame.key: frame.annotation for frame in frames}
 
 
-def test_two_forms_of_the_same_labels_give_the_same_boxes():
+def test_voc_and_yolo_labels_of_a_dataset_give_the_same_boxes():
     root = shared(THREE_FORMS)
     labels = ReadOptions(labels=root / "labels_yolo_format")
     voc = annotation_by_key(read_source(root, "voc"))
@@ -92,7 +92,7 @@ def test_two_forms_of_the_same_labels_give_the_same_boxes():
         )
 
 
-def test_a_frame_saved_with_swapped_channels_is_measured_all_the_same():
+def test_segmentation_with_swapped_channels_is_measured_correctly():
     folder = shared(f"{SWAPPED}/report/Part5_output")
     name = "instance_segmentation.modal_boxes.DERIVED.json"
     objects = json.loads((folder / name).read_text())["objects"]

@@ -23,13 +23,13 @@ def cases():
     return json.loads(shared("oracles/geometry.json").read_text("utf-8"))["cases"]
 
 
-def in_sensor(case, points):
+def to_sensor_axes(case, points):
     """World points in the sensor's axes, by CARLA's inverse matrix."""
     inverse = np.array(case["carla"]["camera_inverse_matrix"])
     return points @ inverse[:3, :3].T + inverse[:3, 3]
 
 
-def test_points_of_a_box_are_found_in_it_from_wherever_the_sensor_stands(cases):
+def test_points_inside_a_box_are_counted_for_any_sensor_pose(cases):
     dice = np.random.default_rng(7)
     for case in cases:
         vertices = np.array(case["truth"]["world_vertices_f64"])
@@ -39,7 +39,7 @@ def test_points_of_a_box_are_found_in_it_from_wherever_the_sensor_stands(cases):
         inside = center + (vertices - center) * dice.uniform(0, 0.95, (8, 1))
         beside = center + (vertices - center) * dice.uniform(1.05, 2, (8, 1))
         points = LidarPoints(
-            in_sensor(case, np.concatenate([inside, beside])),
+            to_sensor_axes(case, np.concatenate([inside, beside])),
             np.zeros(16, np.int64),
             np.full(16, CAR),
         )
@@ -51,7 +51,7 @@ def test_points_of_a_box_are_found_in_it_from_wherever_the_sensor_stands(cases):
         assert counted.tolist() == [8], case["id"]
 
 
-def test_depths_are_those_of_carlas_vertices(cases):
+def test_depth_interval_matches_the_vertex_depths_of_carla(cases):
     for case in cases:
         camera = camera_of(case)
         vertices = np.array(case["truth"]["world_vertices_f64"])

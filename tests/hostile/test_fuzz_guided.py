@@ -101,7 +101,7 @@ def read_voc(content: bytes) -> None:
             filter_one(source, FilterConfig(), SegmentationOptions())
 
 
-def with_checksums(content: bytes) -> bytes:
+def repair_tar_checksums(content: bytes) -> bytes:
     """The archive with the right checksum in each of its headers."""
     blocks = bytearray(content)
     for at in range(0, len(blocks) - 511, 512):
@@ -111,7 +111,7 @@ def with_checksums(content: bytes) -> bytes:
     return bytes(blocks)
 
 
-def with_crcs(content: bytes) -> bytes:
+def repair_png_crcs(content: bytes) -> bytes:
     """The PNG with the right checksum in each of its whole chunks."""
     png, at = bytearray(content), 8
     while at + 12 <= len(png):
@@ -125,7 +125,7 @@ def with_crcs(content: bytes) -> bytes:
 
 
 @dataclass(frozen=True)
-class Target:
+class FuzzTarget:
     """A parser, the samples that it is given first, and its bounds."""
 
     read: Callable[[bytes], object]
@@ -142,25 +142,25 @@ JPEGS = [one for one in pixels.IMAGES if one.startswith(b"\xff\xd8")]
 NPYS = [one for one in pixels.CLOUDS if one.startswith(b"\x93")]
 PLYS = [one for one in pixels.CLOUDS if one.startswith(b"ply")]
 TARGETS = {
-    "tar": Target(read_archive, wire.ARCHIVES, repair=with_checksums),
-    "multipart": Target(
+    "tar": FuzzTarget(read_archive, wire.ARCHIVES, repair=repair_tar_checksums),
+    "multipart": FuzzTarget(
         read_form,
         [wire.MEDIA_TYPE.encode() + b"\n" + wire.FORM],
         folders=(*OURS, "/python_multipart/"),
     ),
-    "png": Target(read_image, PNGS, repair=with_crcs),
-    "jpeg": Target(read_image, JPEGS),
-    "npy": Target(read_cloud, NPYS),
-    "ply": Target(read_cloud, PLYS),
-    "json": Target(read_annotation, [json.dumps(labels.ANNOTATION).encode()]),
-    "yaml": Target(
+    "png": FuzzTarget(read_image, PNGS, repair=repair_png_crcs),
+    "jpeg": FuzzTarget(read_image, JPEGS),
+    "npy": FuzzTarget(read_cloud, NPYS),
+    "ply": FuzzTarget(read_cloud, PLYS),
+    "json": FuzzTarget(read_annotation, [json.dumps(labels.ANNOTATION).encode()]),
+    "yaml": FuzzTarget(
         load_config,
         [labels.YAML.encode(), labels.CARLASIMU.encode()],
         folders=(*OURS, "/yaml/"),
         bounds=Bounds(lines_per_byte=1000, seconds=30),
         share=0.2,
     ),
-    "xml": Target(
+    "xml": FuzzTarget(
         read_voc,
         [
             content
@@ -174,7 +174,7 @@ TARGETS = {
 
 @pytest.mark.timeout(0 if IS_LONG else 120)
 @pytest.mark.parametrize("name", TARGETS)
-def test_fuzzed_bytes_are_read_or_refused_within_bounds(name):
+def test_fuzzed_bytes_give_a_result_or_our_own_error_within_bounds(name):
     target = TARGETS[name]
     fuzzer = Fuzzer(
         read=target.read,
@@ -189,7 +189,7 @@ def test_fuzzed_bytes_are_read_or_refused_within_bounds(name):
     assert len(fuzzer.corpus) > len(target.samples)
 
 
-def toy(content: bytes) -> int:
+def read_with_planted_faults(content: bytes) -> int:
     """A reader with one planted fault of each kind that the fuzzer must find."""
     kinds = content[:3]
     if kinds[:1] == b"F" and kinds[1:2] == b"U":
@@ -214,14 +214,14 @@ def toy(content: bytes) -> int:
         pytest.param(b"GUD", "bytes of memory", id="memory"),
     ],
 )
-def test_the_fuzzer_finds_what_it_is_there_for(sample, words):
-    fuzzer = Fuzzer(toy, errors=(), folders=("test_fuzz_guided",))
+def test_fuzzer_finds_planted_errors_endless_loops_and_memory_use(sample, words):
+    fuzzer = Fuzzer(read_with_planted_faults, errors=(), folders=("test_fuzz_guided",))
 
     with pytest.raises(AssertionError, match=words):
         fuzzer.run([sample], 5000, seed=3)
 
 
-def test_the_fuzzer_keeps_what_leads_further():
+def test_fuzzer_keeps_inputs_that_reach_new_lines():
     """The fault needs three right bytes: by chance alone it would take 2^24 tries."""
 
     def read(content: bytes) -> None:

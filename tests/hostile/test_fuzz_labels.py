@@ -56,7 +56,7 @@ CONFIG = yaml.safe_load(YAML)
 @example(b"a: !!pairs {b: 1}")
 @example(b"a: !!python/name:os.system x")
 @example(b"%YAML 9.9\n---\na: 1")
-def test_any_text_is_a_configuration_or_our_own_error(content):
+def test_any_yaml_text_is_a_configuration_or_raises_our_own_error(content):
     with little_memory(), suppress(FilterError):
         load_config(content)
 
@@ -67,7 +67,7 @@ def test_any_text_is_a_configuration_or_our_own_error(content):
         mutated_json(CONFIG), mutated_json(yaml.safe_load(CARLASIMU)), json_values
     )
 )
-def test_any_mapping_is_a_configuration_or_our_own_error(document):
+def test_any_mapping_is_a_configuration_or_raises_our_own_error(document):
     with little_memory(), suppress(FilterError):
         load_config(document if isinstance(document, dict) else repr(document))
 
@@ -82,7 +82,7 @@ def test_any_mapping_is_a_configuration_or_our_own_error(document):
 )
 @example(b"[" * 100_000)
 @example(b'{"boxes": [{"class": "car", "xyxy": [0, 0, 1, ' + b"9" * 5000 + b"]}]}")
-def test_any_annotation_is_read_or_our_own_error(content):
+def test_any_annotation_bytes_are_read_or_raise_our_own_error(content):
     with little_memory(), suppress(FilterError):
         name, rest = without_key(content, "a")
         parse_annotation(rest, frame=name)
@@ -90,7 +90,7 @@ def test_any_annotation_is_read_or_our_own_error(content):
 
 @fuzz_settings
 @given(document=mutated_json(ANNOTATION))
-def test_any_object_is_an_annotation_or_our_own_error(document):
+def test_any_object_is_an_annotation_or_raises_our_own_error(document):
     with little_memory(), suppress(FilterError):
         parse_annotation(document if isinstance(document, dict) else {})
 
@@ -98,7 +98,7 @@ def test_any_object_is_an_annotation_or_our_own_error(document):
 @pytest.mark.parametrize("layout", FOLDERS)
 @fuzz_settings
 @given(data=st.data())
-def test_any_folder_is_read_or_our_own_error(layout, data):
+def test_any_label_folder_is_read_or_raises_our_own_error(layout, data):
     files = dict(FOLDERS[layout])
     texts = [name for name in sorted(files) if not name.endswith(".png")]
     for _ in range(data.draw(st.integers(1, 2))):

@@ -58,7 +58,7 @@ def forged_pngs(draw: st.DrawFn) -> bytes:
 @pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
 @fuzz_settings
 @given(content=st.one_of(damaged(IMAGES), forged_pngs(), st.binary(max_size=64)))
-def test_any_image_gives_a_result_or_our_own_error(reader, content):
+def test_any_image_gives_a_result_or_raises_our_own_error(reader, content):
     with little_memory(), suppress(FilterError):
         reader(content)
 
@@ -89,7 +89,7 @@ forged_npys = st.builds(
 @example(npy_of(PROMISES.format(10**9)))
 @example(npy(np.full((2, 6), 1e300)))
 @example(npy(np.full((2, 6), [0, 0, 0, 0, 0, np.nan])))
-def test_any_point_cloud_gives_points_or_our_own_error(content):
+def test_any_point_cloud_gives_points_or_raises_our_own_error(content):
     with little_memory(), suppress(PointsError):
         assert len(read_points(content)) >= 0
 
@@ -100,7 +100,7 @@ def test_any_point_cloud_gives_points_or_our_own_error(content):
         st.sampled_from(KINDS), st.one_of(damaged(IMAGES), damaged(CLOUDS)), max_size=3
     )
 )
-def test_any_set_of_files_is_checked_or_refused(files):
+def test_any_set_of_files_is_accepted_or_raises_our_own_error(files):
     annotation = parse_annotation({"boxes": []})
     with suppress(FilterError):
         check_files(files, annotation, Settings())

@@ -41,7 +41,7 @@ on_a_server = settings(
 
 @fuzz_settings
 @given(content=damaged(ARCHIVES), cut=st.integers(1, 5000))
-def test_any_archive_is_read_or_refused_however_it_is_cut(content, cut):
+def test_any_archive_in_chunks_of_any_size_is_read_or_refused(content, cut):
     stream = TarStream(LIMITS)
     with little_memory(), suppress(AppError):
         for start in range(0, len(content), cut):
@@ -60,7 +60,7 @@ media_types = damaged(
 @example(FORM, "multipart/form-data; boundary*=utf-8''%ff")
 @example(FORM, "multipart/form-data; boundary=" + "x" * 5000)
 @example(FORM, "multipart/form-data; boundary=ü")
-def test_any_form_is_read_or_refused(content, media_type):
+def test_any_multipart_form_is_read_or_refused(content, media_type):
     limits = PartLimits(max_parts=16, max_part_bytes=20_000)
 
     async def stream():
@@ -72,7 +72,7 @@ def test_any_form_is_read_or_refused(content, media_type):
         thread.submit(asyncio.run, read_parts(media_type, stream(), limits)).result()
 
 
-def refused_or_answered(answer):
+def check_no_server_error(answer):
     """Check that the answer is not a 5xx, and that an error is a problem document."""
     assert answer.status_code < 500, answer.text
     if answer.status_code >= 400:
@@ -114,9 +114,9 @@ LISTS = (
 @example(base64.urlsafe_b64encode(b"[1e999,1,1,1]").decode(), LISTS[1])
 @example("9" * 1999, LISTS[6])
 @example("\x00", LISTS[5])
-def test_any_cursor_gives_a_page_or_is_refused(api, last_run, cursor, path):
+def test_any_cursor_returns_a_page_or_is_refused(api, last_run, cursor, path):
     url = "/api/v1" + path.format(name=DATASET, run=last_run)
-    refused_or_answered(api.http.get(f"{url}", params={"cursor": cursor}))
+    check_no_server_error(api.http.get(f"{url}", params={"cursor": cursor}))
 
 
 @pytest.fixture(scope="module")
@@ -144,11 +144,11 @@ TAGS = st.one_of(visible, st.sampled_from(["*", "W/*", '"', '"a", W/"b"', ",,,"]
 
 @on_a_server
 @given(wanted=ranges, known=st.one_of(st.none(), TAGS), of=st.one_of(st.none(), TAGS))
-def test_any_range_and_tag_gives_a_part_or_a_refusal(api, wanted, known, of):
+def test_any_range_and_etag_return_file_bytes_or_are_refused(api, wanted, known, of):
     chosen = {"Range": wanted, "If-None-Match": known, "If-Range": of}
     headers = {name: text.strip() for name, text in chosen.items() if text is not None}
     frame = api.json(f"/datasets/{DATASET}/frames", limit=1)["items"][0]["id"]
-    answer = refused_or_answered(
+    answer = check_no_server_error(
         api.http.get(f"/api/v1/frames/{frame}/image", headers=headers)
     )
     whole = scene.image()
@@ -160,8 +160,8 @@ def test_any_range_and_tag_gives_a_part_or_a_refusal(api, wanted, known, of):
 
 @on_a_server
 @given(content=damaged(ARCHIVES))
-def test_any_archive_is_answered_by_the_server(api, content):
-    answer = refused_or_answered(
+def test_any_archive_is_answered_without_a_server_error(api, content):
+    answer = check_no_server_error(
         api.http.post(
             f"/api/v1/datasets/{DATASET}/batches?replace=true",
             content=content,
@@ -178,8 +178,8 @@ def test_any_archive_is_answered_by_the_server(api, content):
 
 @on_a_server
 @given(content=damaged([FORM]))
-def test_any_form_is_answered_by_the_server(api, content):
-    refused_or_answered(
+def test_any_multipart_form_is_answered_without_a_server_error(api, content):
+    check_no_server_error(
         api.http.put(
             f"/api/v1/datasets/{DATASET}/frames/fuzzed?replace=true",
             content=content,

@@ -56,17 +56,17 @@ def test_acknowledged_writes_survive_any_kill_exactly_once(tmp_path):
             api = Api.at(server.url, server.headers)
             opened.enter_context(api.http)
             if write_record is not None:
-                check(api, write_record)
+                check_acknowledged_writes(api, write_record)
                 promised += write_record.count_confirmed()
             if number < ROUNDS:
-                write_record = begun(api, number)
+                write_record = begin_round(api, number)
                 write_until_killed(server, write_record, dice)
         check_database(folder)
     print(f"{ROUNDS} kills, {promised} acknowledged writes")
     assert promised > 10 * ROUNDS
 
 
-def begun(api, number):
+def begin_round(api, number):
     """Make a dataset with some frames; return the record of what was acknowledged."""
     write_record = WriteRecord(f"round-{number}")
     assert api.post("/datasets", {"name": write_record.dataset}).status_code == 201
@@ -94,7 +94,9 @@ def write_until_killed(server, write_record, dice):
             own = random.Random(dice.random())
             writer = Writer(api, write_record, own, name, tuple(shares.get(name, ())))
             threads.append(
-                threading.Thread(target=noting, args=(writer.write, faults), name=name)
+                threading.Thread(
+                    target=run_and_record_errors, args=(writer.write, faults), name=name
+                )
             )
         for thread in threads:
             thread.start()
@@ -110,7 +112,7 @@ def write_until_killed(server, write_record, dice):
     assert not faults, faults
 
 
-def noting(work, faults):
+def run_and_record_errors(work, faults):
     """Run `work`; keep what it raises, which would be lost in a thread."""
     try:
         work()
@@ -118,14 +120,14 @@ def noting(work, faults):
         faults.append(fault)
 
 
-def check(api, write_record):
+def check_acknowledged_writes(api, write_record):
     check_frames(api, write_record)
     check_answers(api, write_record)
     check_jobs(api, write_record)
 
 
 def check_frames(api, write_record):
-    listed = everything(api, f"/datasets/{write_record.dataset}/frames")
+    listed = list_all_pages(api, f"/datasets/{write_record.dataset}/frames")
     keys = [one["key"] for one in listed]
     ours = [key for key in keys if not key.startswith("first/")]
     assert len(set(keys)) == len(keys)
@@ -145,13 +147,13 @@ def check_frames(api, write_record):
         possible |= write_record.sending.get(key, set())
         assert known[key] in {digest(number) for number in possible}, key
     for frame in listed[-5:]:
-        check_whole(api, frame["id"])
+        check_frame_is_complete(api, frame["id"])
     stats = api.json(f"/datasets/{write_record.dataset}/stats")
     assert (stats["frames"], stats["boxes"]) == (len(keys), 2 * len(keys))
     assert stats["kept"] + stats["rejected"] == stats["boxes"]
 
 
-def check_whole(api, frame_id):
+def check_frame_is_complete(api, frame_id):
     """Check that each file has the bytes of its digest, and each box its verdict."""
     frame = api.json(f"/frames/{frame_id}")
     assert [box["verdict"] for box in frame["boxes"]] == ["kept", "rejected"]
@@ -189,11 +191,11 @@ def check_answers(api, write_record):
 def check_jobs(api, write_record):
     """Check that acknowledged configurations and runs are there once, and runs end."""
     path = f"/datasets/{write_record.dataset}"
-    digests = [one["digest"] for one in everything(api, f"{path}/configs")]
+    digests = [one["digest"] for one in list_all_pages(api, f"{path}/configs")]
     assert len(set(digests)) == len(digests)
     assert write_record.digests <= set(digests)
     assert len(digests) <= 1 + len(write_record.digests) + write_record.maybe_configs
-    runs = [one["id"] for one in everything(api, f"{path}/runs")]
+    runs = [one["id"] for one in list_all_pages(api, f"{path}/runs")]
     assert len(set(runs)) == len(runs)
     assert write_record.runs <= set(runs)
     assert len(runs) <= 1 + len(write_record.runs) + write_record.maybe_runs
@@ -204,7 +206,7 @@ def check_jobs(api, write_record):
         assert (run["state"], run["error"]) == ("done", None)
 
 
-def everything(api, path):
+def list_all_pages(api, path):
     """All items of a list, page by page."""
     items: list[dict[str, Any]] = []
     cursor = None

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.long
 
 
 @SCHEMA.parametrize()
-def test_every_answer_to_an_admin_is_documented(case, api):
+def test_every_response_to_an_admin_matches_the_openapi_document(case, api):
     bearer = {"Authorization": api.http.headers["authorization"]}
     without_own_tokens(case).call_and_validate(
         str(api.http.base_url),
@@ -31,7 +31,7 @@ def test_every_answer_to_an_admin_is_documented(case, api):
 
 
 @SCHEMA.parametrize()
-def test_nobody_gets_more_than_a_documented_refusal(case, api):
+def test_requests_without_a_token_are_unauthorized_and_documented(case, api):
     answer = without_own_tokens(case).call(str(api.http.base_url))
 
     case.validate_response(answer, additional_checks=[check_is_not_malformed])

@@ -18,7 +18,7 @@ WHOLE, PART, SAME, NO_PART = 200, 206, 304, 416
 
 
 @pytest.fixture(scope="module")
-def ids(api):
+def path_values(api):
     """Values for the paths to the dataset that `populate` makes."""
     populate(api)
     frames = api.json(f"/datasets/{DATASET}/frames")["items"]
@@ -32,7 +32,7 @@ def ids(api):
     }
 
 
-def documented(answer, method, path):
+def check_response_is_documented(answer, method, path):
     """Check that the document has the answer's status, type and form; return it."""
     SCHEMA[BASE + path][method].validate_response(answer)
     return answer
@@ -54,10 +54,12 @@ def documented(answer, method, path):
         (DOWNLOAD, {"If-None-Match": "*"}, SAME),
     ],
 )
-def test_files_and_parts_of_them_are_documented(api, ids, path, headers, status):
-    answer = api.http.get(BASE + path.format(**ids), headers=headers)
+def test_file_and_range_responses_match_the_openapi_document(
+    api, path_values, path, headers, status
+):
+    answer = api.http.get(BASE + path.format(**path_values), headers=headers)
 
-    assert documented(answer, "GET", path).status_code == status
+    assert check_response_is_documented(answer, "GET", path).status_code == status
 
 
 @pytest.mark.parametrize(
@@ -67,22 +69,25 @@ def test_files_and_parts_of_them_are_documented(api, ids, path, headers, status)
         ("/exports/{export_id}/events", "export_id", Export),
     ],
 )
-def test_a_stream_of_events_is_documented_event_by_event(api, ids, path, name, model):
-    answer = documented(api.get(path.format(**ids)), "GET", path)
+def test_event_stream_matches_the_openapi_document(api, path_values, path, name, model):
+    answer = check_response_is_documented(
+        api.get(path.format(**path_values)), "GET", path
+    )
 
     blocks = answer.text.strip().split("\n\n")[1:]
     events = [dict(line.split(": ", 1) for line in one.splitlines()) for one in blocks]
     assert events[-1]["event"] == "end"
-    known = documented(
+    known = check_response_is_documented(
         api.http.get(
-            BASE + path.format(**ids), headers={"Last-Event-ID": events[-1]["id"]}
+            BASE + path.format(**path_values),
+            headers={"Last-Event-ID": events[-1]["id"]},
         ),
         "GET",
         path,
     )
     assert known.status_code == 204
     assert {model.model_validate_json(event["data"]).id for event in events} == {
-        ids[name]
+        path_values[name]
     }
 
 
@@ -96,7 +101,9 @@ def test_a_stream_of_events_is_documented_event_by_event(api, ids, path, name, m
         (b"{}", "application/json", 415),
     ],
 )
-def test_archives_are_answered_as_documented(api, ids, body, media_type, status):
+def test_batch_responses_match_the_openapi_document(
+    api, path_values, body, media_type, status
+):
     path = "/datasets/{dataset}/batches"
     answer = api.http.post(
         BASE + path.format(dataset=DATASET),
@@ -104,11 +111,11 @@ def test_archives_are_answered_as_documented(api, ids, body, media_type, status)
         headers={"Content-Type": media_type},
     )
 
-    assert documented(answer, "POST", path).status_code == status
+    assert check_response_is_documented(answer, "POST", path).status_code == status
 
 
 @pytest.mark.parametrize("path", ["known-frames", "preview", "queue", "configs"])
-def test_every_post_checks_its_idempotency_key(api, ids, path):
+def test_post_with_an_invalid_idempotency_key_returns_400(api, path_values, path):
     answer = api.http.post(
         f"{BASE}/datasets/{DATASET}/{path}",
         json={"keys": [], "config": {}},
@@ -118,7 +125,7 @@ def test_every_post_checks_its_idempotency_key(api, ids, path):
     assert (answer.status_code, answer.json()["code"]) == (400, "bad_idempotency_key")
 
 
-def test_bounds_of_whole_numbers_are_the_ones_that_count():
+def test_openapi_maximum_of_queue_seed_is_the_64_bit_maximum():
     seed = SCHEMA.raw_schema["components"]["schemas"]["QueueIn"]["properties"]["seed"]
 
     assert seed["anyOf"][0]["maximum"] == 2**63 - 1

@@ -46,7 +46,7 @@ RESTART = 9 if IS_LONG else 3
 """Restarts take seconds: one happens only if this number, the highest, is drawn."""
 
 
-class Service(RuleBasedStateMachine):
+class ServiceAgainstModel(RuleBasedStateMachine):
     """One dataset on a server that other sequences use, too, and a model of it."""
 
     place: Restarting
@@ -250,7 +250,7 @@ class Service(RuleBasedStateMachine):
             self.place.restart(way)
 
     @invariant()
-    def lists_and_counts_are_those_of_the_model(self):
+    def lists_and_counts_equal_the_model(self):
         boxes = self.model.boxes()
         shown = {
             box["box_id"]: (
@@ -307,9 +307,9 @@ def place(tmp_path_factory):
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_nothing_is_forgotten_however_the_server_ends(place, way):
-    Service.place = place
-    state = Service()
+def test_state_equals_the_model_after_each_kind_of_restart(place, way):
+    ServiceAgainstModel.place = place
+    state = ServiceAgainstModel()
     for key, shift in (("a", 0), ("b/ü", 10), ("b/c", None)):
         state.upload(key, Content(RECTANGLES, shift), replace=False)
     state.bulk_by_filter({"verdict": "kept"}, "reject", is_late=False)
@@ -318,21 +318,21 @@ def test_nothing_is_forgotten_however_the_server_ends(place, way):
 
     state.restart(RESTART, way)
 
-    state.lists_and_counts_are_those_of_the_model()
+    state.lists_and_counts_equal_the_model()
     state.queue("doubt", 5)
     state.filter({"review": "unsure"})
     state.export("decisions-jsonl")
     state.upload("a", Content(RECTANGLES, 10), replace=True)
-    state.lists_and_counts_are_those_of_the_model()
+    state.lists_and_counts_equal_the_model()
     state.teardown()
 
 
 @pytest.mark.timeout(14400)
-def test_any_sequence_leaves_what_the_model_says(place):
-    Service.place = place
+def test_state_equals_the_model_after_any_sequence_of_operations(place):
+    ServiceAgainstModel.place = place
 
     run_state_machine_as_test(
-        Service,
+        ServiceAgainstModel,
         settings=settings(
             max_examples=RUNS,
             stateful_step_count=STEPS,

@@ -45,13 +45,13 @@ def add_dataset(session: Session, name: str) -> tables.Dataset:
     return dataset
 
 
-def is_of(engine):
+def object_filter_for(engine):
     """A function that says whether an index belongs to this kind of database."""
     here = engine.dialect.name
     return lambda item, *_: getattr(item, "info", {}).get("only", here) == here
 
 
-def test_up_down_and_up_again(engine):
+def test_migrations_run_up_down_and_up_again(engine):
     migrate(engine, SCRIPTS)
     first = sorted(inspect(engine).get_table_names())
     migrate(engine, SCRIPTS, "base")
@@ -64,7 +64,7 @@ def test_up_down_and_up_again(engine):
     assert current_revision(engine) == head_revision(SCRIPTS)
 
 
-def test_migrations_are_called_by_their_revisions(engine):
+def test_migration_files_are_named_by_their_revisions(engine):
     """The names of their files tell which revisions there are, without Alembic."""
     known = revisions()
 
@@ -75,7 +75,7 @@ def test_migrations_are_called_by_their_revisions(engine):
     assert not is_known(SCRIPTS, "")
 
 
-def test_a_schema_that_is_current_loads_no_alembic(tmp_path):
+def test_current_schema_starts_without_importing_alembic(tmp_path):
     serve = (
         "import sys; from pathlib import Path; import app.main;"
         "from app.process.lifespan import running; from app.settings import Settings;"
@@ -93,11 +93,11 @@ def test_a_schema_that_is_current_loads_no_alembic(tmp_path):
     assert [loads_alembic(), loads_alembic()] == ["True", "False"]
 
 
-def test_the_models_are_what_the_migrations_make(engine):
+def test_models_match_the_migrated_schema(engine):
     migrate(engine, SCRIPTS)
 
     with engine.connect() as connection:
-        options = {"compare_type": True, "include_object": is_of(engine)}
+        options = {"compare_type": True, "include_object": object_filter_for(engine)}
         context = MigrationContext.configure(connection, opts=options)
         differences = compare_metadata(context, Base.metadata)
 
@@ -116,7 +116,7 @@ def test_migrating_again_keeps_the_data(engine):
         assert session.scalars(select(tables.DatasetClass.name)).all() == ["car"]
 
 
-def test_a_row_without_its_parent_is_refused_and_children_go_along(engine):
+def test_foreign_keys_are_enforced_and_deletes_cascade(engine):
     migrate(engine, SCRIPTS)
     with Session(engine) as session, session.begin():
         orphans = add_dataset(session, "parent").id + 1
@@ -131,7 +131,7 @@ def test_a_row_without_its_parent_is_refused_and_children_go_along(engine):
         assert session.scalars(select(tables.DatasetClass.id)).all() == []
 
 
-def test_exports_keep_their_numbers_and_states_through_both_directions(engine):
+def test_exports_keep_their_ids_through_downgrade_and_upgrade(engine):
     migrate(engine, SCRIPTS)
     with Session(engine) as session, session.begin():
         dataset = add_dataset(session, "labelled").id
@@ -158,7 +158,7 @@ def test_exports_keep_their_numbers_and_states_through_both_directions(engine):
         "ck_reviews_verdict",
     ],
 )
-def test_constraints_have_names_that_say_what_is_wrong(engine, name):
+def test_check_constraints_have_descriptive_names(engine, name):
     migrate(engine, SCRIPTS)
 
     checks = inspect(engine).get_check_constraints(name.split("_")[1])
@@ -166,7 +166,7 @@ def test_constraints_have_names_that_say_what_is_wrong(engine, name):
     assert name in {check["name"] for check in checks}
 
 
-def test_every_reason_can_be_stored_and_is_named_for_people_with_a_shell(engine):
+def test_every_reason_can_be_stored_and_is_named_in_the_view(engine):
     migrate(engine, SCRIPTS)
     fill(engine, revisions()[-1])
     shown = {}
@@ -186,7 +186,7 @@ def test_every_reason_can_be_stored_and_is_named_for_people_with_a_shell(engine)
 @pytest.mark.parametrize(
     "change", ["UPDATE audit_log SET actor = 'nobody'", "DELETE FROM audit_log"]
 )
-def test_no_database_changes_its_audit_log(engine, change):
+def test_audit_log_rows_cannot_be_updated_or_deleted(engine, change):
     migrate(engine, SCRIPTS)
     entry = {"actor": "ada", "action": "token.created", "subject": "bob"}
     with Session(engine) as session, session.begin():
@@ -201,7 +201,7 @@ def test_no_database_changes_its_audit_log(engine, change):
     assert (left.actor, left.token_id) == ("ada", None)
 
 
-def test_a_downgrade_that_would_empty_the_audit_log_is_refused_in_words(engine):
+def test_downgrade_that_would_empty_the_audit_log_is_refused(engine):
     migrate(engine, SCRIPTS)
     entry = {"actor": "ada", "action": "token.created", "subject": "bob"}
     with Session(engine) as session, session.begin():
@@ -248,7 +248,7 @@ def test_a_downgrade_ends_sessions_and_keeps_tokens_and_the_audit_log(engine):
     assert below["audit_log"] == above["audit_log"]
 
 
-def test_a_deleted_dataset_does_not_come_back_with_an_older_schema(engine):
+def test_downgrade_is_refused_while_deleted_datasets_have_rows(engine):
     migrate(engine, SCRIPTS)
     with Session(engine) as session, session.begin():
         add_dataset(session, "gone").removed_at = utc_now()
@@ -259,7 +259,7 @@ def test_a_deleted_dataset_does_not_come_back_with_an_older_schema(engine):
     assert current_revision(engine) == head_revision(SCRIPTS)
 
 
-def test_the_audit_log_works_again_after_going_down_and_up(engine):
+def test_audit_log_is_append_only_after_downgrade_and_upgrade(engine):
     migrate(engine, SCRIPTS)
     migrate(engine, SCRIPTS, "0004")
     assert "audit_log" not in inspect(engine).get_table_names()

@@ -24,7 +24,7 @@ SCRIPTS = migrations_dir()
 REVISIONS = revisions()
 
 
-def went_down(rows, revision):
+def rows_after_downgrade(rows, revision):
     """The rows as they are after a downgrade: 0001 has "failed" for "cancelled"."""
     if revision == "0001":
         for export in rows["exports"]:
@@ -52,7 +52,7 @@ def test_every_table_of_every_revision_is_filled(engine):
 
 
 @pytest.mark.parametrize("revision", REVISIONS)
-def test_rows_of_a_revision_survive_the_way_up_and_back(engine, revision):
+def test_rows_of_a_revision_survive_upgrade_and_downgrade(engine, revision):
     migrate(engine, SCRIPTS, revision)
     fill(engine, revision)
     before = contents(engine)
@@ -67,7 +67,7 @@ def test_rows_of_a_revision_survive_the_way_up_and_back(engine, revision):
 
 
 @pytest.mark.parametrize("revision", REVISIONS)
-def test_columns_that_both_revisions_have_survive_the_way_down_and_up(engine, revision):
+def test_shared_columns_survive_downgrade_and_upgrade(engine, revision):
     migrate(engine, SCRIPTS)
     fill(engine, REVISIONS[-1])
     above = contents(engine)
@@ -78,7 +78,7 @@ def test_columns_that_both_revisions_have_survive_the_way_down_and_up(engine, re
 
     if revision < "0008":
         assert not below.get("login_sessions")
-    expected = went_down(restricted(above, below), revision)
+    expected = rows_after_downgrade(restricted(above, below), revision)
     by_content = {table: sorted(rows, key=repr) for table, rows in expected.items()}
     assert restricted(below, below) == by_content
     assert restricted(contents(engine), below) == by_content
@@ -87,7 +87,7 @@ def test_columns_that_both_revisions_have_survive_the_way_down_and_up(engine, re
 
 @pytest.mark.sqlite_files("its file is copied before it is migrated")
 @pytest.mark.parametrize("revision", [REVISIONS[0], REVISIONS[-2]])
-def test_a_server_brings_an_old_folder_up_to_date_and_keeps_a_copy(tmp_path, revision):
+def test_server_migrates_an_old_database_and_keeps_a_copy(tmp_path, revision):
     data = tmp_path / "data"
     data.mkdir()
     engine = make_engine(f"sqlite:///{data}/unghost.db")
@@ -117,7 +117,7 @@ def test_a_server_brings_an_old_folder_up_to_date_and_keeps_a_copy(tmp_path, rev
 
 
 @pytest.mark.sqlite_files("its file is copied before it is migrated")
-def test_a_database_of_a_newer_version_is_not_touched(tmp_path):
+def test_database_of_a_newer_version_is_refused_and_unchanged(tmp_path):
     data = tmp_path / "data"
     data.mkdir()
     engine = make_engine(f"sqlite:///{data}/unghost.db")

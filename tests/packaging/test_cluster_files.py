@@ -47,7 +47,7 @@ def environment(name: str) -> dict[str, str]:
     }
 
 
-def test_nothing_but_the_proxy_can_be_reached_and_only_from_this_machine():
+def test_only_the_proxy_is_published_and_only_on_loopback():
     published = {name: one["ports"] for name, one in SERVICES.items() if "ports" in one}
 
     assert published == {"proxy": ["127.0.0.1:8000:8080"]}
@@ -58,7 +58,7 @@ def test_nothing_but_the_proxy_can_be_reached_and_only_from_this_machine():
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_every_setting_of_a_container_is_one(name, monkeypatch):
+def test_every_setting_of_a_container_exists(name, monkeypatch):
     named = environment(name)
     ours = {key: value for key, value in named.items() if key.startswith("UNGHOST_")}
     fields = {f"UNGHOST_{field.upper()}" for field in Settings.model_fields}
@@ -71,7 +71,7 @@ def test_every_setting_of_a_container_is_one(name, monkeypatch):
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_each_container_has_the_certificates_it_names_and_no_others(name):
+def test_each_container_gets_exactly_the_certificates_it_names(name):
     named = environment(name).values()
     shown = {
         Path(value).name for value in named if str(value).startswith("/run/secrets/")
@@ -98,7 +98,7 @@ def containers(part: Any) -> Iterator[dict[str, Any]]:
             yield from containers(inner)
 
 
-def test_the_kubernetes_example_has_settings_and_commands_of_this_version(monkeypatch):
+def test_kubernetes_example_has_valid_settings_and_commands(monkeypatch):
     fields = {f"UNGHOST_{field.upper()}" for field in Settings.model_fields}
     shared = next(one["data"] for one in KUBERNETES if one["kind"] == "ConfigMap")
     found = [each for part in KUBERNETES for each in containers(part)]
@@ -124,7 +124,7 @@ def pods(part: Any) -> Iterator[dict[str, Any]]:
             yield from pods(inner)
 
 
-def test_no_pod_takes_the_name_of_a_kubernetes_service_for_a_setting(monkeypatch):
+def test_pods_disable_the_service_links_of_kubernetes(monkeypatch):
     """Kubernetes would set UNGHOST_PORT=tcp://... for a Service called unghost.
 
     Formerly that ended each pod.
@@ -137,7 +137,7 @@ def test_no_pod_takes_the_name_of_a_kubernetes_service_for_a_setting(monkeypatch
     assert [pod.get("enableServiceLinks") for pod in found] == [False] * 3
 
 
-def test_services_and_workers_agree_about_all_three_places():
+def test_services_and_workers_share_database_storage_and_engine():
     places = ("UNGHOST_DATABASE_URL", "UNGHOST_STORAGE", "UNGHOST_ENGINE")
 
     of_each = {
@@ -148,7 +148,7 @@ def test_services_and_workers_agree_about_all_three_places():
     assert len(of_each) == 1
 
 
-def test_the_image_takes_the_extras_that_the_cluster_needs():
+def test_image_installs_the_extras_that_the_cluster_needs():
     last = parse_dockerfile((CHECKOUT / "Dockerfile").read_text("utf-8"))[-1]
 
     assert last.all("ARG") == ['EXTRAS=""']
@@ -214,7 +214,9 @@ def servers(tmp_path) -> Iterator[list[RunningServer]]:
 
 @pytest.mark.long
 @pytest.mark.skipif(NGINX is None, reason="nginx is not installed")
-def test_frames_go_through_the_proxy_whichever_service_is_there(servers, tmp_path):
+def test_proxy_passes_uploads_and_keeps_working_after_a_service_stops(
+    servers, tmp_path
+):
     first, second = servers
     ports = [int(server.url.rpartition(":")[2]) for server in servers]
     folder = tmp_path / "nginx"

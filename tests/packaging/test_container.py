@@ -47,7 +47,7 @@ def service():
 
 
 @pytest.fixture
-def nobodys_folder() -> Iterator[Path]:
+def folder_of_the_service_user() -> Iterator[Path]:
     """A folder that belongs to the user that the service runs as."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -75,7 +75,7 @@ def test_the_image_installs_what_the_first_stage_built():
     assert 'pip install --no-cache-dir "$(ls /wheels/*.whl)' in IMAGE.all("RUN")[0]
 
 
-def test_the_build_context_has_what_the_wheel_needs_and_no_more():
+def test_build_context_contains_what_the_wheel_needs():
     lines = (CHECKOUT / ".dockerignore").read_text("utf-8").split()
     allowed = {line[1:] for line in lines if line.startswith("!")}
 
@@ -84,25 +84,25 @@ def test_the_build_context_has_what_the_wheel_needs_and_no_more():
     assert all((CHECKOUT / name).exists() for name in allowed)
 
 
-def test_compose_shows_the_service_to_this_machine_alone(service):
+def test_compose_publishes_the_service_on_loopback_only(service):
     assert service["ports"] == ["127.0.0.1:8000:8000"]
     assert service["read_only"] is True
     assert service["cap_drop"] == ["ALL"]
     assert service["volumes"] == ["unghost-data:/data"]
 
 
-def test_compose_and_image_ask_for_health_alike(service):
+def test_compose_and_image_use_the_same_health_check(service):
     assert service["healthcheck"]["test"] == ["CMD", *health_check(IMAGE)]
 
 
-def test_the_start_command_serves_as_an_ordinary_user(
-    installation: Installation, nobodys_folder: Path
+def test_start_command_serves_as_a_non_root_user(
+    installation: Installation, folder_of_the_service_user: Path
 ):
     name, *arguments = IMAGE.command
     command = [str(installation.command(name)), *arguments]
     drop = AS_NOBODY if os.geteuid() == 0 else []
-    data, log = nobodys_folder / "data", nobodys_folder / "log"
-    environment = here(IMAGE.environment, nobodys_folder)
+    data, log = folder_of_the_service_user / "data", folder_of_the_service_user / "log"
+    environment = local_environment(IMAGE.environment, folder_of_the_service_user)
 
     process = start_anew([*drop, *command], data, log, environment)
     try:
@@ -119,7 +119,7 @@ def test_the_start_command_serves_as_an_ordinary_user(
     assert process.returncode in (0, -signal.SIGTERM), log.read_text("utf-8")
 
 
-def here(environment: dict[str, str], folder: Path) -> dict[str, str]:
+def local_environment(environment: dict[str, str], folder: Path) -> dict[str, str]:
     """The image's environment, with our data folder, and any free port."""
     moved = {
         name: value.replace("/data", str(folder / "data"), 1)

@@ -21,7 +21,7 @@ def names_in(wheel: Path) -> list[str]:
         return archive.namelist()
 
 
-def shipped(folder: str, pattern: str) -> set[str]:
+def expected_files(folder: str, pattern: str) -> set[str]:
     """The names of a checkout folder's files that belong in the wheel."""
     return {
         path.relative_to(CHECKOUT / folder).as_posix()
@@ -33,7 +33,7 @@ def shipped(folder: str, pattern: str) -> set[str]:
 @pytest.mark.parametrize(
     ("folder", "inside"), [("static", "app/_static"), ("migrations", "app/_migrations")]
 )
-def test_the_wheel_carries_every_resource_inside_the_package(wheel, folder, inside):
+def test_wheel_contains_every_resource_inside_the_package(wheel, folder, inside):
     names = names_in(wheel)
 
     carried = {
@@ -41,19 +41,19 @@ def test_the_wheel_carries_every_resource_inside_the_package(wheel, folder, insi
     }
 
     # Types are for the type checker alone.
-    assert carried == shipped(folder, "*") - shipped(folder, "*.d.ts")
+    assert carried == expected_files(folder, "*") - expected_files(folder, "*.d.ts")
 
 
 def test_the_wheel_has_every_module_and_the_type_markers(wheel):
     names = set(names_in(wheel))
 
     for package in ("app", "filter_core", "unghost"):
-        modules = {f"{package}/{name}" for name in shipped(package, "*.py")}
+        modules = {f"{package}/{name}" for name in expected_files(package, "*.py")}
         assert modules <= names
     assert {"filter_core/py.typed", "unghost/py.typed"} <= names
 
 
-def test_the_wheel_has_nothing_else_at_the_top(wheel):
+def test_wheel_has_no_other_top_level_packages(wheel):
     tops = {name.split("/")[0] for name in names_in(wheel)}
 
     assert {top for top in tops if not top.endswith(".dist-info")} == {
@@ -70,18 +70,18 @@ def test_the_sdist_has_what_the_wheel_is_built_from(distributions: Path):
         names = {name.partition("/")[2] for name in sdist.getnames()}
 
     assert {"LICENSE", "README.md", "pyproject.toml", "setup.py"} <= names
-    assert {f"static/{name}" for name in shipped("static", "*")} <= names
-    assert {f"migrations/{name}" for name in shipped("migrations", "*")} <= names
+    assert {f"static/{name}" for name in expected_files("static", "*")} <= names
+    assert {f"migrations/{name}" for name in expected_files("migrations", "*")} <= names
 
 
-def test_the_command_explains_itself(installation: Installation):
+def test_installed_command_prints_its_help(installation: Installation):
     outcome = installation.run(str(installation.command("unghost")), "--help")
 
     assert outcome.returncode == 0, outcome.stderr
     assert "push" in outcome.stdout
 
 
-def test_the_client_is_light_to_import(installation: Installation):
+def test_client_import_loads_no_heavy_packages(installation: Installation):
     heavy = "{'cv2', 'fastapi', 'sqlalchemy', 'app'} & set(sys.modules)"
 
     outcome = installation.run(

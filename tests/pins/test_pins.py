@@ -11,7 +11,7 @@ from tests.pins import stored
 from tests.pins.pinned import PINS
 
 
-def lowered(name: str, found: Any) -> Any:
+def with_stored_limits(name: str, found: Any) -> Any:
     """The found value, in which fewer modules of our own count as the stored number."""
     if name != "modules":
         return found
@@ -24,13 +24,13 @@ def lowered(name: str, found: Any) -> Any:
 
 
 @pytest.mark.parametrize("name", PINS)
-def test_a_pinned_output_is_unchanged(name):
-    complaint = stored.complaint(name, lowered(name, PINS[name]()))
+def test_every_pinned_output_is_unchanged(name):
+    complaint = stored.complaint(name, with_stored_limits(name, PINS[name]()))
 
     assert not complaint, complaint
 
 
-def test_every_stored_file_is_of_a_pin():
+def test_every_stored_file_belongs_to_a_pin():
     assert {path.stem for path in stored.FOLDER.iterdir()} == set(PINS)
 
 
@@ -51,7 +51,7 @@ def test_every_stored_file_is_of_a_pin():
         (["a", "b"], ["b", "a"], "the order differs: at 0 it was 'a', it is 'b'"),
     ],
 )
-def test_a_difference_is_told_by_its_place(before, now, words):
+def test_difference_is_reported_with_its_place(before, now, words):
     (told,) = stored.differences(before, now)
 
     assert words in told

@@ -31,7 +31,7 @@ GOOD = {200, 201, 202, 412}
 
 
 @dataclass(frozen=True)
-class Place:
+class ClusterAndServer:
     """A PostgreSQL cluster, the only server that uses it, and a client of an admin."""
 
     cluster: Cluster
@@ -40,21 +40,21 @@ class Place:
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory) -> Iterator[Place]:
+def place(tmp_path_factory) -> Iterator[ClusterAndServer]:
     data = tmp_path_factory.mktemp("lost") / "data"
     with own_cluster() as cluster:
         settings = {"UNGHOST_DATABASE_URL": cluster.url, "UNGHOST_WORKERS": "1"}
         with running_server(data, settings) as server:
             api = Api.at(server.url, server.headers)
             with api.http:
-                yield Place(cluster, server, api)
+                yield ClusterAndServer(cluster, server, api)
 
 
 @dataclass
 class Writers:
     """Clients that upload and review until told to stop, and note the answers."""
 
-    place: Place
+    place: ClusterAndServer
     dataset: str
     over: threading.Event = field(default_factory=threading.Event)
     stored: set[str] = field(default_factory=set)
@@ -62,7 +62,7 @@ class Writers:
     refused: list[httpx.Response] = field(default_factory=list)
 
     @contextmanager
-    def at_work(self) -> Iterator[None]:
+    def writing(self) -> Iterator[None]:
         threads = [
             threading.Thread(target=work) for work in (self._upload, self._review)
         ]
@@ -82,7 +82,7 @@ class Writers:
                 number += 1
                 annotation = {**scene.annotation(), "number": number}
                 answer = api.put(self.dataset, f"w/{number:05}", annotation)
-                if self._is_good(answer):
+                if self._is_accepted_or_recorded(answer):
                     self.stored.add(f"w/{number:05}")
 
     def _review(self) -> None:
@@ -90,24 +90,27 @@ class Writers:
             api = Api(http)
             while not self.over.is_set():
                 listed = api.get("/boxes", dataset=self.dataset, review="none", limit=5)
-                if not self._is_good(listed):
+                if not self._is_accepted_or_recorded(listed):
                     continue
                 for box in listed.json()["items"]:
                     answer = api.review(box["box_id"], "keep")
-                    if self._is_good(answer) and answer.status_code == 201:
+                    if (
+                        self._is_accepted_or_recorded(answer)
+                        and answer.status_code == 201
+                    ):
                         self.reviewed[box["box_id"]] = "keep"
 
     def _client(self) -> Api:
         return Api.at(self.place.server.url, self.place.server.headers)
 
-    def _is_good(self, answer: httpx.Response) -> bool:
+    def _is_accepted_or_recorded(self, answer: httpx.Response) -> bool:
         if answer.status_code in GOOD:
             return True
         self.refused.append(answer)
         time.sleep(0.05)
         return False
 
-    def check(self) -> None:
+    def check_acknowledged_writes(self) -> None:
         """All that was acknowledged is stored; refusals were 503 with `Retry-After`."""
         for answer in self.refused:
             assert answer.status_code == 503, answer.text
@@ -115,7 +118,10 @@ class Writers:
             assert answer.json()["code"] in ("not_ready", "database_busy")
             assert "127.0.0.1" not in answer.text
         api = self.place.api
-        keys = {each["key"] for each in every(api, f"/datasets/{self.dataset}/frames")}
+        keys = {
+            each["key"]
+            for each in list_all_pages(api, f"/datasets/{self.dataset}/frames")
+        }
         assert self.stored <= keys
         for box_id, verdict in self.reviewed.items():
             assert api.json(f"/boxes/{box_id}")["review"]["verdict"] == verdict
@@ -124,7 +130,7 @@ class Writers:
         assert stats["kept"] + stats["rejected"] == 2 * len(keys)
 
 
-def every(api, path):
+def list_all_pages(api, path):
     items: list[dict] = []
     cursor: dict[str, str] | None = {}
     while cursor is not None:
@@ -134,7 +140,7 @@ def every(api, path):
     return items
 
 
-def until_it_answers(api):
+def wait_for_recovery(api):
     """Wait until the service, which is not restarted, recovers; give the seconds."""
     begun = time.monotonic()
     while True:
@@ -146,7 +152,7 @@ def until_it_answers(api):
         time.sleep(0.02)
 
 
-def lose_connections(cluster):
+def terminate_connections(cluster):
     assert cluster.kill_backends(signal.SIGTERM) > 0
 
 
@@ -155,38 +161,38 @@ def kill_a_backend(cluster):
     assert cluster.kill_backends() > 0
 
 
-def restart(cluster):
+def restart_cluster(cluster):
     cluster.stop()
     cluster.start()
 
 
 WAYS = [
-    pytest.param(lose_connections, marks=LONG),
+    pytest.param(terminate_connections, marks=LONG),
     pytest.param(kill_a_backend, marks=LONG),
-    restart,
+    restart_cluster,
 ]
 
 
 @pytest.mark.parametrize("lose", WAYS)
-def test_acknowledged_writes_survive_and_the_others_get_an_error_to_retry(place, lose):
+def test_lost_database_keeps_acknowledged_writes_and_others_get_503(place, lose):
     writers = Writers(place, place.api.dataset())
-    with writers.at_work():
+    with writers.writing():
         for _ in range(2):
             stored = len(writers.stored)
             while len(writers.stored) < stored + 10:
                 time.sleep(0.01)
             lose(place.cluster)
-            until_it_answers(place.api)
+            wait_for_recovery(place.api)
         stored = len(writers.stored)
         while len(writers.stored) < stored + 5:
             time.sleep(0.01)
 
     assert place.server.process.poll() is None
     assert writers.reviewed
-    writers.check()
+    writers.check_acknowledged_writes()
 
 
-def test_requests_without_a_database_get_503_at_once(place):
+def test_requests_without_a_database_return_503_immediately(place):
     name = place.api.dataset()
     box = place.api.upload_frame(name, "a")["decisions"][0]["box_id"]
     place.cluster.stop()
@@ -206,7 +212,7 @@ def test_requests_without_a_database_get_503_at_once(place):
         took = time.monotonic() - begun
     finally:
         place.cluster.start()
-    until_it_answers(place.api)
+    wait_for_recovery(place.api)
 
     *asked, page, health = answers
     assert [answer.status_code for answer in asked] == [503] * len(asked)
@@ -217,7 +223,7 @@ def test_requests_without_a_database_get_503_at_once(place):
 
 
 @LONG
-def test_a_batch_that_loses_the_database_says_what_is_stored(place):
+def test_batch_that_loses_the_database_reports_what_is_stored(place):
     name = place.api.dataset()
     members = [
         member
@@ -234,10 +240,12 @@ def test_a_batch_that_loses_the_database_says_what_is_stored(place):
         for line in answer.iter_lines():
             lines += lines_of(line)
             if len(lines) == 1:
-                restart(place.cluster)
-    until_it_answers(place.api)
+                restart_cluster(place.cluster)
+    wait_for_recovery(place.api)
     *told, end = lines
-    keys = {item["key"] for item in every(place.api, f"/datasets/{name}/frames")}
+    keys = {
+        item["key"] for item in list_all_pages(place.api, f"/datasets/{name}/frames")
+    }
     again = place.api.http.post(
         f"{BASE}/datasets/{name}/batches",
         content=tar_archive(members),
@@ -261,7 +269,7 @@ def street(place):
     return create_slow_dataset(place.api, FRAMES)
 
 
-def is_over(api, where):
+def wait_for_end(api, where):
     def finished():
         found = api.http.get(where).json()
         return found if found["state"] in FINISHED else None
@@ -269,45 +277,47 @@ def is_over(api, where):
     return until(finished, lambda: api.http.get(where).json())
 
 
-@pytest.mark.parametrize("lose", [pytest.param(kill_a_backend, marks=LONG), restart])
-def test_a_run_goes_on_by_itself(place, street, lose):
-    other = OTHER_PIXELS[0 if lose is restart else 1]
+@pytest.mark.parametrize(
+    "lose", [pytest.param(kill_a_backend, marks=LONG), restart_cluster]
+)
+def test_run_resumes_by_itself_after_a_database_restart(place, street, lose):
+    other = OTHER_PIXELS[0 if lose is restart_cluster else 1]
     accepted = place.api.post(f"/datasets/{street}/runs", {"config": other})
     with open_events(place.api, accepted.json()["id"]) as events:
         seen = next(event.data for event in events if event.data["done"])
 
     lose(place.cluster)
-    until_it_answers(place.api)
-    found = is_over(place.api, accepted.headers["location"])
+    wait_for_recovery(place.api)
+    found = wait_for_end(place.api, accepted.headers["location"])
 
     assert seen["done"] < FRAMES
     assert (found["state"], found["done"]) == ("done", FRAMES), found
 
 
-def cut_at_work(cluster):
+def end_a_connection_in_transaction(cluster):
     """End one connection in the middle of a transaction, and no other one."""
     until(cluster.end_a_transaction)
 
 
-def test_a_connection_that_is_cut_at_work_fails_no_run(place, street):
+def test_connection_lost_in_a_transaction_does_not_fail_the_run(place, street):
     """Formerly a run failed with the error "internal" when a connection was ended."""
     accepted = place.api.post(f"/datasets/{street}/runs", {"config": OTHER_PIXELS[2]})
     with open_events(place.api, accepted.json()["id"]) as events:
         next(event.data for event in events if event.data["done"])
 
-    cut_at_work(place.cluster)
-    found = is_over(place.api, accepted.headers["location"])
+    end_a_connection_in_transaction(place.cluster)
+    found = wait_for_end(place.api, accepted.headers["location"])
 
     assert (found["state"], found["done"]) == ("done", FRAMES), found
 
 
 @LONG
-@pytest.mark.parametrize("lose", [kill_a_backend, restart])
-def test_an_export_that_was_accepted_is_written(place, street, lose):
+@pytest.mark.parametrize("lose", [kill_a_backend, restart_cluster])
+def test_accepted_export_is_written_after_a_database_restart(place, street, lose):
     accepted = place.api.post(f"/datasets/{street}/exports", {"format": "yolo"})
     lose(place.cluster)
-    until_it_answers(place.api)
-    found = is_over(place.api, accepted.headers["location"])
+    wait_for_recovery(place.api)
+    found = wait_for_end(place.api, accepted.headers["location"])
 
     assert accepted.status_code == 202
     assert (found["state"], found["done"]) == ("done", FRAMES), found

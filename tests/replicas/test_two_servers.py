@@ -16,14 +16,14 @@ from tests.support.slow_datasets import FROM_PIXELS, create_slow_dataset
 PATIENCE_S = 60
 
 
-def both_at_once(first, second):
+def call_concurrently(first, second):
     """Call two functions at the same time, and give both results."""
     with ThreadPoolExecutor(2) as pool:
         futures = [pool.submit(first), pool.submit(second)]
         return [future.result() for future in futures]
 
 
-def until_refused(client, path="/api/v1/datasets"):
+def wait_until_unauthorized(client, path="/api/v1/datasets"):
     """Ask until the answer is 401; give when the last accepted request was sent.
 
     In seconds from the beginning. The time of sending counts and not that of the
@@ -39,12 +39,12 @@ def until_refused(client, path="/api/v1/datasets"):
         time.sleep(0.02)
 
 
-def test_servers_that_share_a_folder_share_the_first_token(replicas):
+def test_servers_that_share_a_data_folder_share_the_first_token(replicas):
     assert replicas.one.server.token == replicas.two.server.token
     assert replicas.two.api.get("/session").json()["role"] == "admin"
 
 
-def test_a_code_and_a_session_of_one_are_those_of_the_other(replicas):
+def test_login_code_and_session_of_one_server_are_valid_on_the_other(replicas):
     one, two = replicas.one.server.url, replicas.two.server.url
     code = replicas.two.server.login_link.partition("/#code=")[2]
     opened = plain_http.post(f"{one}/api/v1/session", json={"code": code})
@@ -54,14 +54,14 @@ def test_a_code_and_a_session_of_one_are_those_of_the_other(replicas):
         known = browser.get("/api/v1/session")
         browser.delete("/api/v1/session")
     with plain_http.Client(base_url=one, headers=shown) as browser:
-        last_sent_s = until_refused(browser)
+        last_sent_s = wait_until_unauthorized(browser)
 
     assert (opened.status_code, again.status_code) == (201, 401)
     assert known.json()["name"] == "admin"
     assert last_sent_s < REMEMBERED_S
 
 
-def test_a_token_that_is_revoked_opens_neither_a_second_later(replicas):
+def test_revoked_token_is_unauthorized_on_both_servers_within_a_second(replicas):
     made = replicas.one.api.post("/tokens", {"name": "eve", "role": "viewer"}).json()
     headers = {"Authorization": f"Bearer {made['token']}"}
     with (
@@ -72,21 +72,19 @@ def test_a_token_that_is_revoked_opens_neither_a_second_later(replicas):
 
         revoked = replicas.one.api.http.delete(f"{BASE}/tokens/{made['id']}")
         here = one.get("/version").status_code
-        last_sent_s = until_refused(two)
+        last_sent_s = wait_until_unauthorized(two)
 
     assert (revoked.status_code, here) == (204, 401)
     assert last_sent_s < REMEMBERED_S
 
 
-def test_of_two_answers_on_one_box_one_counts_and_the_other_is_stale(
-    replicas, make_reviewer
-):
+def test_of_two_concurrent_reviews_of_a_box_one_is_stale(replicas, make_reviewer):
     (ada, _), (_, bob) = make_reviewer(), make_reviewer()
     name = replicas.make_dataset(frames=10)
     boxes = [box["box_id"] for box in ada.boxes(name)]
 
     for box_id in boxes:
-        answers = both_at_once(
+        answers = call_concurrently(
             partial(ada.review, box_id, "keep"), partial(bob.review, box_id, "reject")
         )
         assert sorted(answer.status_code for answer in answers) == [201, 412]
@@ -100,7 +98,7 @@ def test_of_two_answers_on_one_box_one_counts_and_the_other_is_stale(
     assert found[0] == found[1]
 
 
-def test_of_two_acts_on_the_same_boxes_each_box_counts_in_one(replicas, make_reviewer):
+def test_of_two_concurrent_bulk_answers_each_box_counts_in_one(replicas, make_reviewer):
     (ada, _), (_, bob) = make_reviewer(), make_reviewer()
     name = replicas.make_dataset(frames=10)
     boxes = [box["box_id"] for box in ada.boxes(name)]
@@ -108,7 +106,7 @@ def test_of_two_acts_on_the_same_boxes_each_box_counts_in_one(replicas, make_rev
     for act in range(10):
         seen = [act] * len(boxes)
         which = {"dataset": name, "box_ids": boxes, "seen_revisions": seen}
-        answers = both_at_once(
+        answers = call_concurrently(
             partial(ada.post, "/reviews/bulk", {"verdict": "keep", **which}),
             partial(bob.post, "/reviews/bulk", {"verdict": "reject", **which}),
         )
@@ -125,14 +123,16 @@ def test_of_two_acts_on_the_same_boxes_each_box_counts_in_one(replicas, make_rev
         assert (stats["reviewed"], stats["boxes"]) == (len(boxes), len(boxes))
 
 
-def test_of_two_acts_on_one_filter_the_later_is_stale(replicas, make_reviewer):
+def test_of_two_concurrent_bulk_answers_by_filter_the_later_is_stale(
+    replicas, make_reviewer
+):
     (ada, _), (_, bob) = make_reviewer(), make_reviewer()
     name = replicas.make_dataset(frames=5)
 
     for _ in range(5):
         page = ada.json("/boxes", dataset=name, count="true")
         which = {"dataset": name, "filter": {}, "snapshot": page["snapshot"]}
-        answers = both_at_once(
+        answers = call_concurrently(
             partial(ada.post, "/reviews/bulk", {"verdict": "keep", **which}),
             partial(bob.post, "/reviews/bulk", {"verdict": "reject", **which}),
         )
@@ -142,20 +142,21 @@ def test_of_two_acts_on_one_filter_the_later_is_stale(replicas, make_reviewer):
         assert late["current"]["total"] == page["total"]
 
 
-def test_a_key_that_is_sent_to_both_is_answered_once(replicas, make_reviewer):
+def test_idempotency_key_sent_to_both_servers_is_stored_once(replicas, make_reviewer):
     one, two = make_reviewer()
     name = replicas.make_dataset()
     box = one.boxes(name)[0]["box_id"]
 
-    def send(api, number):
+    def post_review_with_key(api, number):
         path = f"{BASE}/boxes/{box}/reviews"
         body = {"verdict": "keep", "seen_revision": number}
         headers = {"Idempotency-Key": f"{name}-{number}"}
         return api.http.post(path, json=body, headers=headers)
 
     for number in range(10):
-        first, second = both_at_once(
-            partial(send, one, number), partial(send, two, number)
+        first, second = call_concurrently(
+            partial(post_review_with_key, one, number),
+            partial(post_review_with_key, two, number),
         )
         assert (first.status_code, second.status_code) == (201, 201), number
         assert first.content == second.content
@@ -164,11 +165,11 @@ def test_a_key_that_is_sent_to_both_is_answered_once(replicas, make_reviewer):
     assert one.json(f"/boxes/{box}")["review"]["revision"] == 10
 
 
-def test_the_queue_hands_no_box_out_twice(replicas, make_reviewer):
+def test_queue_returns_no_box_to_two_people(replicas, make_reviewer):
     name = replicas.make_dataset(frames=20)
     clients = [make_reviewer()[number % 2] for number in range(6)]
 
-    def take(number: int) -> list[int]:
+    def take_from_queue(number: int) -> list[int]:
         taken: list[int] = []
         for order in ("doubt", "random", "class"):
             wanted = {"limit": 2, "order": order, "exclude": taken}
@@ -178,13 +179,13 @@ def test_the_queue_hands_no_box_out_twice(replicas, make_reviewer):
         return taken
 
     with ThreadPoolExecutor(6) as pool:
-        given = list(pool.map(take, range(6)))
+        given = list(pool.map(take_from_queue, range(6)))
 
     assert [len(one) for one in given] == [6] * 6
     assert len({box for one in given for box in one}) == 36
 
 
-def test_a_batch_of_answers_is_undone_on_the_other(replicas, make_reviewer):
+def test_bulk_answer_of_one_server_is_undone_once_on_either(replicas, make_reviewer):
     one, two = make_reviewer()
     name = replicas.make_dataset(frames=4)
     ids = [box["box_id"] for box in one.boxes(name)]
@@ -192,7 +193,7 @@ def test_a_batch_of_answers_is_undone_on_the_other(replicas, make_reviewer):
 
     batch = one.post("/reviews/bulk", wanted).json()
     seen = two.json(f"/datasets/{name}/stats")["effective"]["rejected"]
-    undone = both_at_once(
+    undone = call_concurrently(
         lambda: one.post(f"/review-batches/{batch['id']}/undo"),
         lambda: two.post(f"/review-batches/{batch['id']}/undo"),
     )
@@ -202,7 +203,7 @@ def test_a_batch_of_answers_is_undone_on_the_other(replicas, make_reviewer):
     assert one.json(f"/datasets/{name}/stats")["effective"]["rejected"] == 4
 
 
-def test_numbers_that_one_keeps_are_those_that_the_other_stored(replicas):
+def test_preview_cache_of_one_server_follows_writes_of_the_other(replicas):
     one, two = (each.api for each in replicas.both)
     name = replicas.make_dataset(frames=2)
     preview = {"config": {"min_visible_pixels": 10**6}}
@@ -228,7 +229,7 @@ def test_numbers_that_one_keeps_are_those_that_the_other_stored(replicas):
     assert two.json(f"/datasets/{name}/stats")["kept"] == 0
 
 
-def test_a_configuration_that_one_made_active_decides_frames_on_the_other(replicas):
+def test_config_activated_on_one_server_decides_frames_on_the_other(replicas):
     one, two = (each.api for each in replicas.both)
     name = replicas.make_dataset(frames=2)
 
@@ -243,7 +244,7 @@ def test_a_configuration_that_one_made_active_decides_frames_on_the_other(replic
     assert one.json(f"/datasets/{name}/stats") == two.json(f"/datasets/{name}/stats")
 
 
-def test_a_run_that_one_carries_out_is_watched_and_cancelled_on_the_other(replicas):
+def test_run_of_one_server_is_followed_and_cancelled_on_the_other(replicas):
     one, two = (each.api for each in replicas.both)
     name = create_slow_dataset(one, 20)
 
@@ -263,7 +264,7 @@ def test_a_run_that_one_carries_out_is_watched_and_cancelled_on_the_other(replic
     assert ended["state"] == "cancelled"
 
 
-def test_an_export_is_followed_on_any_server(replicas):
+def test_export_events_of_one_server_are_read_on_the_other(replicas):
     one, two = replicas.one.api, replicas.two.api
     name = one.dataset()
     for number in range(3):
@@ -277,7 +278,7 @@ def test_an_export_is_followed_on_any_server(replicas):
     assert seen[-1].data["state"] == "done"
 
 
-def test_a_null_character_is_a_client_error(replicas):
+def test_null_character_in_a_name_is_a_client_error(replicas):
     answers = [
         replicas.one.api.get("/datasets/%00"),
         replicas.one.api.get("/boxes?dataset=%00"),

@@ -20,70 +20,74 @@ def settings(data, bucket=None):
 
 
 @pytest.fixture
-def filled(tmp_path, s3):
+def filled_bucket(tmp_path, s3):
     """The bucket with the files of a data folder that has two frames."""
     bucket = s3.bucket()
     filled_folder(tmp_path / "data", **bucket.settings)
     return bucket
 
 
-def backed_up(tmp_path, bucket, name="kept.tar", *, incomplete=False):
+def back_up(tmp_path, bucket, name="kept.tar", *, incomplete=False):
     chosen = settings(tmp_path / "data", bucket)
     return make_backup(chosen, tmp_path / name, incomplete=incomplete, steps=silently)
 
 
 @pytest.mark.parametrize("name", ["kept", "kept.tar"])
-def test_a_backup_becomes_another_bucket(tmp_path, s3, filled, name):
-    kept = backed_up(tmp_path, filled, name)
+def test_backup_of_a_bucket_is_restored_to_another_bucket(
+    tmp_path, s3, filled_bucket, name
+):
+    kept = back_up(tmp_path, filled_bucket, name)
     other = s3.bucket()
 
     done = restore(settings(tmp_path / "again", other), kept.path, silently)
 
     assert (kept.files, done.files) == (4, 4)
-    assert other.blobs() == filled.blobs()
+    assert other.blobs() == filled_bucket.blobs()
     with running_services(tmp_path / "again", **other.settings):
         assert doctor_findings(tmp_path / "again", **other.settings) == {}
 
 
-def test_a_backup_of_a_bucket_becomes_a_folder(tmp_path, filled):
-    kept = backed_up(tmp_path, filled)
+def test_backup_of_a_bucket_is_restored_to_a_folder(tmp_path, filled_bucket):
+    kept = back_up(tmp_path, filled_bucket)
 
     restore(settings(tmp_path / "again"), kept.path, silently)
 
     assert doctor_findings(tmp_path / "again").keys() <= {"token"}
 
 
-def test_a_damaged_file_is_named_or_left_out(tmp_path, filled):
-    damaged = filled.blobs()[0]
-    filled.overwrite(damaged, b"?")
+def test_backup_with_a_damaged_blob_fails_or_omits_it(tmp_path, filled_bucket):
+    damaged = filled_bucket.blobs()[0]
+    filled_bucket.overwrite(damaged, b"?")
 
     with pytest.raises(CannotMaintain, match=damaged):
-        backed_up(tmp_path, filled)
-    kept = backed_up(tmp_path, filled, incomplete=True)
+        back_up(tmp_path, filled_bucket)
+    kept = back_up(tmp_path, filled_bucket, incomplete=True)
 
     assert kept.left_out == (damaged,)
 
 
-def test_the_same_bucket_is_mended_but_nobody_elses_files_are_taken_over(
-    tmp_path, s3, filled
+def test_restore_repairs_its_own_bucket_but_refuses_one_with_other_files(
+    tmp_path, s3, filled_bucket
 ):
-    kept = backed_up(tmp_path, filled)
-    before = filled.blobs()
-    filled.delete(before[0])
-    filled.overwrite(before[1], b"?")
+    kept = back_up(tmp_path, filled_bucket)
+    before = filled_bucket.blobs()
+    filled_bucket.delete(before[0])
+    filled_bucket.overwrite(before[1], b"?")
 
-    restore(settings(tmp_path / "again", filled), kept.path, silently)
-    with running_services(tmp_path / "data", **filled.settings) as services:
+    restore(settings(tmp_path / "again", filled_bucket), kept.path, silently)
+    with running_services(tmp_path / "data", **filled_bucket.settings) as services:
         services.context.storage.put({"0" * 64: b"newer"})
     with pytest.raises(CannotMaintain, match="1 files that are not in the backup"):
-        restore(settings(tmp_path / "third", filled), kept.path, silently)
+        restore(settings(tmp_path / "third", filled_bucket), kept.path, silently)
 
-    assert doctor_findings(tmp_path / "again", **filled.settings).keys() <= {"token"}
-    assert {*before} < {*filled.blobs()}
+    assert doctor_findings(tmp_path / "again", **filled_bucket.settings).keys() <= {
+        "token"
+    }
+    assert {*before} < {*filled_bucket.blobs()}
     assert [*(tmp_path / "third").iterdir()] == []
 
 
-def test_a_bucket_beside_postgresql_is_saved_by_its_own_means(tmp_path, s3):
+def test_backup_with_a_bucket_and_postgresql_is_refused(tmp_path, s3):
     chosen = {**s3.bucket().settings, "database_url": "postgresql://a@127.0.0.1:1/b"}
 
     with pytest.raises(CannotMaintain, match="let its bucket keep versions"):

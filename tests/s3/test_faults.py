@@ -30,7 +30,7 @@ def problem(answer):
     return answer.status_code, answer.json()["code"]
 
 
-def until_ready(server):
+def wait_until_ready(server):
     for _ in range(MOST_TRIES):
         answer = plain_http.get(f"{server.url}/readyz", timeout=60)
         if answer.status_code == 200:
@@ -40,7 +40,7 @@ def until_ready(server):
 
 
 @pytest.fixture(params=["shut", pytest.param("hold", marks=pytest.mark.long)])
-def away(on_s3, request):
+def unreachable_store(on_s3, request):
     """The store refuses connections or accepts them silently, until the test ends.
 
     Gives a dataset and the id of a frame that was stored before.
@@ -55,8 +55,10 @@ def away(on_s3, request):
         on_s3.gate.open()
 
 
-def test_a_store_that_is_away_is_told_as_503_and_what_is_stored_comes_back(on_s3, away):
-    dataset, frame_id = away
+def test_unreachable_store_returns_503_and_stored_files_are_read_later(
+    on_s3, unreachable_store
+):
+    dataset, frame_id = unreachable_store
 
     refused = on_s3.api.put(dataset, "after", **files(2))
     picture = on_s3.api.get(f"/frames/{frame_id}/image")
@@ -65,7 +67,7 @@ def test_a_store_that_is_away_is_told_as_503_and_what_is_stored_comes_back(on_s3
     on_s3.gate.flow()
     on_s3.gate.shut()
     on_s3.gate.open()
-    until_ready(on_s3.server)
+    wait_until_ready(on_s3.server)
 
     assert problem(refused) == problem(picture) == (503, "storage_away")
     assert int(refused.headers["retry-after"]) > 0
@@ -76,21 +78,21 @@ def test_a_store_that_is_away_is_told_as_503_and_what_is_stored_comes_back(on_s3
     assert on_s3.api.put(dataset, "after", **files(2)).status_code == 201
 
 
-def test_a_batch_ends_at_the_frame_that_could_not_be_put(on_s3):
+def test_batch_ends_at_the_frame_that_the_store_did_not_take(on_s3):
     api, dataset = on_s3.api, on_s3.api.dataset()
     members = [one for name in ("a", "b") for one in frame(name)]
     on_s3.gate.shut()
 
-    answer = send(api, dataset, members)
+    answer = send_batch(api, dataset, members)
     on_s3.gate.open()
-    again = send(api, dataset, members)
+    again = send_batch(api, dataset, members)
 
     (end,) = lines_of(answer.text)
     assert (end["problem"]["status"], end["problem"]["code"]) == (503, "storage_away")
     assert [line.get("status") for line in lines_of(again.text)] == [201, 201, None]
 
 
-def send(api, dataset, members):
+def send_batch(api, dataset, members):
     return api.http.post(
         f"{BASE}/datasets/{dataset}/batches",
         content=tar_archive(members),
@@ -98,39 +100,41 @@ def send(api, dataset, members):
     )
 
 
-def complaints(server):
+def count_log_warnings(server):
     return server.log.read_text("utf-8").count(
         "the storage of the files does not respond"
     )
 
 
-def until_it_complains(server, before):
+def wait_for_log_warning(server, before):
     """Wait until a job has asked the store in vain, as its log says."""
     for _ in range(MOST_TRIES):
-        if complaints(server) > before:
+        if count_log_warnings(server) > before:
             return
         time.sleep(0.1)  # nothing but the log shows that a job waits
     raise AssertionError("nobody has asked the store")
 
 
 @pytest.fixture
-def measured_in_vain(on_s3):
+def run_without_store(on_s3):
     """A run that needs pixels while the store is unreachable, and its dataset."""
     dataset = on_s3.api.dataset()
     for number in range(3):
         on_s3.api.upload_frame(dataset, f"{number}", **files(number))
-    before = complaints(on_s3.server)
+    before = count_log_warnings(on_s3.server)
     on_s3.gate.shut()
     try:
         run = on_s3.api.post(f"/datasets/{dataset}/runs", {"config": FROM_PIXELS})
-        until_it_complains(on_s3.server, before)
+        wait_for_log_warning(on_s3.server, before)
         yield dataset, run
     finally:
         on_s3.gate.open()
 
 
-def test_a_run_and_an_export_outlast_a_store_that_is_away(on_s3, measured_in_vain):
-    dataset, run = measured_in_vain
+def test_run_and_export_finish_after_the_store_was_unreachable(
+    on_s3, run_without_store
+):
+    dataset, run = run_without_store
     body = {"format": "yolo", "options": {"images": "copy"}}
     export = on_s3.api.post(f"/datasets/{dataset}/exports", body)
 
@@ -140,18 +144,18 @@ def test_a_run_and_an_export_outlast_a_store_that_is_away(on_s3, measured_in_vai
     assert on_s3.api.wait_for_job(export)["state"] == "done"
 
 
-def test_a_run_can_be_cancelled_while_the_store_is_away(on_s3, measured_in_vain):
-    _, run = measured_in_vain
+def test_run_can_be_cancelled_while_the_store_is_unreachable(on_s3, run_without_store):
+    _, run = run_without_store
     begun = time.monotonic()
 
     on_s3.api.http.post(f"{run.headers['location']}/cancel")
 
     assert on_s3.api.wait_for_job(run)["state"] == "cancelled"
     assert time.monotonic() - begun < 10
-    assert all_threads_are_free(on_s3)
+    assert workers_become_idle(on_s3)
 
 
-def all_threads_are_free(on_s3):
+def workers_become_idle(on_s3):
     """Whether all measuring threads become idle within five seconds."""
     until = time.monotonic() + 5
     while time.monotonic() < until:
@@ -180,7 +184,7 @@ def send_in_batches(api, dataset, count):
         members = [
             one for number in sorted(left) for one in frame(f"{number}", number=number)
         ]
-        for line in lines_of(send(api, dataset, members).text):
+        for line in lines_of(send_batch(api, dataset, members).text):
             if line.get("status") in (200, 201):
                 left.discard(int(line["key"].removeprefix("run/")))
         if not left:
@@ -188,7 +192,7 @@ def send_in_batches(api, dataset, count):
     raise AssertionError(f"never stored: {left}")
 
 
-def come_and_go(way, over, seed):
+def interrupt_store_at_random(way, over, seed):
     """Make the store unreachable for moments at random times, until `over` is set."""
     chance = random.Random(seed)
     while not over.wait(chance.uniform(0.05, 0.4)):
@@ -197,14 +201,16 @@ def come_and_go(way, over, seed):
         way.open()
 
 
-def check_that_nothing_is_lost(running, count):
+def check_uploads_survive_interruptions(running, count):
     """Upload frames singly and in batches while the store comes and goes.
 
     Afterwards every frame and every file is there and unharmed.
     """
     api, over = running.api, threading.Event()
     dataset = api.dataset()
-    troubles = threading.Thread(target=come_and_go, args=(running.gate, over, count))
+    troubles = threading.Thread(
+        target=interrupt_store_at_random, args=(running.gate, over, count)
+    )
     with Api.at(running.server.url, running.server.headers).http as http:
         batches = threading.Thread(
             target=send_in_batches, args=(Api(http), dataset, count)
@@ -217,7 +223,7 @@ def check_that_nothing_is_lost(running, count):
         finally:
             over.set()
             troubles.join()
-    until_ready(running.server)
+    wait_until_ready(running.server)
     check_every_frame(running, dataset, count)
 
 
@@ -237,11 +243,11 @@ def check_every_frame(running, dataset, count):
     assert doctor.code == 0, doctor.out
 
 
-def test_nothing_acknowledged_is_lost_while_the_store_comes_and_goes(on_s3):
-    check_that_nothing_is_lost(on_s3, 15)
+def test_acknowledged_frames_survive_interruptions_of_the_store(on_s3):
+    check_uploads_survive_interruptions(on_s3, 15)
 
 
 @pytest.mark.long
-def test_nothing_acknowledged_is_lost_in_a_long_trouble(tmp_path, s3):
+def test_acknowledged_frames_survive_many_interruptions_of_the_store(tmp_path, s3):
     with served_on_s3(tmp_path, s3) as running:
-        check_that_nothing_is_lost(running, 100)
+        check_uploads_survive_interruptions(running, 100)

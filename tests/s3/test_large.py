@@ -33,19 +33,22 @@ def forget_peak(process):
 
 
 @pytest.fixture
-def patient(tmp_path, s3):
+def service_with_long_timeout(tmp_path, s3):
     """A service that waits for the store as long as a busy machine may need."""
     with served_on_s3(tmp_path, s3, UNGHOST_STORAGE_TIMEOUT_S="60") as running:
         yield running
 
 
 @pytest.fixture
-def export(patient):
+def export(service_with_long_timeout):
     """A large export, and by how many bytes the process grew while it was written.
 
     The images of its frames cannot be compressed.
     """
-    api, process = patient.api, patient.server.process
+    api, process = (
+        service_with_long_timeout.api,
+        service_with_long_timeout.server.process,
+    )
     dataset = api.dataset()
     tags = np.full((HIGH, WIDE), FAMILIES[scene.FAMILY].tag_of("Road"), np.uint8)
     segmentation = scene.png(FAMILIES[scene.FAMILY].paint(tags))
@@ -66,13 +69,15 @@ def export(patient):
     return made, peak_bytes(process) - before
 
 
-def test_an_archive_is_put_and_sent_in_parts(patient, export):
+def test_large_export_is_stored_and_downloaded_in_bounded_memory(
+    service_with_long_timeout, export
+):
     made, grown_while_put = export
-    process, digest = patient.server.process, hashlib.sha256()
+    process, digest = service_with_long_timeout.server.process, hashlib.sha256()
     forget_peak(process)
     before = peak_bytes(process)
 
-    with patient.api.http.stream("GET", made["download"]) as answer:
+    with service_with_long_timeout.api.http.stream("GET", made["download"]) as answer:
         for piece in answer.iter_bytes():
             digest.update(piece)
 

@@ -21,22 +21,22 @@ PATIENCE_S = 60
 def exports(folder, name, **chosen):
     """Fill a new service, and give the digest of its export in each format."""
     with running_services(folder, **chosen) as services:
-        street = renamed(services, name)
+        street = rename_dataset(services, name)
         for number in range(3):
             files = {"image": scene.image(number), "segmentation": scene.segmentation()}
             street.put(f"{number}", scene.annotation(), **files)
         street.review(street.box_ids()[0], "reject")
-        return {form: digest_of(street, form) for form in FORMATS}
+        return {form: export_state_and_digest(street, form) for form in FORMATS}
 
 
-def renamed(services, name) -> ServiceDataset:
+def rename_dataset(services, name) -> ServiceDataset:
     made = services.dataset()
     with services.context.database.write() as session:
         made.row(session).name = name
     return ServiceDataset(services, name, made.id)
 
 
-def digest_of(street, form):
+def export_state_and_digest(street, form):
     wanted = ExportRequest(form, FORMATS[form], "ada")
     with street.context.database.write() as session:
         made = request_export(street.context, session, street.row(session), wanted)
@@ -50,7 +50,7 @@ def digest_of(street, form):
     raise AssertionError(export.state)
 
 
-def test_a_bucket_and_a_folder_give_the_same_archives(tmp_path, s3):
+def test_exports_have_the_same_bytes_from_a_bucket_and_a_folder(tmp_path, s3):
     in_folder = exports(tmp_path / "folder", "street")
     in_bucket = exports(tmp_path / "bucket", "street", **s3.bucket().settings)
 

@@ -29,7 +29,7 @@ def batch(api, dataset, *names):
     return lines_of(answer.text)
 
 
-def filled(api):
+def upload_dataset(api):
     """A dataset of frames that came one by one and in a batch."""
     dataset = api.dataset()
     for number in range(FRAMES):
@@ -45,19 +45,17 @@ def filled(api):
     return dataset
 
 
-def exported(api, dataset, **options):
+def make_export(api, dataset, **options):
     body = {"format": "yolo", "options": options}
     return api.wait_for_job(api.post(f"/datasets/{dataset}/exports", body))
 
 
 @pytest.fixture(scope="module")
 def dataset(on_s3):
-    return filled(on_s3.api)
+    return upload_dataset(on_s3.api)
 
 
-def test_every_file_is_in_the_bucket_under_its_digest_and_none_in_the_folder(
-    on_s3, dataset
-):
+def test_files_are_in_the_bucket_by_digest_and_not_in_the_data_folder(on_s3, dataset):
     api = on_s3.api
     frames = api.json(f"/datasets/{dataset}/frames")["items"]
     pictures = [api.get(f"/frames/{each['id']}/image") for each in frames]
@@ -72,7 +70,7 @@ def test_every_file_is_in_the_bucket_under_its_digest_and_none_in_the_folder(
     assert stored_here == []
 
 
-def test_a_picture_is_answered_in_parts_and_only_once(on_s3, dataset):
+def test_image_from_the_bucket_supports_range_and_if_none_match(on_s3, dataset):
     (first, *_) = on_s3.api.json(f"/datasets/{dataset}/frames")["items"]
     path = f"/frames/{first['id']}/image"
     whole = on_s3.api.get(path)
@@ -93,7 +91,7 @@ def test_a_picture_is_answered_in_parts_and_only_once(on_s3, dataset):
     assert (known.status_code, beyond.status_code) == (304, 416)
 
 
-def test_pictures_are_drawn_from_files_in_a_bucket(on_s3, dataset):
+def test_thumbnail_overlay_and_crop_are_drawn_from_the_bucket(on_s3, dataset):
     box = on_s3.api.boxes(dataset)[0]
     frame_path = f"/frames/{box['frame_id']}"
 
@@ -107,15 +105,15 @@ def test_pictures_are_drawn_from_files_in_a_bucket(on_s3, dataset):
         assert answer.headers["content-type"] in ("image/jpeg", "image/png")
 
 
-def test_a_run_measures_again_from_the_bucket(on_s3):
-    dataset = filled(on_s3.api)
+def test_run_measures_frames_from_the_bucket(on_s3):
+    dataset = upload_dataset(on_s3.api)
 
     run = on_s3.api.run(dataset, FROM_PIXELS)
 
     assert (run["state"], run["done"]) == ("done", 2 * FRAMES)
 
 
-def test_a_frame_that_is_sent_again_mends_its_files(on_s3):
+def test_reupload_of_a_frame_repairs_its_damaged_and_missing_files(on_s3):
     api, bucket = on_s3.api, on_s3.bucket
     dataset = api.dataset()
     content = scene.image(77)
@@ -135,8 +133,8 @@ def test_a_frame_that_is_sent_again_mends_its_files(on_s3):
     assert api.get(path).content == content
 
 
-def test_an_export_in_a_bucket_is_downloaded_in_parts(on_s3, dataset):
-    made = exported(on_s3.api, dataset, images="copy")
+def test_export_in_the_bucket_supports_range_and_if_range(on_s3, dataset):
+    made = make_export(on_s3.api, dataset, images="copy")
     whole = on_s3.api.http.get(made["download"])
     tag, size = whole.headers["etag"], made["size_bytes"]
 
@@ -157,7 +155,7 @@ def test_an_export_in_a_bucket_is_downloaded_in_parts(on_s3, dataset):
     assert made["sha256"] in on_s3.bucket.blobs()
 
 
-def test_a_service_with_a_bucket_is_ready_and_counts_its_files(on_s3, dataset):
+def test_readyz_and_metrics_report_the_files_of_the_bucket(on_s3, dataset):
     ready = plain_http.get(f"{on_s3.server.url}/readyz").json()
     for _ in range(1000):
         text = on_s3.api.http.get("/metrics").text
@@ -169,7 +167,7 @@ def test_a_service_with_a_bucket_is_ready_and_counts_its_files(on_s3, dataset):
     assert float(counted) > FRAMES
 
 
-def test_unused_files_are_removed_and_the_others_are_whole(on_s3, s3):
+def test_garbage_collection_removes_old_unused_files_of_the_bucket(on_s3, s3):
     api, command, dataset = on_s3.api, on_s3.command, on_s3.api.dataset()
     images = {"old": scene.image(99), "young": scene.image(98)}
     digests = {key: hashlib.sha256(image).hexdigest() for key, image in images.items()}

@@ -26,14 +26,14 @@ def refusal(folder, bucket, **chosen):
     return str(refused.value)
 
 
-def test_a_bucket_that_is_not_there(tmp_path, s3):
+def test_missing_bucket_is_reported_at_start(tmp_path, s3):
     said = refusal(tmp_path / "data", TestBucket(s3.url, "no-such-bucket"))
 
     assert said.startswith(f"the bucket 'no-such-bucket' at {s3.url} cannot be used: ")
     assert "there is no such bucket" in said
 
 
-def test_a_server_that_is_not_there(tmp_path, s3):
+def test_unreachable_storage_server_is_reported_at_start(tmp_path, s3):
     said = refusal(tmp_path / "data", TestBucket("http://127.0.0.1:1", "pictures"))
 
     assert "'pictures' at http://127.0.0.1:1" in said
@@ -41,24 +41,24 @@ def test_a_server_that_is_not_there(tmp_path, s3):
 
 
 @pytest.mark.parametrize("status", [pytest.param(500, marks=pytest.mark.long), 503])
-def test_a_server_that_fails(tmp_path, s3, status):
+def test_storage_server_error_is_reported_at_start(tmp_path, s3, status):
     with server_answering_with(lambda _: (status, "")) as url:
         said = refusal(tmp_path / "data", TestBucket(url, "pictures"))
 
     assert "it does not respond" in said
 
 
-def test_refused_keys_are_named_by_their_variables_and_never_shown(tmp_path):
+def test_refused_credentials_are_reported_without_showing_secrets(tmp_path):
     """Not even by quoting the store, whose refusal repeats the request's headers."""
 
-    def echo(headers):
+    def echo_headers(headers):
         told = "".join(f"{name}:{value}\n" for name, value in headers.items())
         return 403, (
             "<Error><Code>SignatureDoesNotMatch</Code><CanonicalRequest>"
             f"{told}</CanonicalRequest></Error>"
         )
 
-    with server_answering_with(echo) as url:
+    with server_answering_with(echo_headers) as url:
         bucket = TestBucket(url, "pictures")
         unghost = CommandLine(
             tmp_path,
@@ -79,7 +79,9 @@ def test_refused_keys_are_named_by_their_variables_and_never_shown(tmp_path):
     assert (SECRET in said, TOKEN in said, "x-amz" in said) == (False, False, False)
 
 
-def test_a_library_that_is_not_installed_is_named(tmp_path, s3, monkeypatch):
+def test_missing_s3_library_is_reported_with_its_install_command(
+    tmp_path, s3, monkeypatch
+):
     bucket = s3.bucket()
     monkeypatch.delitem(sys.modules, "app.storage.s3", raising=False)
     monkeypatch.setitem(sys.modules, "obstore.store", None)
@@ -90,7 +92,7 @@ def test_a_library_that_is_not_installed_is_named(tmp_path, s3, monkeypatch):
     assert "pip install 'unghost[s3]'" in said
 
 
-def test_files_have_to_be_where_the_database_is_told_that_they_are(tmp_path, s3):
+def test_start_with_a_bucket_without_the_stored_files_is_refused(tmp_path, s3):
     with running_services(tmp_path / "data") as services:
         services.dataset().put("k", scene.annotation(), image=scene.image())
     bucket = s3.bucket()
@@ -105,7 +107,7 @@ def test_files_have_to_be_where_the_database_is_told_that_they_are(tmp_path, s3)
 
 
 @pytest.mark.sqlite_files("databases of a server are copies of one with all tables")
-def test_a_new_database_does_not_take_over_the_files_of_another(tmp_path, s3):
+def test_new_database_with_a_bucket_of_another_database_is_refused(tmp_path, s3):
     """It would treat all files that it does not know as garbage, and remove them."""
     bucket = s3.bucket()
     with running_services(tmp_path / "one", **bucket.settings) as services:

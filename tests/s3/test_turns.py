@@ -15,7 +15,7 @@ PATIENCE_S = 20.0
 
 
 @pytest.fixture
-def behind_a_gate(tmp_path, s3):
+def street_and_gate(tmp_path, s3):
     """A dataset with a frame, and the gate between its service and the bucket.
 
     The frame was stored by an earlier service, so that this one has to ask the bucket
@@ -36,8 +36,8 @@ def put(street, key):
     return street.put(key, scene.annotation(), **files)
 
 
-def test_others_write_while_files_that_were_there_before_are_asked_for(behind_a_gate):
-    street, way = behind_a_gate
+def test_lookup_of_existing_blobs_does_not_block_other_writers(street_and_gate):
+    street, way = street_and_gate
     turns = street.context.database.turns
 
     turns.take(person=True, wait_s=PATIENCE_S)

@@ -41,7 +41,7 @@ def own_origin(service):
 
 
 @pytest.mark.parametrize("credentials", [{}, {"Authorization": "Bearer ug_wrong"}])
-def test_every_route_but_the_open_ones_wants_a_token(service, admin, credentials):
+def test_all_routes_except_open_ones_require_a_token(service, admin, credentials):
     schema = admin.get("/openapi.json").json()
 
     with service.client(**credentials) as client:
@@ -58,7 +58,7 @@ def test_every_route_but_the_open_ones_wants_a_token(service, admin, credentials
     assert let_in == OPEN
 
 
-def test_the_document_says_which_routes_are_open(admin):
+def test_openapi_document_marks_the_open_routes(admin):
     schema = admin.get("/openapi.json").json()
 
     undefended = {
@@ -69,7 +69,7 @@ def test_the_document_says_which_routes_are_open(admin):
     assert undefended == OPEN
 
 
-def test_even_the_description_wants_a_token(anonymous):
+def test_openapi_docs_and_version_require_a_token(anonymous):
     paths = ("/openapi.json", "/docs/content", "/version")
 
     assert {anonymous.get(path).status_code for path in paths} == {401}
@@ -79,7 +79,7 @@ def test_even_the_description_wants_a_token(anonymous):
     "header",
     ["", "Bearer", "Basic dWc6", "Bearer ug_", "bearer x y", "ug_x"],
 )
-def test_anything_but_a_valid_token_is_401(anonymous, header):
+def test_invalid_authorization_header_returns_401_unauthorised(anonymous, header):
     answer = anonymous.get("/version", headers={"Authorization": header})
 
     assert (answer.status_code, answer.json()["code"]) == (401, "unauthorised")
@@ -94,7 +94,7 @@ def test_anything_but_a_valid_token_is_401(anonymous, header):
         ("admin", (200, 200, 200)),
     ],
 )
-def test_a_role_may_do_what_it_may_do(as_role, role, expected):
+def test_role_is_allowed_its_operations(as_role, role, expected):
     client = as_role(role)
 
     answers = (
@@ -106,7 +106,7 @@ def test_a_role_may_do_what_it_may_do(as_role, role, expected):
     assert tuple(answer.status_code for answer in answers) == expected
 
 
-def test_the_token_is_for_its_owner_alone_and_not_in_the_database(service):
+def test_token_file_is_private_and_token_is_not_in_the_database(service):
     mode = stat.S_IMODE(service.settings.token_file.stat().st_mode)
     folder = stat.S_IMODE(service.settings.data.stat().st_mode)
     dump = everything_in(service.settings.data)
@@ -117,7 +117,7 @@ def test_the_token_is_for_its_owner_alone_and_not_in_the_database(service):
     assert service.token not in dump
 
 
-def test_no_file_of_the_data_folder_holds_the_token_but_one(service):
+def test_only_the_token_file_contains_the_token(service):
     secret = service.token.encode()
 
     holders = [
@@ -133,7 +133,7 @@ def test_a_restart_keeps_the_token(serve):
     assert serve().token == serve().token
 
 
-def test_deleting_the_file_changes_the_token_and_ends_its_sessions(serve):
+def test_deleting_the_token_file_changes_token_and_ends_sessions(serve):
     before = serve()
     old = before.token
     with before.client() as browser:
@@ -149,7 +149,7 @@ def test_deleting_the_file_changes_the_token_and_ends_its_sessions(serve):
     assert (by_token.status_code, by_session.status_code) == (401, 401)
 
 
-def test_logging_in_sets_no_cookie_and_no_cache_keeps_its_answer(service, anonymous):
+def test_login_sets_no_cookie_and_its_response_is_not_cached(service, anonymous):
     answer = anonymous.post("/api/v1/session", json={"token": service.token})
 
     assert "set-cookie" not in answer.headers
@@ -164,7 +164,7 @@ def test_logging_in_sets_no_cookie_and_no_cache_keeps_its_answer(service, anonym
     assert service.token not in answer.text
 
 
-def test_an_idempotency_key_does_not_store_a_session(service, anonymous):
+def test_login_with_idempotency_key_stores_no_session_secret(service, anonymous):
     headers = {"Idempotency-Key": "log-in"}
 
     sessions = {
@@ -178,7 +178,7 @@ def test_an_idempotency_key_does_not_store_a_session(service, anonymous):
     assert all(one not in everything_in(service.settings.data) for one in sessions)
 
 
-def test_no_cookie_opens_anything(service, anonymous):
+def test_credentials_in_a_cookie_are_unauthorised(service, anonymous):
     """A browser sends a cookie to every port of a host, so to others' servers, too."""
     secret = log_in(service, anonymous)["Authorization"].split()[1]
 
@@ -188,7 +188,7 @@ def test_no_cookie_opens_anything(service, anonymous):
         assert (answer.status_code, answer.json()["code"]) == (401, "unauthorised")
 
 
-def test_a_cookie_that_an_earlier_version_left_is_taken_away_once(anonymous):
+def test_session_cookie_of_an_earlier_version_is_deleted(anonymous):
     with_one = anonymous.get("/", headers={"Cookie": "unghost_session=old"})
     etag = {"If-None-Match": with_one.headers["etag"]}
     unchanged = anonymous.get("/", headers={"Cookie": "unghost_session=old", **etag})
@@ -201,7 +201,7 @@ def test_a_cookie_that_an_earlier_version_left_is_taken_away_once(anonymous):
     assert "set-cookie" not in without.headers
 
 
-def test_a_session_reads_and_outlives_a_restart(serve):
+def test_session_stays_valid_after_a_restart(serve):
     first = serve()
     with first.client() as browser:
         session = log_in(first, browser)
@@ -212,7 +212,7 @@ def test_a_session_reads_and_outlives_a_restart(serve):
         assert browser.get("/version").status_code == 200
 
 
-def test_a_wrong_token_opens_no_session(anonymous):
+def test_login_with_a_wrong_token_is_unauthorised(anonymous):
     answer = anonymous.post("/api/v1/session", json={"token": "ug_guess"})
 
     assert answer.status_code == 401
@@ -239,7 +239,7 @@ def test_logging_out_ends_the_session(service, anonymous):
         {"Origin": "http://evil.example", "Sec-Fetch-Site": "same-origin"},
     ],
 )
-def test_a_session_does_not_write_for_other_pages(service, anonymous, headers):
+def test_session_write_from_another_origin_is_forbidden(service, anonymous, headers):
     """A write with a session is refused if its headers name another page.
 
     Other pages do not have the session. Should one get it, the browser still sends
@@ -252,7 +252,7 @@ def test_a_session_does_not_write_for_other_pages(service, anonymous, headers):
     assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")
 
 
-def test_a_session_writes_for_its_own_page(service, anonymous):
+def test_session_write_from_its_own_origin_is_allowed(service, anonymous):
     session = log_in(service, anonymous)
     same = {"Sec-Fetch-Site": "same-origin"}
 
@@ -264,11 +264,11 @@ def test_a_session_writes_for_its_own_page(service, anonymous):
     assert (by_origin.status_code, by_site.status_code) == (200, 200)
 
 
-def test_a_program_with_a_token_needs_no_origin(admin):
+def test_write_with_a_token_needs_no_origin_header(admin):
     assert admin.post("/probe/echo").status_code == 200
 
 
-def test_another_page_cannot_log_a_browser_in(service, anonymous):
+def test_login_from_another_origin_is_forbidden(service, anonymous):
     answer = anonymous.post(
         "/api/v1/session",
         json={"token": service.token},

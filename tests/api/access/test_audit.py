@@ -24,17 +24,17 @@ def actions(client, subject):
     return [one["action"] for one in entries(client, subject)]
 
 
-def give(client, name, role="admin"):
+def create_token(client, name, role="admin"):
     answer = client.post(TOKENS, json={"name": name, "role": role})
     assert answer.status_code == 201
     return answer.json()
 
 
-def as_bearer(service, given):
+def client_with_token(service, given):
     return service.client(Authorization=f"Bearer {given['token']}")
 
 
-def test_the_first_token_is_noted_as_the_services_own_act(admin):
+def test_first_token_is_logged_as_created_by_the_service(admin):
     first = entries(admin, "admin")[0]
 
     assert (first["actor"], first["token_id"]) == ("unghost", None)
@@ -44,8 +44,8 @@ def test_the_first_token_is_noted_as_the_services_own_act(admin):
     assert ends.endswith("Z")
 
 
-def test_an_entry_says_who_did_what_when_and_to_what(admin):
-    given = give(admin, "ada", "reviewer")
+def test_audit_entry_has_actor_action_time_and_subject(admin):
+    given = create_token(admin, "ada", "reviewer")
 
     (entry,) = entries(admin, "ada")
     assert entry == {
@@ -65,9 +65,9 @@ def test_an_entry_says_who_did_what_when_and_to_what(admin):
     assert given["token"] not in admin.get(AUDIT).text
 
 
-def test_entries_of_a_token_stay_when_it_is_revoked(service, admin):
-    given = give(admin, "grace")
-    with as_bearer(service, given) as grace:
+def test_audit_entries_of_a_revoked_token_are_kept(service, admin):
+    given = create_token(admin, "grace")
+    with client_with_token(service, given) as grace:
         assert grace.post(DATASETS, json={"name": "graces"}).status_code == 201
     for _ in range(2):
         assert admin.delete(f"{TOKENS}/{given['id']}").status_code == 204
@@ -77,7 +77,7 @@ def test_entries_of_a_token_stay_when_it_is_revoked(service, admin):
     assert actions(admin, "grace") == ["token.created", "token.revoked"]
 
 
-def test_a_dataset_is_followed_from_its_making_to_its_end(admin):
+def test_dataset_is_audited_from_creation_to_deletion(admin):
     path = f"{DATASETS}/followed"
     admin.post(DATASETS, json={"name": "followed"})
     admin.patch(path, json={"description": "d"})
@@ -108,7 +108,7 @@ def busy(service):
     done.set()
 
 
-def test_cancelled_jobs_are_noted_with_their_dataset(admin, busy):
+def test_cancelled_jobs_are_audited_with_their_dataset(admin, busy):
     admin.post(DATASETS, json={"name": "stopped"})
     digest = admin.get(f"{DATASETS}/stopped/config").json()["digest"]
     export = admin.post(f"{DATASETS}/stopped/exports", json={"format": "yolo"})
@@ -126,7 +126,7 @@ def test_cancelled_jobs_are_noted_with_their_dataset(admin, busy):
     assert {one["details"]["dataset"] for one in found} == {"stopped"}
 
 
-def test_a_refused_request_has_no_entry(admin):
+def test_refused_request_has_no_audit_entry(admin):
     admin.post(DATASETS, json={"name": "kept"})
 
     refused = [
@@ -140,7 +140,7 @@ def test_a_refused_request_has_no_entry(admin):
     assert actions(admin, "kept") == ["dataset.created"]
 
 
-def test_an_act_that_is_sent_twice_is_noted_once(admin):
+def test_request_repeated_with_idempotency_key_is_audited_once(admin):
     for _ in range(2):
         answer = admin.post(
             DATASETS, json={"name": "once"}, headers={"Idempotency-Key": "once"}
@@ -150,9 +150,9 @@ def test_an_act_that_is_sent_twice_is_noted_once(admin):
     assert actions(admin, "once") == ["dataset.created"]
 
 
-def test_entries_are_paged_newest_first(admin):
+def test_audit_pagination_lists_entries_newest_first(admin):
     for name in ("page-a", "page-b", "page-c"):
-        give(admin, name, "viewer")
+        create_token(admin, name, "viewer")
 
     first = admin.get(AUDIT, params={"limit": 2})
     second = admin.get(first.headers["link"].partition(">")[0].lstrip("<"))
@@ -163,19 +163,19 @@ def test_entries_are_paged_newest_first(admin):
 
 
 @pytest.mark.parametrize("query", ["limit=0", "limit=1001"])
-def test_a_damaged_page_is_refused(admin, query):
+def test_invalid_audit_page_limit_is_refused(admin, query):
     assert admin.get(f"{AUDIT}?{query}").status_code == 422
 
 
 @pytest.mark.parametrize("role", ["viewer", "reviewer"])
-def test_only_admins_read_it(as_role, role):
+def test_audit_log_is_forbidden_to_viewers_and_reviewers(as_role, role):
     assert as_role(role).get(AUDIT).status_code == 403
 
 
 @pytest.mark.parametrize(
     "statement", ["update audit_log set actor = 'nobody'", "delete from audit_log"]
 )
-def test_nobody_changes_it_not_even_in_the_database(service, admin, statement):
+def test_audit_log_is_append_only_in_the_database(service, admin, statement):
     before = admin.get(AUDIT).text
 
     with pytest.raises(DBAPIError, match="only added to"):

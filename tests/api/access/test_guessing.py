@@ -37,15 +37,15 @@ def by_code(client, token):
     return client.post(SESSION, json={"code": token.replace("ug_", "uc_")})
 
 
-def by_address(client, token):
+def by_export_key(client, token):
     key = token.replace("ug_", "ud_")
     return client.get("/api/v1/exports/1/file", params={"key": key})
 
 
-WAYS = [by_login, by_header, by_session, by_code, by_address]
+WAYS = [by_login, by_header, by_session, by_code, by_export_key]
 
 
-def test_right_secrets_are_accepted_after_many_wrong_ones(service):
+def test_valid_credentials_are_accepted_after_many_wrong_ones(service):
     with service.client() as client, service.admin() as admin:
         code = admin.post("/api/v1/login-codes").json()["code"]
         wrong = [
@@ -62,9 +62,7 @@ def test_right_secrets_are_accepted_after_many_wrong_ones(service):
     assert (shown.status_code, session.status_code) == (200, 200)
 
 
-def test_wrong_secrets_are_one_line_of_the_log_and_nothing_in_the_database(
-    service, caplog
-):
+def test_wrong_credentials_give_one_log_line_and_no_database_write(service, caplog):
     with service.client() as client:
         before = everything_in(service.settings.data)
         for number in range(MANY):
@@ -98,7 +96,7 @@ def test_a_request_without_a_token_is_not_counted_as_wrong(service, caplog):
     ("proxies", "named"),
     [((), "3 from 127.0.0.1"), (("127.0.0.1",), "2 from 192.0.2.1, 1 from 192.0.2.2")],
 )
-def test_a_forwarded_address_is_believed_from_a_trusted_proxy_only(
+def test_forwarded_address_is_used_from_a_trusted_proxy_only(
     serve, caplog, proxies, named
 ):
     service = serve(trusted_proxies=proxies)
@@ -117,7 +115,7 @@ def test_a_forwarded_address_is_believed_from_a_trusted_proxy_only(
     assert caplog.messages[-1].endswith(f"codes or keys: {named}")
 
 
-def test_any_number_of_addresses_is_counted_in_little_memory():
+def test_counting_wrong_tokens_of_many_addresses_uses_little_memory():
     wrong = WrongSecrets()
     tracemalloc.start()
     for number in range(5000):

@@ -32,7 +32,9 @@ def change_code(service, code, **to):
             setattr(row, name, value)
 
 
-def test_a_login_code_opens_one_session_for_its_own_token(service, admin, anonymous):
+def test_login_code_is_single_use_and_opens_a_session_of_its_token(
+    service, admin, anonymous
+):
     made = admin.post("/api/v1/login-codes")
     code = made.json()["code"]
     before = admin.get(f"/api/v1/login-codes/{made.json()['id']}").json()
@@ -50,7 +52,7 @@ def test_a_login_code_opens_one_session_for_its_own_token(service, admin, anonym
     assert code not in everything_in(service.settings.data)
 
 
-def test_of_two_who_use_a_login_code_at_once_one_is_let_in(service, admin):
+def test_login_code_used_concurrently_opens_one_session(service, admin):
     code = admin.post("/api/v1/login-codes").json()["code"]
 
     def use(_):
@@ -62,7 +64,7 @@ def test_of_two_who_use_a_login_code_at_once_one_is_let_in(service, admin):
     assert sorted(one.status_code for one in answers) == [201, *[401] * 7]
 
 
-def test_a_login_code_ends_after_ten_minutes(service, admin, anonymous):
+def test_login_code_expires_after_ten_minutes(service, admin, anonymous):
     made = admin.post("/api/v1/login-codes").json()
     ends = datetime.fromisoformat(made["expires_at"])
     now = datetime.now(timezone.utc)
@@ -75,7 +77,7 @@ def test_a_login_code_ends_after_ten_minutes(service, admin, anonymous):
     assert "`unghost login` prints a new one" in answer.json()["detail"]
 
 
-def test_a_login_code_ends_with_its_token(service, admin, anonymous):
+def test_login_code_of_a_revoked_token_is_unauthorised(service, admin, anonymous):
     token = admin.post("/api/v1/tokens", json={"name": "leaver"}).json()
     bearer = {"Authorization": f"Bearer {token['token']}"}
     code = anonymous.post("/api/v1/login-codes", headers=bearer).json()["code"]
@@ -86,7 +88,7 @@ def test_a_login_code_ends_with_its_token(service, admin, anonymous):
     assert answer.status_code == 401
 
 
-def test_a_login_code_of_somebody_else_is_not_to_be_seen(admin, as_role):
+def test_login_code_of_another_token_returns_404(admin, as_role):
     made = admin.post("/api/v1/login-codes").json()
 
     answer = as_role("admin").get(f"/api/v1/login-codes/{made['id']}")
@@ -95,14 +97,14 @@ def test_a_login_code_of_somebody_else_is_not_to_be_seen(admin, as_role):
 
 
 @pytest.mark.parametrize("body", [{}, {"token": "ug_x", "code": "uc_x"}])
-def test_a_login_needs_either_a_token_or_a_code(anonymous, body):
+def test_login_with_neither_or_both_of_token_and_code_is_refused(anonymous, body):
     answer = anonymous.post("/api/v1/session", json=body)
 
     assert answer.status_code == 422
     assert "expected either token or code" in answer.json()["detail"]
 
 
-def test_codes_and_logins_are_in_the_audit_log(service, admin, anonymous):
+def test_login_codes_and_logins_are_audited(service, admin, anonymous):
     code = admin.post("/api/v1/login-codes").json()["code"]
     log_in(service, anonymous, code=code)
     log_in(service, anonymous)
@@ -118,7 +120,7 @@ def test_codes_and_logins_are_in_the_audit_log(service, admin, anonymous):
 
 
 @pytest.fixture
-def viewer(service, admin, request):
+def client_and_token(service, admin, request):
     """A client with a new token, and the answer that the token came in."""
     made = admin.post("/api/v1/tokens", json={"name": request.node.name})
     shown = {"Authorization": f"Bearer {made.json()['token']}"}
@@ -126,21 +128,21 @@ def viewer(service, admin, request):
         yield client, made.json()
 
 
-def rows_of(service, table, token_id):
+def count_rows(service, table, token_id):
     counted = select(func.count()).select_from(table).where(table.token_id == token_id)
     with service.app.state.database.read() as session:
         return session.scalar(counted)
 
 
-def test_of_many_login_codes_of_a_token_the_newest_stay(
-    service, admin, anonymous, viewer
+def test_oldest_login_codes_of_a_token_are_deleted_over_the_limit(
+    service, admin, anonymous, client_and_token
 ):
-    busy, token = viewer
+    busy, token = client_and_token
     others = admin.post("/api/v1/login-codes").json()["code"]
 
     codes = [busy.post("/api/v1/login-codes").json() for _ in range(MOST_CODES + 2)]
 
-    assert rows_of(service, LoginCode, token["id"]) == MOST_CODES
+    assert count_rows(service, LoginCode, token["id"]) == MOST_CODES
     for made in codes[:2]:
         answer = anonymous.post("/api/v1/session", json={"code": made["code"]})
         assert (answer.status_code, answer.json()["code"]) == (401, "code_over")
@@ -149,8 +151,10 @@ def test_of_many_login_codes_of_a_token_the_newest_stay(
         log_in(service, anonymous, code=code)
 
 
-def test_of_many_sessions_of_a_token_the_newest_stay(service, admin, anonymous, viewer):
-    _, token = viewer
+def test_oldest_sessions_of_a_token_are_deleted_over_the_limit(
+    service, admin, anonymous, client_and_token
+):
+    _, token = client_and_token
     others = log_in(service, anonymous)
 
     sessions = [
@@ -158,7 +162,7 @@ def test_of_many_sessions_of_a_token_the_newest_stay(service, admin, anonymous, 
         for _ in range(MOST_SESSIONS + 2)
     ]
 
-    assert rows_of(service, LoginSession, token["id"]) == MOST_SESSIONS
+    assert count_rows(service, LoginSession, token["id"]) == MOST_SESSIONS
     answers = [anonymous.get("/api/v1/session", headers=one) for one in sessions]
     assert [one.status_code for one in answers] == [401] * 2 + [200] * MOST_SESSIONS
     assert anonymous.get("/api/v1/session", headers=others).status_code == 200

@@ -74,7 +74,7 @@ def first_line(process):
     return process.stdout.readline()
 
 
-def seen_by_everybody():
+def process_arguments_and_environments():
     """Arguments and environment of every process, as far as they can be read."""
     found = b""
     for process in Path("/proc").glob("[0-9]*"):
@@ -101,7 +101,7 @@ def test_login_prints_a_link_that_works_once(machine):
     assert opened == [201, 401]
 
 
-def test_login_link_is_of_the_token_that_asks(machine):
+def test_login_link_belongs_to_the_given_token(machine):
     server, unghost = machine
     with Client(server.url, server.token) as admin:
         token = admin.create_token("bo", "viewer").token
@@ -115,7 +115,7 @@ def test_login_link_is_of_the_token_that_asks(machine):
     assert (opened.json()["name"], opened.json()["role"]) == ("bo", "viewer")
 
 
-def test_login_without_a_token_says_what_is_missing(machine, tmp_path):
+def test_login_without_a_token_fails_with_a_message(machine, tmp_path):
     server, _ = machine
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -134,7 +134,7 @@ def is_signed_in(server_url, token):
         )
 
 
-def test_open_shows_no_secret_to_the_machine_and_leaves_no_file(tmp_path, browser):
+def test_serve_open_leaks_no_secret_to_processes_and_leaves_no_file(tmp_path, browser):
     """Every user can see the arguments of a browser, so they must hold no secret."""
     unghost = CommandLine(tmp_path, {"BROWSER": str(browser)}, anew=True)
     notes = browser.parent
@@ -147,9 +147,9 @@ def test_open_shows_no_secret_to_the_machine_and_leaves_no_file(tmp_path, browse
         )
         token = token_of(tmp_path / "here")
         until(lambda: (notes / "pid").exists())
-        listed = seen_by_everybody()
+        listed = process_arguments_and_environments()
         until(lambda: is_signed_in(url, token))
-        listed += seen_by_everybody()
+        listed += process_arguments_and_environments()
         page = Path((notes / "address").read_text().strip().removeprefix("file://"))
         until(lambda: not page.exists())
         process.send_signal(signal.SIGINT)
@@ -165,7 +165,7 @@ def test_open_shows_no_secret_to_the_machine_and_leaves_no_file(tmp_path, browse
     assert list((tmp_path / "here").glob("login-*")) == []
 
 
-def test_open_without_a_browser_leaves_no_file_either(tmp_path):
+def test_serve_open_without_a_browser_leaves_no_file(tmp_path):
     unghost = CommandLine(tmp_path, {"BROWSER": "no-such-browser", "PATH": ""})
 
     with unghost.running(
@@ -179,7 +179,7 @@ def test_open_without_a_browser_leaves_no_file_either(tmp_path):
     assert list((tmp_path / "here").glob("login-*")) == []
 
 
-def test_file_that_a_killed_service_left_is_taken_away(tmp_path):
+def test_stale_login_file_is_deleted_at_startup(tmp_path):
     (tmp_path / "here").mkdir(mode=0o700)
     left = tmp_path / "here" / "login-left.html"
     left.write_text("a code that is over")
@@ -192,7 +192,7 @@ def test_file_that_a_killed_service_left_is_taken_away(tmp_path):
         process.communicate(timeout=PATIENCE_S)
 
 
-def test_login_opens_the_browser_and_ends_when_the_link_was_used(machine, browser):
+def test_login_open_starts_the_browser_and_exits_once_link_is_used(machine, browser):
     server, unghost = machine
     settings = {**unghost.settings, "BROWSER": str(browser)}
 

@@ -54,7 +54,7 @@ def filled(service):
     return {**names, "token_id": 1, "batch_id": 1, **answers}
 
 
-def answered(client, values, operations=GUARDED):
+def statuses_of(client, values, operations=GUARDED):
     """The status of each operation, requested with nothing but its path."""
     return {
         (method, path): client.request(method, fill_path(path, values)).status_code
@@ -70,7 +70,7 @@ def test_every_route_has_a_declared_role():
     assert REQUIRED_ROLES.keys() - found == set()
 
 
-def test_every_route_is_behind_the_router_that_asks_for_its_role():
+def test_every_route_is_on_a_router_that_requires_its_role():
     declared = {}
     for route in every_route():
         for method, path in operations(route):
@@ -89,13 +89,13 @@ def test_every_route_is_behind_the_router_that_asks_for_its_role():
 
 
 @pytest.mark.parametrize("role", get_args(Role))
-def test_a_role_is_let_in_where_it_may_and_nowhere_else(as_role, role):
+def test_role_is_allowed_its_routes_and_forbidden_all_others(as_role, role):
     """The ids in the paths do not exist: allowed requests may get a 404, but no 403."""
     names = re.findall(r"{(.*?)}", " ".join(path for _, path in GUARDED))
     nowhere = dict.fromkeys(names, NOWHERE)
     client = as_role(role)
 
-    statuses = answered(client, nowhere)
+    statuses = statuses_of(client, nowhere)
 
     refused = {one for one, status in statuses.items() if status in REFUSALS}
     barred = {one for one, needed in GUARDED.items() if not includes(role, needed)}
@@ -104,7 +104,7 @@ def test_a_role_is_let_in_where_it_may_and_nowhere_else(as_role, role):
 
 
 @pytest.mark.parametrize("role", ["viewer", "reviewer"])
-def test_a_role_is_refused_on_datasets_of_others_and_changes_nothing(
+def test_role_is_forbidden_on_a_dataset_of_others_and_changes_nothing(
     service, as_role, filled, role
 ):
     """The paths lead to a real dataset, which a refused request must not change."""
@@ -112,7 +112,7 @@ def test_a_role_is_refused_on_datasets_of_others_and_changes_nothing(
     with service.admin() as admin:
         before = admin.get("/api/v1/datasets/hers").json()
 
-        statuses = answered(as_role(role), filled, barred)
+        statuses = statuses_of(as_role(role), filled, barred)
 
         assert set(statuses.values()) == {403}
         assert admin.get("/api/v1/datasets/hers").json() == before
@@ -124,7 +124,7 @@ def test_a_viewer_may_read_datasets_of_others(as_role, filled):
     reading = {one for one, role in GUARDED.items() if role == "viewer"}
     gets = {one for one in reading if one[0] == "GET"}
 
-    statuses = answered(as_role("viewer"), filled, gets)
+    statuses = statuses_of(as_role("viewer"), filled, gets)
 
     assert {one for one, status in statuses.items() if status in REFUSALS} == set()
     assert statuses["GET", "/api/v1/boxes/{box_id}"] == 200
@@ -147,7 +147,7 @@ def revoked(service, client):
 
 def ended_session(service, client):
     """The session of a browser that has logged out."""
-    session = opened_session(service, service.token)
+    session = open_session(service, service.token)
     with service.client(**session) as browser:
         assert browser.delete("/api/v1/session").status_code == 204
     return session
@@ -155,11 +155,11 @@ def ended_session(service, client):
 
 def session_as_a_cookie(service, client):
     """A valid session, but in a cookie, as earlier versions took it."""
-    secret = opened_session(service, service.token)["Authorization"].split()[1]
+    secret = open_session(service, service.token)["Authorization"].split()[1]
     return {"Cookie": f"unghost_session={secret}", "Origin": service.url}
 
 
-def opened_session(service, token):
+def open_session(service, token):
     with service.client(Origin=service.url) as browser:
         opened = browser.post("/api/v1/session", json={"token": token})
     return {"Authorization": f"Bearer {opened.json()['session']}"}
@@ -186,7 +186,7 @@ def test_every_route_refuses_requests_without_a_valid_token(
     headers = NONE_THAT_COUNTS[which](service, admin)
 
     with service.client(**headers) as client:
-        statuses = answered(client, filled)
+        statuses = statuses_of(client, filled)
 
     assert set(statuses.values()) == NO_ENTRY
 
@@ -195,7 +195,9 @@ def test_every_route_refuses_requests_without_a_valid_token(
     ("which", "code"),
     [("expired", "token_expired"), ("revoked", "token_revoked")],
 )
-def test_an_ended_token_is_answered_as_ended(service, serve, which, code):
+def test_expired_and_revoked_tokens_have_their_own_error_codes(
+    service, serve, which, code
+):
     own = serve()
     with own.admin() as client:
         headers = NONE_THAT_COUNTS[which](own, client)
@@ -207,9 +209,9 @@ def test_an_ended_token_is_answered_as_ended(service, serve, which, code):
     assert (by_header["code"], by_login["code"]) == (code, code)
 
 
-def test_a_session_ends_with_the_token_that_opened_it(service, admin):
+def test_session_expires_with_its_token(service, admin):
     token = admin.post("/api/v1/tokens", json={"name": "short"}).json()
-    session = opened_session(service, token["token"])
+    session = open_session(service, token["token"])
     with service.client(**session) as browser:
         with service.app.state.database.write() as session:
             row = session.get(Token, token["id"])
@@ -220,7 +222,7 @@ def test_a_session_ends_with_the_token_that_opened_it(service, admin):
     assert (answer.status_code, answer.json()["code"]) == (401, "token_expired")
 
 
-def test_a_route_without_a_role_would_be_noticed():
+def test_route_search_finds_routes_outside_the_openapi_document():
     """The search for routes finds those outside the OpenAPI document, too."""
     paths = {route.path for route in every_route()}
 

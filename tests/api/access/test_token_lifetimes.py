@@ -28,22 +28,22 @@ def create(client, name, **body):
     return answer.json()
 
 
-def time_of(text):
+def parse_time(text):
     return None if text is None else datetime.fromisoformat(text)
 
 
-def listed(client, name):
+def token_named(client, name):
     items = client.get(TOKENS, params={"limit": 1000}).json()["items"]
     return next(item for item in items if item["name"] == name)
 
 
-def first_ends(service, at):
+def set_first_token_expiry(service, at):
     """Set when the first token expires, as if time had passed."""
     with service.app.state.database.write() as session:
         session.get(Token, 1).expires_at = at
 
 
-def opens(service, token):
+def is_authenticated(service, token):
     with service.client(Authorization=f"Bearer {token}") as client:
         return client.get("/version").status_code == 200
 
@@ -57,12 +57,10 @@ def opens(service, token):
         ({"expires_in_days": None}, None),
     ],
 )
-def test_a_token_ends_after_ninety_days_unless_somebody_says_otherwise(
-    admin, body, days
-):
+def test_token_expires_after_90_days_by_default_or_as_requested(admin, body, days):
     made = create(admin, f"lasting-{body}", **body)
 
-    ends = time_of(made["expires_at"])
+    ends = parse_time(made["expires_at"])
     if days is None:
         assert ends is None
     else:
@@ -70,14 +68,14 @@ def test_a_token_ends_after_ninety_days_unless_somebody_says_otherwise(
 
 
 @pytest.mark.parametrize("days", [0, -1, 36_501, "a week", 1.5])
-def test_days_that_are_none_are_refused(admin, days):
+def test_invalid_expires_in_days_is_refused(admin, days):
     answer = admin.post(TOKENS, json={"name": "odd", "expires_in_days": days})
 
     assert answer.status_code == 422
     assert answer.json()["errors"][0]["pointer"] == "/expires_in_days"
 
 
-def test_an_end_is_said_once(admin):
+def test_both_expires_at_and_expires_in_days_are_refused(admin):
     ends = {"expires_at": (now() + DAY).isoformat(), "expires_in_days": 7}
 
     answer = admin.post(TOKENS, json={"name": "twice", **ends})
@@ -86,9 +84,7 @@ def test_an_end_is_said_once(admin):
     assert "expected either expires_at or expires_in_days" in answer.json()["detail"]
 
 
-def test_the_last_use_of_a_token_is_noted_by_the_service_and_by_no_request(
-    service, admin
-):
+def test_last_use_of_a_token_is_written_by_upkeep_not_by_requests(service, admin):
     made = create(admin, "worker")
     with service.client(Authorization=f"Bearer {made['token']}") as worker:
         write_upkeep(service.app.state.services)
@@ -98,9 +94,9 @@ def test_the_last_use_of_a_token_is_noted_by_the_service_and_by_no_request(
             assert worker.get("/version").status_code == 200
 
     assert everything_in(service.settings.data) == before
-    assert listed(admin, "worker")["last_used_at"] is None
+    assert token_named(admin, "worker")["last_used_at"] is None
     write_upkeep(service.app.state.services)
-    assert begun <= time_of(listed(admin, "worker")["last_used_at"]) <= now()
+    assert begun <= parse_time(token_named(admin, "worker")["last_used_at"]) <= now()
     write_upkeep(service.app.state.services)
     noted = everything_in(service.settings.data)
     write_upkeep(service.app.state.services)
@@ -111,10 +107,10 @@ def test_the_last_use_of_a_token_is_written_when_the_service_stops(tmp_path):
     with live(tmp_path / "data") as first:
         with first.admin() as admin:
             made = create(admin, "last")
-        assert opens(first, made["token"])
+        assert is_authenticated(first, made["token"])
 
     with live(tmp_path / "data") as second, second.admin() as admin:
-        assert listed(admin, "last")["last_used_at"] is not None
+        assert token_named(admin, "last")["last_used_at"] is not None
 
 
 def test_a_session_counts_as_a_use_of_its_token(service, admin):
@@ -125,29 +121,29 @@ def test_a_session_counts_as_a_use_of_its_token(service, admin):
     write_upkeep(service.app.state.services)
 
     assert opened.status_code == 201
-    assert listed(admin, "browser")["last_used_at"] is not None
+    assert token_named(admin, "browser")["last_used_at"] is not None
 
 
-def test_the_first_token_ends_after_a_month(serve):
+def test_first_token_expires_after_30_days(serve):
     service = serve()
     with service.admin() as admin:
-        ends = time_of(listed(admin, "admin")["expires_at"])
+        ends = parse_time(token_named(admin, "admin")["expires_at"])
 
     assert LIFETIME - DAY / 24 < ends - now() <= LIFETIME == 30 * DAY
 
 
-def test_a_first_token_without_an_end_gets_one_at_the_next_start(serve):
+def test_first_token_without_expiry_is_renewed_at_the_next_start(serve):
     """The first tokens of earlier versions have no end."""
     before = serve()
     old = before.token
-    first_ends(before, None)
+    set_first_token_expiry(before, None)
 
     after = serve()
 
     assert after.token != old
-    assert opens(after, old)
+    assert is_authenticated(after, old)
     with after.admin() as admin:
-        assert time_of(listed(admin, "admin")["expires_at"]) is not None
+        assert parse_time(token_named(admin, "admin")["expires_at"]) is not None
 
 
 def test_the_first_token_is_renewed_while_the_service_runs(serve):
@@ -157,7 +153,7 @@ def test_the_first_token_is_renewed_while_the_service_runs(serve):
         opened = page.post("/api/v1/session", json={"token": old}).json()
     write_upkeep(service.app.state.services)
     assert service.token == old
-    first_ends(service, soon)
+    set_first_token_expiry(service, soon)
 
     write_upkeep(service.app.state.services)
 
@@ -165,36 +161,39 @@ def test_the_first_token_is_renewed_while_the_service_runs(serve):
     mode = stat.S_IMODE(service.settings.token_file.stat().st_mode)
     assert mode == 0o600
     # The old token goes on working, and so do the sessions opened with it.
-    assert opens(service, service.token)
-    assert opens(service, old)
-    assert opens(service, opened["session"])
+    assert is_authenticated(service, service.token)
+    assert is_authenticated(service, old)
+    assert is_authenticated(service, opened["session"])
     with service.admin() as admin:
-        assert time_of(listed(admin, "admin")["expires_at"]) > now() + LIFETIME - DAY
+        assert (
+            parse_time(token_named(admin, "admin")["expires_at"])
+            > now() + LIFETIME - DAY
+        )
         newest = admin.get("/api/v1/audit").json()["items"][0]
         assert (newest["actor"], newest["action"]) == ("unghost", "token.renewed")
         # Revoking it ends its old value, too, and the sessions opened with that.
         create(admin, "another", role="admin", expires_in_days=None)
         admin.delete(f"{TOKENS}/1")
-    assert not opens(service, old)
-    assert not opens(service, opened["session"])
+    assert not is_authenticated(service, old)
+    assert not is_authenticated(service, opened["session"])
 
 
-def test_no_number_of_sessions_ends_a_first_token_that_was_renewed(serve):
+def test_renewed_first_token_stays_valid_beyond_the_session_limit(serve):
     service = serve()
     old = service.token
-    first_ends(service, now() + DAY)
+    set_first_token_expiry(service, now() + DAY)
     write_upkeep(service.app.state.services)
 
     with service.client() as page:
         for _ in range(MOST_SESSIONS + 1):
             page.post("/api/v1/session", json={"token": service.token})
 
-    assert opens(service, old)
+    assert is_authenticated(service, old)
 
 
-def test_a_token_file_that_is_gone_is_not_made_anew_by_the_service_that_runs(serve):
+def test_running_service_does_not_recreate_a_deleted_token_file(serve):
     service = serve()
-    first_ends(service, now() + DAY)
+    set_first_token_expiry(service, now() + DAY)
     service.settings.token_file.unlink()
 
     write_upkeep(service.app.state.services)
@@ -203,7 +202,7 @@ def test_a_token_file_that_is_gone_is_not_made_anew_by_the_service_that_runs(ser
 
 
 @pytest.mark.parametrize("mode", [0o644, 0o640, 0o604])
-def test_a_token_that_others_could_read_is_replaced_and_its_file_mended(
+def test_token_file_readable_by_others_gets_a_new_token_and_mode_0600(
     serve, caplog, mode
 ):
     before = serve()
@@ -216,8 +215,8 @@ def test_a_token_that_others_could_read_is_replaced_and_its_file_mended(
 
     assert stat.S_IMODE(after.settings.token_file.stat().st_mode) == 0o600
     assert after.token != old
-    assert opens(after, after.token)
-    assert not opens(after, old)
-    assert not opens(after, opened["session"])
+    assert is_authenticated(after, after.token)
+    assert not is_authenticated(after, old)
+    assert not is_authenticated(after, opened["session"])
     assert f"others could read the token file (mode {mode:o})" in caplog.text
     assert after.token not in caplog.text

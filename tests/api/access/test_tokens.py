@@ -9,7 +9,7 @@ def create(client, name, **more):
     return client.post("/api/v1/tokens", json={"name": name, **more})
 
 
-def test_a_new_token_opens_the_door_under_its_name(service, admin):
+def test_new_token_authenticates_as_its_name(service, admin):
     answer = create(admin, "ada", role="reviewer")
 
     token = answer.json()["token"]
@@ -35,7 +35,7 @@ def test_a_token_is_shown_once(admin):
 
 
 @pytest.mark.sqlite_files("its files are searched")
-def test_an_idempotency_key_does_not_store_the_token(service, admin):
+def test_token_created_with_idempotency_key_is_not_stored_in_plain(service, admin):
     headers = {"Idempotency-Key": "give-bob-a-token"}
     body = {"name": "bob"}
 
@@ -47,7 +47,7 @@ def test_an_idempotency_key_does_not_store_the_token(service, admin):
     assert not any(first.json()["token"].encode() in f.read_bytes() for f in files)
 
 
-def test_a_revoked_token_and_its_sessions_end_at_once(service, admin):
+def test_revoked_token_and_its_sessions_are_unauthorised_at_once(service, admin):
     given = create(admin, "eve").json()
     with service.client() as browser:
         opened = browser.post("/api/v1/session", json={"token": given["token"]}).json()
@@ -62,7 +62,7 @@ def test_a_revoked_token_and_its_sessions_end_at_once(service, admin):
         assert client.get("/version").status_code == 401
 
 
-def test_the_last_admin_stays(serve):
+def test_last_admin_token_cannot_be_revoked(serve):
     with serve().admin() as client:
         own = client.get("/api/v1/tokens").json()["items"][0]["id"]
         alone = client.delete(f"/api/v1/tokens/{own}")
@@ -86,16 +86,16 @@ def test_the_last_admin_stays(serve):
         ({"name": "kim", "expires_at": "2100-01-01T00:00:00"}, 422),
     ],
 )
-def test_a_token_that_cannot_be_is_refused(admin, body, status):
+def test_invalid_new_token_is_refused(admin, body, status):
     assert admin.post("/api/v1/tokens", json=body).status_code == status
 
 
-def test_a_name_may_be_in_any_script(admin):
+def test_token_name_may_be_in_any_script(admin):
     assert create(admin, "Zoë 日本").json()["name"] == "Zoë 日本"
 
 
 @pytest.mark.parametrize("role", ["viewer", "reviewer"])
-def test_tokens_are_for_admins(as_role, role):
+def test_token_management_is_forbidden_to_other_roles(as_role, role):
     client = as_role(role)
 
     answers = (
@@ -107,11 +107,11 @@ def test_tokens_are_for_admins(as_role, role):
     assert {answer.status_code for answer in answers} == {403}
 
 
-def test_a_token_that_is_not_there_is_404(admin):
+def test_revoking_a_missing_token_returns_404(admin):
     assert admin.delete("/api/v1/tokens/9999").status_code == 404
 
 
-def test_tokens_are_listed_over_pages(serve):
+def test_token_list_is_paginated(serve):
     with serve().admin() as client:
         for name in ("a", "b", "c"):
             create(client, name)

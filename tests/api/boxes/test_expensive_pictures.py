@@ -24,7 +24,7 @@ MIB = 1024**2
 
 
 @cache
-def painted(width, height):
+def road_segmentation(width, height):
     """A segmentation that is all road: a small file, but large when decoded."""
     palette = FAMILIES[scene.FAMILY]
     tags = np.full((height, width), palette.tag_of("Road"), np.uint8)
@@ -53,7 +53,7 @@ def decoded(answer):
 
 
 def put_large(api, name, key, side=6000):
-    files = {"segmentation": painted(side, side)}
+    files = {"segmentation": road_segmentation(side, side)}
     return api.put(name, key, annotation(side, side), **files)
 
 
@@ -64,7 +64,7 @@ def put_large(api, name, key, side=6000):
         ({"max_pixel_memory_bytes": 64 * MIB}, "UNGHOST_MAX_PIXEL_MEMORY_BYTES"),
     ],
 )
-def test_a_frame_that_needs_too_much_is_refused_and_named(serve, settings, named):
+def test_frame_over_pixel_time_or_memory_limit_is_refused(serve, settings, named):
     with serving(serve, **settings) as (_, api):
         name = api.dataset()
 
@@ -81,7 +81,7 @@ def test_a_frame_that_needs_too_much_is_refused_and_named(serve, settings, named
         assert ended in api.http.get("/metrics").text
 
 
-def test_the_next_frame_is_measured_as_if_nothing_had_been(serve):
+def test_frame_is_stored_normally_after_refused_large_frames(serve):
     with serving(serve, max_pixel_memory_bytes=64 * MIB, workers=1) as (_, api):
         name = api.dataset()
 
@@ -92,12 +92,12 @@ def test_the_next_frame_is_measured_as_if_nothing_had_been(serve):
         assert stored.status_code == 201, stored.text
 
 
-def test_a_picture_in_a_batch_that_needs_too_much_is_one_line(serve):
+def test_image_over_memory_limit_refuses_only_its_frame_of_a_batch(serve):
     with serving(serve, max_pixel_memory_bytes=64 * MIB) as (_, api):
         name = api.dataset()
         large = [
             ("large.json", scene.as_json(annotation(6000, 6000))),
-            ("large.segmentation.png", painted(6000, 6000)),
+            ("large.segmentation.png", road_segmentation(6000, 6000)),
         ]
         content = tar_archive([*frame("a"), *large, *frame("b")])
 
@@ -113,7 +113,7 @@ def test_a_picture_in_a_batch_that_needs_too_much_is_one_line(serve):
         assert refused["problem"]["code"] == "pixels_refused"
 
 
-def test_reading_and_answering_do_not_wait_for_frames_being_measured(serve):
+def test_reads_and_answers_do_not_wait_for_frames_being_measured(serve):
     """Requests are answered while sixteen large frames are being measured."""
     with serving(serve, workers=1) as (_, api):
         name = api.dataset()
@@ -139,11 +139,11 @@ def test_reading_and_answering_do_not_wait_for_frames_being_measured(serve):
 
 
 @pytest.mark.parametrize("size", [(2, 9000), (9000, 2), (1, 1), (1, 9000)])
-def test_thin_pictures_are_drawn_small(api, size):
+def test_drawings_of_thin_images_are_limited_in_size(api, size):
     name = api.dataset()
     width, height = size
     image = scene.png(np.full((height, width, 3), 90, np.uint8))
-    files = {"image": image, "segmentation": painted(width, height)}
+    files = {"image": image, "segmentation": road_segmentation(width, height)}
     frame = api.upload_frame(
         name, "thin", annotation(width, height, [0, 0, *size]), **files
     )
@@ -161,7 +161,7 @@ def test_thin_pictures_are_drawn_small(api, size):
     assert crop.shape[1] <= 4096
 
 
-def test_a_picture_is_drawn_once_and_then_kept(serve):
+def test_overlay_is_drawn_once_and_then_cached(serve):
     with serving(serve) as (service, api):
         frame = api.upload_frame(api.dataset(), "kept")
         path = f"/frames/{frame['frame']['id']}/overlay"
@@ -174,7 +174,7 @@ def test_a_picture_is_drawn_once_and_then_kept(serve):
         assert again.headers["etag"] == first.headers["etag"]
 
 
-def test_a_client_that_leaves_ends_the_drawing_of_its_picture(serve):
+def test_client_disconnect_cancels_drawing_of_its_overlay(serve):
     with serving(serve, workers=1) as (service, api):
         side = 6000
         image = scene.png(np.zeros((side, side, 3), np.uint8))
@@ -191,27 +191,27 @@ def test_a_client_that_leaves_ends_the_drawing_of_its_picture(serve):
         until(lambda: left in api.http.get("/metrics").text)
 
 
-def test_a_client_that_leaves_ends_the_measuring_of_its_frame(serve):
+def test_client_disconnect_cancels_measuring_of_its_frame(serve):
     with serving(serve, workers=1) as (service, api):
         side = 7900  # nearly the largest side that is accepted
         dataset = api.dataset()
         said = scene.as_json(annotation(side, side, [5, 5, 90, 90]))
-        parts = {"annotation": said, "segmentation": painted(side, side)}
+        parts = {"annotation": said, "segmentation": road_segmentation(side, side)}
         path = f"{BASE}/datasets/{dataset}/frames/large"
 
         ended = 'unghost_pixel_processes_ended_total{reason="given_up"}'
 
-        def leave_and_look():
+        def disconnect_and_find_metric():
             # On a busy machine the first requests end before anything is measured.
             with service.admin() as impatient, pytest.raises(httpx.ReadTimeout):
                 impatient.put(path, files=parts, timeout=0.3)
             return ended in api.http.get("/metrics").text
 
-        until(leave_and_look)
+        until(disconnect_and_find_metric)
         assert api.get(f"/datasets/{dataset}").json()["counts"]["frames"] == 0
 
 
-def test_a_picture_that_cannot_be_drawn_is_tried_once(serve):
+def test_overlay_refused_for_memory_is_not_retried(serve):
     with serving(serve, workers=1, max_pixel_memory_bytes=64 * MIB) as (_, api):
         large = scene.png(np.zeros((6000, 6000, 3), np.uint8))
         camera = {**annotation(6000, 6000), "boxes": []}
@@ -230,7 +230,7 @@ def test_a_picture_that_cannot_be_drawn_is_tried_once(serve):
         assert [line for line in after if line.startswith(ended)] == before
 
 
-def test_a_token_that_reads_much_leaves_threads_to_others(serve):
+def test_concurrent_reads_of_one_token_do_not_block_others(serve):
     probe_routes.unblock.clear()
     service = serve()
     with service.admin() as admin:
@@ -251,7 +251,7 @@ def test_a_token_that_reads_much_leaves_threads_to_others(serve):
 
 
 @contextmanager
-def drawing_for_long(service, api, path, count):
+def slow_drawings(service, api, path, count):
     """One viewer asks for a slow picture `count` times at once; yields the requests."""
     made = api.post("/tokens", {"name": "greedy", "role": "viewer"}).json()
     greedy = service.client(Authorization=f"Bearer {made['token']}")
@@ -265,7 +265,7 @@ def drawing_for_long(service, api, path, count):
             stopping.set()  # ends the drawings, so that the test need not wait
 
 
-def put_slow(api, name):
+def put_slow_frame(api, name):
     """Store a frame that takes seconds to draw; return the path of its overlay."""
     side = 6000
     image = scene.png(np.zeros((side, side, 3), np.uint8))
@@ -274,12 +274,12 @@ def put_slow(api, name):
     return f"{BASE}/frames/{stored['frame']['id']}/overlay"
 
 
-def test_a_token_that_draws_much_leaves_room_to_draw_and_store(serve):
+def test_concurrent_drawings_of_one_token_do_not_block_others(serve):
     with serving(serve, workers=1, max_pixel_seconds=PATIENCE_S) as (service, api):
         name = api.dataset()
         small = api.upload_frame(name, "small")["frame"]["id"]
-        path = put_slow(api, name)
-        with drawing_for_long(service, api, path, 6) as asked:
+        path = put_slow_frame(api, name)
+        with slow_drawings(service, api, path, 6) as asked:
             thumbnail = api.get(f"/frames/{small}/thumbnail")
             stored = api.put(name, "another")
             overlay = api.get(f"/frames/{small}/overlay")
@@ -290,10 +290,10 @@ def test_a_token_that_draws_much_leaves_room_to_draw_and_store(serve):
     assert drawn == []
 
 
-def test_a_stop_gives_up_what_is_being_drawn(serve):
+def test_shutdown_cancels_drawings_with_503(serve):
     with serving(serve, workers=1, max_pixel_seconds=PATIENCE_S) as (service, api):
-        path = put_slow(api, api.dataset())
-        with drawing_for_long(service, api, path, 3) as asked:
+        path = put_slow_frame(api, api.dataset())
+        with slow_drawings(service, api, path, 3) as asked:
             pass
         late = api.http.get(path)
         answers = [one.result() for one in asked]

@@ -28,7 +28,7 @@ def decoded(answer):
     return cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)
 
 
-def test_a_file_comes_back_with_headers_that_let_it_be_kept(api, stored, path):
+def test_file_is_returned_with_immutable_cache_headers(api, stored, path):
     answer = api.http.get(path)
 
     sha256 = stored["frame"]["files"]["segmentation"]["sha256"]
@@ -44,7 +44,7 @@ def test_a_file_comes_back_with_headers_that_let_it_be_kept(api, stored, path):
 
 
 @pytest.mark.parametrize("form", ["{}", "W/{}", '"other", {}', "*"])
-def test_a_file_that_is_known_is_304(api, path, form):
+def test_if_none_match_of_a_file_returns_304(api, path, form):
     etag = api.http.get(path).headers["etag"]
 
     answer = api.http.get(path, headers={"If-None-Match": form.format(etag)})
@@ -71,7 +71,7 @@ def test_a_file_that_is_known_is_304(api, path, form):
         ("bytes=-0", 416, None),
     ],
 )
-def test_single_ranges_are_answered_and_nonsense_is_not_looked_at(
+def test_single_byte_range_is_served_and_invalid_range_ignored(
     api, path, wanted, status, part
 ):
     """Superscript digits and numbers of five thousand digits used to give a 500."""
@@ -85,13 +85,13 @@ def test_single_ranges_are_answered_and_nonsense_is_not_looked_at(
         assert answer.content == part
 
 
-def test_a_range_of_another_version_is_not_mixed_in(api, path):
+def test_range_with_another_if_range_etag_returns_the_complete_file(api, path):
     headers = {"Range": "bytes=0-3", "If-Range": '"another"'}
 
     assert api.http.get(path, headers=headers).content == CONTENT
 
 
-def test_files_that_a_frame_does_not_have_are_404(api, stored):
+def test_missing_file_of_a_frame_returns_404(api, stored):
     frame = stored["frame"]["id"]
 
     answers = [api.get(f"/frames/{frame}/{kind}") for kind in ("depth", "lidar")]
@@ -100,7 +100,7 @@ def test_files_that_a_frame_does_not_have_are_404(api, stored):
     assert answers[0].json()["detail"] == f"frame {frame} has no file 'depth'"
 
 
-def test_the_segmentation_without_boxes_is_its_palette_bit_for_bit(api, stored):
+def test_segmentation_overlay_without_boxes_has_exact_palette_colours(api, stored):
     frame = stored["frame"]["id"]
 
     answer = api.get(f"/frames/{frame}/overlay", layer="segmentation", boxes="")
@@ -127,7 +127,7 @@ def test_boxes_are_drawn_by_their_effective_verdict(api):
     assert decoded(again)[y, x].max() > 90
 
 
-def test_a_thumbnail_is_small_and_known_the_second_time(api, stored):
+def test_thumbnail_is_small_and_returns_304_for_its_etag(api, stored):
     url = f"{BASE}/frames/{stored['frame']['id']}/thumbnail"
 
     answer = api.http.get(url)
@@ -138,7 +138,7 @@ def test_a_thumbnail_is_small_and_known_the_second_time(api, stored):
 
 
 @pytest.mark.parametrize("layer", ["image", "segmentation", "blend"])
-def test_a_crop_shows_the_box_and_its_surroundings(api, stored, layer):
+def test_crop_of_each_layer_has_the_requested_height(api, stored, layer):
     box = stored["decisions"][0]["box_id"]
 
     answer = api.get(f"/boxes/{box}/crop", layer=layer, pad=0, height=32)
@@ -155,13 +155,13 @@ def test_a_crop_shows_the_box_and_its_surroundings(api, stored, layer):
         ("/crop?zoom=2", 400),
     ],
 )
-def test_a_crop_that_cannot_be_is_refused(api, stored, path, status):
+def test_invalid_crop_parameters_are_refused(api, stored, path, status):
     box = stored["decisions"][0]["box_id"]
 
     assert api.http.get(f"{BASE}/boxes/{box}{path}").status_code == status
 
 
-def test_a_box_outside_has_no_crop_and_a_frame_without_image_is_grey(api):
+def test_crop_of_a_box_outside_is_404_and_without_image_is_grey(api):
     boxes = [
         {"id": "out", "class": "car", "xyxy": [90, 0, 99, 9]},
         {"id": "in", "class": "car", "xyxy": scene.ON_THE_CAR},

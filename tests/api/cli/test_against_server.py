@@ -18,7 +18,7 @@ DONE, REFUSED, USAGE, PARTLY, UNAVAILABLE, INTERRUPTED = 0, 1, 2, 3, 69, 130
 
 
 @pytest.fixture
-def alone(tmp_path: Path) -> Iterator[CommandLine]:
+def cli_without_server(tmp_path: Path) -> Iterator[CommandLine]:
     """The command line, pointed at a port where no server listens."""
     with reserved_port() as port:
         yield CommandLine(tmp_path, {"UNGHOST_SERVER": f"http://127.0.0.1:{port}"})
@@ -32,7 +32,7 @@ def name(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture
-def pushed(unghost: CommandLine, name: str, tmp_path: Path) -> str:
+def pushed_dataset(unghost: CommandLine, name: str, tmp_path: Path) -> str:
     """A dataset with three frames."""
     assert unghost("push", frames_in(tmp_path, 3), "--dataset", name).code == DONE
     return name
@@ -42,13 +42,13 @@ def frames_in(folder: Path, count: int, **options: frozenset[int]) -> Path:
     return write_manifest(folder / f"frames-{count}", count, **options)
 
 
-def config_file(folder: Path, text: str) -> Path:
+def write_config(folder: Path, text: str) -> Path:
     file = folder / "filter.yaml"
     file.write_text(text)
     return file
 
 
-def test_push_makes_the_dataset_and_says_what_became_of_it(unghost, name, tmp_path):
+def test_push_creates_the_dataset_and_prints_counts(unghost, name, tmp_path):
     answer = unghost("push", frames_in(tmp_path, 3), "--dataset", name)
 
     assert answer.code == DONE
@@ -58,10 +58,12 @@ def test_push_makes_the_dataset_and_says_what_became_of_it(unghost, name, tmp_pa
     assert "3 of 3 frames" in answer.err
 
 
-def test_a_second_push_sends_nothing(unghost, server, pushed, tmp_path):
+def test_second_push_uploads_nothing(unghost, server, pushed_dataset, tmp_path):
     before = server.log.read_text().count("PUT")
 
-    answer = unghost("push", tmp_path / "frames-3", "--dataset", pushed, "--json")
+    answer = unghost(
+        "push", tmp_path / "frames-3", "--dataset", pushed_dataset, "--json"
+    )
 
     assert answer.code == DONE
     summary = answer.records[-1]
@@ -69,15 +71,15 @@ def test_a_second_push_sends_nothing(unghost, server, pushed, tmp_path):
     assert server.log.read_text().count("PUT") == before
 
 
-def test_push_takes_up_what_is_missing(unghost, pushed, tmp_path):
+def test_push_uploads_only_missing_frames(unghost, pushed_dataset, tmp_path):
     more = frames_in(tmp_path, 5)
 
-    answer = unghost("push", more, "--dataset", pushed, "--json")
+    answer = unghost("push", more, "--dataset", pushed_dataset, "--json")
 
     assert (answer.records[-1]["stored"], answer.records[-1]["already_there"]) == (2, 3)
 
 
-def test_push_with_a_bad_frame_is_partly_done_and_lists_it(unghost, name, tmp_path):
+def test_push_with_an_invalid_frame_exits_with_3_and_lists_it(unghost, name, tmp_path):
     folder = frames_in(tmp_path, 4, bad=frozenset({2}))
 
     answer = unghost("push", folder, "--dataset", name)
@@ -89,13 +91,13 @@ def test_push_with_a_bad_frame_is_partly_done_and_lists_it(unghost, name, tmp_pa
     assert "Traceback" not in answer.err
 
 
-def test_push_of_bad_frames_alone_is_refused(unghost, name, tmp_path):
+def test_push_of_only_invalid_frames_exits_with_1(unghost, name, tmp_path):
     folder = frames_in(tmp_path, 2, bad=frozenset({0, 1}))
 
     assert unghost("push", folder, "--dataset", name).code == REFUSED
 
 
-def test_push_of_a_missing_image_is_partly_done(unghost, name, tmp_path):
+def test_push_with_a_missing_image_exits_with_3(unghost, name, tmp_path):
     folder = frames_in(tmp_path, 3)
     (folder / "rgb" / "000001.png").unlink()
 
@@ -105,7 +107,7 @@ def test_push_of_a_missing_image_is_partly_done(unghost, name, tmp_path):
     assert "000001" in answer.err
 
 
-def test_push_as_json_is_one_record_per_frame_and_a_summary(unghost, name, tmp_path):
+def test_push_json_prints_one_record_per_frame_and_a_summary(unghost, name, tmp_path):
     folder = frames_in(tmp_path, 3, bad=frozenset({1}))
 
     records = unghost("push", folder, "--dataset", name, "--json").records
@@ -120,7 +122,7 @@ def test_push_as_json_is_one_record_per_frame_and_a_summary(unghost, name, tmp_p
     assert records[-1]["refused"] == 1
 
 
-def test_a_class_without_tags_is_pointed_out(unghost, name, tmp_path):
+def test_push_warns_about_a_class_without_tags(unghost, name, tmp_path):
     manifest = frames_in(tmp_path, 2) / "manifest.jsonl"
     manifest.write_text(manifest.read_text().replace('"car"', '"unicorn"'))
 
@@ -131,13 +133,15 @@ def test_a_class_without_tags_is_pointed_out(unghost, name, tmp_path):
     assert expected in answer.err
 
 
-def test_changed_frames_are_refused_and_replaced_on_request(unghost, pushed, tmp_path):
+def test_push_refuses_changed_frames_and_replaces_with_replace_option(
+    unghost, pushed_dataset, tmp_path
+):
     manifest = tmp_path / "frames-3" / "manifest.jsonl"
     lines = manifest.read_text().splitlines()
     # The key, the number of boxes and the kinds of files stay as they are.
     lines[1] = lines[1].replace('"id": "ghost"', '"id": "other"')
     manifest.write_text("\n".join(lines))
-    again = ("push", tmp_path / "frames-3", "--dataset", pushed)
+    again = ("push", tmp_path / "frames-3", "--dataset", pushed_dataset)
 
     refused = unghost(*again)
     replaced = unghost(*again, "--replace")
@@ -150,29 +154,33 @@ def test_changed_frames_are_refused_and_replaced_on_request(unghost, pushed, tmp
     assert "1 stored\t2 already_there\t0 refused" in replaced.out
 
 
-def test_a_changed_image_is_not_taken_for_the_one_that_is_there(
-    unghost, pushed, tmp_path
+def test_push_replace_stores_a_frame_whose_image_changed(
+    unghost, pushed_dataset, tmp_path
 ):
     image = tmp_path / "frames-3" / "rgb" / "000001.png"
     image.write_bytes(scene_image(99))
 
-    again = unghost("push", tmp_path / "frames-3", "--dataset", pushed, "--replace")
+    again = unghost(
+        "push", tmp_path / "frames-3", "--dataset", pushed_dataset, "--replace"
+    )
 
     assert "1 stored\t2 already_there" in again.out
 
 
-def test_push_does_not_ignore_an_option_that_the_dataset_contradicts(
-    unghost, pushed, tmp_path
+def test_push_refuses_a_palette_other_than_that_of_the_dataset(
+    unghost, pushed_dataset, tmp_path
 ):
     folder = tmp_path / "frames-3"
 
-    answer = unghost("push", folder, "--dataset", pushed, "--palette", "carla-0.9.0")
+    answer = unghost(
+        "push", folder, "--dataset", pushed_dataset, "--palette", "carla-0.9.0"
+    )
 
     assert answer.code == REFUSED
     assert "'auto', not 'carla-0.9.0'" in answer.err
 
 
-def test_an_interrupted_push_says_so_and_can_be_repeated(unghost, name, tmp_path):
+def test_interrupted_push_resumes_when_repeated(unghost, name, tmp_path):
     folder = frames_in(tmp_path, 200)
     command = ("push", folder, "--dataset", name, "--json", "--workers", 1)
     with unghost.running(*command) as process:
@@ -199,8 +207,8 @@ def test_an_interrupted_push_says_so_and_can_be_repeated(unghost, name, tmp_path
     ],
     ids=lambda words: words[0],
 )
-def test_without_a_server_the_exit_code_says_so(alone, words):
-    answer = alone(*words)
+def test_unavailable_server_exits_with_69(cli_without_server, words):
+    answer = cli_without_server(*words)
 
     assert answer.code == UNAVAILABLE
     assert "no answer from http://127.0.0.1:" in answer.err
@@ -208,14 +216,14 @@ def test_without_a_server_the_exit_code_says_so(alone, words):
     assert answer.out == ""
 
 
-def test_a_refusal_of_the_server_is_exit_code_1(unghost):
+def test_request_refused_by_the_server_exits_with_1(unghost):
     answer = unghost("stats", "no-such-dataset")
 
     assert answer.code == REFUSED
     assert "(not_found)" in answer.err
 
 
-def test_a_wrong_token_is_refused_with_advice(unghost):
+def test_wrong_token_is_refused_and_error_names_unghost_token(unghost):
     answer = unghost("datasets", "--token", "wrong")
 
     assert answer.code == REFUSED
@@ -234,74 +242,87 @@ def test_a_wrong_token_is_refused_with_advice(unghost):
     ],
     ids=" ".join,
 )
-def test_a_wrong_command_line_is_exit_code_2(alone, words):
-    answer = alone(*words)
+def test_invalid_command_line_exits_with_2(cli_without_server, words):
+    answer = cli_without_server(*words)
 
     assert answer.code == USAGE
     assert "Traceback" not in answer.err
 
 
-def test_datasets_are_lines_with_tabs_and_json_on_request(unghost, pushed):
+def test_datasets_command_prints_tab_separated_lines_or_json(unghost, pushed_dataset):
     lines = unghost("datasets").out.splitlines()
     records = unghost("datasets", "--json").records
 
-    assert f"{pushed}\t3\t6\t3\t3\t0" in "\n".join(lines)
-    assert pushed in [record["name"] for record in records]
+    assert f"{pushed_dataset}\t3\t6\t3\t3\t0" in "\n".join(lines)
+    assert pushed_dataset in [record["name"] for record in records]
 
 
-def test_stats_count_by_reason(unghost, pushed):
-    lines = unghost("stats", pushed).out.splitlines()
+def test_stats_count_by_reason(unghost, pushed_dataset):
+    lines = unghost("stats", pushed_dataset).out.splitlines()
 
     assert {"boxes\t6", "reason\tno_visible_pixels\t3\t50.0"} <= set(lines)
     assert "class\tcar\t6\t3\t3\t0\t50.0" in lines
-    (record,) = unghost("stats", pushed, "--json").records
+    (record,) = unghost("stats", pushed_dataset, "--json").records
     assert record["by_reason"]["visible"] == 3
 
 
-def test_config_is_shown_compared_and_set(unghost, pushed, tmp_path):
-    file = config_file(tmp_path, "min_visible_pixels: 500\n")
+def test_config_show_diff_and_set(unghost, pushed_dataset, tmp_path):
+    file = write_config(tmp_path, "min_visible_pixels: 500\n")
 
-    assert "min_visible_pixels: 1" in unghost("config", "show", pushed).out
-    compared = unghost("config", "diff", pushed, "--config", file)
+    assert "min_visible_pixels: 1" in unghost("config", "show", pushed_dataset).out
+    compared = unghost("config", "diff", pushed_dataset, "--config", file)
     assert compared.out == "min_visible_pixels\t1\t500\n"
     assert "3 boxes would flip" in compared.err
-    assert unghost("config", "set", pushed, file).code == DONE
-    assert "min_visible_pixels: 500" in unghost("config", "show", pushed).out
-    (record,) = unghost("stats", pushed, "--json").records
+    assert unghost("config", "set", pushed_dataset, file).code == DONE
+    assert "min_visible_pixels: 500" in unghost("config", "show", pushed_dataset).out
+    (record,) = unghost("stats", pushed_dataset, "--json").records
     assert record["rejected"] == 6
 
 
-def test_config_diff_as_json(unghost, pushed, tmp_path):
-    file = config_file(tmp_path, "min_visible_pixels: 500\n")
+def test_config_diff_as_json(unghost, pushed_dataset, tmp_path):
+    file = write_config(tmp_path, "min_visible_pixels: 500\n")
 
-    (record,) = unghost("config", "diff", pushed, "--config", file, "--json").records
+    (record,) = unghost(
+        "config", "diff", pushed_dataset, "--config", file, "--json"
+    ).records
 
     change = {"key": "min_visible_pixels", "before": 1, "after": 500}
     assert record["changes"] == [change]
     assert record["flips"]["kept_to_rejected"] == 3
 
 
-def test_a_run_is_waited_for(unghost, pushed, tmp_path):
-    file = config_file(tmp_path, "min_visible_pixels: 500\n")
+def test_run_wait_returns_when_the_run_is_done(unghost, pushed_dataset, tmp_path):
+    file = write_config(tmp_path, "min_visible_pixels: 500\n")
 
-    answer = unghost("run", pushed, "--config", file, "--wait", "--json")
+    answer = unghost("run", pushed_dataset, "--config", file, "--wait", "--json")
 
     assert answer.code == DONE
     assert answer.records[0]["state"] == "done"
-    (stats,) = unghost("stats", pushed, "--json").records
+    (stats,) = unghost("stats", pushed_dataset, "--json").records
     assert stats["rejected"] == 3
 
 
-def test_labels_are_exported_to_a_file(unghost, pushed, tmp_path):
-    answer = unghost("export", pushed, "--format", "yolo", "-o", tmp_path / "out.zip")
+def test_labels_are_exported_to_a_file(unghost, pushed_dataset, tmp_path):
+    answer = unghost(
+        "export", pushed_dataset, "--format", "yolo", "-o", tmp_path / "out.zip"
+    )
 
     assert answer.code == DONE
     assert answer.out == f"{tmp_path / 'out.zip'}\n"
     assert (tmp_path / "out.zip").read_bytes()[:2] == b"PK"
 
 
-def test_export_options_reach_the_server(unghost, pushed):
-    wrong = ("export", pushed, "--format", "yolo", "-o", "x.zip", "--option", "color=1")
+def test_unknown_export_option_is_refused_by_the_server(unghost, pushed_dataset):
+    wrong = (
+        "export",
+        pushed_dataset,
+        "--format",
+        "yolo",
+        "-o",
+        "x.zip",
+        "--option",
+        "color=1",
+    )
 
     answer = unghost(*wrong)
 
@@ -309,14 +330,14 @@ def test_export_options_reach_the_server(unghost, pushed):
     assert "color" in answer.err
 
 
-def test_the_token_of_a_server_in_this_folder_is_found(server, tmp_path):
+def test_token_is_read_from_the_data_folder_in_the_current_folder(server, tmp_path):
     (tmp_path / "unghost-data").symlink_to(server.data)
     unghost = CommandLine(tmp_path, {"UNGHOST_SERVER": server.url})
 
     assert unghost("datasets").code == DONE
 
 
-def test_names_from_users_are_not_columns(unghost, server, tmp_path):
+def test_tabs_in_a_description_add_no_columns(unghost, server, tmp_path):
     with Client(server.url, server.token) as client:
         client.create_dataset("cli-tabs", description="a\tb\nc")
 

@@ -7,11 +7,13 @@ from tests.support.frames import write_manifest
 REFUSED = 1
 
 
-def test_a_wrong_config_is_refused_with_the_nearest_key(unghost, api, tmp_path):
+def test_config_with_an_unknown_key_is_refused_with_the_nearest_key(
+    unghost, api, tmp_path
+):
     file = tmp_path / "filter.yaml"
     file.write_text("treshold_small_box: 5\n")
 
-    for command in using(api.dataset(), file):
+    for command in commands_with_config(api.dataset(), file):
         answer = unghost(*command)
         assert answer.code == REFUSED
         assert answer.err == (
@@ -21,11 +23,11 @@ def test_a_wrong_config_is_refused_with_the_nearest_key(unghost, api, tmp_path):
     assert not (tmp_path / "out.jsonl").exists()
 
 
-def test_a_config_that_is_no_text_is_refused_in_words(unghost, api, tmp_path):
+def test_config_that_is_not_utf8_is_refused(unghost, api, tmp_path):
     file = tmp_path / "filter.yaml"
     file.write_bytes(b"classes:\xff")
 
-    for command in using(api.dataset(), file):
+    for command in commands_with_config(api.dataset(), file):
         answer = unghost(*command)
         assert answer.code == REFUSED
         assert answer.err == (
@@ -33,7 +35,7 @@ def test_a_config_that_is_no_text_is_refused_in_words(unghost, api, tmp_path):
         )
 
 
-def using(dataset, file):
+def commands_with_config(dataset, file):
     """Command lines that read the file; `filter` does so without the server."""
     frames = write_manifest(file.parent / "frames", 1)
     yield "filter", frames, "--config", file, "-o", file.parent / "out.jsonl"

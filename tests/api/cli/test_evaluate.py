@@ -56,7 +56,7 @@ def write_truth(folder: Path) -> Path:
     return path
 
 
-def test_channels_are_compared_with_a_file_of_truths(unghost, folder):
+def test_channels_are_compared_with_a_truth_file(unghost, folder):
     answer = unghost("evaluate", folder, "--truth", write_truth(folder), "--json")
 
     assert answer.code == PARTLY
@@ -67,7 +67,7 @@ def test_channels_are_compared_with_a_file_of_truths(unghost, folder):
     assert (kept["semantic"], kept["depth"], kept["instance"]) == (2, 0, 0)
 
 
-def test_instances_are_the_truth_where_no_file_is_given(unghost, folder):
+def test_instances_are_the_truth_without_a_truth_file(unghost, folder):
     answer = unghost(
         "evaluate", folder, "--channel", "semantic", "--channel", "ordered"
     )
@@ -81,7 +81,7 @@ def test_instances_are_the_truth_where_no_file_is_given(unghost, folder):
     assert "class\tcar\tsemantic" in answer.out
 
 
-def test_the_picture_names_every_channel(unghost, folder, tmp_path):
+def test_plot_names_the_evaluated_channel(unghost, folder, tmp_path):
     unghost("evaluate", folder, "--channel", "ordered", "--plot", "scores.svg")
 
     root = ElementTree.fromstring((tmp_path / "scores.svg").read_text("utf-8"))
@@ -89,7 +89,7 @@ def test_the_picture_names_every_channel(unghost, folder, tmp_path):
     assert "ordered" in texts
 
 
-def test_a_truth_that_cannot_be_read_is_refused_with_its_line(unghost, folder):
+def test_invalid_truth_file_is_refused_with_its_line(unghost, folder):
     (folder / "truth.jsonl").write_text("nonsense")
 
     answer = unghost("evaluate", folder, "--truth", folder / "truth.jsonl")
@@ -99,7 +99,7 @@ def test_a_truth_that_cannot_be_read_is_refused_with_its_line(unghost, folder):
 
 
 @pytest.fixture
-def half_seen(folder: Path) -> Path:
+def folder_with_partial_box(folder: Path) -> Path:
     """Instead of the ghost, a box next to the car, a sixth of which is the car."""
     manifest = folder / "manifest.jsonl"
     frames = [json.loads(line) for line in manifest.read_text().splitlines()]
@@ -110,13 +110,20 @@ def half_seen(folder: Path) -> Path:
     return folder
 
 
-def test_suggested_thresholds_are_a_file_that_can_be_used_as_it_is(
-    unghost, half_seen, tmp_path
+def test_suggested_thresholds_are_written_as_a_valid_config(
+    unghost, folder_with_partial_box, tmp_path
 ):
     (told,) = unghost(
-        "evaluate", half_seen, "--suggest", "--config-out", "new.yaml", "--json"
+        "evaluate",
+        folder_with_partial_box,
+        "--suggest",
+        "--config-out",
+        "new.yaml",
+        "--json",
     ).records
-    after = unghost("evaluate", half_seen, "--config", "new.yaml", "--json")
+    after = unghost(
+        "evaluate", folder_with_partial_box, "--config", "new.yaml", "--json"
+    )
 
     (car,) = told["suggested"]
     assert (car["class"], car["current"], car["answers"]) == ("car", 10, 4)
@@ -127,8 +134,8 @@ def test_suggested_thresholds_are_a_file_that_can_be_used_as_it_is(
     assert after.records[0]["channels"]["semantic"]["f1"]["value"] == 1
 
 
-def test_suggested_thresholds_are_a_table(unghost, half_seen):
-    answer = unghost("evaluate", half_seen, "--suggest", "--recall", "1")
+def test_suggested_thresholds_are_printed_as_a_table(unghost, folder_with_partial_box):
+    answer = unghost("evaluate", folder_with_partial_box, "--suggest", "--recall", "1")
 
     (row,) = [
         line.split("\t")
@@ -139,8 +146,8 @@ def test_suggested_thresholds_are_a_table(unghost, half_seen):
     assert row[-2:] == ["0.667", "1.0"]
 
 
-def test_the_worst_boxes_of_each_channel_are_listed(unghost, half_seen):
-    (told,) = unghost("evaluate", half_seen, "--json").records
+def test_the_worst_boxes_of_each_channel_are_listed(unghost, folder_with_partial_box):
+    (told,) = unghost("evaluate", folder_with_partial_box, "--json").records
 
     assert told["channels"]["semantic"]["worst"] == [
         {"key": key, "id": "beside", "error": "kept_hidden", "pixels": 60 * 70}
@@ -149,5 +156,5 @@ def test_the_worst_boxes_of_each_channel_are_listed(unghost, half_seen):
     assert told["channels"]["instance"]["worst"] == []
 
 
-def test_options_of_suggest_are_refused_without_it(unghost, folder):
+def test_recall_option_without_suggest_is_refused(unghost, folder):
     assert unghost("evaluate", folder, "--recall", "0.9").code == USAGE

@@ -55,7 +55,7 @@ def many(folder: Path, lines: int) -> Path:
     return folder
 
 
-def test_processes_write_what_threads_write(tmp_path):
+def test_processes_and_threads_give_the_same_lines(tmp_path):
     found = read_source(write_manifest(tmp_path / "frames", 30, bad=frozenset({3, 29})))
     (tmp_path / "frames" / "seg" / "000007.png").write_bytes(b"no picture")
     (tmp_path / "frames" / "seg" / "000009.png").unlink()
@@ -70,7 +70,7 @@ def test_processes_write_what_threads_write(tmp_path):
     ]
 
 
-def test_many_frames_come_out_in_their_order(marked, tmp_path):
+def test_many_frames_are_written_in_order(marked, tmp_path):
     folder = write_manifest(tmp_path / "frames", 1)
     manifest = folder / "manifest.jsonl"
     one, keys = manifest.read_text(), [f"run/{n:06}" for n in range(FEWEST_FRAMES)]
@@ -86,7 +86,7 @@ def test_many_frames_come_out_in_their_order(marked, tmp_path):
 
 @pytest.mark.long
 @on_linux
-def test_processes_end_with_a_command_that_is_killed(marked, tmp_path):
+def test_worker_processes_exit_when_the_command_is_killed(marked, tmp_path):
     folder = many(tmp_path / "frames", 20_000)
     with marked.running("filter", folder, *TO_ALL, "--workers", WORKERS) as command:
         until(lambda: len(list(processes_of(tmp_path, working=True))) == WORKERS)
@@ -98,7 +98,7 @@ def test_processes_end_with_a_command_that_is_killed(marked, tmp_path):
 
 
 @on_linux
-def test_frames_that_end_a_process_are_named(marked, tmp_path):
+def test_killed_worker_process_fails_the_command_naming_its_frames(marked, tmp_path):
     folder = many(tmp_path / "frames", 20_000)
     with marked.running("filter", folder, *TO_ALL, "--workers", WORKERS) as command:
         until(lambda: len(list(processes_of(tmp_path, working=True))) == WORKERS)
@@ -113,7 +113,7 @@ def test_frames_that_end_a_process_are_named(marked, tmp_path):
     until(lambda: not list(processes_of(tmp_path)))
 
 
-def test_filtering_ends_when_its_reader_goes_away(tmp_path):
+def test_filtering_stops_when_its_generator_is_closed(tmp_path):
     manifest, read = read_source(many(tmp_path, 5000)), []
 
     def frames():

@@ -40,7 +40,7 @@ def test_filter_writes_one_line_per_frame_in_order(unghost, tmp_path):
     assert verdicts == {"real": "kept", "ghost": "rejected"}
 
 
-def test_an_interrupted_filter_says_so_and_leaves_no_half_file(unghost, tmp_path):
+def test_interrupted_filter_leaves_no_partial_output_file(unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 1)
     manifest = folder / "manifest.jsonl"
     manifest.write_text(manifest.read_text() * 20_000)
@@ -57,7 +57,7 @@ def test_an_interrupted_filter_says_so_and_leaves_no_half_file(unghost, tmp_path
     assert list((tmp_path / "out").iterdir()) == []
 
 
-def test_filter_with_a_bad_frame_is_partly_done(unghost, tmp_path):
+def test_filter_with_an_invalid_frame_exits_with_3(unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 3, bad=frozenset({1}))
 
     answer = unghost("filter", folder, "-o", "out.jsonl", "--json")
@@ -80,7 +80,7 @@ def test_filter_with_a_bad_frame_is_partly_done(unghost, tmp_path):
 
 
 @pytest.mark.parametrize("named", ["", "manifest.jsonl"])
-def test_filter_does_not_write_over_its_own_source(unghost, tmp_path, named):
+def test_filter_does_not_overwrite_its_source(unghost, tmp_path, named):
     folder = write_manifest(tmp_path / "frames", 2)
     before = (folder / "manifest.jsonl").read_bytes()
 
@@ -91,7 +91,7 @@ def test_filter_does_not_write_over_its_own_source(unghost, tmp_path, named):
     assert (folder / "manifest.jsonl").read_bytes() == before
 
 
-def test_filter_prints_decisions_if_no_file_is_named(unghost, tmp_path):
+def test_filter_without_output_file_prints_decisions(unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 2)
 
     answer = unghost("filter", folder)
@@ -108,7 +108,7 @@ def test_filter_uses_the_configuration(unghost, tmp_path):
     assert "0 kept\t4 rejected" in answer.out
 
 
-def test_a_folder_that_is_no_layout_is_refused(unghost, tmp_path):
+def test_folder_without_a_known_layout_is_refused(unghost, tmp_path):
     (tmp_path / "empty").mkdir()
 
     answer = unghost("filter", "empty")
@@ -118,7 +118,7 @@ def test_a_folder_that_is_no_layout_is_refused(unghost, tmp_path):
     assert "Traceback" not in answer.err
 
 
-def test_files_that_do_not_match_are_listed(unghost, tmp_path):
+def test_filter_lists_unmatched_files(unghost, tmp_path):
     (tmp_path / "yolo" / "images").mkdir(parents=True)
     (tmp_path / "yolo" / "labels").mkdir()
     (tmp_path / "yolo" / "classes.txt").write_text("car\n")
@@ -145,7 +145,7 @@ def test_version_is_printed(unghost):
     assert answer.out.startswith("unghost 0.")
 
 
-def test_serve_prints_the_login_link_and_ends_when_interrupted(unghost, tmp_path):
+def test_serve_prints_the_login_link_and_exits_on_sigint(unghost, tmp_path):
     serve = ("serve", "--data", "here", "--port", "0", "--json")
     with unghost.running(*serve) as process:
         link = json.loads(process.stdout.readline())["login_link"]
@@ -163,7 +163,7 @@ def test_serve_prints_the_login_link_and_ends_when_interrupted(unghost, tmp_path
     assert (tmp_path / "here" / "token").stat().st_mode & 0o077 == 0
 
 
-def test_serve_on_a_port_that_is_taken_is_refused(unghost, server):
+def test_serve_on_a_port_in_use_is_refused(unghost, server):
     port = server.url.rpartition(":")[2]
 
     answer = unghost("serve", "--data", "here", "--port", port)
@@ -174,7 +174,7 @@ def test_serve_on_a_port_that_is_taken_is_refused(unghost, server):
     assert "Traceback" not in answer.err
 
 
-def test_a_demo_on_a_port_that_is_taken_renders_nothing(unghost, server, tmp_path):
+def test_demo_on_a_port_in_use_renders_nothing(unghost, server, tmp_path):
     port = server.url.rpartition(":")[2]
 
     answer = unghost("demo", "--data", "here", "--port", port, "--frames", "1")
@@ -184,7 +184,7 @@ def test_a_demo_on_a_port_that_is_taken_renders_nothing(unghost, server, tmp_pat
     assert not (tmp_path / "here" / "demo").exists()
 
 
-def test_serve_at_an_address_of_another_machine_is_told_so(unghost):
+def test_serve_on_an_address_of_another_machine_is_refused(unghost):
     answer = unghost("serve", "--data", "here", "--host", "192.0.2.1", "--port", "0")
 
     assert answer.code == REFUSED
@@ -192,7 +192,7 @@ def test_serve_at_an_address_of_another_machine_is_told_so(unghost):
     assert "another server" not in answer.err
 
 
-def test_serve_with_a_setting_that_is_none_is_a_usage_error(tmp_path):
+def test_serve_with_an_invalid_setting_is_a_usage_error(tmp_path):
     unghost = CommandLine(tmp_path, {"UNGHOST_MAX_PARTS": "many"})
 
     answer = unghost("serve", "--port", "0")
@@ -202,7 +202,7 @@ def test_serve_with_a_setting_that_is_none_is_a_usage_error(tmp_path):
 
 
 @pytest.mark.long
-def test_demo_renders_filters_and_says_where_to_log_in(unghost, tmp_path):
+def test_demo_renders_once_filters_and_prints_a_login_link(unghost, tmp_path):
     words = ("demo", "--frames", 2, "--port", 0, "--exit-when-ready", "--json")
 
     first, again = unghost(*words), unghost(*words)
@@ -218,7 +218,7 @@ def test_demo_renders_filters_and_says_where_to_log_in(unghost, tmp_path):
     assert again.records[-1]["stats"] == record["stats"]
 
 
-def test_convert_takes_every_box_over_without_a_server(unghost, tmp_path):
+def test_convert_without_a_server_writes_every_box(unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 3)
 
     answer = unghost("convert", folder, "--to", "coco", "-o", "made", "--json")
@@ -241,7 +241,7 @@ def test_convert_takes_every_box_over_without_a_server(unghost, tmp_path):
 PARTS = ("train", "val")
 
 
-def test_convert_with_the_filter_leaves_out_what_is_rejected(unghost, tmp_path):
+def test_convert_with_filter_drops_rejected_boxes(unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 3, bad=frozenset({1}))
     config = tmp_path / "filter.yaml"
     config.write_text("threshold_small_box: 99.9\n")
@@ -268,7 +268,7 @@ def test_convert_with_the_filter_leaves_out_what_is_rejected(unghost, tmp_path):
         (("--to", "yolo", "--config", "frames/manifest.jsonl"), USAGE, "--filter"),
     ],
 )
-def test_convert_says_what_it_cannot_do(unghost, tmp_path, words, code, says):
+def test_convert_refuses_invalid_options(unghost, tmp_path, words, code, says):
     folder = write_manifest(tmp_path / "frames", 1)
 
     answer = unghost("convert", folder, "-o", "made", *words)
@@ -278,7 +278,7 @@ def test_convert_says_what_it_cannot_do(unghost, tmp_path, words, code, says):
     assert not (tmp_path / "made").exists()
 
 
-def test_convert_never_writes_over_something(unghost, tmp_path):
+def test_convert_refuses_an_output_folder_that_is_not_empty(unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 1)
 
     answer = unghost("convert", folder, "--to", "yolo", "-o", folder)

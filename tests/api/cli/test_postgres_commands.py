@@ -55,11 +55,11 @@ def elsewhere(tmp_path, url) -> CommandLine:
     return CommandLine(tmp_path, settings)
 
 
-def said(answer):
+def findings_by_check(answer):
     return {found["check"]: found for found in answer.records}
 
 
-def test_a_database_in_order(filled, unghost):
+def test_doctor_finds_no_fault_in_a_healthy_database(filled, unghost):
     answer = unghost("doctor", "--verify", "--json")
 
     assert [found["check"] for found in answer.records] == CHECKS
@@ -67,7 +67,7 @@ def test_a_database_in_order(filled, unghost):
     # The PostgreSQL of the tests may be set up so that doctor warns of its durability.
     assert {found["check"] for found in wrong} <= {"durability"}
     assert answer.code in (0, WARNED)
-    assert said(answer)["database"]["found"].startswith("PostgreSQL ")
+    assert findings_by_check(answer)["database"]["found"].startswith("PostgreSQL ")
 
 
 @pytest.mark.long
@@ -91,27 +91,25 @@ def test_a_database_in_order(filled, unghost):
         (["UPDATE alembic_version SET version_num = '0001'"], "schema", "at 0001"),
     ],
 )
-def test_the_doctor_finds_faults_of_a_database(
-    filled, unghost, url, statements, check, text
-):
+def test_doctor_finds_database_faults(filled, unghost, url, statements, check, text):
     change(url, *statements)
 
     answer = unghost("doctor", "--json")
 
-    found = said(answer)[check]
+    found = findings_by_check(answer)[check]
     assert text in found["found"]
     assert found["todo"]
     assert answer.code in (REFUSED, WARNED)
 
 
 @pytest.mark.long
-def test_a_careless_server_is_told(filled, unghost, url):
+def test_doctor_warns_of_synchronous_commit_off(filled, unghost, url):
     change(
         url,
         f"ALTER DATABASE {make_url(url).database} SET synchronous_commit = off",
     )
 
-    found = said(unghost("doctor", "--json"))["durability"]
+    found = findings_by_check(unghost("doctor", "--json"))["durability"]
 
     assert found["severity"] == "warning"
     assert "synchronous_commit = off" in found["found"]
@@ -122,7 +120,7 @@ def test_a_careless_server_is_told(filled, unghost, url):
     ("place", "reason"),
     [("127.0.0.1:1/boxes", "refused"), ("{server}/unghost_nowhere", "does not exist")],
 )
-def test_an_unreachable_database_is_explained_without_its_password(
+def test_unreachable_database_error_does_not_show_the_password(
     tmp_path, url, place, reason
 ):
     server = make_url(url)
@@ -146,7 +144,7 @@ def test_an_unreachable_database_is_explained_without_its_password(
 
 
 @pytest.mark.long
-def test_a_url_that_cannot_be_is_a_usage_error(tmp_path):
+def test_unsupported_database_url_is_a_usage_error(tmp_path):
     unghost = elsewhere(tmp_path, f"mysql://root:{SECRET}@db/boxes")
 
     answers = [unghost("doctor"), unghost("serve")]
@@ -159,7 +157,7 @@ def test_a_url_that_cannot_be_is_a_usage_error(tmp_path):
 
 
 @pytest.mark.long
-def test_a_service_whose_database_asks_for_a_password_logs_none(tmp_path, url):
+def test_database_password_is_not_logged_or_returned(tmp_path, url):
     log_in = make_url(url).set(password=SECRET).render_as_string(hide_password=False)
     settings = {"UNGHOST_DATABASE_URL": log_in, "UNGHOST_LOG_LEVEL": "debug"}
     with running_server(tmp_path / "data", settings) as server:
@@ -175,7 +173,7 @@ def test_a_service_whose_database_asks_for_a_password_logs_none(tmp_path, url):
     assert SECRET not in "".join([*seen, server.log.read_text("utf-8")])
 
 
-def test_a_token_is_made_without_the_service_and_opens_it(filled, unghost, url):
+def test_token_created_offline_authenticates_at_the_service(filled, unghost, url):
     made = unghost("token", "create", "ada", "--role", "admin", "--offline")
     again = unghost("token", "create", "ada", "--offline")
     bad = unghost("token", "create", "a\nb", "--offline")
@@ -194,7 +192,7 @@ def test_a_token_is_made_without_the_service_and_opens_it(filled, unghost, url):
 
 
 @pytest.mark.long
-def test_a_token_needs_a_database_that_was_served_once(tmp_path):
+def test_offline_token_create_refuses_an_empty_database(tmp_path):
     with empty_postgres() as url:
         answer = elsewhere(tmp_path, url)("token", "create", "ada", "--offline")
 
@@ -202,7 +200,7 @@ def test_a_token_needs_a_database_that_was_served_once(tmp_path):
     assert "start `unghost serve` once" in answer.err
 
 
-def test_a_backup_that_would_hold_no_rows_is_refused_with_what_to_do(
+def test_backup_and_restore_with_postgres_are_refused_with_advice(
     filled, unghost, tmp_path, url
 ):
     made = unghost("backup", tmp_path / "kept")
@@ -218,13 +216,13 @@ def test_a_backup_that_would_hold_no_rows_is_refused_with_what_to_do(
 
 
 @pytest.mark.skipif(shutil.which("pg_dump") is None, reason="pg_dump is not installed")
-def test_a_dump_and_a_copy_of_the_files_are_a_backup(filled, tmp_path, url):
+def test_pg_dump_and_copy_of_the_files_can_be_restored(filled, tmp_path, url):
     """Follow docs/operations.md; a frame that is stored later is not in the backup."""
     dump, kept = tmp_path / "monday.dump", tmp_path / "monday-blobs"
     place = (
         make_url(url).set(drivername="postgresql").render_as_string(hide_password=False)
     )
-    shell("pg_dump", "--format=custom", f"--file={dump}", place)
+    run_command("pg_dump", "--format=custom", f"--file={dump}", place)
     shutil.copytree(filled / "blobs", kept)
     with running_services(filled, database_url=url) as services:
         services.dataset().put("later", scene.annotation(), image=scene.image(9))
@@ -235,7 +233,9 @@ def test_a_dump_and_a_copy_of_the_files_are_a_backup(filled, tmp_path, url):
             .set(drivername="postgresql")
             .render_as_string(hide_password=False)
         )
-        shell("pg_restore", "--exit-on-error", "--no-owner", f"--dbname={target}", dump)
+        run_command(
+            "pg_restore", "--exit-on-error", "--no-owner", f"--dbname={target}", dump
+        )
         data = tmp_path / "restored"
         data.mkdir()
         shutil.copytree(kept, data / "blobs")
@@ -249,12 +249,12 @@ def test_a_dump_and_a_copy_of_the_files_are_a_backup(filled, tmp_path, url):
                 again = api.upload_frame(dataset["name"], "new")
 
     assert {found["severity"] for found in looked.records} <= {"ok", "note", "warning"}
-    assert said(looked)["files"]["severity"] == "ok"
+    assert findings_by_check(looked)["files"]["severity"] == "ok"
     assert len(boxes) == 4
     assert again["decisions"][0]["verdict"] == "kept"
 
 
-def shell(*words: object) -> None:
+def run_command(*words: object) -> None:
     done = subprocess.run(
         [str(word) for word in words], capture_output=True, text=True, timeout=120
     )

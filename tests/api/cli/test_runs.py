@@ -51,7 +51,7 @@ def interrupted(unghost, slow, config, *options):
         return err, client.run(newest.id)
 
 
-def test_an_interrupted_run_goes_on_and_says_how_to_end_it(unghost, slow):
+def test_interrupting_run_wait_leaves_the_run_running(unghost, slow):
     err, run = interrupted(unghost, slow, OTHER_PIXELS[0])
 
     assert run.state == "running"
@@ -60,14 +60,14 @@ def test_an_interrupted_run_goes_on_and_says_how_to_end_it(unghost, slow):
     assert unghost("wait", run.id).out.startswith(f"run {run.id}\tdone\t")
 
 
-def test_an_interruption_ends_the_run_on_request(unghost, slow):
+def test_interrupting_with_cancel_on_interrupt_cancels_the_run(unghost, slow):
     err, run = interrupted(unghost, slow, OTHER_PIXELS[1], "--cancel-on-interrupt")
 
     assert run.state == "cancelled"
     assert f"run {run.id} was cancelled" in err
 
 
-def test_a_run_is_cancelled_and_then_waiting_for_it_fails(unghost, slow):
+def test_cancel_command_cancels_a_run_and_waiting_for_it_fails(unghost, slow):
     server, _, dataset = slow
     with Client(server.url, server.token) as client:
         runs = [client.start_run(dataset, config).id for config in OTHER_PIXELS[2:6]]
@@ -82,7 +82,7 @@ def test_a_run_is_cancelled_and_then_waiting_for_it_fails(unghost, slow):
                 client.cancel(run)
 
 
-def test_progress_is_told_while_a_run_is_waited_for(unghost, slow):
+def test_run_wait_prints_progress(unghost, slow):
     *_, dataset = slow
 
     answer = unghost("run", dataset, "--config", "strict.yaml", "--wait")
@@ -92,7 +92,7 @@ def test_progress_is_told_while_a_run_is_waited_for(unghost, slow):
     assert f"0 kept, {2 * FRAMES} rejected" in answer.out
 
 
-def test_two_runs_are_compared_per_class(unghost, slow):
+def test_diff_command_compares_two_runs_per_class(unghost, slow):
     server, _, dataset = slow
     run = unghost("run", dataset, "--config", "strict.yaml", "--wait", "--json")
     with Client(server.url, server.token) as client:

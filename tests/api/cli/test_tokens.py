@@ -32,7 +32,7 @@ def unghost(machine, tmp_path):
     return CommandLine(tmp_path, {"UNGHOST_SERVER": machine.url, **state})
 
 
-def test_a_token_is_printed_once_and_opens_the_door(unghost, machine):
+def test_created_token_is_printed_once_and_authenticates(unghost, machine):
     made = unghost("token", "create", "ada")
 
     token = made.out.strip()
@@ -44,7 +44,7 @@ def test_a_token_is_printed_once_and_opens_the_door(unghost, machine):
         assert (ada.session().name, ada.session().role) == ("ada", "reviewer")
 
 
-def test_a_role_and_the_days_it_lasts_are_chosen(unghost):
+def test_token_create_sets_role_and_expiry(unghost):
     words = ("token", "create", "guest", "--role", "viewer", "--days", 7, "--json")
 
     (record,) = unghost(*words).records
@@ -55,7 +55,7 @@ def test_a_role_and_the_days_it_lasts_are_chosen(unghost):
     assert timedelta(days=6, hours=23) < left <= timedelta(days=7)
 
 
-def test_the_list_has_every_token_and_its_state(unghost):
+def test_token_list_shows_every_token_and_its_state(unghost):
     unghost("token", "create", "listed", "--days", 1)
     unghost("token", "create", "gone")
     unghost("token", "revoke", "gone")
@@ -69,7 +69,7 @@ def test_the_list_has_every_token_and_its_state(unghost):
 
 
 @pytest.mark.parametrize("by", ["name", "number"])
-def test_a_revoked_token_opens_nothing(unghost, by):
+def test_revoked_token_is_refused(unghost, by):
     (made,) = unghost("token", "create", f"by-{by}", "--json").records
     which = made["name"] if by == "name" else made["id"]
 
@@ -90,7 +90,7 @@ def test_a_revoked_token_opens_nothing(unghost, by):
         (["revoke", "admin"], REFUSED, "the last one of an admin"),
     ],
 )
-def test_a_token_command_that_fails_says_why(unghost, words, code, said):
+def test_failed_token_command_prints_the_reason(unghost, words, code, said):
     answer = unghost("token", *words)
 
     assert answer.code == code
@@ -98,7 +98,7 @@ def test_a_token_command_that_fails_says_why(unghost, words, code, said):
     assert "Traceback" not in answer.err
 
 
-def test_only_an_admin_may(unghost):
+def test_token_and_audit_commands_need_the_role_admin(unghost):
     token = unghost("token", "create", "curious").out.strip()
 
     answers = [
@@ -111,7 +111,7 @@ def test_only_an_admin_may(unghost):
     assert all("needs the role admin" in answer.err for answer in answers)
 
 
-def test_audit_says_who_did_what(unghost):
+def test_audit_command_lists_actor_action_and_subject(unghost):
     unghost("token", "create", "watched", "--role", "viewer")
     unghost("token", "revoke", "watched")
 

@@ -7,7 +7,7 @@ from tests.support.frames import write_manifest
 PARTLY = 3
 
 
-def test_an_unreadable_file_is_named_once_and_in_plain_words(unghost, tmp_path):
+def test_unreadable_frame_files_are_refused_with_a_clear_message(unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 2)
     (folder / "seg" / "000001.png").unlink()
     with (folder / "manifest.jsonl").open("a") as manifest:

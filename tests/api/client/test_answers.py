@@ -26,7 +26,7 @@ def http(server: RunningServer) -> Iterator[httpx.Client]:
 
 
 @pytest.fixture
-def queued(http: httpx.Client, dataset: str) -> str:
+def uploaded_dataset(http: httpx.Client, dataset: str) -> str:
     """A dataset with a frame with optional fields, a plain one, and a refused one."""
     seen = {"captured_at": "2026-01-01t00:00:00.5z", "weather": {"cloudiness": 10}}
     archive = [
@@ -50,13 +50,15 @@ def box_ids(http: httpx.Client, dataset: str) -> list[int]:
     return [box["box_id"] for box in listed["items"]]
 
 
-def test_each_kind_of_entry_of_a_history_has_its_keys(http, client, queued):
-    box = box_ids(http, queued)[0]
+def test_history_entries_have_the_keys_of_their_kind(http, client, uploaded_dataset):
+    box = box_ids(http, uploaded_dataset)[0]
     successful_json(
         http.post(f"/boxes/{box}/reviews", json={"verdict": "clear", **UNSEEN})
     )
     client.wait(
-        client.start_run(queued, {"min_visible_pixels": 100_000}, activate=True)
+        client.start_run(
+            uploaded_dataset, {"min_visible_pixels": 100_000}, activate=True
+        )
     )
 
     raw = successful_json(http.get(f"/boxes/{box}/history"))
@@ -79,7 +81,7 @@ def test_each_kind_of_entry_of_a_history_has_its_keys(http, client, queued):
 
 
 @pytest.mark.parametrize("created", [True, False])
-def test_an_upload_is_answered_in_full(http, dataset, created):
+def test_upload_response_has_every_field(http, dataset, created):
     form = {
         "annotation": ("a.json", frames.as_json(frames.annotation())),
         "image": ("a.png", frames.image()),
@@ -94,7 +96,7 @@ def test_an_upload_is_answered_in_full(http, dataset, created):
     assert wire.StoredFrame.answered(stored, created=created).created is created
 
 
-def test_lines_of_a_batch_are_answered_in_full(http, dataset):
+def test_batch_response_lines_have_every_field(http, dataset):
     told = http.post(
         f"/datasets/{dataset}/batches",
         content=archives.tar_archive(
@@ -113,9 +115,7 @@ def test_lines_of_a_batch_are_answered_in_full(http, dataset):
     assert (refused["status"], refused["problem"]["status"]) == (422, 422)
 
 
-def test_the_last_line_of_an_archive_that_ends_too_early_is_answered_in_full(
-    http, dataset
-):
+def test_last_line_for_a_truncated_archive_has_every_field(http, dataset):
     whole = archives.tar_archive([*archives.frame("a"), *archives.frame("b")])
     told = http.post(
         f"/datasets/{dataset}/batches",
@@ -128,10 +128,15 @@ def test_the_last_line_of_an_archive_that_ends_too_early_is_answered_in_full(
     assert_matches_model(wire.BatchEnd, end)
 
 
-def test_a_refusal_has_every_field_of_an_answer_and_what_it_has_to_say(http, queued):
-    box = box_ids(http, queued)[0]
+def test_problem_response_has_every_field_and_its_extra_key(http, uploaded_dataset):
+    box = box_ids(http, uploaded_dataset)[0]
     stale = {"verdict": "keep", "seen_revision": 3}
-    many = {"dataset": queued, "box_ids": [box], "verdict": "keep", "expected_count": 9}
+    many = {
+        "dataset": uploaded_dataset,
+        "box_ids": [box],
+        "verdict": "keep",
+        "expected_count": 9,
+    }
     every = set(wire.Problem.model_json_schema(mode="serialization")["required"])
 
     refused = {
@@ -145,7 +150,7 @@ def test_a_refusal_has_every_field_of_an_answer_and_what_it_has_to_say(http, que
         assert_matches_model(wire.Problem, answer.json())
 
 
-def test_after_an_answer_was_undone_its_revision_goes_on(client, filled):
+def test_box_revision_increases_after_an_answer_is_cleared(client, filled):
     box = next(client.boxes(filled))
     client.review(box.box_id, "keep", seen_revision=box.revision)
     client.review(box.box_id, "clear", seen_revision=1)

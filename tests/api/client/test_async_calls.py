@@ -59,7 +59,7 @@ async def connected(server: RunningServer) -> AsyncIterator[AsyncClient]:
         yield AsyncClient(http)
 
 
-def test_a_call_is_awaited(server, client, filled):
+def test_async_client_awaits_a_call(server, client, filled):
     async def ask() -> unghost.Dataset:
         async with connected(server) as asking:
             dataset: unghost.Dataset = await asking.dataset(filled)
@@ -70,7 +70,7 @@ def test_a_call_is_awaited(server, client, filled):
     assert asyncio.run(ask()) == client.dataset(filled)
 
 
-def test_a_list_is_iterated_over_pages(server, client, filled):
+def test_async_client_iterates_over_pages(server, client, filled):
     async def ask() -> list[wire.FrameSummary]:
         async with connected(server) as asking:
             frames: AsyncIterator[wire.FrameSummary] = asking.frames(filled, limit=2)
@@ -82,7 +82,7 @@ def test_a_list_is_iterated_over_pages(server, client, filled):
     assert found == list(client.frames(filled))
 
 
-def test_calls_with_a_form_json_or_yaml_are_awaited(server, client, dataset):
+def test_async_client_sends_form_json_and_yaml_calls(server, client, dataset):
     async def ask() -> tuple[
         unghost.StoredFrame, unghost.Review, unghost.ConfigVersion
     ]:

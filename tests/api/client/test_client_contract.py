@@ -22,7 +22,7 @@ def test_version_and_readiness(client):
     assert client.ready() is True
 
 
-def test_a_dataset_is_made_changed_and_deleted(client, dataset):
+def test_dataset_is_created_changed_and_deleted(client, dataset):
     assert dataset in [each.name for each in client.datasets()]
     assert client.dataset(dataset).classes == ("car",)
 
@@ -35,7 +35,7 @@ def test_a_dataset_is_made_changed_and_deleted(client, dataset):
         client.dataset(dataset)
 
 
-def test_another_way_to_read_segmentations_is_a_run(client, filled):
+def test_changing_lossy_segmentation_starts_a_run(client, filled):
     run = client.change_dataset(filled, lossy_segmentation="nearest")
 
     assert isinstance(run, unghost.Run)
@@ -43,7 +43,7 @@ def test_another_way_to_read_segmentations_is_a_run(client, filled):
     assert client.dataset(filled).lossy_segmentation == "nearest"
 
 
-def test_an_upload_is_answered_with_decisions(client, dataset):
+def test_put_frame_returns_decisions(client, dataset):
     stored = frames.put(client, dataset, "a/b c/ü")
 
     assert stored.created
@@ -54,7 +54,7 @@ def test_an_upload_is_answered_with_decisions(client, dataset):
     assert verdicts == {"real": "kept", "ghost": "rejected"}
 
 
-def test_files_can_be_paths(client, dataset, tmp_path):
+def test_put_frame_accepts_file_paths(client, dataset, tmp_path):
     (tmp_path / "image.png").write_bytes(frames.image())
 
     stored = client.put_frame(
@@ -65,7 +65,7 @@ def test_files_can_be_paths(client, dataset, tmp_path):
     assert {each.verdict for each in stored.decisions} == {"unmeasured"}
 
 
-def test_the_same_frame_again_changes_nothing(client, dataset):
+def test_putting_the_same_frame_again_changes_nothing(client, dataset):
     first = frames.put(client, dataset, "a")
     again = frames.put(client, dataset, "a")
 
@@ -73,9 +73,7 @@ def test_the_same_frame_again_changes_nothing(client, dataset):
     assert again.frame.id == first.frame.id
 
 
-def test_another_frame_under_the_same_key_is_a_conflict_unless_replaced(
-    client, dataset
-):
+def test_other_frame_with_the_same_key_is_a_conflict_unless_replaced(client, dataset):
     frames.put(client, dataset, "a", 1)
 
     with pytest.raises(unghost.Conflict):
@@ -83,7 +81,7 @@ def test_another_frame_under_the_same_key_is_a_conflict_unless_replaced(
     assert frames.put(client, dataset, "a", 2, replace=True).frame.revision == 2
 
 
-def test_a_refused_frame_names_its_faults_and_is_listed(client, dataset):
+def test_refused_frame_raises_invalid_and_is_listed_as_a_problem(client, dataset):
     bad = {"boxes": [{"class": "car", "xyxy": [0, 0, "wide", 1]}]}
 
     with pytest.raises(unghost.Invalid) as caught:
@@ -96,20 +94,20 @@ def test_a_refused_frame_names_its_faults_and_is_listed(client, dataset):
     assert problem.error.code == caught.value.code
 
 
-def test_frames_are_listed_over_pages(client, filled):
+def test_frame_list_is_paginated(client, filled):
     keys = [frame.key for frame in client.frames(filled, limit=2)]
 
     assert keys == ["run/000000", "run/000001", "run/000002"]
 
 
-def test_a_listed_frame_says_what_it_has(client, filled):
+def test_listed_frame_has_counts_and_file_flags(client, filled):
     first = next(client.frames(filled))
 
     assert (first.counts.boxes, first.counts.kept, first.counts.rejected) == (2, 1, 1)
     assert (first.has_image, first.has_segmentation) == (True, True)
 
 
-def test_one_frame_by_id_and_by_key(client, filled):
+def test_frame_is_found_by_id_and_by_key(client, filled):
     by_key = client.frame_by_key(filled, "run/000001")
     by_id = client.frame(by_key.id)
 
@@ -121,20 +119,20 @@ def test_one_frame_by_id_and_by_key(client, filled):
     assert by_id.next_id is not None
 
 
-def test_files_come_back_as_they_were_sent(client, filled):
+def test_frame_file_returns_the_uploaded_bytes(client, filled):
     frame = next(client.frames(filled))
 
     assert client.frame_file(frame.id, "segmentation") == frames.segmentation()
 
 
-def test_a_file_that_a_frame_came_without_is_named(client, filled):
+def test_missing_frame_file_raises_not_found(client, filled):
     frame = next(client.frames(filled))
 
     with pytest.raises(unghost.NotFound, match=f"frame {frame.id} has no file 'depth'"):
         client.frame_file(frame.id, "depth")
 
 
-def test_pictures_come_as_jpeg(client, filled):
+def test_thumbnail_overlay_and_crop_are_jpeg(client, filled):
     frame = next(client.frames(filled))
     box = ghost(client, filled)
 
@@ -143,7 +141,7 @@ def test_pictures_come_as_jpeg(client, filled):
     assert client.crop(box.box_id, pad=0.5).startswith(JPEG)
 
 
-def test_a_deleted_frame_is_gone(client, filled):
+def test_deleted_frame_is_not_listed(client, filled):
     client.delete_frame(filled, "run/000001")
 
     keys = [frame.key for frame in client.frames(filled)]
@@ -168,7 +166,7 @@ def test_one_box_has_its_numbers_and_neighbours(client, filled):
     assert isinstance(box.neighbours, tuple)
 
 
-def test_a_review_counts_and_is_history(client, filled):
+def test_review_changes_the_effective_verdict_and_is_in_the_history(client, filled):
     box_id = ghost(client, filled).box_id
 
     review = client.review(box_id, "keep", seen_revision=0, comment="there is one")
@@ -180,7 +178,7 @@ def test_a_review_counts_and_is_history(client, filled):
     assert [entry.kind for entry in client.history(box_id)] == ["review", "decision"]
 
 
-def test_many_boxes_are_reviewed_and_undone_at_once(client, filled):
+def test_bulk_review_is_counted_and_undone(client, filled):
     ids = [box.box_id for box in client.boxes(filled, verdict="rejected")]
 
     batch = client.bulk_review(filled, "keep", ids, comment="all of them")
@@ -192,7 +190,7 @@ def test_many_boxes_are_reviewed_and_undone_at_once(client, filled):
     assert client.stats(filled).effective.kept == 3
 
 
-def test_a_selection_is_answered_as_it_was_seen_or_not_at_all(client, filled):
+def test_bulk_review_of_a_stale_selection_raises_stale_review(client, filled):
     seen = client.select_boxes(filled, verdict="rejected", class_name="car")
     (one, *_) = client.boxes(filled, verdict="rejected")
     client.review(one.box_id, "reject", seen_revision=one.revision)
@@ -207,7 +205,7 @@ def test_a_selection_is_answered_as_it_was_seen_or_not_at_all(client, filled):
     assert (seen.count, again.count, batch.count) == (3, 3, 3)
 
 
-def test_decisions_are_answered_as_they_were_read(client, filled):
+def test_bulk_review_skips_boxes_with_a_stale_revision(client, filled):
     boxes = list(client.boxes(filled, verdict="rejected"))
     client.review(boxes[0].box_id, "keep", seen_revision=0)
 
@@ -221,7 +219,9 @@ def test_decisions_are_answered_as_they_were_read(client, filled):
 
 
 @pytest.mark.parametrize("boxes", [{"verdict": "rejected"}, "both"])
-def test_a_selection_without_what_was_seen_is_refused(client, filled, boxes):
+def test_bulk_review_of_a_filter_or_mixed_boxes_raises_type_error(
+    client, filled, boxes
+):
     if boxes == "both":
         (box, *_) = client.boxes(filled)
         boxes = [box, box.box_id]
@@ -230,7 +230,7 @@ def test_a_selection_without_what_was_seen_is_refused(client, filled, boxes):
         client.bulk_review(filled, "keep", boxes)
 
 
-def test_many_frames_are_pushed_and_told_about(client, dataset, tmp_path):
+def test_push_reports_the_outcome_of_each_frame(client, dataset, tmp_path):
     (tmp_path / "image.png").write_bytes(frames.image())
     good = {"image": tmp_path / "image.png", "segmentation": frames.segmentation()}
     bad = {"boxes": [{"class": "car", "xyxy": [0, 0, "wide", 1]}]}

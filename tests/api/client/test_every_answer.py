@@ -31,7 +31,7 @@ TAR = {"Content-Type": "application/x-tar"}
 LINES = "application/x-ndjson"
 
 
-class Answers:
+class ResponseCollector:
     """Collects the successful JSON answers that a client gets, by where they came from.
 
     Parameters
@@ -85,7 +85,7 @@ def _pattern(path: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def server_of_one(tmp_path_factory):
+def single_worker_server(tmp_path_factory):
     """A server that works on one frame at a time, so that jobs wait for each other."""
     folder = tmp_path_factory.mktemp("every") / "data"
     with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
@@ -93,8 +93,8 @@ def server_of_one(tmp_path_factory):
 
 
 @pytest.fixture
-def api(server_of_one) -> Iterator[Api]:
-    api = Api.at(server_of_one.url, server_of_one.headers)
+def api(single_worker_server) -> Iterator[Api]:
+    api = Api.at(single_worker_server.url, single_worker_server.headers)
     with api.http:
         yield api
 
@@ -128,7 +128,7 @@ def folder() -> bytes:
     return archives.tar_archive(files.items())
 
 
-def ask_who_comes_in(api: Api) -> None:
+def call_access_routes(api: Api) -> None:
     successful_json(api.post("/tokens", {"name": "somebody"}))
     code = successful_json(api.post("/login-codes", {}))
     api.json(f"/login-codes/{code['id']}")
@@ -142,7 +142,7 @@ def ask_who_comes_in(api: Api) -> None:
     until(lambda: api.http.get("/readyz").is_success)
 
 
-def ask_for_frames(api: Api, street: str) -> None:
+def call_frame_routes(api: Api, street: str) -> None:
     for _ in range(2):
         api.upload_frame(street, "d")
     for frame in api.json(f"/datasets/{street}/frames")["items"]:
@@ -159,7 +159,7 @@ def ask_for_frames(api: Api, street: str) -> None:
     )
 
 
-def ask_for_boxes(api: Api, street: str) -> None:
+def call_box_routes(api: Api, street: str) -> None:
     first, *others = [box["box_id"] for box in api.boxes(street, count="true")]
     assert successful_json(api.post(f"/datasets/{street}/queue", {}))["items"]
     successful_json(api.review(first, "keep", comment="it is there"))
@@ -168,7 +168,7 @@ def ask_for_boxes(api: Api, street: str) -> None:
     assert batch["stale"] == [first]
     api.json(f"/boxes/{first}")
     api.json(f"/boxes/{first}/history")
-    agree_as_somebody_else(api, first)
+    review_as_second_reviewer(api, first)
     quality = api.json(f"/datasets/{street}/quality")
     assert quality["suggested"]
     assert quality["agreement"]["pairs"]
@@ -179,7 +179,7 @@ def ask_for_boxes(api: Api, street: str) -> None:
     api.json(f"/boxes/{others[0]}")
 
 
-def agree_as_somebody_else(api: Api, box: int) -> None:
+def review_as_second_reviewer(api: Api, box: int) -> None:
     made = successful_json(api.post("/tokens", {"name": "second", "role": "reviewer"}))
     second = Api.at(
         str(api.http.base_url), {"Authorization": f"Bearer {made['token']}"}
@@ -188,7 +188,7 @@ def agree_as_somebody_else(api: Api, box: int) -> None:
         successful_json(second.review(box, "keep", seen=1))
 
 
-def ask_for_configurations(api: Api, street: str) -> None:
+def call_config_routes(api: Api, street: str) -> None:
     at = f"/datasets/{street}"
     for _ in range(2):
         version = successful_json(api.post(f"{at}/configs", STRICT))
@@ -204,7 +204,7 @@ def ask_for_configurations(api: Api, street: str) -> None:
     )
 
 
-def ask_for_jobs(api: Api, street: str) -> None:
+def call_job_routes(api: Api, street: str) -> None:
     at = f"/datasets/{street}"
     run = api.run(street, {"min_visible_pixels": 1})
     assert api.json(f"/runs/{run['id']}/diff", limit=2)["next_cursor"] is not None
@@ -227,7 +227,7 @@ def cancel_jobs(api: Api) -> None:
     successful_json(api.post(f"/runs/{run['id']}/cancel"))
 
 
-def ask_for_datasets(api: Api, street: str) -> None:
+def call_dataset_routes(api: Api, street: str) -> None:
     at = f"/datasets/{street}"
     for path in ("", "/stats", "/histogram"):
         api.json(at + path)
@@ -238,17 +238,17 @@ def ask_for_datasets(api: Api, street: str) -> None:
     api.wait_for_job(api.http.patch(BASE + at, json={"palette": "carla-0.9.14"}))
 
 
-def test_every_json_answer_is_sent_in_full(api, street):
-    answers = Answers(successful_json(api.http.get("/openapi.json")))
+def test_every_json_response_has_every_field_of_its_model(api, street):
+    answers = ResponseCollector(successful_json(api.http.get("/openapi.json")))
     api.http.event_hooks["response"].append(answers.keep)
 
-    ask_who_comes_in(api)
-    ask_for_frames(api, street)
-    ask_for_boxes(api, street)
-    ask_for_configurations(api, street)
-    ask_for_jobs(api, street)
+    call_access_routes(api)
+    call_frame_routes(api, street)
+    call_box_routes(api, street)
+    call_config_routes(api, street)
+    call_job_routes(api, street)
     cancel_jobs(api)
-    ask_for_datasets(api, street)
+    call_dataset_routes(api, street)
     api.dataset()
 
     assert answers.got.keys() == answers.models.keys()
@@ -257,7 +257,7 @@ def test_every_json_answer_is_sent_in_full(api, street):
             assert_matches_model(answers.models[place], body)
 
 
-def test_events_of_jobs_are_sent_in_full(api, street):
+def test_job_events_have_every_field_of_their_model(api, street):
     labels = api.wait_for_job(
         api.post(f"/datasets/{street}/exports", {"format": "coco"})
     )
@@ -274,7 +274,7 @@ def test_events_of_jobs_are_sent_in_full(api, street):
             assert_matches_model(model, event.data)
 
 
-def test_every_line_is_sent_in_full(api, folder):
+def test_every_ndjson_line_has_every_field_of_its_model(api, folder):
     name = api.dataset()
     archive = [*archives.frame("a"), *archives.frame("c", boxes=[{"id": 1}])]
     asked = {

@@ -8,7 +8,7 @@ import unghost
 from unghost import Client
 
 
-def test_the_queue_gives_boxes_with_a_claim(client, filled):
+def test_queue_returns_boxes_with_a_claim(client, filled):
     queue = client.queue(filled, order="random", limit=4)
 
     assert (len(queue.items), queue.remaining) == (4, 6)
@@ -17,7 +17,7 @@ def test_the_queue_gives_boxes_with_a_claim(client, filled):
     assert len(more.items) == 2
 
 
-def test_the_queue_takes_filters_and_forgets_what_is_answered(client, filled):
+def test_queue_applies_filters_and_omits_answered_boxes(client, filled):
     (box, *_) = client.queue(filled, filters={"verdict": "rejected"}).items
 
     client.review(box.box_id, "reject", seen_revision=0)
@@ -25,7 +25,7 @@ def test_the_queue_takes_filters_and_forgets_what_is_answered(client, filled):
     assert client.queue(filled, filters={"verdict": "rejected"}).remaining == 2
 
 
-def test_a_token_is_made_used_and_revoked(client, server):
+def test_token_is_created_used_and_revoked(client, server):
     made = client.create_token("ada", "viewer")
 
     with Client(server.url, made.token) as ada:
@@ -40,11 +40,11 @@ def test_a_token_is_made_used_and_revoked(client, server):
     assert made.token not in repr(made)
 
 
-def test_boxes_are_counted_without_being_listed(client, filled):
+def test_count_boxes_returns_the_number_that_match_the_filters(client, filled):
     assert client.count_boxes(filled, verdict="rejected", class_name="car") == 3
 
 
-def test_the_audit_log_is_read_newest_first(client):
+def test_audit_log_entry_has_actor_action_and_details(client):
     made = client.create_token("audited", "viewer")
 
     entry = next(one for one in client.audit() if one.subject == "audited")

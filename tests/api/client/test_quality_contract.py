@@ -26,7 +26,7 @@ def reviewed(client, filled) -> str:
     return str(filled)
 
 
-def test_quality_sets_the_filter_against_the_answers(client, reviewed):
+def test_quality_compares_the_filter_with_the_answers(client, reviewed):
     quality = client.quality(reviewed)
 
     assert (quality.reviewed, quality.unsure, quality.unmeasured) == (3, 1, 0)
@@ -41,7 +41,7 @@ def test_quality_sets_the_filter_against_the_answers(client, reviewed):
 
 
 @pytest.fixture
-def doubtful(client, dataset) -> str:
+def dataset_with_answers(client, dataset) -> str:
     """A whole car, and a box with a part of a car, which people reject."""
     partly = {"id": "partly", "class": "car", "xyxy": [36, 24, 52, 40]}
     boxes = [{"id": "real", "class": "car", "xyxy": frames.ON_THE_CAR}, partly]
@@ -58,8 +58,8 @@ def doubtful(client, dataset) -> str:
     return str(dataset)
 
 
-def test_thresholds_are_suggested_with_their_curves(client, doubtful):
-    (found,) = client.quality(doubtful).suggested
+def test_thresholds_are_suggested_with_their_curves(client, dataset_with_answers):
+    (found,) = client.quality(dataset_with_answers).suggested
 
     assert (found.class_name, found.current, found.answers) == ("car", 10, 2)
     assert found.interval[0] <= found.suggested <= found.interval[1]
@@ -67,16 +67,18 @@ def test_thresholds_are_suggested_with_their_curves(client, doubtful):
     assert curve[found.suggested].recall == 1
 
 
-def test_the_goal_of_suggested_thresholds_is_the_callers(client, doubtful):
-    (found,) = client.quality(doubtful, target="recall", recall=0.5).suggested
+def test_suggested_thresholds_follow_the_requested_target(client, dataset_with_answers):
+    (found,) = client.quality(
+        dataset_with_answers, target="recall", recall=0.5
+    ).suggested
 
     assert found.suggested > 10
     with pytest.raises(unghost.Invalid):
-        client.quality(doubtful, recall=2.0)
+        client.quality(dataset_with_answers, recall=2.0)
 
 
 @pytest.fixture
-def with_sensors(client, dataset, tmp_path) -> str:
+def dataset_with_sensors(client, dataset, tmp_path) -> str:
     """A dataset of one frame with depth and instances."""
     paths = {}
     for name, content in {**files(), **sensors()}.items():
@@ -88,10 +90,12 @@ def with_sensors(client, dataset, tmp_path) -> str:
     return str(dataset)
 
 
-def test_channels_are_measured_and_compared_with_instances(client, with_sensors):
-    before = client.evaluations(with_sensors)
-    run = client.wait(client.evaluate(with_sensors))
-    found = client.evaluations(with_sensors)
+def test_channels_are_measured_and_compared_with_instances(
+    client, dataset_with_sensors
+):
+    before = client.evaluations(dataset_with_sensors)
+    run = client.wait(client.evaluate(dataset_with_sensors))
+    found = client.evaluations(dataset_with_sensors)
 
     assert "depth" in before.not_measured
     assert (run.kind, run.changed) == ("measure", 0)

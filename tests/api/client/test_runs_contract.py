@@ -10,13 +10,13 @@ STRICT = {"min_visible_pixels": 500}
 
 
 @pytest.fixture
-def strict(client, filled) -> unghost.Run:
+def strict_run(client, filled) -> unghost.Run:
     """A finished run that rejects boxes which the active run keeps."""
     run: unghost.Run = client.wait(client.start_run(filled, STRICT))
     return run
 
 
-def test_events_tell_of_a_run_until_it_is_over(client, filled):
+def test_run_events_continue_until_the_run_is_done(client, filled):
     run = client.start_run(filled, STRICT)
 
     told = list(client.events(run))
@@ -26,26 +26,26 @@ def test_events_tell_of_a_run_until_it_is_over(client, filled):
     assert {each.id for each in told} == {run.id}
 
 
-def test_events_of_a_run_that_is_over_are_its_end(client, strict):
-    assert [each.state for each in client.events(strict.id)] == ["done"]
+def test_events_of_a_finished_run_are_only_its_end(client, strict_run):
+    assert [each.state for each in client.events(strict_run.id)] == ["done"]
 
 
-def test_events_of_no_run_are_an_error(client):
+def test_events_of_a_missing_run_raise_not_found(client):
     with pytest.raises(unghost.NotFound):
         list(client.events(10**9))
 
 
-def test_two_runs_are_compared(client, strict):
-    diff = client.diff(strict)
+def test_diff_compares_two_runs(client, strict_run):
+    diff = client.diff(strict_run)
 
-    assert (diff.run, diff.total, diff.kept_to_rejected) == (strict.id, 3, 3)
+    assert (diff.run, diff.total, diff.kept_to_rejected) == (strict_run.id, 3, 3)
     assert (diff.rejected_to_kept, diff.by_class) == (0, {"car": 3})
-    back = client.diff(diff.against, strict)
+    back = client.diff(diff.against, strict_run)
     assert (back.kept_to_rejected, back.rejected_to_kept) == (0, 3)
 
 
-def test_flips_are_listed_over_pages(client, strict):
-    flips = list(client.flips(strict))
+def test_flips_of_a_run_are_listed(client, strict_run):
+    flips = list(client.flips(strict_run))
 
     assert [flip.class_name for flip in flips] == ["car"] * 3
     assert {flip.before.verdict for flip in flips} == {"kept"}

@@ -11,7 +11,7 @@ import unghost
 STRICT = {"threshold_small_box": 90}
 
 
-def test_configs_are_versions_known_by_digest(client, filled):
+def test_config_versions_are_identified_by_digest(client, filled):
     added = client.add_config(filled, STRICT)
     same = client.add_config(filled, "threshold_small_box: 90  # percent\n")
 
@@ -35,7 +35,7 @@ def test_stats_and_histogram(client, filled):
     assert histogram.thresholds["car"] == 10
 
 
-def test_an_export_is_made_and_downloaded(client, filled, tmp_path):
+def test_export_is_created_and_downloaded(client, filled, tmp_path):
     export = client.wait_for_export(client.start_export(filled, "yolo"))
 
     path = client.download(export, tmp_path / "labels.zip")
@@ -46,7 +46,7 @@ def test_an_export_is_made_and_downloaded(client, filled, tmp_path):
     assert sum(name.endswith("000001.txt") for name in names) == 1
 
 
-def test_an_export_that_is_over_cannot_be_cancelled(client, filled):
+def test_cancelling_a_finished_export_raises_conflict(client, filled):
     export = client.wait_for_export(client.start_export(filled, "yolo"))
 
     with pytest.raises(unghost.Conflict, match=f"export {export.id} is done already"):

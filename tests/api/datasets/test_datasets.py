@@ -10,7 +10,7 @@ from tests.support.api import BASE
 MASK = {"polygons": [[[0, 0], [64, 0], [64, 48], [0, 48]]]}
 
 
-def test_a_new_dataset_is_described_whole(api):
+def test_new_dataset_is_returned_with_every_field(api):
     answer = api.post("/datasets", {"name": "whole.set-1_a", "description": "a street"})
 
     assert answer.status_code == 201
@@ -74,14 +74,14 @@ def test_a_new_dataset_is_described_whole(api):
         ),
     ],
 )
-def test_a_bad_dataset_is_refused_by_its_field(api, body, pointer):
+def test_invalid_dataset_is_refused_with_a_pointer_to_its_field(api, body, pointer):
     problem = api.post("/datasets", body).json()
 
     assert (problem["status"], problem["code"]) == (422, "invalid_request")
     assert [fault["pointer"] for fault in problem["errors"]] == [pointer]
 
 
-def test_a_mask_without_numbers_is_refused(api):
+def test_ignore_mask_with_nan_is_refused(api):
     content = b'{"name": "nan", "ignore_mask": {"polygons": [[[0,0],[1,NaN],[1,1]]]}}'
     headers = {"Content-Type": "application/json"}
 
@@ -91,7 +91,7 @@ def test_a_mask_without_numbers_is_refused(api):
     assert api.get("/datasets/nan").status_code == 404
 
 
-def test_a_name_that_is_taken_is_409(api):
+def test_duplicate_dataset_name_is_409(api):
     name = api.dataset()
 
     answer = api.post("/datasets", {"name": name})
@@ -99,7 +99,7 @@ def test_a_name_that_is_taken_is_409(api):
     assert (answer.status_code, answer.json()["code"]) == (409, "dataset_exists")
 
 
-def test_datasets_are_paged_by_name_along_the_links(api):
+def test_dataset_pagination_by_name_follows_next_links(api):
     names = sorted(api.dataset() for _ in range(5))
 
     seen, path = [], f"{BASE}/datasets?limit=2"
@@ -136,13 +136,13 @@ def test_datasets_are_paged_by_name_along_the_links(api):
         ("/configs/xyz", 422, "invalid_request"),
     ],
 )
-def test_a_wrong_path_or_parameter_has_its_status_and_code(api, path, status, code):
+def test_invalid_path_or_parameter_has_its_status_and_code(api, path, status, code):
     answer = api.get(path) if "?" not in path else api.http.get(BASE + path)
 
     assert (answer.status_code, answer.json()["code"]) == (status, code)
 
 
-def test_a_description_changes_at_once(api):
+def test_dataset_description_is_changed_without_a_run(api):
     name = api.dataset()
 
     answer = api.http.patch(f"{BASE}/datasets/{name}", json={"description": "new"})
@@ -154,7 +154,7 @@ def test_a_description_changes_at_once(api):
 @pytest.mark.parametrize(
     "key", ["description", "palette", "encoding", "channel_order", "lossy_segmentation"]
 )
-def test_null_is_no_value_of_a_setting(api, key):
+def test_null_as_a_dataset_setting_is_refused(api, key):
     """Null used to give a 409 or a run that failed."""
     answer = api.http.patch(f"{BASE}/datasets/{api.dataset()}", json={key: None})
 
@@ -162,7 +162,7 @@ def test_null_is_no_value_of_a_setting(api, key):
     assert answer.json()["errors"][0]["pointer"] == f"/{key}"
 
 
-def test_a_mask_is_applied_by_a_run_and_can_be_taken_away(api):
+def test_ignore_mask_is_applied_by_a_run_and_can_be_removed(api):
     name = api.dataset()
     api.upload_frame(name, "a")
     path = f"{BASE}/datasets/{name}"
@@ -183,7 +183,7 @@ def test_a_mask_is_applied_by_a_run_and_can_be_taken_away(api):
     assert api.verdicts(name) == {"real": "kept", "ghost": "rejected"}
 
 
-def test_the_settings_say_how_the_current_numbers_were_read(api):
+def test_dataset_setting_takes_effect_only_when_its_run_succeeds(api):
     """A new setting takes effect when its run is done, and not if the run fails."""
     name = api.dataset()
     api.upload_frame(name, "town/7")
@@ -214,7 +214,7 @@ def test_a_setting_that_contradicts_the_config_is_refused(api):
     assert "the configuration" in answer.json()["detail"]
 
 
-def test_deleting_asks_for_the_name_again(api):
+def test_deleting_a_dataset_needs_its_name_as_confirmation(api):
     name = api.dataset()
     frame = api.upload_frame(name, "a")["frame"]["id"]
     path = f"{BASE}/datasets/{name}"
@@ -244,7 +244,7 @@ def test_classes_keep_their_order_and_unknown_ones_are_appended(api):
     assert stored["decisions"][0]["reason"] == "unmapped_class"
 
 
-def test_frozen_classes_take_no_other_one(api):
+def test_frame_with_a_new_class_is_refused_when_classes_are_frozen(api):
     name = api.dataset(classes=["car"])
     api.upload_frame(name, "a")
     assert api.post(f"/datasets/{name}/exports", {"format": "yolo"}).status_code == 202

@@ -10,7 +10,7 @@ from tests.support import plain_http
 from tests.support.servers import running_server
 
 
-def test_a_new_dataset_begins_with_the_configuration_of_the_service(tmp_path: Path):
+def test_new_dataset_gets_the_configuration_of_the_service(tmp_path: Path):
     file = tmp_path / "filter.yaml"
     file.write_text("threshold_small_box: 25\nclasses: {bus: {size_big_box: 90}}\n")
 
@@ -24,7 +24,7 @@ def test_a_new_dataset_begins_with_the_configuration_of_the_service(tmp_path: Pa
     assert config["classes"] == {"bus": {"size_big_box": 90}}
 
 
-def test_a_wrong_configuration_is_named_in_one_line(tmp_path: Path):
+def test_serve_with_an_invalid_configuration_fails_with_one_line(tmp_path: Path):
     file = tmp_path / "filter.yaml"
     file.write_text("threshold_smal_box: 25\n")
     command = ["serve", "--data", "data", "--port", "0", "--config", str(file)]

@@ -11,15 +11,15 @@ from tests.support import frames as scene
 from tests.support.pictures import png
 
 
-def encoded(pixels: np.ndarray) -> str:
+def base64_png(pixels: np.ndarray) -> str:
     return b64encode(png(pixels)).decode()
 
 
 EVERYTHING = np.full((scene.HEIGHT, scene.WIDTH), 255, np.uint8)
 
 
-def test_a_mask_can_be_a_png(api):
-    dataset = api.dataset(ignore_mask={"png": encoded(EVERYTHING)})
+def test_ignore_mask_can_be_a_png(api):
+    dataset = api.dataset(ignore_mask={"png": base64_png(EVERYTHING)})
 
     decisions = api.upload_frame(dataset, "a")["decisions"]
 
@@ -27,8 +27,8 @@ def test_a_mask_can_be_a_png(api):
     assert api.json(f"/datasets/{dataset}")["has_ignore_mask"] is True
 
 
-def test_a_mask_of_another_size_refuses_the_frame(api):
-    dataset = api.dataset(ignore_mask={"png": encoded(EVERYTHING[1:])})
+def test_frame_is_refused_if_the_ignore_mask_has_another_size(api):
+    dataset = api.dataset(ignore_mask={"png": base64_png(EVERYTHING[1:])})
 
     problem = api.put(dataset, "a").json()
 
@@ -45,12 +45,12 @@ def test_a_mask_of_another_size_refuses_the_frame(api):
         pytest.param({"png": "%"}, id="not base64"),
         pytest.param({"png": b64encode(b"GIF89a").decode()}, id="not a picture"),
         pytest.param(
-            {"png": encoded(EVERYTHING), "polygons": [[[0, 0], [9, 0], [9, 9]]]},
+            {"png": base64_png(EVERYTHING), "polygons": [[[0, 0], [9, 0], [9, 9]]]},
             id="both forms",
         ),
     ],
 )
-def test_a_mask_that_cannot_be_used_is_refused(api, mask):
+def test_invalid_ignore_mask_is_refused(api, mask):
     answer = api.post("/datasets", {"name": "masked", "ignore_mask": mask})
 
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")

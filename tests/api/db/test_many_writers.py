@@ -16,7 +16,7 @@ THREADS_OF_THE_SERVICE = 40
 WRITTEN = 201
 
 
-def test_more_writers_than_threads_all_get_their_answer(service):
+def test_more_concurrent_writers_than_threads_are_all_answered(service):
     """A writer keeps others waiting until its answer is made, which needs a thread."""
     assert CLIENTS > 2 * THREADS_OF_THE_SERVICE
 
@@ -36,7 +36,7 @@ def test_more_writers_than_threads_all_get_their_answer(service):
     assert codes == [201] * len(codes)
 
 
-def test_probes_do_not_keep_writers_from_writing(service):
+def test_readiness_probes_do_not_block_writers(service):
     def ask(number: int) -> int:
         if number % 10:
             client.get("/readyz")  # on a busy machine it may not be ready
@@ -56,7 +56,7 @@ def test_probes_do_not_keep_writers_from_writing(service):
     assert set(codes) == {WRITTEN}
 
 
-def test_connections_are_kept_for_longer_than_clients_keep_them(tmp_path):
+def test_server_keep_alive_is_longer_than_that_of_clients(tmp_path):
     """Otherwise a client may send a request on a connection that is being closed."""
     app = create_app(Settings(data=tmp_path / "data"))
 

@@ -81,7 +81,7 @@ def street(api):
     return name
 
 
-def whole_reads(service, found: list[Statement]) -> set[str]:
+def full_scans(service, found: list[Statement]) -> set[str]:
     """Statements that read a big table from end to end, with their plan."""
     bad = set()
     engine = service.app.state.database.engine
@@ -95,12 +95,12 @@ def whole_reads(service, found: list[Statement]) -> set[str]:
                 f"EXPLAIN QUERY PLAN {statement}", parameters
             )
             steps = [row[3] for row in plan]
-            if any(reads_whole(step, statement) for step in steps):
+            if any(is_full_scan_of_big_table(step, statement) for step in steps):
                 bad.add(f"{statement}\n  {steps}")
     return {each for each in bad if not any(part in each for part in EXCUSED)}
 
 
-def reads_whole(step: str, statement: str) -> bool:
+def is_full_scan_of_big_table(step: str, statement: str) -> bool:
     match = READS.match(step)
     if match is None:
         return False
@@ -157,7 +157,7 @@ def frame_pages(api, street):
         get(f"/frames/{frame['id']}{part}")(api, street)
 
 
-def frames_come_and_go(api, street):
+def replace_and_delete_frame(api, street):
     api.upload_frame(street, "later")
     api.upload_frame(
         street, "later", {**scene.annotation(), "map": "Town01"}, replace=True
@@ -186,7 +186,7 @@ def diffs(api, street):
         get(f"/runs/{one}/diff", against=other)(api, street)
 
 
-def watched_and_cancelled(api, street):
+def watch_and_cancel_run(api, street):
     accepted = api.post(f"/datasets/{street}/runs", {"config": {"encoding": "palette"}})
     run_id = accepted.json()["id"]
     assert api.post(f"/runs/{run_id}/cancel").status_code in (202, 409)
@@ -242,49 +242,49 @@ REQUESTS = {
     "run from histograms": run(CARS_ARE_SKY, activate=False),
     "run from pixels": run({"palette": scene.FAMILY}, activate=True),
     "diffs": diffs,
-    "a run that is watched and cancelled": watched_and_cancelled,
+    "a run that is watched and cancelled": watch_and_cancel_run,
     "export as YOLO": post("/datasets/{d}/exports", {"format": "yolo"}, expected=202),
     "export of decisions": post(
         "/datasets/{d}/exports", {"format": "decisions-jsonl"}, expected=202
     ),
     "a box": box_pages,
     "a frame": frame_pages,
-    "frames come and go": frames_come_and_go,
+    "frames come and go": replace_and_delete_frame,
     "answers": answers,
     "a dataset is deleted": deleted,
 }
 
 
 @pytest.mark.parametrize("name", REQUESTS)
-def test_no_big_table_is_read_from_end_to_end(service, api, street, name):
+def test_request_makes_no_full_scan_of_a_big_table(service, api, street, name):
     with statements_of(service.app.state.database.engine) as found:
         REQUESTS[name](api, street)
 
     assert len(found) > 1
-    assert whole_reads(service, found) == set()
+    assert full_scans(service, found) == set()
 
 
-def test_a_table_that_is_read_whole_would_be_noticed(service, api, street):
+def test_full_scan_of_a_big_table_is_detected(service, api, street):
     whole = "SELECT count(*) FROM decisions AS d WHERE d.reason = 3"
 
-    assert whole_reads(service, [(whole, ())]) != set()
-    assert whole_reads(service, [("SELECT * FROM runs", ())]) == set()
+    assert full_scans(service, [(whole, ())]) != set()
+    assert full_scans(service, [("SELECT * FROM runs", ())]) == set()
 
 
-def test_rows_are_found_by_what_they_refer_to(service):
+def test_foreign_keys_of_big_tables_have_an_index(service):
     """SQLite looks for the rows that refer to a deleted one: that needs an index."""
     found = inspect(service.app.state.database.engine)
     missing = {
         (table, *key["constrained_columns"])
         for table in BIG & set(Base.metadata.tables)
         for key in found.get_foreign_keys(table)
-        if not leads(found, table, key["constrained_columns"])
+        if not has_index_on(found, table, key["constrained_columns"])
     }
 
     assert missing == set(NOT_INDEXED)
 
 
-def leads(found, table, columns):
+def has_index_on(found, table, columns):
     keys = [found.get_pk_constraint(table)["constrained_columns"]]
     keys += [each["column_names"] for each in found.get_unique_constraints(table)]
     keys += [each["column_names"] for each in found.get_indexes(table)]

@@ -20,17 +20,17 @@ def dataset(api) -> str:
 
 @pytest.fixture(scope="module")
 def export_id(api, dataset) -> int:
-    return asked_for_export(api, dataset)
+    return start_export(api, dataset)
 
 
-def asked_for_export(api, dataset) -> int:
+def start_export(api, dataset) -> int:
     asked = api.post(f"/datasets/{dataset}/exports", {"format": "yolo"})
     assert asked.status_code == 202, asked.text
     number: int = asked.json()["id"]
     return number
 
 
-def test_events_of_an_export_end_with_what_can_be_downloaded(api, export_id):
+def test_export_events_end_with_a_download_link(api, export_id):
     found = events(api, export_id, of="exports")
     numbers = [int(event.id) for event in found]
 
@@ -41,7 +41,7 @@ def test_events_of_an_export_end_with_what_can_be_downloaded(api, export_id):
     assert api.http.get(found[-1].data["download"]).status_code == 200
 
 
-def test_a_client_with_the_last_event_is_told_to_stop_asking(api, export_id):
+def test_events_after_the_last_event_id_return_204(api, export_id):
     last = events(api, export_id, of="exports")[-1]
 
     url = f"{BASE}/exports/{export_id}/events"
@@ -50,10 +50,10 @@ def test_a_client_with_the_last_event_is_told_to_stop_asking(api, export_id):
     assert (over.status_code, over.content) == (204, b"")
 
 
-def test_a_run_and_an_export_of_one_number_are_told_apart(start_api):
+def test_events_of_a_run_and_an_export_with_the_same_id_differ(start_api):
     _, api = start_api()
     name = api.dataset()
-    number = asked_for_export(api, name)
+    number = start_export(api, name)
     while api.run(name, {})["id"] < number:
         pass
 
@@ -68,7 +68,7 @@ def test_a_run_and_an_export_of_one_number_are_told_apart(start_api):
     assert ("config" in export, "format" in export) == (False, True)
 
 
-def test_an_export_that_is_not_there_is_a_problem_and_not_a_stream(api):
+def test_events_of_a_missing_export_return_404_and_no_stream(api):
     missing = api.get("/exports/999999/events")
 
     assert (missing.status_code, missing.json()["code"]) == (404, "not_found")

@@ -48,7 +48,9 @@ def client(server):
         yield client
 
 
-def unpacked(client: Client, dataset: str, form: str, folder: Path, **options) -> Path:
+def export_and_unpack(
+    client: Client, dataset: str, form: str, folder: Path, **options
+) -> Path:
     """Export a dataset and unpack the download into `folder`."""
     done = client.wait_for_export(client.start_export(dataset, form, **options))
     archive = client.download(done, folder.with_suffix(".zip"))
@@ -69,8 +71,8 @@ def labels(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("form", EXPORT_FORMATS)
-def test_every_format_comes_from_the_server(client, filled, tmp_path, form):
-    folder = unpacked(client, filled, form, tmp_path / "out")
+def test_every_export_format_is_created_by_the_server(client, filled, tmp_path, form):
+    folder = export_and_unpack(client, filled, form, tmp_path / "out")
 
     manifest = json.loads((folder / "manifest.json").read_text("utf-8"))
     assert manifest["class_names"] == CLASSES
@@ -81,23 +83,25 @@ def test_every_format_comes_from_the_server(client, filled, tmp_path, form):
 
 
 @pytest.mark.parametrize("form", READ_AND_WRITTEN)
-def test_an_export_pushed_again_is_exported_the_same(
+def test_export_pushed_again_gives_the_same_labels(
     server, client, filled, tmp_path, form
 ):
-    first = unpacked(client, filled, form, tmp_path / "first")
+    first = export_and_unpack(client, filled, form, tmp_path / "first")
     settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
     again = client.create_dataset(f"again-{form}", classes=CLASSES).name
 
     push = CommandLine(tmp_path, settings)("push", first, "--dataset", again)
-    second = unpacked(client, again, form, tmp_path / "second", include_unmeasured=True)
+    second = export_and_unpack(
+        client, again, form, tmp_path / "second", include_unmeasured=True
+    )
 
     assert push.code == 0, push.err
     assert [one.key for one in client.frames(again)] == sorted(KEYS)
     assert labels(second) == labels(first)
 
 
-def test_bands_and_regions_reach_the_server(client, filled, tmp_path):
-    folder = unpacked(
+def test_kitti_export_applies_bands_and_dontcare_regions(client, filled, tmp_path):
+    folder = export_and_unpack(
         client, filled, "kitti", tmp_path / "out", bands=[50], rejected="dontcare"
     )
 
@@ -115,7 +119,7 @@ def test_bands_and_regions_reach_the_server(client, filled, tmp_path):
         ("yolo", {"colour": 1}, "/options/colour"),
     ],
 )
-def test_an_option_that_a_format_lacks_is_refused_at_once(
+def test_unknown_format_or_invalid_option_raises_invalid(
     client, filled, form, options, pointer
 ):
     with pytest.raises(Invalid) as caught:
@@ -125,13 +129,13 @@ def test_an_option_that_a_format_lacks_is_refused_at_once(
     assert pointer in str(caught.value.errors)
 
 
-def test_tight_rectangles_of_a_comparison_reach_the_labels(client, tmp_path):
+def test_tight_rectangles_are_exported_as_labels(client, tmp_path):
     name = client.create_dataset("tight", classes=["car"]).name
     client.put_frame(name, "a", ANNOTATION, **sensors())
     client.wait(client.evaluate(name))
     # Nothing of the box behind is visible, so its rectangle stays as it is.
-    coco = unpacked(client, name, "coco", tmp_path / "coco", boxes="tight")
-    yolo = unpacked(client, name, "yolo", tmp_path / "yolo", boxes="tight")
+    coco = export_and_unpack(client, name, "coco", tmp_path / "coco", boxes="tight")
+    yolo = export_and_unpack(client, name, "yolo", tmp_path / "yolo", boxes="tight")
 
     tight = [61.0, 41.0, 38.0, 38.0]
     found = [

@@ -32,7 +32,7 @@ def dataset(server):
         return name
 
 
-def exported(api, dataset, form="yolo", **options):
+def run_export(api, dataset, form="yolo", **options):
     answer = api.post(
         f"/datasets/{dataset}/exports", {"format": form, "options": options}
     )
@@ -42,14 +42,14 @@ def exported(api, dataset, form="yolo", **options):
 
 @pytest.fixture
 def export(api, dataset):
-    return exported(api, dataset)
+    return run_export(api, dataset)
 
 
 def download(api, export, **headers):
     return api.http.get(export["download"], headers=headers)
 
 
-def test_an_export_says_how_far_it_is_and_what_came_out(api, dataset, export):
+def test_export_has_progress_size_digest_and_counts(api, dataset, export):
     assert (export["state"], export["done"], export["total"]) == (
         *("done", FRAMES),
         FRAMES,
@@ -66,15 +66,15 @@ def test_an_export_says_how_far_it_is_and_what_came_out(api, dataset, export):
     assert (manifest["dataset"], manifest["frames"]) == (dataset, FRAMES)
 
 
-def test_the_same_state_is_the_same_file(api, dataset, export):
-    again = exported(api, dataset)
-    other = exported(api, dataset, images="none")
+def test_export_of_the_same_state_gives_the_same_file(api, dataset, export):
+    again = run_export(api, dataset)
+    other = run_export(api, dataset, images="none")
 
     assert again["id"] != export["id"]
     assert again["sha256"] == export["sha256"] != other["sha256"]
 
 
-def test_a_download_goes_on_where_it_stopped(api, export):
+def test_download_resumes_with_a_byte_range(api, export):
     whole = download(api, export)
     tag, size = whole.headers["etag"], len(whole.content)
 
@@ -91,7 +91,7 @@ def test_a_download_goes_on_where_it_stopped(api, export):
 
 
 @pytest.mark.parametrize("span", ["bytes=0-99", "bytes=999999999-"])
-def test_a_part_of_another_file_is_not_continued(api, export, span):
+def test_range_with_a_stale_if_range_returns_the_complete_file(api, export, span):
     """A range beyond the end used to be refused even if `If-Range` did not match."""
     whole = download(api, export)
 
@@ -100,7 +100,7 @@ def test_a_part_of_another_file_is_not_continued(api, export, span):
     assert (stale.status_code, stale.content) == (200, whole.content)
 
 
-def test_a_file_that_the_client_has_is_not_sent_again(api, export):
+def test_download_returns_304_for_its_etag_and_416_beyond_its_end(api, export):
     tag = download(api, export).headers["etag"]
 
     known = download(api, export, **{"If-None-Match": tag})
@@ -110,7 +110,7 @@ def test_a_file_that_the_client_has_is_not_sent_again(api, export):
     assert beyond.status_code == 416
 
 
-def test_an_export_waits_its_turn_and_can_be_cancelled(serve):
+def test_queued_export_waits_and_can_be_cancelled(serve):
     service = serve()
     with service.admin() as http:
         api = Api(http)
@@ -124,7 +124,7 @@ def test_an_export_waits_its_turn_and_can_be_cancelled(serve):
 
             cancelled = http.post(f"{url}/cancel")
             again = http.post(f"{url}/cancel")
-        following = exported(api, dataset)
+        following = run_export(api, dataset)
         ran, ended = api.wait_for_job(run), http.get(url)
 
     assert (early.status_code, early.json()["code"]) == (409, "export_not_done")
@@ -135,21 +135,21 @@ def test_an_export_waits_its_turn_and_can_be_cancelled(serve):
     assert ended.json() == cancelled.json()
 
 
-def test_there_is_nothing_to_cancel_or_to_download(api):
+def test_cancel_and_download_of_a_missing_export_return_404(api):
     assert api.post("/exports/999999/cancel").status_code == 404
     assert api.get("/exports/999999/download").status_code == 404
     assert api.http.get(f"{BASE}/exports/999999").status_code == 404
 
 
-def address_of(api, export):
+def create_download_link(api, export):
     """Make a download link, which needs no token; return its URL, and the answer."""
     answer = api.post(f"/exports/{export['id']}/download-links", {})
     assert answer.status_code == 201, answer.text
     return api.http.base_url.join(answer.json()["url"]), answer
 
 
-def test_an_address_gives_the_file_to_who_shows_no_token(api, export):
-    url, answer = address_of(api, export)
+def test_download_link_returns_the_file_without_a_token(api, export):
+    url, answer = create_download_link(api, export)
     ends = datetime.fromisoformat(answer.json()["expires_at"])
 
     whole = plain_http.get(url)
@@ -162,9 +162,9 @@ def test_an_address_gives_the_file_to_who_shows_no_token(api, export):
     assert (rest.status_code, rest.content) == (206, whole.content[100:])
 
 
-def test_an_address_is_one_of_one_file(api, dataset, export):
-    other = exported(api, dataset)
-    url, _ = address_of(api, export)
+def test_download_link_is_valid_for_one_export_only(api, dataset, export):
+    other = run_export(api, dataset)
+    url, _ = create_download_link(api, export)
 
     answer = plain_http.get(url.copy_with(path=f"{BASE}/exports/{other['id']}/file"))
 
@@ -176,14 +176,12 @@ def test_an_address_is_one_of_one_file(api, dataset, export):
     )
 
 
-def test_an_address_ends_after_minutes_and_with_the_token_that_asked(
-    server, api, export
-):
+def test_download_link_expires_and_ends_with_its_revoked_token(server, api, export):
     viewer = api.post("/tokens", {"name": "downloader", "role": "viewer"}).json()
     ada = Api.at(server.url, {"Authorization": f"Bearer {viewer['token']}"})
     with ada.http:
-        gone, _ = address_of(ada, export)
-    late, _ = address_of(api, export)
+        gone, _ = create_download_link(ada, export)
+    late, _ = create_download_link(api, export)
     assert plain_http.get(gone).status_code == 200
 
     api.http.delete(f"{BASE}/tokens/{viewer['id']}")
@@ -199,18 +197,18 @@ def test_an_address_ends_after_minutes_and_with_the_token_that_asked(
     assert found == ["link_over", "link_over"]
 
 
-def test_there_is_no_address_of_what_is_not_there(api):
+def test_download_link_of_a_missing_export_returns_404(api):
     answer = api.post("/exports/999999/download-links", {})
 
     assert answer.status_code == 404
 
 
-def test_of_many_addresses_of_a_token_the_newest_stay(server, api, export):
-    others, _ = address_of(api, export)
+def test_oldest_download_link_of_a_token_is_deleted_over_the_limit(server, api, export):
+    others, _ = create_download_link(api, export)
     viewer = api.post("/tokens", {"name": "greedy", "role": "viewer"}).json()
     greedy = Api.at(server.url, {"Authorization": f"Bearer {viewer['token']}"})
     with greedy.http:
-        made = [address_of(greedy, export)[0] for _ in range(MOST_LINKS + 1)]
+        made = [create_download_link(greedy, export)[0] for _ in range(MOST_LINKS + 1)]
 
     found = [
         plain_http.head(url).status_code for url in (made[0], made[1], made[-1], others)

@@ -63,7 +63,7 @@ def service(tmp_path_factory):
 
 
 @contextmanager
-def connected(service):
+def open_connection(service):
     host, port = service.url.removeprefix("http://").split(":")
     with socket.create_connection((host, int(port)), timeout=60) as connection:
         yield connection
@@ -79,7 +79,7 @@ def head(service, method, path, *more):
     return "\r\n".join((*lines, "", "")).encode()
 
 
-def answer_on(connection) -> bytes:
+def read_response_head(connection) -> bytes:
     """Read an answer until its head is complete; some of its body may be included."""
     received = b""
     while b"\r\n\r\n" not in received:
@@ -97,7 +97,7 @@ def is_alive(service, client):
 @pytest.mark.parametrize(
     ("method", "path", "route"), OPERATIONS, ids=[" ".join(o[:2]) for o in OPERATIONS]
 )
-def test_nothing_is_read_of_a_body_that_says_it_is_too_large(
+def test_too_large_content_length_is_refused_before_the_body_is_read(
     service, anonymous, method, path, route, keyed
 ):
     limit = limit_of(route)
@@ -105,10 +105,10 @@ def test_nothing_is_read_of_a_body_that_says_it_is_too_large(
     media_type = STARTS.get(setting_of(route), (b"", "application/json"))[1]
     lines = [f"Content-Length: {limit + 1}", f"Content-Type: {media_type}", *key]
 
-    with connected(service) as connection:
+    with open_connection(service) as connection:
         connection.sendall(head(service, method, path, *lines))
         assert is_alive(service, anonymous)
-        received = answer_on(connection)
+        received = read_response_head(connection)
 
     if path == "/":  # the page ignores the body of a request
         assert received.startswith(b"HTTP/1.1 200 "), received
@@ -121,7 +121,7 @@ def test_nothing_is_read_of_a_body_that_says_it_is_too_large(
 @pytest.mark.parametrize(
     ("method", "path", "route"), OPERATIONS, ids=[" ".join(o[:2]) for o in OPERATIONS]
 )
-def test_no_more_than_its_limit_is_read_of_a_body_in_chunks(
+def test_chunked_body_is_read_only_up_to_its_limit(
     service, anonymous, method, path, route, keyed
 ):
     """The body is never ended: a server that read past the limit would never answer."""
@@ -132,24 +132,24 @@ def test_no_more_than_its_limit_is_read_of_a_body_in_chunks(
     key = [f"Idempotency-Key: c-{method}-{abs(hash(path))}"] if keyed else []
     lines = ["Transfer-Encoding: chunked", f"Content-Type: {media_type}", *key]
 
-    with connected(service) as connection:
+    with open_connection(service) as connection:
         connection.sendall(head(service, method, path, *lines))
         connection.sendall(b"%x\r\n%b\r\n" % (len(body), body))
         assert is_alive(service, anonymous)
-        received = answer_on(connection)
+        received = read_response_head(connection)
 
     if name not in ("", "max_batch_bytes"):
         assert received.startswith(b"HTTP/1.1 413 "), received
 
 
-def test_every_limit_is_a_setting():
+def test_every_body_limit_is_a_setting():
     named = {setting_of(route) for route in every_route()} - {""}
 
     assert named == set(LIMITS) - {"max_part_bytes"}
     assert named <= set(Settings.model_fields)
 
 
-def test_routes_that_take_a_body_say_how_large_it_may_be(tmp_path):
+def test_every_route_with_a_body_names_its_size_setting(tmp_path):
     """Of a new route that names no setting, only 4 KiB of the body would be read."""
     document = create_app(Settings(data=tmp_path)).openapi()
     described = {

@@ -19,7 +19,7 @@ def lists(api):
     ]
 
 
-def test_a_foreign_cursor_is_refused_in_the_same_way_everywhere(api):
+def test_invalid_cursor_is_refused_by_every_paginated_list(api):
     dataset = api.dataset()
     api.upload_frame(dataset, "a")
     run = api.run(dataset, {"min_visible_pixels": 5}, activate=False)

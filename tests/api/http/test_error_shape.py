@@ -29,7 +29,7 @@ def test_every_error_of_the_service_has_a_status_and_a_code(error):
     assert error.code.islower()
 
 
-def test_codes_are_not_used_twice():
+def test_error_codes_are_unique():
     codes = [cls.code for cls in subclasses(AppError) if "code" in vars(cls)]
 
     assert sorted(codes) == sorted(set(codes))
@@ -84,7 +84,7 @@ def test_an_error_is_a_problem_document(admin, method, path, status, code):
         ('{"name": "x"}', "text/plain", 415, "unsupported_media_type"),
     ],
 )
-def test_a_body_that_cannot_be_read_is_a_problem(admin, body, media_type, status, code):
+def test_unreadable_body_is_a_problem_document(admin, body, media_type, status, code):
     answer = admin.post(
         "/probe/tokens", content=body, headers={"Content-Type": media_type}
     )
@@ -100,7 +100,7 @@ def test_faults_of_a_body_have_json_pointers(admin):
     assert faults == {"/name": "missing", "/count": "int_parsing"}
 
 
-def test_faults_of_parameters_say_where_they_are(admin):
+def test_faults_of_parameters_have_pointers_to_path_or_query(admin):
     answer = admin.get("/probe/items/0?limit=all")
 
     pointers = [fault["pointer"] for fault in answer.json()["errors"]]
@@ -116,14 +116,14 @@ def test_all_faults_of_an_annotation_are_listed(admin):
     ]
 
 
-def test_a_problem_carries_the_fields_of_its_error(admin):
+def test_problem_has_the_extra_fields_of_its_error(admin):
     problem = admin.get("/probe/raise/stale").json()
 
     assert problem["current"] == {"box_id": 7}
 
 
 @pytest.mark.parametrize("name", ["busy", "full", "away", "internal"])
-def test_a_failure_says_nothing_of_its_insides(admin, name):
+def test_server_error_leaks_no_internal_details(admin, name):
     insides = ("locked", "select", "hunter2", "traceback")
 
     text = admin.get(f"/probe/raise/{name}").text.lower()
@@ -132,39 +132,39 @@ def test_a_failure_says_nothing_of_its_insides(admin, name):
 
 
 @pytest.mark.parametrize("name", ["busy", "full", "away", "quota"])
-def test_a_temporary_error_says_when_to_try_again(admin, name):
+def test_temporary_error_has_a_retry_after_header(admin, name):
     answer = admin.get(f"/probe/raise/{name}")
 
     assert int(answer.headers["retry-after"]) > 0
 
 
-def test_another_method_is_told_all_that_are_allowed(admin):
+def test_method_not_allowed_lists_the_allowed_methods(admin):
     answer = admin.put("/api/v1/session")
 
     assert answer.status_code == 405
     assert answer.headers["allow"] == "GET, HEAD, POST, DELETE"
 
 
-def test_a_range_outside_the_file_is_told_its_size(admin):
+def test_unsatisfiable_range_has_the_size_in_content_range(admin):
     answer = admin.get("/probe/raise/range")
 
     assert answer.headers["content-range"] == "bytes */10"
 
 
-def test_a_role_that_does_not_suffice_is_403(as_role):
+def test_insufficient_role_returns_403_forbidden(as_role):
     answer = as_role("viewer").post("/probe/tokens", json={"name": "x"})
 
     assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")
 
 
-def test_a_token_in_a_body_is_never_repeated(anonymous):
+def test_token_in_an_invalid_body_is_not_echoed(anonymous):
     answer = anonymous.post("/api/v1/session", json={"token": ["ug_secret"]})
 
     assert answer.status_code == 422
     assert "ug_secret" not in answer.text
 
 
-def test_a_client_that_hangs_up_is_no_failure_of_the_service(caplog):
+def test_client_disconnect_is_not_logged_as_an_error(caplog):
     refusal = refusal_of(ClientDisconnect())
 
     assert (refusal.status, refusal.code) == (400, "client_disconnected")
@@ -179,13 +179,13 @@ def test_an_unexpected_error_is_logged_with_its_traceback(caplog):
     assert "the disk is on fire" in caplog.text
 
 
-def test_a_full_disk_is_no_internal_error():
+def test_full_disk_returns_503_storage_full():
     refusal = refusal_of(OSError(errno.ENOSPC, "No space left on device"))
 
     assert (refusal.status, refusal.code) == (503, "storage_full")
 
 
-def test_a_message_keeps_the_pointer_of_its_fault():
+def test_refusal_keeps_the_faults_of_its_error():
     fault = Fault(pointer="/a", code="b", detail="c")
 
     assert refusal_of(errors.BadRequest("no", faults=[fault])).faults == (fault,)
@@ -201,7 +201,7 @@ def test_a_message_keeps_the_pointer_of_its_fault():
         b"GET / HTTP/1.1\r\nHost: a\r\nHost: a\r\nConnection: close\r\n\r\n",
     ],
 )
-def test_bytes_that_are_no_request_are_a_problem(service, sent):
+def test_malformed_http_request_is_a_problem_document(service, sent):
     host, port = service.url.removeprefix("http://").split(":")
 
     with socket.create_connection((host, int(port))) as connection:

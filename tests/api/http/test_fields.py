@@ -35,7 +35,7 @@ def resolved(document, schema):
     return schema
 
 
-def bodies(document):
+def json_bodies(document):
     """The routes that take JSON: method, path and the schema of the body."""
     for method, path, operation in operations(document):
         content = operation.get("requestBody", {}).get("content", {})
@@ -44,11 +44,11 @@ def bodies(document):
             yield method, path, resolved(document, schema)
 
 
-def test_no_body_takes_a_key_that_it_does_not_name(document):
+def test_every_request_body_forbids_unknown_keys(document):
     """So no client can set what it may not: ids, authors, times, hashes."""
     open_ended = {
         (method, path)
-        for method, path, schema in bodies(document)
+        for method, path, schema in json_bodies(document)
         if schema.get("additionalProperties") is not False
     }
 
@@ -56,10 +56,10 @@ def test_no_body_takes_a_key_that_it_does_not_name(document):
     assert open_ended == {("post", "/api/v1/datasets/{dataset}/configs")}
 
 
-def test_no_body_has_a_field_of_who_or_of_secrets(document):
+def test_no_request_body_has_a_field_for_ids_authors_or_secrets(document):
     named = {
         (path, name)
-        for _, path, schema in bodies(document)
+        for _, path, schema in json_bodies(document)
         for name in schema.get("properties", ())
         if name in SECRETS or name in {"id", "reviewer", "revision", "created_at"}
     }
@@ -89,7 +89,7 @@ def test_an_unknown_field_of_a_body_is_refused(admin, path, body):
     assert answer.status_code == 422, answer.text
 
 
-def test_every_order_is_a_choice_of_a_list(document):
+def test_every_sort_parameter_is_an_enum(document):
     orders = [
         parameter["schema"]
         for _, _, operation in operations(document)
@@ -102,7 +102,7 @@ def test_every_order_is_a_choice_of_a_list(document):
 
 
 @pytest.mark.parametrize("crafted", CRAFTED)
-def test_an_order_by_another_column_is_refused(admin, crafted):
+def test_sort_by_an_unlisted_column_is_refused(admin, crafted):
     admin.post("/api/v1/datasets", json={"name": "fields"})
 
     answers = [
@@ -115,7 +115,7 @@ def test_an_order_by_another_column_is_refused(admin, crafted):
 
 
 @pytest.mark.parametrize("name", ["hash", "token__hash__startswith", "created_by"])
-def test_a_filter_on_another_column_is_unknown(admin, document, name):
+def test_filter_on_an_unlisted_column_is_refused(admin, document, name):
     lists = {path for method, path, _ in operations(document) if method == "get"}
 
     statuses = {
@@ -127,7 +127,9 @@ def test_a_filter_on_another_column_is_unknown(admin, document, name):
 
 
 @pytest.mark.parametrize("text", INJECTED)
-def test_text_in_a_filter_is_text(service, admin, document, text):
+def test_sql_injection_in_query_parameters_has_no_effect(
+    service, admin, document, text
+):
     """Every query parameter of every GET, with text that means something in SQL."""
     before = rows_of(service, "tokens")
 

@@ -52,24 +52,24 @@ def filled(service):
     }
 
 
-def asked(path, filled):
+def url_of(path, filled):
     """The address of a route, with the query that it needs."""
     return fill_path(path, filled) + ASKED.get(path, "").format(**filled)
 
 
-def told(answer, *, less=frozenset()):
+def status_and_headers(answer, *, less=frozenset()):
     """The status and the headers, without `less` and those that always differ."""
     headers = {k: v for k, v in answer.headers.items() if k not in OF_EACH | set(less)}
     return answer.status_code, headers
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_head_says_what_get_says_without_a_body(admin, filled, path):
-    url = asked(path, filled)
+def test_head_has_the_status_and_headers_of_get_without_a_body(admin, filled, path):
+    url = url_of(path, filled)
     got, head = admin.get(url), admin.head(url)
 
     length = {"content-length"} if path in DRAWN | CHANGING else set()
-    assert told(head, less=length) == told(got, less=length)
+    assert status_and_headers(head, less=length) == status_and_headers(got, less=length)
     assert head.content == b""
     assert got.status_code == 200 or path == "/readyz", got.text
 
@@ -77,7 +77,7 @@ def test_head_says_what_get_says_without_a_body(admin, filled, path):
 @pytest.mark.parametrize(
     "path", [path for path in PATHS if REQUIRED_ROLES["GET", path]]
 )
-def test_head_lets_in_whom_get_lets_in(anonymous, as_role, filled, path):
+def test_head_needs_the_same_authentication_as_get(anonymous, as_role, filled, path):
     viewer = as_role("viewer")
 
     for client in (anonymous, viewer):
@@ -90,22 +90,24 @@ def test_head_lets_in_whom_get_lets_in(anonymous, as_role, filled, path):
 
 
 @pytest.mark.parametrize("path", [path for path in PATHS if path != "/"])
-def test_head_knows_the_parameters_that_get_knows(admin, filled, path):
+def test_head_refuses_unknown_query_parameters(admin, filled, path):
     assert (
         admin.head(fill_path(path, filled), params={"nonsense": "1"}).status_code == 400
     )
 
 
-def test_open_routes_answer_anybody(anonymous, filled):
+def test_head_of_open_routes_needs_no_token(anonymous, filled):
     opened = [path for path in PATHS if REQUIRED_ROLES["GET", path] is NO_ROLE]
 
     # On a busy machine the service may not be ready for a moment.
     opened.remove("/readyz")
-    assert {anonymous.head(asked(path, filled)).status_code for path in opened} == {200}
+    assert {anonymous.head(url_of(path, filled)).status_code for path in opened} == {
+        200
+    }
 
 
 @pytest.mark.parametrize("path", sorted(DRAWN))
-def test_no_picture_is_drawn_for_its_head(admin, filled, path):
+def test_head_of_a_drawn_image_draws_nothing(admin, filled, path):
     """Otherwise a client could make the server draw without reading any picture."""
     head = admin.head(fill_path(path, filled))
     known = {"If-None-Match": head.headers["etag"]}
@@ -115,23 +117,27 @@ def test_no_picture_is_drawn_for_its_head(admin, filled, path):
     assert admin.head(fill_path(path, filled), headers=known).status_code == 304
 
 
-def test_a_range_of_a_file_is_answered_as_for_get(admin, filled):
+def test_head_of_a_byte_range_matches_get(admin, filled):
     path = fill_path("/api/v1/frames/{frame_id}/{kind}", filled)
     some = {"Range": "bytes=3-9"}
     none = {"Range": "bytes=999999-"}
 
-    assert told(admin.head(path, headers=some)) == told(admin.get(path, headers=some))
-    assert told(admin.head(path, headers=none)) == told(admin.get(path, headers=none))
+    assert status_and_headers(admin.head(path, headers=some)) == status_and_headers(
+        admin.get(path, headers=some)
+    )
+    assert status_and_headers(admin.head(path, headers=none)) == status_and_headers(
+        admin.get(path, headers=none)
+    )
     assert admin.head(path, headers=some).status_code == 206
 
 
-def test_a_path_that_only_writes_has_no_head(admin):
+def test_head_of_a_write_only_path_returns_405(admin):
     answer = admin.head("/api/v1/reviews/bulk")
 
     assert (answer.status_code, answer.headers["allow"]) == (405, "POST")
 
 
-def test_a_head_of_a_stream_takes_no_place(tmp_path):
+def test_head_of_an_event_stream_opens_no_stream(tmp_path):
     with (
         live(tmp_path / "data", max_event_streams=1) as service,
         service.admin() as admin,
@@ -146,14 +152,14 @@ def test_a_head_of_a_stream_takes_no_place(tmp_path):
     assert "unghost_event_streams_open 0" in seen
 
 
-def test_the_connection_goes_on_after_a_head(admin):
+def test_connection_is_reusable_after_a_head_request(admin):
     """A body after a HEAD would be taken for the next answer on the connection."""
     for _ in range(3):
         admin.head("/api/v1/datasets")
         assert admin.get("/healthz").json() == {"status": "ok"}
 
 
-def test_the_description_names_no_head(admin):
+def test_openapi_document_lists_no_head_operations(admin):
     paths = admin.get("/openapi.json").json()["paths"]
 
     assert not any("head" in operations for operations in paths.values())

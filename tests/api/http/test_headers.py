@@ -8,7 +8,7 @@ ANSWERS = ["/healthz", "/no-such-page", "/probe/raise/internal", "/openapi.json"
 
 
 @pytest.mark.parametrize("path", ANSWERS)
-def test_every_answer_carries_the_strict_headers(admin, path):
+def test_every_response_has_the_security_headers(admin, path):
     headers = admin.get(path).headers
 
     policy = headers["content-security-policy"]
@@ -23,14 +23,14 @@ def test_every_answer_carries_the_strict_headers(admin, path):
     assert "server" not in headers
 
 
-def test_a_refusal_before_the_routes_carries_the_strict_headers(admin):
+def test_response_to_a_refused_host_has_the_security_headers(admin):
     answer = admin.get("/healthz", headers={"Host": "evil.example"})
 
     assert answer.headers["x-content-type-options"] == "nosniff"
     assert answer.headers["x-request-id"] == answer.json()["request_id"]
 
 
-def test_there_is_no_cross_origin_sharing(admin):
+def test_cors_preflight_is_refused(admin):
     ask = {"Origin": "http://evil.example", "Access-Control-Request-Method": "PUT"}
 
     answer = admin.options("/healthz", headers=ask)

@@ -7,14 +7,14 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 
-def add(client, name, key, **more):
+def post_token(client, name, key, **more):
     return client.post(
         "/probe/tokens", json={"name": name, **more}, headers={"Idempotency-Key": key}
     )
 
 
-def test_the_same_request_again_gets_the_same_answer(admin):
-    first, again = add(admin, "ada", "k1"), add(admin, "ada", "k1")
+def test_repeated_idempotency_key_replays_the_response(admin):
+    first, again = post_token(admin, "ada", "k1"), post_token(admin, "ada", "k1")
 
     assert first.status_code == again.status_code == 201
     assert first.json() == again.json() == {"stored": "ada"}
@@ -23,7 +23,7 @@ def test_the_same_request_again_gets_the_same_answer(admin):
     assert again.headers["content-type"] == "application/json"
 
 
-def test_the_same_request_without_a_key_is_done_again(admin):
+def test_repeated_request_without_idempotency_key_is_processed_again(admin):
     first = admin.post("/probe/tokens", json={"name": "bob"})
     again = admin.post("/probe/tokens", json={"name": "bob"})
 
@@ -31,17 +31,17 @@ def test_the_same_request_without_a_key_is_done_again(admin):
 
 
 @pytest.mark.parametrize("change", [{"name": "x"}, {"count": 1}])
-def test_another_request_with_the_same_key_is_refused(admin, change):
+def test_idempotency_key_reused_with_another_body_is_refused(admin, change):
     key = f"k2-{list(change)}"
-    add(admin, f"eve-{key}", key)
+    post_token(admin, f"eve-{key}", key)
 
-    answer = add(admin, **{"name": f"eve-{key}", "key": key, **change})
+    answer = post_token(admin, **{"name": f"eve-{key}", "key": key, **change})
 
     assert (answer.status_code, answer.json()["code"]) == (422, "idempotency_key_reuse")
 
 
-def test_another_path_with_the_same_key_is_refused(admin):
-    add(admin, "kim", "k3")
+def test_idempotency_key_reused_on_another_path_is_refused(admin):
+    post_token(admin, "kim", "k3")
 
     answer = admin.post(
         "/probe/tokens/copies", json={"name": "kim"}, headers={"Idempotency-Key": "k3"}
@@ -50,15 +50,17 @@ def test_another_path_with_the_same_key_is_refused(admin):
     assert answer.json()["code"] == "idempotency_key_reuse"
 
 
-def test_a_key_belongs_to_its_token(admin, as_role):
-    add(admin, "lea", "k4")
+def test_idempotency_key_is_scoped_to_its_token(admin, as_role):
+    post_token(admin, "lea", "k4")
 
-    answer = add(as_role("reviewer"), "max", "k4")
+    answer = post_token(as_role("reviewer"), "max", "k4")
 
     assert answer.json() == {"stored": "max"}
 
 
-def test_two_at_the_same_time_are_done_once(service, admin):
+def test_concurrent_requests_with_one_idempotency_key_are_processed_once(
+    service, admin
+):
     """Both requests pass every check before either of them writes."""
 
     def post(_):
@@ -78,17 +80,17 @@ def test_two_at_the_same_time_are_done_once(service, admin):
     assert admin.get("/probe/tokens/count").json() == answers[0].json()["tokens"]
 
 
-def test_a_request_that_failed_may_be_sent_again(admin):
-    add(admin, "ned", "k6")
-    refused = add(admin, "ned", "k7")
+def test_idempotency_key_of_a_failed_request_may_be_reused(admin):
+    post_token(admin, "ned", "k6")
+    refused = post_token(admin, "ned", "k7")
 
-    retried = add(admin, "nina", "k7")
+    retried = post_token(admin, "nina", "k7")
 
     assert (refused.status_code, retried.status_code) == (409, 201)
 
 
 @pytest.mark.parametrize("key", ["", "a b", "x" * 201, "ä"])
-def test_a_key_that_cannot_be_one_is_refused(admin, key):
+def test_invalid_idempotency_key_is_refused(admin, key):
     headers = [(b"Idempotency-Key", key.encode("latin-1"))]
 
     answer = admin.post("/probe/tokens", json={"name": "otto"}, headers=headers)
@@ -96,17 +98,17 @@ def test_a_key_that_cannot_be_one_is_refused(admin, key):
     assert answer.json()["code"] == "bad_idempotency_key"
 
 
-def test_an_answer_is_kept_over_a_restart(serve):
+def test_idempotent_response_is_replayed_after_a_restart(serve):
     with serve().admin() as client:
-        first = add(client, "pia", "k8")
+        first = post_token(client, "pia", "k8")
     with serve().admin() as client:
-        again = add(client, "pia", "k8")
+        again = post_token(client, "pia", "k8")
 
     assert again.headers["idempotent-replayed"] == "true"
     assert again.json() == first.json()
 
 
-def test_the_commit_comes_before_the_answer(admin):
+def test_conflict_at_the_commit_returns_409_instead_of_201(admin):
     """A row that the database refuses at the commit is a 409 and not a 201."""
     admin.post("/probe/tokens", json={"name": "quinn"})
 

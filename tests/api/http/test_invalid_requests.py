@@ -79,7 +79,9 @@ DIGEST = "a digest of 64 hexadecimal digits"
         ("GET", "/configs/x", None, f"path parameter 'digest': expected {DIGEST}"),
     ],
 )
-def test_a_refusal_says_what_was_expected_and_found(api, method, path, body, detail):
+def test_validation_error_has_the_expected_and_the_found_value(
+    api, method, path, body, detail
+):
     headers = {"Content-Type": "application/json"}
     answer = api.http.request(method, f"/api/v1{path}", content=body, headers=headers)
 
@@ -88,7 +90,7 @@ def test_a_refusal_says_what_was_expected_and_found(api, method, path, body, det
     assert problem["detail"].startswith(detail)
 
 
-def test_a_text_that_may_be_a_token_is_not_repeated(api):
+def test_possible_token_in_an_invalid_body_is_not_echoed(api):
     secret = "ug_of-somebody-else"
 
     answer = api.post("/tokens", {"name": ["a"], "role": secret, secret[:2]: secret})
@@ -97,21 +99,23 @@ def test_a_text_that_may_be_a_token_is_not_repeated(api):
     assert secret not in answer.text
 
 
-def patterns(document):
+def find_patterns(document):
     if isinstance(document, dict):
         if isinstance(document.get("pattern"), str):
             yield document["pattern"]
         for part in document.values():
-            yield from patterns(part)
+            yield from find_patterns(part)
     elif isinstance(document, list):
         for part in document:
-            yield from patterns(part)
+            yield from find_patterns(part)
 
 
-def test_every_pattern_has_words(tmp_path):
+def test_every_pattern_has_a_readable_error_message(tmp_path):
     app = create_app(Settings(data=tmp_path))
     # This pattern is left out, as its error has a message of its own.
-    known = set(patterns(json.loads(json.dumps(app.openapi())))) - {"^[!-~]{1,200}$"}
+    known = set(find_patterns(json.loads(json.dumps(app.openapi())))) - {
+        "^[!-~]{1,200}$"
+    }
 
     assert len(known) > 3
     for pattern in known:

@@ -52,7 +52,7 @@ def send_body(service):
         return client.post(DATASETS, json=body).status_code
 
 
-def test_large_documents_wait_for_each_other_and_nobody_for_them(service):
+def test_large_json_is_parsed_serially_without_blocking_small_requests(service):
     with ThreadPoolExecutor(3) as senders:
         with in_turn(10**9):
             large = [
@@ -69,7 +69,7 @@ def test_large_documents_wait_for_each_other_and_nobody_for_them(service):
         assert [one.result() for one in large] == [201, 201, 422]
 
 
-def test_ten_thousand_boxes_of_eight_vertices_fit():
+def test_annotation_of_10000_boxes_with_8_vertices_is_parsed():
     """The largest form of a box: eight vertices, and every name that a box may have."""
     places = [[10.0 + n % 2, n % 4 / 4, n / 8] for n in range(8)]
     names = {"class": "car", "type_id": "vehicle.audi.tt", "base_type": "car"}
@@ -86,7 +86,7 @@ def test_ten_thousand_boxes_of_eight_vertices_fit():
     assert len(read.boxes) == 10_000
 
 
-def test_more_keys_than_boxes_have_are_refused_before_they_are_read():
+def test_json_of_more_than_200000_keys_is_refused():
     keys = dict.fromkeys(map(str, range(200_001)))
 
     with pytest.raises(AnnotationErrors) as refused:

@@ -40,7 +40,7 @@ def test_a_json_body_over_its_own_limit_is_413(admin):
     assert (answer.status_code, answer.json()["code"]) == (413, "too_large")
 
 
-def test_an_endless_body_is_cut_off_while_it_is_sent(service):
+def test_endless_chunked_body_is_refused_with_413(service):
     host, port = service.url.removeprefix("http://").split(":")
     head = (
         "POST /probe/echo HTTP/1.1\r\n"
@@ -65,7 +65,7 @@ def test_a_streaming_route_has_a_limit_of_its_own(admin):
     assert (taken.json(), refused.status_code) == (BATCH_LIMIT, 413)
 
 
-def test_nothing_is_read_from_somebody_without_a_token(anonymous):
+def test_too_large_body_without_a_token_returns_401_not_413(anonymous):
     answer = anonymous.post("/probe/stream", content=pieces(BATCH_LIMIT * 2))
 
     assert answer.status_code == 401
@@ -74,7 +74,7 @@ def test_nothing_is_read_from_somebody_without_a_token(anonymous):
 @pytest.mark.parametrize(
     "host", ["evil.example", "127.0.0.1.evil.example:80", "localhost.", "[::2]:8000"]
 )
-def test_a_host_that_is_not_served_is_421(admin, host):
+def test_unknown_host_returns_421(admin, host):
     answer = admin.get("/healthz", headers={"Host": host})
 
     assert (answer.status_code, answer.json()["code"]) == (421, "misdirected_host")
@@ -83,18 +83,18 @@ def test_a_host_that_is_not_served_is_421(admin, host):
 @pytest.mark.parametrize(
     "host", ["localhost", "LOCALHOST:9", "127.0.0.1:8000", "[::1]:8000"]
 )
-def test_a_host_of_this_machine_is_served(admin, host):
+def test_loopback_host_is_served(admin, host):
     assert admin.get("/healthz", headers={"Host": host}).status_code == 200
 
 
-def test_a_named_host_is_served(serve):
+def test_allowed_host_is_served(serve):
     service = serve(allowed_hosts=("boxes.example",))
 
     with service.client(Host="boxes.example") as client:
         assert client.get("/healthz").status_code == 200
 
 
-def test_any_host_can_be_allowed(serve):
+def test_wildcard_allows_any_host(serve):
     service = serve(allowed_hosts=("*",))
 
     with service.client(Host="anything.example") as client:
@@ -114,5 +114,5 @@ def test_an_unknown_query_parameter_is_400_and_is_named(admin, path):
     assert repr(path.partition("?")[2].partition("=")[0]) in problem["detail"]
 
 
-def test_a_known_query_parameter_is_taken(admin):
+def test_known_query_parameter_is_accepted(admin):
     assert admin.get("/probe/items/1?limit=5").json() == {"item_id": 1, "limit": 5}

@@ -35,13 +35,13 @@ def log_of(server):
     return server.log.read_text("utf-8")
 
 
-def answered(server, path):
+def log_lines_for(server, path):
     """The lines of the log about the requests for a path."""
     lines = log_with(server, f'"path":"{path}"').splitlines()
     return [line for line in map(json.loads, lines) if line.get("path") == path]
 
 
-def test_a_request_is_a_line_with_its_id_route_status_time_and_caller(start_api):
+def test_request_log_line_has_id_route_status_duration_and_caller(start_api):
     server, api = start_api()
 
     answer = api.http.get(
@@ -49,7 +49,7 @@ def test_a_request_is_a_line_with_its_id_route_status_time_and_caller(start_api)
     )
 
     assert answer.headers["X-Request-ID"] == "night-shift.7"
-    (line,) = answered(server, f"{BASE}/datasets/none")
+    (line,) = log_lines_for(server, f"{BASE}/datasets/none")
     assert line.pop("time").endswith("Z")
     assert line.pop("duration_ms") >= 0
     assert line.pop("message").startswith(f"GET {BASE}/datasets/none 404 ")
@@ -71,14 +71,14 @@ def test_a_request_is_a_line_with_its_id_route_status_time_and_caller(start_api)
     ["", "ä", "a b", "x" * 65, "-a", "a\x1b[2J", 'a","level":"none'],
     ids=repr,
 )
-def test_a_request_id_that_could_do_harm_is_replaced(admin, harmful):
+def test_invalid_request_id_is_replaced(admin, harmful):
     answer = admin.get("/healthz", headers={"X-Request-ID": harmful.encode("latin-1")})
 
     assert answer.headers["X-Request-ID"].isalnum()
     assert len(answer.headers["X-Request-ID"]) == 32
 
 
-def test_text_is_written_where_it_is_asked_for(start_server):
+def test_log_format_text_writes_plain_text(start_server):
     server = start_server(UNGHOST_LOG_FORMAT="text")
 
     plain_http.get(f"{server.url}/version", headers=server.headers)
@@ -87,7 +87,7 @@ def test_text_is_written_where_it_is_asked_for(start_server):
     assert " INFO unghost.access [" in log
 
 
-def test_nothing_is_written_of_requests_where_only_warnings_are_wanted(start_server):
+def test_log_level_warning_logs_no_requests(start_server):
     server = start_server(UNGHOST_LOG_LEVEL="warning")
 
     plain_http.get(f"{server.url}/version", headers=server.headers)
@@ -96,19 +96,19 @@ def test_nothing_is_written_of_requests_where_only_warnings_are_wanted(start_ser
     assert server.log.read_text("utf-8") == ""
 
 
-def test_no_secret_is_in_the_log_whatever_is_asked(start_api):
+def test_no_secret_of_any_request_is_logged(start_api):
     server, api = start_api(UNGHOST_LOG_LEVEL="debug")
     name = api.dataset(description=SECRET)
     box = api.upload_frame(name, "a")["decisions"][0]["box_id"]
     made = api.post("/tokens", {"name": "ada", "role": "reviewer"}).json()["token"]
 
     statuses = [
-        *all_routes(api),
-        *accepted(api, name, box),
-        *refused(server, api, name),
-        *let_in_or_not(server, made),
+        *call_all_routes(api),
+        *send_valid_writes(api, name, box),
+        *send_invalid_requests(server, api, name),
+        *send_credentials(server, made),
     ]
-    malformed(server)
+    send_malformed_request(server)
 
     log = log_with(server, '"logger":"unghost.access"', len(statuses))
     assert {200, 201, 204, 401, 404, 415, 422} <= set(statuses)
@@ -117,7 +117,7 @@ def test_no_secret_is_in_the_log_whatever_is_asked(start_api):
     assert server.token not in log
 
 
-def all_routes(api):
+def call_all_routes(api):
     """Call every route with the secret in the body, the query and headers; statuses."""
     document = api.http.get("/openapi.json").json()
     headers = {"User-Agent": SECRET, "If-Match": f'"{SECRET}"', "X-Any": SECRET}
@@ -134,7 +134,7 @@ def all_routes(api):
     return statuses
 
 
-def accepted(api, name, box):
+def send_valid_writes(api, name, box):
     """Valid writes whose bodies hold the secret; their statuses."""
     headers = {"Idempotency-Key": SECRET}
     bulk = {"dataset": name, "box_ids": [box], "seen_revisions": [1]}
@@ -155,7 +155,7 @@ def accepted(api, name, box):
     return [answer.status_code for answer in answers]
 
 
-def refused(server, api, name):
+def send_invalid_requests(server, api, name):
     """Invalid requests with the secret in the part that is wrong; their statuses."""
     text = {"Content-Type": f"text/{SECRET}"}
     form = {"Content-Type": f"multipart/form-data; boundary={SECRET}"}
@@ -180,7 +180,7 @@ def refused(server, api, name):
     return [answer.status_code for answer in answers]
 
 
-def let_in_or_not(server, made):
+def send_credentials(server, made):
     """Requests with valid and invalid tokens, sessions and codes; their statuses."""
     with plain_http.Client(base_url=server.url) as client:
         answers = [
@@ -206,7 +206,7 @@ def let_in_or_not(server, made):
     return [answer.status_code for answer in answers]
 
 
-def malformed(server):
+def send_malformed_request(server):
     place = urlsplit(server.url)
     with socket.create_connection((place.hostname, place.port)) as connection:
         connection.sendall(f"GET /{SECRET}\r\nnot http at all\r\n\r\n".encode())
@@ -217,7 +217,7 @@ def malformed(server):
     log_with(server, f'"request_id":"{request_id}"')
 
 
-def test_an_error_of_the_database_does_not_tell_what_was_written(service, caplog):
+def test_logged_database_error_does_not_contain_the_written_values(service, caplog):
     with service.admin() as client:
         answers = [
             client.post("/probe/tokens/early", json={"name": SECRET}) for _ in range(2)

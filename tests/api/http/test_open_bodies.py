@@ -44,7 +44,7 @@ def bearers(as_role):
 
 
 @pytest.fixture(autouse=True)
-def nothing_is_left(service):
+def wait_for_release(service):
     yield
     until_free(service)
 
@@ -118,7 +118,7 @@ def until_counted(service, size):
     until(lambda: open_bytes(service) == size, lambda: open_bytes(service))
 
 
-def test_a_token_has_its_share_and_others_go_on(service, bearers, sender):
+def test_open_body_limits_return_429_and_503(service, bearers, sender):
     one, other, third = bearers
     first = sender(one)
     first.announce(BODY)
@@ -146,7 +146,7 @@ def test_a_token_has_its_share_and_others_go_on(service, bearers, sender):
     until_free(service)
 
 
-def test_a_refused_client_sends_again_on_the_same_connection(service, bearers, sender):
+def test_refused_body_can_be_retried_on_the_same_connection(service, bearers, sender):
     one = bearers[0]
     first, second = sender(one), sender(one)
     first.announce(BODY)
@@ -163,9 +163,7 @@ def test_a_refused_client_sends_again_on_the_same_connection(service, bearers, s
     assert second.answer()[0] == 200
 
 
-def test_bytes_without_a_content_length_are_counted_as_they_come(
-    service, bearers, sender
-):
+def test_bytes_of_a_chunked_body_are_counted_as_they_arrive(service, bearers, sender):
     chunk = b"%x\r\n" % 100_000 + b"x" * 100_000 + b"\r\n"
     first, second = sender(bearers[0]), sender(bearers[0])
     first.announce(BODY)
@@ -179,7 +177,7 @@ def test_bytes_without_a_content_length_are_counted_as_they_come(
     until_counted(service, BODY)
 
 
-def test_answers_of_people_are_small_and_go_on(service, bearers, sender):
+def test_small_bodies_are_accepted_at_the_open_body_limit(service, bearers, sender):
     for bearer in bearers[:2]:
         sender(bearer).announce(BODY)
     until_counted(service, 2 * BODY)
@@ -189,31 +187,31 @@ def test_answers_of_people_are_small_and_go_on(service, bearers, sender):
         assert client.get("/healthz").status_code == 200
 
 
-def test_a_body_that_is_larger_than_the_share_is_taken_alone(service, bearers):
+def test_body_larger_than_the_share_is_accepted_if_alone(service, bearers):
     with service.client(Authorization=bearers[0]) as client:
         sent = client.post("/probe/echo", content=b"x" * 800_000)
 
     assert sent.json() == 800_000
 
 
-def leaves(sender):
+def disconnect(sender):
     sender.announce(BODY)
     sender.close()
 
 
-def sends_too_much(sender):
+def send_too_much(sender):
     sender.begin(
         "Transfer-Encoding: chunked", sent=b"f4240\r\n" + b"x" * 1_000_000 + b"\r\n"
     )
     assert sender.answer()[0] == 413
 
 
-def sends_no_json(sender):
+def send_body_without_media_type(sender):
     sender.announce(BODY, path="/api/v1/datasets/street/bulk-reviews", sent=b"x" * BODY)
     assert sender.answer()[0] in (404, 415, 422)
 
 
-def sends_a_form_that_ends_early(sender):
+def send_incomplete_form(sender):
     sender.begin(
         f"Content-Length: {BODY}",
         "Content-Type: multipart/form-data; boundary=b",
@@ -225,9 +223,12 @@ def sends_a_form_that_ends_early(sender):
 
 
 @pytest.mark.parametrize(
-    "act", [leaves, sends_too_much, sends_no_json, sends_a_form_that_ends_early]
+    "act",
+    [disconnect, send_too_much, send_body_without_media_type, send_incomplete_form],
 )
-def test_bytes_of_a_request_are_given_back_at_its_end(service, bearers, sender, act):
+def test_counted_bytes_are_released_when_the_request_ends(
+    service, bearers, sender, act
+):
     act(sender(bearers[0]))
 
     until_free(service)
@@ -239,7 +240,7 @@ def test_bytes_of_a_request_are_given_back_at_its_end(service, bearers, sender, 
 PADDING = b"x" * (BODY // 2)
 
 
-def form_of(**parts):
+def multipart_form(**parts):
     """A multipart form of these parts: its media type, and its bytes."""
     lines = [
         b"--b\r\nContent-Disposition: form-data; name=%b\r\n\r\n%b\r\n"
@@ -256,10 +257,14 @@ REFUSED = {
     "an image that is none": (
         "PUT",
         FRAME,
-        form_of(annotation=ANNOTATION, image=PADDING),
+        multipart_form(annotation=ANNOTATION, image=PADDING),
     ),
-    "an annotation that is none": ("PUT", FRAME, form_of(annotation=PADDING)),
-    "a part of no meaning": ("PUT", FRAME, form_of(annotation=b"{}", nothing=PADDING)),
+    "an annotation that is none": ("PUT", FRAME, multipart_form(annotation=PADDING)),
+    "a part of no meaning": (
+        "PUT",
+        FRAME,
+        multipart_form(annotation=b"{}", nothing=PADDING),
+    ),
     "a part without a name": (
         "PUT",
         FRAME,
@@ -280,7 +285,7 @@ REFUSED = {
 
 
 @contextmanager
-def without_collector():
+def traced_memory_without_gc():
     """Trace memory without the garbage collector, which may not run for minutes."""
     gc.collect()
     gc.disable()
@@ -294,7 +299,7 @@ def without_collector():
 
 @pytest.mark.parametrize("key", ["", "Idempotency-Key: k"], ids=["", "with a key"])
 @pytest.mark.parametrize("what", REFUSED)
-def test_nothing_of_a_refused_body_stays_in_memory(service, bearers, sender, what, key):
+def test_refused_body_is_not_kept_in_memory(service, bearers, sender, what, key):
     method, path, (media_type, content) = REFUSED[what]
     one = sender(bearers[0])
 
@@ -312,7 +317,7 @@ def test_nothing_of_a_refused_body_stays_in_memory(service, bearers, sender, wha
         until_free(service)
 
     send()
-    with without_collector():
+    with traced_memory_without_gc():
         for _ in range(8):
             send()
         kept, _ = tracemalloc.get_traced_memory()
@@ -321,9 +326,7 @@ def test_nothing_of_a_refused_body_stays_in_memory(service, bearers, sender, wha
     assert kept // len(PADDING) < 4
 
 
-def test_a_batch_counts_what_it_keeps_and_is_told_when_that_is_too_much(
-    service, admin, bearers, sender
-):
+def test_batch_over_the_open_body_limit_ends_with_429(service, admin, bearers, sender):
     """The first frame is stored; the second is incomplete, and so kept and counted."""
     first = sender(bearers[0])
     first.announce(BODY)
@@ -349,7 +352,7 @@ def test_a_batch_counts_what_it_keeps_and_is_told_when_that_is_too_much(
     )
 
 
-def test_a_batch_gives_back_what_it_has_stored(service, bearers):
+def test_batch_releases_the_counted_bytes_of_stored_frames(service, bearers):
     many = b"".join(
         tar_without_end(
             [*members_of(f"m{n}", number=n), (f"m{n}.lidar.bin", b"x" * 200_000)]
@@ -375,7 +378,7 @@ def test_a_batch_gives_back_what_it_has_stored(service, bearers):
     until_free(service)
 
 
-def test_a_frame_is_stored_beside_others(service, bearers):
+def test_frame_within_the_open_body_limit_is_stored(service, bearers):
     files = {"annotation": scene.as_json(scene.annotation()), "image": scene.image(0)}
     with service.client(Authorization=bearers[1]) as client:
         stored = client.put("/api/v1/datasets/street/frames/one", files=files)

@@ -57,7 +57,9 @@ def resolve(schema, reference):
 
 
 @pytest.mark.parametrize("path", ["/openapi.json", "/docs/content"])
-def test_other_requests_are_answered_while_it_is_made(service, monkeypatch, path):
+def test_other_requests_are_answered_while_the_document_is_built(
+    service, monkeypatch, path
+):
     make = service.app.openapi
     begun, let_go = threading.Event(), threading.Event()
 
@@ -84,7 +86,7 @@ def test_the_document_is_openapi_3_1(schema):
     assert {method for item in schema["paths"].values() for method in item} <= METHODS
 
 
-def test_every_reference_leads_somewhere(schema):
+def test_every_schema_reference_resolves(schema):
     for reference in set(references(schema)):
         assert resolve(schema, reference)
 
@@ -97,7 +99,7 @@ def test_every_error_is_a_problem_document(schema, operations):
                 assert list(content) == [PROBLEM_TYPE]
 
 
-def test_every_route_says_how_it_can_fail(operations):
+def test_every_route_declares_its_error_responses(operations):
     for (method, _), operation in operations.items():
         expected = {"400", "404", "421", "422", "500", "503"}
         if "security" in operation:
@@ -113,7 +115,7 @@ def test_every_post_takes_an_idempotency_key(operations):
         assert ("Idempotency-Key" in names) == (method == "post")
 
 
-def test_every_operation_has_a_name_of_its_own_and_says_what_it_does(operations):
+def test_every_operation_has_a_unique_id_and_a_description(operations):
     ours = [
         operation
         for (_, path), operation in operations.items()
@@ -125,14 +127,14 @@ def test_every_operation_has_a_name_of_its_own_and_says_what_it_does(operations)
     assert [one["operationId"] for one in ours if not one.get("description")] == []
 
 
-def test_no_route_takes_an_address(schema, operations):
+def test_no_route_takes_a_url(schema, operations):
     """The service never fetches or calls an address that a client gives."""
     assert "webhooks" not in schema
     assert [where for where, one in operations.items() if "callbacks" in one] == []
     assert set(formats(schema)) & {"uri", "uri-reference", "iri", "url"} == set()
 
 
-def test_the_one_way_to_show_who_one_is_is_described(schema):
+def test_bearer_token_is_the_only_security_scheme(schema):
     schemes = schema["components"]["securitySchemes"]
 
     assert list(schemes) == ["token"]

@@ -31,14 +31,14 @@ TYPES = {
 }
 
 
-def test_the_shell_is_open_and_takes_any_filter(anonymous):
+def test_page_needs_no_token_and_accepts_any_query(anonymous):
     answer = anonymous.get("/?dataset=town10&verdict=rejected")
 
     assert answer.status_code == 200
     assert answer.headers["content-type"] == "text/html; charset=utf-8"
 
 
-def test_the_shell_names_every_module_that_it_starts_with(anonymous):
+def test_page_preloads_every_module_of_its_start(anonymous):
     """Otherwise a browser finds the modules in one round trip after the other."""
     page = anonymous.get("/").text
 
@@ -49,7 +49,7 @@ def test_the_shell_names_every_module_that_it_starts_with(anonymous):
     assert not any("uplot" in name for name in named), "loaded with its view"
 
 
-def test_modules_are_found_through_imports_that_run_at_once(tmp_path):
+def test_started_modules_follow_static_imports_only(tmp_path):
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "main.js").write_text(
         'import {\n  one,\n} from "./b.js";\nexport { x } from "../c.js";\n'
@@ -62,7 +62,7 @@ def test_modules_are_found_through_imports_that_run_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_of_the_page_has_its_type(anonymous, name):
+def test_static_file_has_its_content_type(anonymous, name):
     answer = anonymous.get(f"/static/{name}")
 
     assert answer.content == (static_dir() / name).read_bytes()
@@ -70,7 +70,7 @@ def test_a_file_of_the_page_has_its_type(anonymous, name):
     assert answer.headers["x-content-type-options"] == "nosniff"
 
 
-def test_a_file_that_is_known_is_not_sent_again(anonymous):
+def test_if_none_match_of_a_static_file_returns_304(anonymous):
     url = f"/static/{FILES[0]}"
     etag = anonymous.get(url).headers["etag"]
 
@@ -81,15 +81,15 @@ def test_a_file_that_is_known_is_not_sent_again(anonymous):
     assert again.headers["etag"] == etag
 
 
-def versioned(client):
+def versioned_static_path(client):
     """The path, with its version, below which the page names its files."""
     return re.findall(r'"(/static/v-\w+/)js/main.js"', client.get("/").text)[0]
 
 
-def test_a_browser_keeps_the_files_that_the_page_names(anonymous):
+def test_versioned_static_files_are_cached_as_immutable(anonymous):
     page = anonymous.get("/")
 
-    answer = anonymous.get(f"{versioned(anonymous)}{FILES[0]}")
+    answer = anonymous.get(f"{versioned_static_path(anonymous)}{FILES[0]}")
 
     assert page.headers["cache-control"] == "no-cache"
     assert "immutable" in answer.headers["cache-control"]
@@ -98,7 +98,7 @@ def test_a_browser_keeps_the_files_that_the_page_names(anonymous):
 
 
 @pytest.mark.parametrize("below", ["", "v-0123456789abcdef/"])
-def test_a_file_below_another_version_is_asked_for_each_time(anonymous, below):
+def test_static_file_of_another_version_has_cache_control_no_cache(anonymous, below):
     answer = anonymous.get(f"/static/{below}{FILES[0]}")
 
     assert answer.content == (static_dir() / FILES[0]).read_bytes()
@@ -106,7 +106,7 @@ def test_a_file_below_another_version_is_asked_for_each_time(anonymous, below):
 
 
 @pytest.mark.parametrize("change", ["changed", "added", "removed"])
-def test_the_version_is_another_one_with_any_change(tmp_path, change):
+def test_static_version_changes_with_any_file_change(tmp_path, change):
     (tmp_path / "a.js").write_text("1")
     before = version_of(tmp_path)
     if change == "added":
@@ -119,7 +119,7 @@ def test_the_version_is_another_one_with_any_change(tmp_path, change):
     assert version_of(tmp_path) != before
 
 
-def test_the_description_of_the_api_that_is_known_is_not_sent_again(admin):
+def test_if_none_match_of_the_openapi_document_returns_304(admin):
     first = admin.get("/openapi.json")
 
     again = admin.get("/openapi.json", headers={"If-None-Match": first.headers["etag"]})
@@ -144,7 +144,7 @@ def test_the_description_of_the_api_that_is_known_is_not_sent_again(admin):
         "x" * 5000 + ".js",
     ],
 )
-def test_nothing_outside_the_page_is_a_file_of_it(service, name):
+def test_path_traversal_in_a_static_path_returns_404(service, name):
     """The path is sent unchanged: most clients would normalise it first."""
     import http.client
 
@@ -156,7 +156,7 @@ def test_nothing_outside_the_page_is_a_file_of_it(service, name):
     assert status == 404
 
 
-def test_a_link_that_leaves_the_folder_is_not_followed(tmp_path):
+def test_symlink_out_of_the_static_folder_is_not_followed(tmp_path):
     (tmp_path / "secret.js").write_text("secret")
     page = tmp_path / "page"
     page.mkdir()
@@ -166,7 +166,7 @@ def test_a_link_that_leaves_the_folder_is_not_followed(tmp_path):
         page_file(page, "link.js")
 
 
-def test_a_changed_file_is_sent_anew(tmp_path):
+def test_changed_static_file_has_new_content_and_etag(tmp_path):
     (tmp_path / "a.js").write_text("1")
     before = page_file(tmp_path, "a.js")
     (tmp_path / "a.js").write_text("22")
@@ -177,7 +177,7 @@ def test_a_changed_file_is_sent_anew(tmp_path):
     assert before.etag != after.etag
 
 
-def test_the_policy_allows_just_the_import_map_of_the_page(tmp_path):
+def test_content_security_policy_allows_only_the_import_map(tmp_path):
     text = b'{"imports": {"preact": "/static/vendor/preact.js"}}'
     index = tmp_path / "index.html"
     index.write_bytes(
@@ -191,7 +191,7 @@ def test_the_policy_allows_just_the_import_map_of_the_page(tmp_path):
     assert policy.count("sha256-") == 1
 
 
-def test_the_page_has_no_inline_script_that_the_policy_would_block(anonymous):
+def test_page_has_no_inline_script_blocked_by_its_policy(anonymous):
     page = anonymous.get("/")
 
     inline = re.findall(
@@ -204,7 +204,7 @@ def test_the_page_has_no_inline_script_that_the_policy_would_block(anonymous):
         assert digest in policy
 
 
-def test_the_description_for_people_names_every_route(admin):
+def test_api_docs_page_names_every_route(admin):
     schema = admin.get("/openapi.json").json()
 
     page = admin.get("/docs/content")

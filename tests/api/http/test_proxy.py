@@ -13,7 +13,7 @@ def service(serve):
     return serve(allowed_hosts=(HOST,), trusted_proxies=("127.0.0.1",))
 
 
-def test_behind_a_proxy_with_tls_the_page_works_and_its_origin_is_known(service):
+def test_session_write_behind_a_tls_proxy_checks_the_https_origin(service):
     with service.client(**PAGE, Origin=f"https://{HOST}") as browser:
         opened = browser.post("/api/v1/session", json={"token": service.token})
         session = {"Authorization": f"Bearer {opened.json()['session']}"}
@@ -28,6 +28,6 @@ def test_behind_a_proxy_with_tls_the_page_works_and_its_origin_is_known(service)
     assert (written.status_code, elsewhere.status_code) == (200, 403)
 
 
-def test_a_forwarded_host_is_not_believed(service):
+def test_forwarded_host_header_is_not_trusted(service):
     with service.client(Host="evil.example", **{"X-Forwarded-Host": HOST}) as client:
         assert client.get("/healthz").status_code == 421

@@ -43,7 +43,7 @@ def filled(service):
     }
 
 
-def every_get(values):
+def paths_of_get_routes(values):
     return [
         fill_path(path, values)
         for method, path in sorted(REQUIRED_ROLES)
@@ -73,7 +73,7 @@ def test_no_get_has_a_side_effect(service, admin, filled):
     """An image on any page of the web can make a browser send a GET."""
     rows, files = rows_of(service), files_of(service)
 
-    for path in every_get(filled):
+    for path in paths_of_get_routes(filled):
         admin.get(path)
         admin.get(path, params={"confirm": "marked"})
 
@@ -84,10 +84,10 @@ def test_no_get_has_a_side_effect(service, admin, filled):
     assert files.items() <= left.items()
 
 
-def test_no_answer_is_a_page_but_the_page(admin, filled):
+def test_only_the_page_and_the_api_docs_are_html(admin, filled):
     """Only the page and the API's description are HTML; others may repeat user text."""
     pages, told = set(), 0
-    for path in every_get(filled):
+    for path in paths_of_get_routes(filled):
         answer = admin.get(path)
         if answer.headers.get("content-type", "").startswith("text/html"):
             pages.add(path)
@@ -99,20 +99,20 @@ def test_no_answer_is_a_page_but_the_page(admin, filled):
     assert told >= 3
 
 
-def test_the_pages_hold_no_name_from_outside(admin, filled):
+def test_html_pages_contain_no_user_text(admin, filled):
     for path in ("/", "/docs", "/docs/content"):
         assert "onerror" not in admin.get(path).text
 
 
 @pytest.mark.parametrize("query", ["", "?callback=alert", "?jsonp=alert"])
-def test_an_error_repeats_markup_as_json_only(admin, query):
+def test_error_with_markup_in_its_path_is_json(admin, query):
     answer = admin.get(f"/api/v1/datasets/{MARKUP}{query}")
 
     assert answer.headers["content-type"] == "application/problem+json"
     assert answer.status_code == (400 if query else 404)
 
 
-def test_a_request_for_html_is_answered_in_json(admin, filled):
+def test_accept_header_of_html_is_answered_with_json(admin, filled):
     accept = {"Accept": "text/html"}
 
     types = {
@@ -123,7 +123,7 @@ def test_a_request_for_html_is_answered_in_json(admin, filled):
     assert types == {"application/json", "application/problem+json"}
 
 
-def test_a_method_cannot_be_smuggled_into_a_get(admin, filled):
+def test_get_with_a_method_override_does_not_delete(admin, filled):
     tricks = {"X-HTTP-Method-Override": "DELETE", "X-Method-Override": "DELETE"}
 
     answer = admin.get("/api/v1/datasets/marked", headers=tricks)

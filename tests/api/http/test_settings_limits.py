@@ -39,28 +39,28 @@ LIMITS = {
 }
 TOO_MUCH = (
     "tests/api/boxes/test_expensive_pictures.py::"
-    "test_a_frame_that_needs_too_much_is_refused_and_named"
+    "test_frame_over_pixel_time_or_memory_limit_is_refused"
 )
 OPEN_BYTES = (
-    "tests/api/http/test_open_bodies.py::test_a_token_has_its_share_and_others_go_on"
+    "tests/api/http/test_open_bodies.py::test_open_body_limits_return_429_and_503"
 )
 KEEPERS = {
     "max_pixel_seconds": TOO_MUCH,
     "max_pixel_memory_bytes": TOO_MUCH,
     "max_connections": "tests/api/process/test_connections.py::"
-    "test_a_service_at_its_limit_of_connections_says_when_to_come_again",
+    "test_connection_over_the_limit_returns_503_with_retry_after",
     "max_connections_per_address": "tests/api/process/test_connections.py::"
-    "test_one_address_leaves_room_for_others",
+    "test_connections_are_limited_per_address",
     "max_open_body_bytes": OPEN_BYTES,
     "max_open_body_bytes_per_token": OPEN_BYTES,
     "max_open_batches": "tests/api/ingest/test_batches.py::"
-    "test_no_more_batches_than_allowed_are_received_at_once",
+    "test_too_many_open_batches_return_429",
     "max_folder_seconds": "tests/api/ingest/test_folders.py::"
-    "test_a_folder_that_takes_too_long_is_given_up",
+    "test_folder_over_the_time_limit_is_refused",
     "max_open_runs": "tests/api/runs/test_runs.py::"
-    "test_too_many_runs_are_asked_to_come_later",
+    "test_too_many_open_runs_return_429_with_retry_after",
     "max_event_streams": "tests/api/runs/test_run_events.py::"
-    "test_only_so_many_watch_and_who_goes_away_makes_room",
+    "test_event_streams_are_limited_and_freed_on_disconnect",
 }
 TAR = {"Content-Type": "application/x-tar"}
 STREET = "/api/v1/datasets/street"
@@ -81,7 +81,7 @@ def put(client, **files):
     return client.put(f"{STREET}/frames/a", files=files)
 
 
-def picture(width, height):
+def image_png(width, height):
     return cv2.imencode(".png", np.zeros((height, width, 3), np.uint8))[1].tobytes()
 
 
@@ -91,7 +91,7 @@ def boxes(count):
     return json.dumps({**scene.annotation(), "boxes": found})
 
 
-def filled_with(size):
+def dataset_of_length(size):
     return {"description": "x" * size, "name": "long"}
 
 
@@ -103,7 +103,7 @@ ASKED = {
     ),
     "max_json_bytes": (
         413,
-        lambda c: c.post("/api/v1/datasets", json=filled_with(4_000)),
+        lambda c: c.post("/api/v1/datasets", json=dataset_of_length(4_000)),
     ),
     "max_batch_bytes": (
         413,
@@ -132,8 +132,8 @@ ASKED = {
             headers=TAR,
         ),
     ),
-    "max_image_side_px": (422, lambda c: put(c, image=picture(101, 1))),
-    "max_image_pixels": (422, lambda c: put(c, image=picture(100, 41))),
+    "max_image_side_px": (422, lambda c: put(c, image=image_png(101, 1))),
+    "max_image_pixels": (422, lambda c: put(c, image=image_png(100, 41))),
     "max_boxes_per_frame": (422, lambda c: put(c, annotation=boxes(4))),
     "max_config_bytes": (
         413,
@@ -150,7 +150,7 @@ ASKED = {
 
 
 @pytest.mark.parametrize("name", ASKED)
-def test_more_than_a_limit_is_refused_and_the_limit_is_named(admin, name):
+def test_request_over_a_limit_is_refused_and_names_the_limit(admin, name):
     status, ask = ASKED[name]
 
     answer = ask(admin)
@@ -161,7 +161,7 @@ def test_more_than_a_limit_is_refused_and_the_limit_is_named(admin, name):
     assert admin.get(f"{STREET}/frames").json()["items"] == []
 
 
-def test_at_its_limits_a_frame_is_taken(serve):
+def test_frame_at_its_limits_is_stored(serve):
     service = serve(
         **LIMITS | {"max_boxes_per_frame": 2, "max_parts": 3, "max_image_side_px": 64},
     )
@@ -174,17 +174,17 @@ def test_at_its_limits_a_frame_is_taken(serve):
 
 
 @pytest.fixture
-def busy(service):
+def blocked_engine(service):
     with block_jobs(service.app.state.services.engine):
         yield
 
 
-def reviewer(service, admin, name):
+def reviewer_client(service, admin, name):
     token = admin.post("/api/v1/tokens", json={"name": name}).json()["token"]
     return service.client(Authorization=f"Bearer {token}")
 
 
-def test_the_jobs_of_one_token_leave_room_for_others(service, admin, busy):
+def test_open_jobs_are_limited_per_token(service, admin, blocked_engine):
     digest = admin.get(f"{STREET}/config").json()["digest"]
     asks = [
         (f"{STREET}/runs", {"config": digest}),
@@ -193,7 +193,7 @@ def test_the_jobs_of_one_token_leave_room_for_others(service, admin, busy):
         (f"{STREET}/exports", {"format": "yolo"}),
         (f"{STREET}/evaluations", None),
     ]
-    with reviewer(service, admin, "greedy") as greedy:
+    with reviewer_client(service, admin, "greedy") as greedy:
         answers = [greedy.post(path, json=sent) for path, sent in asks]
         late = answers[2]
         path, body = asks[0]
@@ -206,11 +206,14 @@ def test_the_jobs_of_one_token_leave_room_for_others(service, admin, busy):
     assert (other.status_code, again.status_code) == (202, 202)
 
 
-def test_the_streams_of_one_token_leave_room_for_others(service, admin, busy):
+def test_event_streams_are_limited_per_token(service, admin, blocked_engine):
     digest = admin.get(f"{STREET}/config").json()["digest"]
     run = admin.post(f"{STREET}/runs", json={"config": digest})
     events = f"{run.headers['location']}/events"
-    with reviewer(service, admin, "watcher") as watcher, ExitStack() as open_streams:
+    with (
+        reviewer_client(service, admin, "watcher") as watcher,
+        ExitStack() as open_streams,
+    ):
         first = open_streams.enter_context(watcher.stream("GET", events))
         assert next(first.iter_lines()) == "retry: 1000"
         refused = watcher.get(events)
@@ -222,12 +225,15 @@ def test_the_streams_of_one_token_leave_room_for_others(service, admin, busy):
     assert int(refused.headers["retry-after"]) >= 1
 
 
-def test_the_batches_of_one_token_leave_room_for_others(service, admin):
+def test_open_batches_are_limited_per_token(service, admin):
     admin.post("/api/v1/datasets", json={"name": "avenue"})
-    with reviewer(service, admin, "sender") as sender, sending(sender) as go_on:
+    with (
+        reviewer_client(service, admin, "sender") as sender,
+        open_upload(sender) as go_on,
+    ):
         refused, other = send(sender), send(admin)
         go_on()
-    with reviewer(service, admin, "patient") as patient:
+    with reviewer_client(service, admin, "patient") as patient:
         again = [send(patient), send(patient)]
 
     assert refused.status_code == 429
@@ -242,7 +248,7 @@ def send(client, content=None):
 
 
 @contextmanager
-def sending(client):
+def open_upload(client):
     """An upload that stays open until the function that is yielded is called."""
     let_go = threading.Event()
 

@@ -38,7 +38,7 @@ def forms(schema: Any) -> Iterator[Any]:
     yield schema
 
 
-def spoiled(schema: Any, depth: int = 0) -> Iterator[Any]:
+def spoiled_values(schema: Any, depth: int = 0) -> Iterator[Any]:
     """Values of a schema, each with one text or one key that holds half a pair."""
     for form in forms(schema):
         kind = form.get("type")
@@ -46,12 +46,16 @@ def spoiled(schema: Any, depth: int = 0) -> Iterator[Any]:
         if "string" in kinds:
             yield f"a{HALF}"
         if "array" in kinds:
-            yield from ([one] for one in spoiled(form.get("items", {}), depth + 1))
+            yield from (
+                [one] for one in spoiled_values(form.get("items", {}), depth + 1)
+            )
         if "object" in kinds and depth < 4:
             yield {HALF: 1}
             for name, inner in form.get("properties", {}).items():
                 others = sample(form)
-                yield from ({**others, name: one} for one in spoiled(inner, depth + 1))
+                yield from (
+                    {**others, name: one} for one in spoiled_values(inner, depth + 1)
+                )
 
 
 def sample(schema: Any) -> Any:
@@ -80,7 +84,7 @@ BODIES = [
         operation.get("requestBody", {}).get("content", {}).get("application/json")
     ]
     if schema is not None
-    for body in spoiled(schema["schema"])
+    for body in spoiled_values(schema["schema"])
 ]
 TEXTS = [
     pytest.param(
@@ -97,7 +101,7 @@ def street(api):
     api.post("/datasets", {"name": "street"})
 
 
-def said(answer):
+def assert_problem(answer):
     """Check that the answer is a problem with a 4xx status; return the problem."""
     problem = answer.json()
     assert 400 <= answer.status_code < 500, answer.text
@@ -106,7 +110,7 @@ def said(answer):
 
 
 @pytest.mark.parametrize(("method", "path", "body"), BODIES)
-def test_no_field_of_a_body_takes_it(api, method, path, body):
+def test_surrogate_in_any_field_of_a_json_body_is_refused(api, method, path, body):
     content = json.dumps(body).encode()
     assert b"\\ud800" in content
 
@@ -117,11 +121,13 @@ def test_no_field_of_a_body_takes_it(api, method, path, body):
         headers={"Content-Type": "application/json"},
     )
 
-    assert "surrogate" in said(answer)["detail"]
+    assert "surrogate" in assert_problem(answer)["detail"]
 
 
 @pytest.mark.parametrize(("method", "path", "place", "name"), TEXTS)
-def test_no_address_and_no_header_is_a_failure(api, method, path, place, name):
+def test_surrogate_in_a_path_query_or_header_causes_no_500(
+    api, method, path, place, name
+):
     values, half = VALUES, b"%ED%A0%80"
     query, headers = b"", dict(api.http.headers.raw)
     if place == "path":
@@ -164,13 +170,13 @@ def test_no_address_and_no_header_is_a_failure(api, method, path, place, name):
         lambda a: a["boxes"][0].update({"xyxy": HALF}),
     ],
 )
-def test_no_field_of_an_annotation_takes_it(api, place):
+def test_surrogate_in_any_field_of_an_annotation_is_refused(api, place):
     annotation = scene.annotation()
     place(annotation)
     content = json.dumps(annotation).encode()
     files = [("a.json", content), ("a.image.png", scene.image())]
 
-    problem = said(api.put("street", "a", content))
+    problem = assert_problem(api.put("street", "a", content))
     batch = api.http.post(
         "/api/v1/datasets/street/batches",
         content=tar_archive(files),
@@ -193,18 +199,18 @@ def test_no_field_of_an_annotation_takes_it(api, place):
         '- "\\ud800"',
     ],
 )
-def test_no_configuration_takes_it(api, text):
+def test_surrogate_in_a_configuration_is_refused(api, text):
     answer = api.http.post(
         "/api/v1/datasets/street/configs",
         content=text,
         headers={"Content-Type": "application/yaml"},
     )
 
-    assert "surrogate" in said(answer)["detail"]
+    assert "surrogate" in assert_problem(answer)["detail"]
 
 
 @pytest.mark.parametrize("name", [b"\xed\xa0\x80", b"a\xff"])
-def test_no_name_of_a_part_or_of_a_member_is_a_failure(api, name):
+def test_invalid_utf8_in_a_part_or_member_name_causes_no_500(api, name):
     form = (
         b'--b\r\nContent-Disposition: form-data; name="%b"; filename="%b"\r\n\r\n'
         b"x\r\n--b--\r\n" % (name, name)
@@ -221,5 +227,5 @@ def test_no_name_of_a_part_or_of_a_member_is_a_failure(api, name):
         headers={"Content-Type": "application/x-tar"},
     )
 
-    said(part)
+    assert_problem(part)
     assert member.status_code in (200, 422), member.text

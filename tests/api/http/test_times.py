@@ -20,7 +20,7 @@ def times_in(value: Any) -> Iterator[str]:
             yield from times_in(one)
 
 
-def test_times_are_the_same_text_everywhere(api):
+def test_times_have_the_same_rfc_3339_utc_format_everywhere(api):
     dataset = api.dataset()
     stored = api.upload_frame(dataset, "a")
     api.put(dataset, "b", b"[]")

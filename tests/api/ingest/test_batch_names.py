@@ -13,7 +13,7 @@ TAR = {"Content-Type": "application/x-tar"}
 NOT_JSON = b"{"
 
 
-def told(api, dataset, members):
+def send_members(api, dataset, members):
     path = f"{BASE}/datasets/{dataset}/batches"
     content = tar_archive(members, tarfile.PAX_FORMAT)
     answer = api.http.post(path, content=content, headers=TAR)
@@ -22,12 +22,10 @@ def told(api, dataset, members):
 
 
 @pytest.mark.parametrize("key", ["\ud800", "a\udfffb", "a\0b"])
-def test_a_key_that_cannot_be_written_is_told_by_its_name_and_the_rest_goes_on(
-    api, key
-):
+def test_invalid_key_in_a_batch_is_refused_and_other_frames_are_stored(api, key):
     dataset = api.dataset()
 
-    statuses, end = told(api, dataset, [*frame("a", key=key), *frame("b")])
+    statuses, end = send_members(api, dataset, [*frame("a", key=key), *frame("b")])
 
     assert statuses == [("a", 422), ("run/b", 201)]
     assert "problem" not in end
@@ -36,14 +34,14 @@ def test_a_key_that_cannot_be_written_is_told_by_its_name_and_the_rest_goes_on(
     assert (problem["key"], fault["code"]) == ("a", "bad_key")
 
 
-def test_a_problem_is_noted_under_as_much_of_a_name_as_a_key_may_have(api):
+def test_key_of_a_problem_is_truncated_to_512_characters(api):
     """The key of a problem is cut to 512 characters.
 
     PostgreSQL refused longer ones, which ended the whole batch.
     """
     dataset, name = api.dataset(), "ü" * 600
 
-    statuses, _ = told(api, dataset, [(f"{name}.json", NOT_JSON), *frame("b")])
+    statuses, _ = send_members(api, dataset, [(f"{name}.json", NOT_JSON), *frame("b")])
 
     assert statuses == [(name, 422), ("run/b", 201)]
     (problem,) = api.json(f"/datasets/{dataset}/problems")["items"]

@@ -10,7 +10,7 @@ from tests.support.archives import batch_results, frame, send, tar_archive
 
 
 @pytest.mark.parametrize("longest", [3, 700, 200_000])
-def test_an_archive_arrives_whole_however_it_is_cut(api, longest):
+def test_archive_sent_in_pieces_of_any_size_is_stored_completely(api, longest):
     dataset, chance = api.dataset(), random.Random(longest)
     content = tar_archive([one for n in range(12) for one in frame(f"{n}", number=n)])
 

@@ -30,7 +30,7 @@ def keys(api, dataset):
     return [item["key"] for item in items]
 
 
-def test_each_frame_is_told_in_order_and_the_end_counts_them(api):
+def test_batch_response_has_a_line_per_frame_in_order_and_counts(api):
     dataset = api.dataset()
 
     answer = send(api, dataset, tar_archive(frame("a") + frame("b")))
@@ -48,7 +48,7 @@ def test_each_frame_is_told_in_order_and_the_end_counts_them(api):
     assert end == {"end": True, "frames": 2, "stored": 2, "same": 0, "refused": 0}
 
 
-def test_a_frame_is_told_while_the_next_ones_are_still_to_be_sent(api, server):
+def test_batch_result_is_streamed_before_the_next_frames_are_sent(api, server):
     dataset = api.dataset()
 
     with closing(Connection(server, dataset, timeout=60)) as connection:
@@ -59,7 +59,7 @@ def test_a_frame_is_told_while_the_next_ones_are_still_to_be_sent(api, server):
             assert f"run/{number - 1}" in keys(api, dataset)
 
 
-def test_a_bad_frame_is_told_and_the_rest_goes_on(api):
+def test_invalid_frames_of_a_batch_are_refused_and_others_stored(api):
     dataset = api.dataset()
     members = [
         *frame("a"),
@@ -90,7 +90,7 @@ def test_a_bad_frame_is_told_and_the_rest_goes_on(api):
     assert keys(api, dataset) == ["run/a", "run/z"]
 
 
-def test_a_refusal_says_what_a_single_upload_says_and_is_remembered(api):
+def test_batch_problem_equals_that_of_a_single_upload_and_is_listed(api):
     dataset, other = api.dataset(), api.dataset()
     bad = {**scene.annotation(), "boxes": [{"class": "car", "xyxy": [0, 0, "w", 9]}]}
     alone = api.put(other, "run/bad", bad).json()
@@ -105,7 +105,7 @@ def test_a_refusal_says_what_a_single_upload_says_and_is_remembered(api):
     assert (problem["key"], problem["error"]["code"]) == ("run/bad", alone["code"])
 
 
-def test_a_refused_frame_is_forgotten_when_it_comes_in(api):
+def test_problem_of_a_refused_frame_is_deleted_once_it_is_stored(api):
     dataset = api.dataset()
     members = frame("a", boxes=3) + frame("a")
 
@@ -115,7 +115,7 @@ def test_a_refused_frame_is_forgotten_when_it_comes_in(api):
     assert api.json(f"/datasets/{dataset}/problems")["items"] == []
 
 
-def test_the_same_archive_stores_nothing_twice(api):
+def test_same_archive_sent_again_stores_nothing(api):
     dataset, archive = api.dataset(), tar_archive(frame("a") + frame("b"))
     first = lines_of(send(api, dataset, archive).text)
 
@@ -130,7 +130,7 @@ def test_the_same_archive_stores_nothing_twice(api):
 
 
 @pytest.mark.parametrize("replace", [False, True])
-def test_a_key_that_comes_again_with_other_content(api, replace):
+def test_repeated_key_with_other_content_is_409_unless_replaced(api, replace):
     dataset = api.dataset()
     members = frame("a") + frame("b", key="run/a", map="Town01") + frame("a")
 
@@ -144,7 +144,7 @@ def test_a_key_that_comes_again_with_other_content(api, replace):
     assert revision == (3 if replace else 1)
 
 
-def test_a_frame_that_was_sent_alone_is_the_same_in_a_batch(api):
+def test_frame_stored_by_a_single_upload_is_200_in_a_batch(api):
     dataset = api.dataset()
     alone = api.upload_frame(dataset, "run/a")["frame"]["id"]
 
@@ -153,7 +153,7 @@ def test_a_frame_that_was_sent_alone_is_the_same_in_a_batch(api):
     assert (line["status"], line["frame_id"]) == (200, alone)
 
 
-def test_without_a_key_the_name_counts(api):
+def test_frame_without_a_key_gets_its_file_name_as_key(api):
     dataset = api.dataset()
     content = json.dumps(scene.annotation()).encode()
 
@@ -164,7 +164,7 @@ def test_without_a_key_the_name_counts(api):
     assert statuses == [("town/7", 201)]
 
 
-def test_a_frame_with_a_class_that_is_not_frozen_costs_no_other_of_its_batch(api):
+def test_frame_with_a_new_class_does_not_fail_others_of_its_batch(api):
     dataset = api.dataset()
     batch_results(send(api, dataset, tar_archive(frame("a"))))
     assert api.post(f"/datasets/{dataset}/exports", {"format": "yolo"}).is_success
@@ -212,7 +212,7 @@ def test_a_frame_with_a_class_that_is_not_frozen_costs_no_other_of_its_batch(api
         pytest.param(TAR, b"", 422, "bad_archive", id="nothing"),
     ],
 )
-def test_a_body_that_is_no_archive_is_refused_before_an_answer_begins(
+def test_batch_body_that_is_not_a_tar_archive_is_refused(
     api, headers, content, status, code
 ):
     answer = send(api, api.dataset(), content, headers)
@@ -220,7 +220,7 @@ def test_a_body_that_is_no_archive_is_refused_before_an_answer_begins(
     assert (answer.status_code, answer.json()["code"]) == (status, code)
 
 
-def test_an_archive_that_is_damaged_later_keeps_what_came_before(api):
+def test_frames_before_the_damaged_part_of_an_archive_are_stored(api):
     dataset = api.dataset()
     archive = tar_without_end(frame("a") + frame("b")) + b"\xff" * 512 + END
 
@@ -230,7 +230,7 @@ def test_an_archive_that_is_damaged_later_keeps_what_came_before(api):
     assert (end["problem"]["code"], end["stored"]) == ("bad_archive", 1)
 
 
-def test_a_viewer_is_refused_before_the_body_is_read(as_role, service):
+def test_batch_without_the_role_or_a_token_is_refused(as_role, service):
 
     path = f"{BASE}/datasets/none/batches"
     answer = as_role("viewer").post(path, content=b"x" * 2000, headers=TAR)
@@ -240,7 +240,7 @@ def test_a_viewer_is_refused_before_the_body_is_read(as_role, service):
     assert (answer.status_code, without.status_code) == (403, 401)
 
 
-def test_no_batch_is_larger_than_allowed(admin):
+def test_too_large_batch_returns_413(admin):
     api = Api(admin)
     members = [("a.json", b"{}"), ("a.image.png", bytes(1_100_000))]
 
@@ -250,7 +250,7 @@ def test_no_batch_is_larger_than_allowed(admin):
     assert (answer.status_code, answer.json()["code"]) == (413, "too_large")
 
 
-def test_limits_of_a_frame_refuse_that_frame_alone(start_api):
+def test_only_the_frames_over_their_limits_are_refused_in_a_batch(start_api):
     _, api = start_api(UNGHOST_MAX_PART_BYTES="20000", UNGHOST_MAX_PARTS="3")
     dataset = api.dataset()
     large = [("large.json", frame("large")[0][1]), ("large.image.png", bytes(20001))]
@@ -263,7 +263,7 @@ def test_limits_of_a_frame_refuse_that_frame_alone(start_api):
     assert statuses == [("large", 413), ("many", 413), ("run/z", 201)]
 
 
-def test_no_more_batches_than_allowed_are_received_at_once(start_api):
+def test_too_many_open_batches_return_429(start_api):
     server, api = start_api(UNGHOST_MAX_OPEN_BATCHES="1")
     dataset = api.dataset()
 
@@ -280,7 +280,7 @@ def test_no_more_batches_than_allowed_are_received_at_once(start_api):
     assert batch_results(send(api, dataset, tar_archive(frame("c"))))[1]["stored"] == 1
 
 
-def test_a_connection_that_is_cut_anywhere_leaves_whole_frames_only(api, server):
+def test_batch_with_a_cut_connection_leaves_only_complete_frames(api, server):
     content = b"".join(tar_without_end(frame(f"{n}", number=n)) for n in range(6)) + END
     places = random.Random(7).sample(range(1, len(content)), 12)
 
@@ -294,7 +294,7 @@ def test_a_connection_that_is_cut_anywhere_leaves_whole_frames_only(api, server)
             assert files.keys() == {"image", "segmentation"}
 
 
-def send_until_nobody_takes_it(connection, archive):
+def send_until_blocked(connection, archive):
     """Send until the server stops reading; return the number of bytes that it took."""
     sent = 0
     for start in range(0, len(archive), 4096):
@@ -306,21 +306,21 @@ def send_until_nobody_takes_it(connection, archive):
     raise AssertionError("all of it was taken")
 
 
-def test_a_reader_that_waits_makes_the_server_wait(api, server):
+def test_unread_batch_response_applies_backpressure_to_the_upload(api, server):
     bad = b"".join(
         tar_without_end([(f"{number:05}.json", b"{")]) for number in range(40_000)
     )
 
     with closing(Connection(server, api.dataset(), timeout=60)) as connection:
         connection.socket.settimeout(2)
-        assert send_until_nobody_takes_it(connection, bad) < len(bad)
+        assert send_until_blocked(connection, bad) < len(bad)
         connection.socket.settimeout(60)
         lines = [connection.line()["key"] for _ in range(1000)]
 
     assert lines == [f"{number:05}" for number in range(1000)]
 
 
-def test_frames_of_batches_are_counted_by_their_status(start_api):
+def test_metrics_count_batch_frames_by_status(start_api):
     _, api = start_api()
     dataset = api.dataset()
 
@@ -331,7 +331,7 @@ def test_frames_of_batches_are_counted_by_their_status(start_api):
     assert 'unghost_batch_frames_total{status="422"} 1' in text
 
 
-def test_an_idempotency_key_changes_nothing(api):
+def test_idempotency_key_has_no_effect_on_a_batch(api):
     dataset, archive = api.dataset(), tar_archive(frame("a"))
     headers = {**TAR, "Idempotency-Key": "one"}
 
@@ -344,7 +344,7 @@ def test_an_idempotency_key_changes_nothing(api):
     ]
 
 
-def test_a_dataset_that_is_not_there_is_a_404(api):
+def test_batch_for_a_missing_dataset_returns_404(api):
     answer: httpx.Response = send(api, "nowhere", tar_archive(frame("a")))
 
     assert (answer.status_code, answer.json()["code"]) == (404, "not_found")

@@ -73,13 +73,13 @@ def archive(files):
     return out.getvalue()
 
 
-def ask(client, content, headers=TAR, **parameters):
+def post_folder(client, content, headers=TAR, **parameters):
     content = archive(content) if isinstance(content, dict) else content
     path = f"{BASE}/folders"
     return client.post(path, content=content, headers=headers, params=parameters)
 
 
-def told(answer):
+def parse_response(answer):
     """The parts of an answer: first line, frames by key, unmatched files, last line."""
     assert answer.status_code == 200, answer.text
     head, *lines, end = lines_of(answer.text)
@@ -96,7 +96,7 @@ def test_every_layout_is_read_as_the_library_reads_it(admin, tmp_path, layout):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes(content)
 
-    head, frames, unmatched, _ = told(ask(admin, FOLDERS[layout]))
+    head, frames, unmatched, _ = parse_response(post_folder(admin, FOLDERS[layout]))
 
     here = read_source(tmp_path)
     assert head == {
@@ -123,14 +123,14 @@ def test_every_layout_is_read_as_the_library_reads_it(admin, tmp_path, layout):
     assert frame["files"]
 
 
-def test_the_size_of_a_picture_is_read_from_its_first_bytes(admin):
-    _, frames, _, _ = told(ask(admin, FOLDERS["kitti"]))
+def test_image_size_is_read_from_its_first_bytes(admin):
+    _, frames, _, _ = parse_response(post_folder(admin, FOLDERS["kitti"]))
 
     camera = frames["000000"]["annotation"]["camera"]
     assert (camera["width"], camera["height"]) == (80, 60)
 
 
-def test_errors_are_told_by_name_and_the_rest_goes_on(admin):
+def test_faulty_and_unmatched_files_are_listed_beside_valid_frames(admin):
     files = {
         "town/data.yaml": b"names: [car, van]",
         "town/images/1.png": b"",
@@ -142,7 +142,7 @@ def test_errors_are_told_by_name_and_the_rest_goes_on(admin):
         "__MACOSX/town/._1.txt": b"",
     }
 
-    head, frames, unmatched, end = told(ask(admin, files))
+    head, frames, unmatched, end = parse_response(post_folder(admin, files))
 
     assert (head["layout"], head["classes"]) == ("yolo", ["car", "van"])
     assert frames["1"]["annotation"] == {"boxes": [BOX]}
@@ -164,7 +164,7 @@ def test_errors_are_told_by_name_and_the_rest_goes_on(admin):
     assert end == {"end": True, "frames": 2, "faulty": 1, "unmatched": 2}
 
 
-def test_files_that_a_manifest_names_must_have_been_sent(admin):
+def test_file_named_by_a_manifest_but_missing_is_a_fault(admin):
     lines = [
         {"key": "a", "image": "./rgb/a.png"},
         {"key": "windows", "image": "rgb\\a.png"},
@@ -175,7 +175,7 @@ def test_files_that_a_manifest_names_must_have_been_sent(admin):
     text = "\n".join(map(json.dumps, lines)) + '\n{"key": "inf", "extra": 1e999}'
     files = {"manifest.jsonl": text.encode(), "rgb/a.png": b"", "rgb/z.png": b""}
 
-    _, frames, unmatched, _ = told(ask(admin, files))
+    _, frames, unmatched, _ = parse_response(post_folder(admin, files))
 
     faults = {key: frame["fault"] for key, frame in frames.items()}
     assert faults.pop("a") is faults.pop("windows") is None
@@ -205,13 +205,13 @@ def test_files_that_a_manifest_names_must_have_been_sent(admin):
         ("labels/a\nb: *?.md", "neither an image nor a label"),
     ],
 )
-def test_names_stay_in_the_folder_and_what_cannot_be_laid_there_is_listed(
+def test_unsafe_or_invalid_file_names_are_unmatched_and_not_written(
     admin, service, name, why
 ):
     files = {"labels/1.txt": LINE, "data.yaml": b"names: [car]"}
     content = pieces(files) + pieces({name: b"outside"}) + END
 
-    _, frames, unmatched, _ = told(ask(admin, content))
+    _, frames, unmatched, _ = parse_response(post_folder(admin, content))
 
     assert [*frames] == ["1"]
     assert why in unmatched[name]
@@ -230,26 +230,26 @@ def pieces(files):
     return b"".join(members)
 
 
-def wait_until_nothing_is_left(data):
+def wait_until_files_are_removed(data):
     """Wait until the files that were sent are removed, which is after the answer."""
     until(lambda: not any("folder-" in folder for folder, *_ in os.walk(data)))
 
 
-def test_nothing_is_stored_and_nothing_is_left(serve, tmp_path):
+def test_reading_a_folder_stores_nothing_and_removes_its_files(serve, tmp_path):
     with serve().admin() as admin:
-        told(ask(admin, FOLDERS["yolo"]))
-        assert ask(admin, {"notes.md": b""}).status_code == 422
-        assert ask(admin, archive(FOLDERS["yolo"])[:700]).status_code == 422
+        parse_response(post_folder(admin, FOLDERS["yolo"]))
+        assert post_folder(admin, {"notes.md": b""}).status_code == 422
+        assert post_folder(admin, archive(FOLDERS["yolo"])[:700]).status_code == 422
 
         assert admin.get(f"{BASE}/datasets").json()["items"] == []
-        wait_until_nothing_is_left(tmp_path)
+        wait_until_files_are_removed(tmp_path)
 
 
-def test_several_layouts_are_told_and_one_can_be_chosen(admin):
+def test_several_layouts_are_listed_and_one_can_be_chosen(admin):
     files = {"a.xml": VOC, "a.txt": LINE, "classes.txt": b"car", "a.png": b""}
 
-    first, *_ = told(ask(admin, files))
-    second, frames, *_ = told(ask(admin, files, layout="yolo"))
+    first, *_ = parse_response(post_folder(admin, files))
+    second, frames, *_ = parse_response(post_folder(admin, files, layout="yolo"))
 
     assert (first["layout"], first["layouts"]) == ("voc", ["voc", "yolo"])
     assert (second["layout"], second["layouts"]) == ("yolo", ["voc", "yolo"])
@@ -257,11 +257,11 @@ def test_several_layouts_are_told_and_one_can_be_chosen(admin):
     assert frames["a"]["annotation"] == {"boxes": [BOX]}
 
 
-def test_images_beside_labels_that_nobody_can_read_have_to_be_asked_for(admin):
+def test_images_with_unreadable_labels_need_an_explicit_layout(admin):
     files = {"images/1.png": b"", "labels/1.txt": LINE}
 
-    refused = ask(admin, files)
-    _, frames, unmatched, _ = told(ask(admin, files, layout="pairs"))
+    refused = post_folder(admin, files)
+    _, frames, unmatched, _ = parse_response(post_folder(admin, files, layout="pairs"))
 
     assert (refused.status_code, refused.json()["code"]) == (422, "bad_layout")
     assert "these files: no layout recognised; expected" in refused.json()["detail"]
@@ -281,46 +281,48 @@ def test_images_beside_labels_that_nobody_can_read_have_to_be_asked_for(admin):
         (END, {**TAR, "Idempotency-Key": "no spaces"}, "auto", 400),
     ],
 )
-def test_a_body_that_is_no_archive_of_a_folder_is_refused(
+def test_body_that_is_not_a_folder_archive_is_refused(
     admin, content, headers, layout, status
 ):
-    answer = ask(admin, content, headers, layout=layout)
+    answer = post_folder(admin, content, headers, layout=layout)
 
     assert answer.status_code == status, answer.text
 
 
-def test_xml_that_would_unfold_is_its_frame_s_fault(admin):
+def test_xml_with_entities_is_a_fault_of_its_frame(admin):
     bomb = b'<!DOCTYPE a [<!ENTITY b "bb">]><annotation>&b;</annotation>'
 
-    _, frames, _, _ = told(ask(admin, {"a.xml": bomb, "b.xml": VOC}))
+    _, frames, _, _ = parse_response(post_folder(admin, {"a.xml": bomb, "b.xml": VOC}))
 
     assert "a DTD or entities is refused" in frames["a"]["fault"]["detail"]
     assert frames["b"]["fault"] is None
 
 
-def test_a_folder_that_takes_too_long_is_given_up(serve, tmp_path):
+def test_folder_over_the_time_limit_is_refused(serve, tmp_path):
     with serve(max_folder_seconds=0.001).admin() as admin:
-        answer = ask(admin, FOLDERS["yolo"])
+        answer = post_folder(admin, FOLDERS["yolo"])
 
         assert (answer.status_code, answer.json()["code"]) == (422, "pixels_refused")
         assert "UNGHOST_MAX_FOLDER_SECONDS" in answer.json()["detail"]
-        wait_until_nothing_is_left(tmp_path)
+        wait_until_files_are_removed(tmp_path)
 
 
-def test_files_and_answers_beyond_their_limits_are_told(serve):
+def test_too_large_file_is_unmatched_and_too_large_answer_refused(serve):
     """A label of eight bytes becomes a box of about eighty bytes in the answer."""
     with serve(max_folder_bytes=20_480, max_part_bytes=16_000).admin() as admin:
         large = {"1.txt": bytes(16_001), "2.txt": LINE, "classes.txt": b"car"}
-        _, frames, unmatched, _ = told(ask(admin, pieces(large) + END))
+        _, frames, unmatched, _ = parse_response(
+            post_folder(admin, pieces(large) + END)
+        )
         many = {"c/label/1.txt": b"0 0 0 0\n" * 1900}
-        answer = ask(admin, pieces(many) + END)
+        answer = post_folder(admin, pieces(many) + END)
 
     assert ([*frames], unmatched) == (["2"], {"1.txt": "larger than 16000 bytes"})
     assert answer.status_code == 422
     assert "is larger than 81920 bytes" in answer.json()["detail"]
 
 
-def test_folders_share_the_places_of_batches(serve):
+def test_folder_upload_counts_as_an_open_batch(serve):
     service = serve(max_open_batches_per_token=1)
     let_go = threading.Event()
 
@@ -331,18 +333,20 @@ def test_folders_share_the_places_of_batches(serve):
 
     answers = []
     with service.admin() as sender, service.admin() as admin:
-        sending = threading.Thread(target=lambda: answers.append(ask(sender, slow())))
+        sending = threading.Thread(
+            target=lambda: answers.append(post_folder(sender, slow()))
+        )
         sending.start()
         while "unghost_batches_open 1" not in admin.get("/metrics").text:
             assert sending.is_alive()
-        refused = ask(admin, FOLDERS["yolo"])
+        refused = post_folder(admin, FOLDERS["yolo"])
         let_go.set()
         sending.join()
 
     assert (refused.status_code, refused.json()["code"]) == (429, "too_many_requests")
-    assert told(answers[0])[1]["train/1"]["fault"] is None
+    assert parse_response(answers[0])[1]["train/1"]["fault"] is None
 
 
-def test_reading_a_folder_needs_the_role_that_uploads(as_role):
-    assert ask(as_role("viewer"), FOLDERS["yolo"]).status_code == 403
-    assert ask(as_role("reviewer"), FOLDERS["yolo"]).status_code == 200
+def test_reading_a_folder_needs_the_role_reviewer(as_role):
+    assert post_folder(as_role("viewer"), FOLDERS["yolo"]).status_code == 403
+    assert post_folder(as_role("reviewer"), FOLDERS["yolo"]).status_code == 200

@@ -21,33 +21,33 @@ def annotation(*boxes, **more):
     return {**scene.annotation(), "boxes": list(boxes), **more}
 
 
-def encoded(suffix, pixels):
+def encode_image(suffix, pixels):
     return cv2.imencode(suffix, pixels)[1].tobytes()
 
 
-def grey(tag):
-    return encoded(".png", np.full((scene.HEIGHT, scene.WIDTH), tag, np.uint8))
+def grey_png(tag):
+    return encode_image(".png", np.full((scene.HEIGHT, scene.WIDTH), tag, np.uint8))
 
 
-def deep_color():
+def png_with_16_bits():
     pixels = np.zeros((scene.HEIGHT, scene.WIDTH, 3), np.uint16)
-    return encoded(".png", pixels)
+    return encode_image(".png", pixels)
 
 
 def foreign_colors():
-    return encoded(".png", np.full((scene.HEIGHT, scene.WIDTH, 3), 77, np.uint8))
+    return encode_image(".png", np.full((scene.HEIGHT, scene.WIDTH, 3), 77, np.uint8))
 
 
-def jpeg():
+def segmentation_jpeg():
     painted = FAMILIES[scene.FAMILY].paint(scene.tags())
-    return encoded(".jpg", painted[..., ::-1])
+    return encode_image(".jpg", painted[..., ::-1])
 
 
 def half(data):
     return data[: len(data) // 2]
 
 
-def nothing_is_stored(api, dataset):
+def assert_nothing_stored(api, dataset):
     described = api.json(f"/datasets/{dataset}")
     counts = described["counts"]
     assert {name: counts[name] for name in EMPTY} == EMPTY
@@ -118,7 +118,7 @@ ANNOTATIONS = [
 
 
 @pytest.mark.parametrize(("sent", "code", "words"), ANNOTATIONS)
-def test_a_bad_annotation_is_refused_whole(api, sent, code, words):
+def test_invalid_annotation_is_refused_and_nothing_is_stored(api, sent, code, words):
     dataset = api.dataset()
 
     answer = api.put(dataset, "town/1", sent)
@@ -126,13 +126,13 @@ def test_a_bad_annotation_is_refused_whole(api, sent, code, words):
     problem = answer.json()
     assert (answer.status_code, problem["code"]) == (422, code), problem
     assert words in problem["detail"]
-    nothing_is_stored(api, dataset)
+    assert_nothing_stored(api, dataset)
     (noted,) = api.json(f"/datasets/{dataset}/problems")["items"]
     assert (noted["key"], noted["error"]["detail"]) == ("town/1", problem["detail"])
     assert noted["error"]["errors"] == problem["errors"] or not noted["error"]["errors"]
 
 
-def test_every_fault_is_named_with_index_id_and_pointer(api):
+def test_every_fault_of_an_annotation_has_index_id_and_pointer(api):
     sent = annotation(BOX, {"id": "b", "class": "car", "xyxy": [0, 0, None, 9]}, {})
 
     problem = api.put(api.dataset(), "a", sent).json()
@@ -151,16 +151,24 @@ FILES = [
     pytest.param(
         "image", half(scene.image()), "bad_image", "image", id="half an image"
     ),
-    pytest.param("image", half(jpeg()), "bad_image", "image", id="half a JPEG"),
+    pytest.param(
+        "image", half(segmentation_jpeg()), "bad_image", "image", id="half a JPEG"
+    ),
     pytest.param("image", scene.image()[:-9], "bad_image", "image", id="almost all"),
-    pytest.param("image", jpeg()[:-99], "bad_image", "image", id="almost a JPEG"),
+    pytest.param(
+        "image", segmentation_jpeg()[:-99], "bad_image", "image", id="almost a JPEG"
+    ),
     pytest.param("image", b"\x89PNG\r\n\x1a\n", "bad_image", "", id="a mere signature"),
     pytest.param(
-        "segmentation", deep_color(), "bad_segmentation", "16", id="16 bits a channel"
+        "segmentation",
+        png_with_16_bits(),
+        "bad_segmentation",
+        "16",
+        id="16 bits a channel",
     ),
     pytest.param(
         "segmentation",
-        encoded(".png", np.zeros((9, 9, 3), np.uint8)),
+        encode_image(".png", np.zeros((9, 9, 3), np.uint8)),
         "image_size_mismatch",
         "9 x 9",
         id="another size",
@@ -172,14 +180,20 @@ FILES = [
         "%",
         id="colours of no family",
     ),
-    pytest.param("segmentation", jpeg(), "lossy_segmentation", "nearest", id="a JPEG"),
+    pytest.param(
+        "segmentation",
+        segmentation_jpeg(),
+        "lossy_segmentation",
+        "nearest",
+        id="a JPEG",
+    ),
     pytest.param("ignore_mask", b"x", "bad_image", "ignore_mask", id="a bad mask"),
     pytest.param("lidar", b"x", "bad_lidar", "PLY", id="no point cloud"),
 ]
 
 
 @pytest.mark.parametrize(("part", "content", "code", "words"), FILES)
-def test_a_bad_file_is_refused_with_its_frame(api, part, content, code, words):
+def test_frame_with_an_invalid_file_is_refused(api, part, content, code, words):
     dataset = api.dataset()
     files = {"image": scene.image(), "segmentation": scene.segmentation()}
 
@@ -188,16 +202,16 @@ def test_a_bad_file_is_refused_with_its_frame(api, part, content, code, words):
     problem = answer.json()
     assert (answer.status_code, problem["code"]) == (422, code), problem
     assert words in problem["detail"]
-    nothing_is_stored(api, dataset)
+    assert_nothing_stored(api, dataset)
     assert api.put(dataset, "a").status_code == 201
 
 
-def test_raw_tags_need_somebody_to_name_their_family(api):
+def test_raw_tags_without_a_named_palette_are_refused(api):
     dataset, named = api.dataset(), api.dataset(palette="carla-0.9.10")
     sent = {"boxes": [BOX]}
 
-    refused = api.put(dataset, "a", sent, segmentation=grey(10))
-    taken = api.put(named, "a", sent, segmentation=grey(10))
+    refused = api.put(dataset, "a", sent, segmentation=grey_png(10))
+    taken = api.put(named, "a", sent, segmentation=grey_png(10))
 
     assert (refused.status_code, refused.json()["code"]) == (422, "family_not_named")
     assert "carla_version" in refused.json()["detail"]
@@ -205,7 +219,7 @@ def test_raw_tags_need_somebody_to_name_their_family(api):
     assert taken.json()["decisions"][0]["match_percent"] == 100.0
 
 
-def test_a_contradiction_names_both_sides(api):
+def test_palette_contradiction_names_dataset_and_annotation(api):
     dataset = api.dataset(palette="carla-0.9.10")
 
     problem = api.put(dataset, "a").json()
@@ -214,13 +228,13 @@ def test_a_contradiction_names_both_sides(api):
     assert dataset in problem["detail"]
     assert "carla-0.9.10" in problem["detail"]
     assert "carla_version 0.9.15" in problem["detail"]
-    nothing_is_stored(api, dataset)
+    assert_nothing_stored(api, dataset)
 
 
-def test_a_lossy_segmentation_is_read_on_request_and_says_so(api):
+def test_lossy_segmentation_is_read_on_request_and_marked_lossy(api):
     dataset = api.dataset(lossy_segmentation="nearest")
 
-    stored = api.upload_frame(dataset, "a", segmentation=jpeg())
+    stored = api.upload_frame(dataset, "a", segmentation=segmentation_jpeg())
 
     assert stored["segmentation"]["lossy"] is True
     assert [one["lossy"] for one in stored["decisions"]] == [True, True]
@@ -230,7 +244,7 @@ def test_a_lossy_segmentation_is_read_on_request_and_says_so(api):
     assert summary["lossy"] is True
 
 
-def test_a_size_that_nobody_knows_is_asked_for(api):
+def test_frame_of_unknown_size_is_refused(api):
     dataset = api.dataset()
 
     answer = api.put(dataset, "a", {"boxes": [BOX]}, depth=scene.image())
@@ -239,7 +253,7 @@ def test_a_size_that_nobody_knows_is_asked_for(api):
     assert api.json(f"/datasets/{dataset}")["counts"]["problems"] == 1
 
 
-def test_numbers_beyond_all_images_are_outside_and_harmless(api):
+def test_boxes_with_huge_coordinates_are_decided_without_error(api):
     far = [
         {"id": "far", "class": "car", "xyxy": [8e8, 8e8, 9e8, 9e8]},
         {"id": "wide", "class": "car", "xywh": [-9e8, -9e8, 8e8, 8e8]},
@@ -258,7 +272,7 @@ def test_numbers_beyond_all_images_are_outside_and_harmless(api):
     }
 
 
-def test_a_refused_frame_is_one_problem_however_often_it_comes(api):
+def test_frame_refused_repeatedly_is_one_problem(api):
     """Each retry used to count as one more refused frame."""
     dataset = api.dataset()
     for _ in range(3):
@@ -272,13 +286,13 @@ def test_a_refused_frame_is_one_problem_however_often_it_comes(api):
     ]
 
 
-def test_limits_are_those_of_the_settings(start_api):
+def test_frame_limits_are_those_of_the_settings(start_api):
     limits = {"UNGHOST_MAX_BOXES_PER_FRAME": "2", "UNGHOST_MAX_PART_BYTES": "2000"}
     limits |= {"UNGHOST_MAX_IMAGE_SIDE_PX": "64", "UNGHOST_MAX_PARTS": "3"}
     _, api = start_api(**limits)
     dataset = api.dataset()
     path = f"/api/v1/datasets/{dataset}/frames/a"
-    wide = encoded(".png", np.zeros((1, 65, 3), np.uint8))
+    wide = encode_image(".png", np.zeros((1, 65, 3), np.uint8))
     long = json.dumps(annotation(note="x" * 3000))
     many = {"annotation": b"{}", **dict.fromkeys(("image", "lidar", "depth"), b"x")}
 
@@ -293,4 +307,4 @@ def test_limits_are_those_of_the_settings(start_api):
     assert side.json()["code"] == "image_too_large"
     assert (file.status_code, field.status_code) == (413, 413)
     assert (parts.status_code, parts.json()["code"]) == (413, "too_large")
-    nothing_is_stored(api, dataset)
+    assert_nothing_stored(api, dataset)

@@ -61,7 +61,7 @@ def annotation(*boxes, **more):
     return {**scene.annotation(), "boxes": list(boxes), **more}
 
 
-def test_a_stored_frame_is_answered_whole(api):
+def test_stored_frame_is_returned_with_every_field(api):
     dataset = api.dataset()
     sent = annotation({**CAR, "distance": 12.5}, GHOST, weather={"fog_density": 2.0})
 
@@ -98,7 +98,7 @@ def test_a_stored_frame_is_answered_whole(api):
     assert described["counts"]["frames"] == 1
 
 
-def test_the_same_frame_again_is_200_however_its_keys_are_ordered(api):
+def test_same_frame_again_is_200_in_any_order_of_its_json_keys(api):
     dataset = api.dataset()
     first = api.put(dataset, "a")
     turned: dict[str, Any] = dict(reversed(list(scene.annotation().items())))
@@ -122,7 +122,7 @@ def test_the_same_frame_again_is_200_however_its_keys_are_ordered(api):
     ],
     ids=["boxes", "an image", "no segmentation"],
 )
-def test_other_content_is_409_and_changes_nothing(api, other):
+def test_other_content_of_the_same_frame_key_is_409(api, other):
     dataset = api.dataset()
     first = api.upload_frame(dataset, "a")
 
@@ -134,7 +134,7 @@ def test_other_content_is_409_and_changes_nothing(api, other):
     assert api.json(f"/datasets/{dataset}")["counts"]["problems"] == 0
 
 
-def test_of_two_at_the_same_time_one_is_stored(api):
+def test_concurrent_uploads_of_one_frame_key_store_one_frame(api):
     dataset = api.dataset()
 
     with ThreadPoolExecutor(4) as pool:
@@ -151,7 +151,7 @@ def test_of_two_at_the_same_time_one_is_stored(api):
     assert api.json(f"/datasets/{dataset}/stats")["boxes"] == 4
 
 
-def test_a_replaced_frame_keeps_answers_where_nothing_changed(api):
+def test_replaced_frame_keeps_the_answers_of_unchanged_boxes(api):
     dataset = api.dataset()
     moved = {**CAR, "id": "moved"}
     renamed = {**CAR, "id": "renamed"}
@@ -190,7 +190,7 @@ def test_a_replaced_frame_keeps_answers_where_nothing_changed(api):
     assert api.json(f"/datasets/{dataset}/stats")["reviewed"] == 1
 
 
-def test_an_older_revision_stays_to_be_looked_at(api):
+def test_superseded_revision_of_a_frame_stays_readable(api):
     dataset = api.dataset()
     old = api.upload_frame(dataset, "a")
     box = old["decisions"][0]["box_id"]
@@ -209,7 +209,7 @@ def test_an_older_revision_stays_to_be_looked_at(api):
     assert api.json(f"/datasets/{dataset}/stats")["boxes"] == 2
 
 
-def test_a_deleted_frame_takes_everything_with_it(api):
+def test_deleting_a_frame_deletes_its_boxes_and_answers(api):
     dataset = api.dataset()
     gone = api.upload_frame(dataset, "a/1")
     api.upload_frame(dataset, "a/2")
@@ -243,7 +243,7 @@ def keys(answer):
     return [item["key"] for item in answer["items"]]
 
 
-def test_frames_are_paged_by_key_along_the_links(api, town):
+def test_frame_pagination_by_key_follows_next_links(api, town):
     seen, path = [], f"{BASE}/datasets/{town}/frames?limit=2&key=town"
     while path:
         answer = api.http.get(path)
@@ -254,7 +254,7 @@ def test_frames_are_paged_by_key_along_the_links(api, town):
 
 
 @pytest.mark.parametrize("sort", ["key", "-key", "id", "-id"])
-def test_frames_are_paged_in_either_order_and_direction(api, town, sort):
+def test_frame_pagination_by_key_or_id_in_both_directions(api, town, sort):
     items = api.json(f"/datasets/{town}/frames")["items"]
     by = sort.removeprefix("-")
     expected = sorted((item[by] for item in items), reverse=sort.startswith("-"))
@@ -279,11 +279,11 @@ def test_frames_are_paged_in_either_order_and_direction(api, town, sort):
         ({"review": "any"}, []),
     ],
 )
-def test_frames_are_those_with_such_a_box(api, town, filters, expected):
+def test_frames_are_filtered_by_their_boxes(api, town, filters, expected):
     assert keys(api.json(f"/datasets/{town}/frames", **filters)) == expected
 
 
-def test_a_frame_knows_the_one_before_and_the_one_after(api, town):
+def test_frame_has_the_ids_of_the_previous_and_next_frame(api, town):
     ids = [item["id"] for item in api.json(f"/datasets/{town}/frames")["items"]]
 
     around = [api.json(f"/frames/{frame}") for frame in ids]
@@ -292,7 +292,7 @@ def test_a_frame_knows_the_one_before_and_the_one_after(api, town):
     assert [frame["next_id"] for frame in around] == [*ids[1:], None]
 
 
-def test_a_frame_without_boxes_and_a_dataset_without_it(api):
+def test_frame_without_boxes_is_stored_and_missing_dataset_is_404(api):
     dataset = api.dataset()
 
     stored = api.upload_frame(dataset, "empty", {"boxes": []}, image=scene.image())
@@ -305,7 +305,7 @@ def test_a_frame_without_boxes_and_a_dataset_without_it(api):
     assert api.put("nowhere", "a").status_code == 404
 
 
-def test_a_box_without_pixels_is_unmeasured_and_never_counts_as_kept(api):
+def test_box_without_segmentation_is_unmeasured_and_not_kept(api):
     dataset = api.dataset()
     outside = {"id": "out", "class": "car", "xyxy": [70, 0, 80, 9]}
 

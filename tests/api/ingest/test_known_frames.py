@@ -14,7 +14,7 @@ def known(api, dataset, *keys):
     return {item["key"]: item for item in answer.json()["items"]}
 
 
-def test_only_stored_keys_are_answered(api):
+def test_known_frames_returns_only_stored_keys(api):
     dataset = api.dataset()
     frame = api.upload_frame(dataset, "run/ü 1")["frame"]
     api.upload_frame(api.dataset(), "elsewhere")
@@ -25,7 +25,7 @@ def test_only_stored_keys_are_answered(api):
     assert found["run/ü 1"]["frame_id"] == frame["id"]
 
 
-def test_the_digest_is_what_the_guide_says(api):
+def test_frame_digest_is_computed_as_documented(api):
     dataset = api.dataset()
     annotation = {
         "map": "Ünterwegs",
@@ -43,7 +43,7 @@ def test_the_digest_is_what_the_guide_says(api):
     assert known(api, dataset, "a")["a"]["digest"] == expected
 
 
-def test_a_replaced_frame_is_known_by_its_newest_content(api):
+def test_known_frame_has_the_digest_of_its_newest_revision(api):
     dataset = api.dataset()
     before = api.upload_frame(dataset, "a", image=frames.image(1))["frame"]
     old = known(api, dataset, "a")["a"]

@@ -25,7 +25,7 @@ def send(api, dataset, frame):
     )
 
 
-def test_the_authors_frame_without_its_segmentation(api):
+def test_authors_frame_without_segmentation_is_unmeasured(api):
     source = read_source(
         shared(f"{AUTHORS}/samples"), options=ReadOptions(default_class="car")
     )
@@ -49,7 +49,7 @@ def test_the_authors_frame_without_its_segmentation(api):
     assert effective == {"kept": 0, "rejected": 12, "unmeasured": 20}
 
 
-def test_frames_without_a_segmentation_wait_for_people(api):
+def test_frames_without_segmentation_are_unmeasured_and_to_review(api):
     source = read_source(shared(VOC))
     dataset = api.dataset()
 
@@ -67,7 +67,7 @@ def test_frames_without_a_segmentation_wait_for_people(api):
     assert api.json(f"/datasets/{dataset}/stats")["effective"]["kept"] == 1
 
 
-def test_tags_in_the_wrong_channel_are_recognised(api):
+def test_tags_in_the_blue_channel_are_recognised(api):
     """The tags are in the blue channel, as if the writer had swapped red and blue."""
     rgb = cv2.imread(str(shared(f"{SWAPPED}/instance_segmentation.png")))
     assert rgb is not None

@@ -34,7 +34,7 @@ def test_a_refusal_names_the_frame_and_the_part(api, files, keys, pointer):
     assert noted["error"]["errors"] == problem["errors"]
 
 
-def test_of_many_faults_a_hundred_are_told_and_the_others_counted(api):
+def test_first_100_faults_of_an_annotation_are_listed_others_counted(api):
     dataset, count = api.dataset(), 400_000
     kept = b'{"boxes": [], "kept": [' + b"1e999," * (count - 1) + b"1e999]}"
 
@@ -50,7 +50,7 @@ def test_of_many_faults_a_hundred_are_told_and_the_others_counted(api):
     assert noted["error"]["more_errors"] == problem["more_errors"]
 
 
-def test_of_many_faults_in_a_body_a_hundred_are_told(api):
+def test_first_100_faults_of_a_json_body_are_listed_others_counted(api):
     body = {"name": "many", **{f"key{number}": 1 for number in range(1000)}}
 
     problem = api.post("/datasets", body).json()

@@ -63,7 +63,7 @@ def stored(client, key, image, **how):
         ),
     ],
 )
-def test_a_picture_that_is_a_page_as_well_is_served_as_a_picture(admin, image):
+def test_image_with_embedded_html_is_served_as_an_image(admin, image):
     name = "x.html"
     frame_id = stored(admin, f"p{len(image)}", image, name=name, media_type="text/html")
 
@@ -79,7 +79,7 @@ def test_a_picture_that_is_a_page_as_well_is_served_as_a_picture(admin, image):
 PICTURES = ("image", "segmentation", "depth", "instances", "ignore_mask")
 
 
-def test_every_file_of_a_frame_is_served_at_its_address(admin):
+def test_every_file_of_a_frame_is_served_at_its_url(admin):
     sent = {kind: scene.image(number) for number, kind in enumerate(PICTURES)}
     sent["segmentation"] = scene.segmentation()
     files = {kind: (f"{kind}.png", content) for kind, content in sent.items()}
@@ -96,9 +96,7 @@ def test_every_file_of_a_frame_is_served_at_its_address(admin):
 
 @pytest.mark.parametrize("content", [SVG, b"<?xml version='1.0'?>" + SVG, PAGE])
 @pytest.mark.parametrize("part", ["image", "segmentation", "ignore_mask", "lidar"])
-def test_a_file_that_is_no_picture_is_refused_whatever_its_type_says(
-    admin, part, content
-):
+def test_svg_or_html_file_is_refused_despite_its_media_type(admin, part, content):
     files = {"annotation": scene.as_json(scene.annotation())}
     files |= {part: ("a.png", content, "image/png")}
 
@@ -112,7 +110,7 @@ def test_a_file_that_is_no_picture_is_refused_whatever_its_type_says(
 @pytest.mark.parametrize(
     "name", ["../../etc/passwd", "C:\\x.png", "\\\\host\\share", "/etc/passwd", "a\0b"]
 )
-def test_the_name_of_a_file_is_never_used(service, admin, name):
+def test_uploaded_file_name_is_never_used_as_a_path(service, admin, name):
     before = outside_of_blobs(service)
 
     upload(admin, "named", scene.image(3), name=name.replace("\0", "%00"))
@@ -133,7 +131,7 @@ def outside_of_blobs(service):
     ) + sorted(path.name for path in folder.parent.iterdir())
 
 
-def zipped(*names):
+def zip_of(*names):
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in names:
@@ -144,9 +142,9 @@ def zipped(*names):
 @pytest.mark.parametrize(
     ("content", "headers", "status"),
     [
-        pytest.param(zipped("a.json"), TAR, 422, id="a zip that says it is a tar"),
+        pytest.param(zip_of("a.json"), TAR, 422, id="a zip that says it is a tar"),
         pytest.param(
-            zipped("../x"), {"Content-Type": "application/zip"}, 415, id="a zip"
+            zip_of("../x"), {"Content-Type": "application/zip"}, 415, id="a zip"
         ),
         pytest.param(
             b"\x1f\x8b" + bytes(600),
@@ -165,7 +163,9 @@ def zipped(*names):
         ),
     ],
 )
-def test_nothing_that_could_unfold_is_unpacked(admin, content, headers, status):
+def test_compressed_archive_is_refused_and_not_unpacked(
+    admin, content, headers, status
+):
     """The service decompresses no archive, so a decompression bomb does nothing."""
     answer = admin.post(
         "/api/v1/datasets/files/batches", content=content, headers=headers
@@ -174,8 +174,8 @@ def test_nothing_that_could_unfold_is_unpacked(admin, content, headers, status):
     assert answer.status_code == status, answer.text
 
 
-def test_an_archive_in_an_archive_is_a_file_of_no_frame(admin):
-    members = [("inner.zip", zipped("b.json")), *frame("nested")]
+def test_nested_archive_is_not_unpacked(admin):
+    members = [("inner.zip", zip_of("b.json")), *frame("nested")]
 
     answer = admin.post(
         "/api/v1/datasets/files/batches", content=tar_archive(members), headers=TAR
@@ -186,7 +186,7 @@ def test_an_archive_in_an_archive_is_a_file_of_no_frame(admin):
     assert end["stored"] <= 1
 
 
-def test_leftovers_in_an_archive_are_told_and_stop_nothing(admin):
+def test_macos_files_in_an_archive_are_refused_others_are_stored(admin):
     leftovers = [("__MACOSX/._tidy.json", b"\0\5\26\7"), (".DS_Store", b"\0\0\0\1")]
 
     answer = admin.post(
@@ -200,7 +200,7 @@ def test_leftovers_in_an_archive_are_told_and_stop_nothing(admin):
     assert (end["stored"], "problem" in end) == (1, False)
 
 
-def test_a_member_that_comes_twice_is_one_frame(admin):
+def test_repeated_members_of_an_archive_are_one_frame(admin):
     archive = tar_archive([*frame("twice"), *frame("twice")])
 
     answer = admin.post("/api/v1/datasets/files/batches", content=archive, headers=TAR)
@@ -211,7 +211,7 @@ def test_a_member_that_comes_twice_is_one_frame(admin):
 
 
 @pytest.mark.parametrize("damaged", ["checksum", "pixels"])
-def test_a_segmentation_that_is_damaged_is_refused(admin, damaged):
+def test_damaged_segmentation_is_refused(admin, damaged):
     content = bytearray(scene.segmentation())
     at = content.index(b"IDAT")
     size = struct.unpack(">I", content[at - 4 : at])[0]
@@ -223,7 +223,7 @@ def test_a_segmentation_that_is_damaged_is_refused(admin, damaged):
     assert (answer.status_code, answer.json()["code"]) == (422, "bad_image")
 
 
-def test_a_picture_with_damaged_pixels_never_fails_the_service(admin):
+def test_image_with_damaged_pixels_causes_no_server_error(admin):
     content = bytearray(scene.image(5))
     content[content.index(b"IDAT") + 8] ^= 0xFF
 
@@ -241,7 +241,7 @@ def test_a_picture_with_damaged_pixels_never_fails_the_service(admin):
         assert {one.status_code for one in drawn} <= {200, 404, 422}
 
 
-def test_no_number_is_told_of_files_that_others_have(admin):
+def test_stored_files_are_not_served_by_path(admin):
     """Stored files are found only through their frame, never by a path or a digest."""
     for path in ("/blobs", "/api/v1/blobs", "/data", "/unghost.db", "/token"):
         assert admin.get(path).status_code == 404

@@ -17,7 +17,7 @@ import pytest
         pytest.param([("image", "x")], "missing_annotation", id="no annotation"),
     ],
 )
-def test_parts_are_those_of_a_frame(api, parts, code):
+def test_unknown_repeated_or_missing_part_of_a_frame_is_refused(api, parts, code):
     files = [(name, (name, content)) for name, content in parts]
     path = f"/api/v1/datasets/{api.dataset()}/frames/a"
 
@@ -46,7 +46,9 @@ def test_parts_are_those_of_a_frame(api, parts, code):
         ),
     ],
 )
-def test_another_body_is_no_frame(api, headers, content, status, code):
+def test_frame_body_that_is_not_a_multipart_form_is_refused(
+    api, headers, content, status, code
+):
     path = f"/api/v1/datasets/{api.dataset()}/frames/a"
 
     answer = api.http.put(path, headers=headers, content=content)
@@ -73,7 +75,7 @@ def test_another_body_is_no_frame(api, headers, content, status, code):
         pytest.param("x" * 513, id="513 characters"),
     ],
 )
-def test_a_key_names_a_frame_and_never_a_path(api, key):
+def test_invalid_frame_key_is_refused(api, key):
     dataset = api.dataset()
 
     answer = api.put(dataset, key)
@@ -82,13 +84,13 @@ def test_a_key_names_a_frame_and_never_a_path(api, key):
     assert api.json(f"/datasets/{dataset}/frames")["items"] == []
 
 
-def test_a_key_with_a_line_end_is_told_from_one_that_is_not_there(api):
+def test_frame_key_with_a_line_end_is_refused_as_control_character(api):
     answer = api.put(api.dataset(), "a%0Ab")
 
     assert "a control character" in answer.json()["detail"]
 
 
-def test_a_key_of_512_characters_is_taken(api):
+def test_frame_key_of_512_characters_is_accepted(api):
     dataset, key = api.dataset(), "ü/" * 255 + "xy"
 
     assert api.upload_frame(dataset, key)["frame"]["key"] == key

@@ -21,9 +21,7 @@ def far_box(api, dataset):
     return next(box for box in api.boxes(dataset) if box["id"] == "218")
 
 
-def test_a_channel_not_yet_measured_is_measured_then_switched_without_pixels(
-    api, dataset
-):
+def test_channels_are_measured_once_then_switched_without_pixels(api, dataset):
     assert far_box(api, dataset)["verdict"] == "kept"
 
     kinds = [
@@ -61,7 +59,7 @@ def test_the_history_of_a_box_has_the_verdicts_of_its_channels(api, dataset):
     ]
 
 
-def test_frames_that_come_later_are_measured_alike(api, dataset):
+def test_frames_stored_later_are_measured_with_the_active_channel(api, dataset):
     api.run(dataset, {"evidence": "depth"})
 
     answer = api.upload_frame(dataset, "b", ANNOTATION, **sensors())
@@ -71,7 +69,7 @@ def test_frames_that_come_later_are_measured_alike(api, dataset):
     assert api.boxes(dataset, reason="hidden_by_depth", limit=5)[1]["frame"] == "b"
 
 
-def test_other_depths_tolerated_need_the_pixels(api, dataset):
+def test_changed_depth_tolerance_needs_the_pixels(api, dataset):
     api.run(dataset, {"evidence": "depth"})
 
     run = api.run(dataset, {"evidence": "depth", "depth_tolerance": 50})
@@ -80,7 +78,7 @@ def test_other_depths_tolerated_need_the_pixels(api, dataset):
     assert far_box(api, dataset)["verdict"] == "kept"
 
 
-def test_other_accept_sets_need_the_pixels_while_a_channel_is_measured(api, dataset):
+def test_changed_accept_set_needs_the_pixels_if_a_channel_is_measured(api, dataset):
     api.run(dataset, {"evidence": "ordered"})
 
     config = {"evidence": "ordered", "classes": {"car": {"accept": ["Road"]}}}
@@ -89,7 +87,7 @@ def test_other_accept_sets_need_the_pixels_while_a_channel_is_measured(api, data
     assert run["kind"] == "measure"
 
 
-def test_depth_that_is_too_coarse_is_stored_until_somebody_asks_for_it(api):
+def test_too_coarse_depth_is_stored_but_refused_once_depth_is_used(api):
     name = api.dataset()
     grey = cv2.imencode(".png", np.zeros(scene()[0].shape, np.uint8))[1].tobytes()
     api.upload_frame(name, "a", ANNOTATION, **files(depth=grey))
@@ -116,7 +114,7 @@ def cloud(count=3):
     "content",
     [b"ply\n", b"\x93NUMPY", cloud()[:-1], cloud() + b"x", b"ply\nend_header\n"],
 )
-def test_a_point_cloud_that_is_not_whole_is_refused_when_it_comes(api, kind, content):
+def test_incomplete_point_cloud_is_refused(api, kind, content):
     name = api.dataset()
 
     answer = api.put(name, "a", ANNOTATION, **files(**{kind: content}))

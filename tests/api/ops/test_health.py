@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.metadata import version
 
 
-def test_a_service_is_alive_and_ready(anonymous):
+def test_healthz_and_readyz_of_a_running_service_are_ok(anonymous):
     ready = anonymous.get("/readyz")
 
     assert anonymous.get("/healthz").json() == {"status": "ok"}
@@ -16,7 +16,7 @@ def test_a_service_is_alive_and_ready(anonymous):
     }
 
 
-def test_a_service_says_its_version(admin):
+def test_version_route_returns_the_installed_version(admin):
     answer = admin.get("/version").json()
 
     assert (answer["version"], answer["api"]) == (version("unghost"), "v1")

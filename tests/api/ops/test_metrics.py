@@ -25,7 +25,7 @@ def families(client):
     return {family.name: family for family in text_string_to_metric_families(text)}
 
 
-def scraped(client):
+def scrape_metrics(client):
     """Values by name and label values, with the labels in alphabetical order."""
     return {
         (sample.name, *sample.labels.values()): sample.value
@@ -38,12 +38,12 @@ def key(*parts):
     return parts
 
 
-def test_answers_are_counted_by_route_and_status(serve):
+def test_requests_are_counted_by_route_and_status(serve):
     with serve().admin() as client:
         for number in (1, 2, 3):
             client.get(f"/probe/items/{number}")
         client.get("/probe/items/none")
-        found = scraped(client)
+        found = scrape_metrics(client)
 
     route = ("GET", "/probe/items/{item_id}")
     assert found[key("unghost_requests_total", *route, "200")] == 3
@@ -56,14 +56,14 @@ def test_requests_without_a_route_are_counted_together(serve):
     with serve().admin() as client:
         client.get('/nowhere"}')
         client.request("PROPFIND", "/nowhere")
-        text, found = client.get("/metrics").text, scraped(client)
+        text, found = client.get("/metrics").text, scrape_metrics(client)
 
     assert found["unghost_requests_total", "GET", "other", "404"] == 1
     assert found["unghost_requests_total", "other", "other", "404"] == 1
     assert "nowhere" not in text
 
 
-def test_names_and_units_are_those_of_prometheus(admin):
+def test_metrics_follow_the_naming_and_types_of_prometheus(admin):
     admin.get("/healthz")
 
     answer, found = admin.get("/metrics"), families(admin)
@@ -114,7 +114,7 @@ def work(api):
 
 
 def test_counters_count_frames_boxes_and_reviews(worked):
-    found = scraped(worked[1].http)
+    found = scrape_metrics(worked[1].http)
 
     assert found["unghost_frames_stored_total",] == 2
     assert found["unghost_boxes_stored_total",] == 4
@@ -133,9 +133,9 @@ def test_counters_count_frames_boxes_and_reviews(worked):
     assert ("unghost_reviews_total", "reject") not in found
 
 
-def test_gauges_tell_what_is_stored_and_running(worked):
+def test_gauges_show_stored_data_and_jobs(worked):
     server, api = worked
-    found = scraped(api.http)
+    found = scrape_metrics(api.http)
 
     assert found["unghost_boxes", "visible", "kept"] == 2
     assert found["unghost_boxes_reviewed", "keep"] == 1
@@ -159,7 +159,7 @@ def test_gauges_tell_what_is_stored_and_running(worked):
 def test_stored_files_are_counted_in_the_background(worked):
     _, api = worked
     for _ in range(MOST_LOOKS):
-        found = scraped(api.http)
+        found = scrape_metrics(api.http)
         if ("unghost_blobs",) in found:
             break
 
@@ -168,7 +168,7 @@ def test_stored_files_are_counted_in_the_background(worked):
     assert found["unghost_blob_bytes",] == sum(sizes) + len(scene.segmentation())
 
 
-def test_no_table_that_grows_with_the_boxes_is_read(serve):
+def test_metrics_read_no_table_that_grows_with_the_boxes(serve):
     service = serve()
 
     with service.admin() as client:
@@ -176,7 +176,7 @@ def test_no_table_that_grows_with_the_boxes_is_read(serve):
         context = service.app.state.services
         context.engine.start(str, None).result()
         with statements_of(service.app.state.database.engine) as said:
-            found = scraped(client)
+            found = scrape_metrics(client)
 
     read = {table for statement, _ in said for table in FROM.findall(statement)}
     assert found["unghost_database_up",] == 1
@@ -184,12 +184,12 @@ def test_no_table_that_grows_with_the_boxes_is_read(serve):
     assert "tallies" in read
 
 
-def test_figures_that_need_no_database_are_there_without_it(serve):
+def test_metrics_are_served_when_the_database_fails(serve):
     service = serve()
     change(service.settings.data, "DROP TABLE tallies")
 
     with service.admin() as client:
-        found = scraped(client)
+        found = scrape_metrics(client)
 
     assert found["unghost_database_up",] == 0
     assert ("unghost_datasets",) not in found

@@ -25,7 +25,7 @@ MIB = 1024**2
 PATIENCE_S = 60
 
 
-def looks(url):
+def poll_readyz(url):
     """Ask /readyz again and again for a minute; yield each answer."""
     until = time.monotonic() + PATIENCE_S
     while time.monotonic() < until:
@@ -35,7 +35,7 @@ def looks(url):
 
 def until_not_ready(url):
     """Wait until the server is not ready; return the faults by check."""
-    for answer in looks(url):
+    for answer in poll_readyz(url):
         if answer.status_code == 503:
             assert answer.json()["code"] == "not_ready"
             assert int(answer.headers["retry-after"]) > 0
@@ -45,7 +45,7 @@ def until_not_ready(url):
 
 def until_ready(url):
     """Wait until the server is ready; return what each check found."""
-    for answer in looks(url):
+    for answer in poll_readyz(url):
         if answer.status_code == 200:
             assert answer.json()["ready"] is True
             return answer.json()["checks"]
@@ -62,7 +62,7 @@ def server(tmp_path_factory):
 
 
 @contextmanager
-def filled(folder, leaving_mib):
+def filled_disk(folder, leaving_mib):
     """Fill the disk until only this much room is left, or none."""
     filler = folder / "filler"
     with filler.open("wb", buffering=0) as file:
@@ -77,7 +77,7 @@ def filled(folder, leaving_mib):
         filler.unlink()
 
 
-def test_all_is_well(server):
+def test_readyz_of_a_healthy_server_lists_every_check(server):
     found = until_ready(server.url)
 
     assert found.pop("disk").endswith(" bytes free")
@@ -94,10 +94,10 @@ def test_all_is_well(server):
     }
 
 
-def test_too_little_room_is_not_ready_although_all_can_be_written(server):
+def test_too_little_free_disk_space_is_not_ready(server):
     until_ready(server.url)
 
-    with filled(server.data, leaving_mib=MIN_FREE_MIB // 2):
+    with filled_disk(server.data, leaving_mib=MIN_FREE_MIB // 2):
         found = until_not_ready(server.url)
 
     assert list(found) == ["disk"]
@@ -108,10 +108,10 @@ def test_too_little_room_is_not_ready_although_all_can_be_written(server):
 @pytest.mark.sqlite_files(
     "it shares the small disk of the folder, or its log is looked at"
 )
-def test_a_full_disk_takes_neither_rows_nor_files(server):
+def test_full_disk_fails_the_database_disk_and_blobs_checks(server):
     until_ready(server.url)
 
-    with filled(server.data, leaving_mib=0):
+    with filled_disk(server.data, leaving_mib=0):
         for _ in range(PATIENCE_S):
             found = until_not_ready(server.url)
             if len(found) == 3:
@@ -123,7 +123,7 @@ def test_a_full_disk_takes_neither_rows_nor_files(server):
     until_ready(server.url)
 
 
-def test_a_folder_of_blobs_that_takes_no_files_is_not_ready(server):
+def test_read_only_blobs_folder_is_not_ready(server):
     until_ready(server.url)
 
     with read_only(server.data / "blobs"):
@@ -151,10 +151,10 @@ def test_a_schema_of_another_version_is_not_ready(server, revision, advice):
 
 
 @pytest.mark.sqlite_files("its only place for writers; PostgreSQL has many")
-def test_a_database_that_somebody_writes_is_ready(server):
+def test_database_locked_by_another_writer_is_ready(server):
     with closing(sqlite3.connect(server.data / "unghost.db")) as database:
         database.execute("BEGIN IMMEDIATE")
-        for answer in looks(server.url):
+        for answer in poll_readyz(server.url):
             assert answer.status_code == 200
             if answer.json()["checks"]["database"] == "is being written":
                 break
@@ -166,7 +166,7 @@ def test_a_database_that_somebody_writes_is_ready(server):
 @pytest.mark.sqlite_files(
     "it shares the small disk of the folder, or its log is looked at"
 )
-def test_asking_again_and_again_does_not_write_again_and_again(server):
+def test_frequent_readyz_requests_do_not_write_each_time(server):
     until_ready(server.url)
     with closing(sqlite3.connect(server.data / "unghost.db")) as database:
         emptied = database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
@@ -180,10 +180,10 @@ def test_asking_again_and_again_does_not_write_again_and_again(server):
     assert wal.stat().st_size // 4096 <= time.monotonic() - begun + 2
     assert set(answers) == {200}
     assert emptied[0] == 0
-    assert any(wal.stat().st_size > 0 for _ in looks(server.url))
+    assert any(wal.stat().st_size > 0 for _ in poll_readyz(server.url))
 
 
-def test_a_failed_check_of_readiness_is_in_the_log(server):
+def test_failed_readiness_check_is_logged(server):
     with read_only(server.data / "blobs"):
         until_not_ready(server.url)
 
@@ -194,11 +194,11 @@ def test_a_failed_check_of_readiness_is_in_the_log(server):
 @pytest.mark.sqlite_files(
     "it shares the small disk of the folder, or its log is looked at"
 )
-def test_uploads_go_on_after_a_full_disk(server):
+def test_uploads_work_again_after_a_full_disk(server):
     api = Api.at(server.url, server.headers)
     with api.http:
         name = api.dataset()
-        with filled(server.data, leaving_mib=0):
+        with filled_disk(server.data, leaving_mib=0):
             full = api.put(name, "a")
         until_ready(server.url)
         again = api.put(name, "a")
@@ -207,7 +207,7 @@ def test_uploads_go_on_after_a_full_disk(server):
     assert again.status_code == 201
 
 
-def test_another_writer_on_postgresql_is_no_fault():
+def test_takes_writes_is_false_during_another_write_on_postgresql():
     with empty_postgres() as url, closing(Database(url)) as database:
         with database.engine.begin() as connection:
             connection.exec_driver_sql(
@@ -222,7 +222,7 @@ def test_another_writer_on_postgresql_is_no_fault():
     assert (beside, alone) == (False, True)
 
 
-def test_a_postgresql_that_takes_no_writes_is_one():
+def test_takes_writes_raises_on_a_read_only_postgresql():
     with empty_postgres() as url:
         name = url.rpartition("/")[2]
         with closing(Database(url)) as database, database.engine.begin() as connection:

@@ -69,7 +69,7 @@ def client_of(url, headers):
     return plain_http.Client(base_url=url, headers=headers, timeout=LONG_S)
 
 
-def connected(url, source="127.0.0.1"):
+def open_connection(url, source="127.0.0.1"):
     """An open connection on which nothing was sent."""
     at = httpx.URL(str(url))
     return closing(
@@ -90,23 +90,23 @@ def put(client, key):
         return once.put(f"{STREET}/frames/{key}", files=files).status_code
 
 
-def all_of(connection):
+def read_until_closed(connection):
     """Everything received until the server closes the connection, or a time-out."""
     return b"".join(iter(lambda: connection.recv(65536), b""))
 
 
-def test_uploads_go_on_while_thousands_of_idle_connections_are_tried(tmp_path):
+def test_uploads_succeed_while_thousands_of_idle_connections_are_opened(tmp_path):
     raise_descriptor_limit()
     answers: list[int] = []
     data = tmp_path / "data"
     with ExitStack() as held, limited_server(data, soft=1024, hard=1024) as (admin, _):
         admin.post("/api/v1/datasets", json={"name": "street"})
 
-        def come():
+        def open_idle_connections():
             for _ in range(STRANGERS):
-                held.enter_context(connected(admin.base_url))
+                held.enter_context(open_connection(admin.base_url))
 
-        strangers = threading.Thread(target=come)
+        strangers = threading.Thread(target=open_idle_connections)
         strangers.start()
         while strangers.is_alive():
             answers.append(put(admin, f"a{len(answers)}"))
@@ -119,7 +119,7 @@ def test_uploads_go_on_while_thousands_of_idle_connections_are_tried(tmp_path):
     assert "unghost_connections_refused_total 0" in seen
 
 
-def test_the_soft_limit_is_raised_and_said(tmp_path):
+def test_soft_descriptor_limit_is_raised_and_logged(tmp_path):
     with limited_server(tmp_path / "data", soft=256, hard=2_000) as (admin, log):
         seen = admin.get("/metrics").text
         said = log.read_text("utf-8")
@@ -128,7 +128,7 @@ def test_the_soft_limit_is_raised_and_said(tmp_path):
     assert "unghost_connections_max 840" in seen
 
 
-def test_without_any_descriptor_left_the_service_goes_on_later(tmp_path):
+def test_service_recovers_after_running_out_of_descriptors(tmp_path):
     full = limited_server(
         tmp_path / "data",
         soft=400,
@@ -139,8 +139,10 @@ def test_without_any_descriptor_left_the_service_goes_on_later(tmp_path):
     with full as (admin, log):
         with ExitStack() as held:
             for _ in range(200):
-                last = held.enter_context(connected(admin.base_url))
-            assert all_of(last) == b""  # the server had no descriptor left to accept it
+                last = held.enter_context(open_connection(admin.base_url))
+            assert (
+                read_until_closed(last) == b""
+            )  # the server had no descriptor left to accept it
         again = put(admin, "a"), admin.post("/api/v1/datasets", json={"name": "b"})
         said = log.read_text("utf-8").splitlines()
 
@@ -149,10 +151,10 @@ def test_without_any_descriptor_left_the_service_goes_on_later(tmp_path):
 
 
 @pytest.mark.parametrize("begun", BEGUN.values(), ids=BEGUN)
-def test_connections_without_a_token_make_room_for_others(tmp_path, begun):
+def test_unauthenticated_connections_are_closed_for_new_ones(tmp_path, begun):
     with live(tmp_path / "data", max_connections=4) as service, ExitStack() as held:
         for _ in range(12):
-            stranger = held.enter_context(connected(service.url))
+            stranger = held.enter_context(open_connection(service.url))
             stranger.sendall(begun)
         with service.admin() as admin:
             answer = admin.post("/api/v1/datasets", json={"name": "street"})
@@ -162,7 +164,7 @@ def test_connections_without_a_token_make_room_for_others(tmp_path, begun):
     assert "unghost_connections_refused_total 0" in seen
 
 
-def at_work(service, held, source="127.0.0.1"):
+def open_busy_connection(service, held, source="127.0.0.1"):
     """A connection with an authenticated request whose body is not yet sent."""
     lines = (
         "POST /api/v1/datasets HTTP/1.1",
@@ -172,29 +174,32 @@ def at_work(service, held, source="127.0.0.1"):
         "Content-Length: 17",
         "Expect: 100-continue",
     )
-    connection = held.enter_context(connected(service.url, source))
+    connection = held.enter_context(open_connection(service.url, source))
     connection.sendall("\r\n".join((*lines, "", "")).encode())
     assert connection.recv(100).startswith(b"HTTP/1.1 100 Continue")
     return connection
 
 
-def asked(service, source="127.0.0.1"):
+def health_response(service, source="127.0.0.1"):
     """The answer to a health check on a new connection."""
-    with connected(service.url, source) as connection:
+    with open_connection(service.url, source) as connection:
         connection.sendall(
             b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
         )
-        return all_of(connection)
+        return read_until_closed(connection)
 
 
-def test_a_service_at_its_limit_of_connections_says_when_to_come_again(tmp_path):
+def test_connection_over_the_limit_returns_503_with_retry_after(tmp_path):
     settings = {"max_connections": 2, "max_connections_per_address": 2}
     with live(tmp_path / "data", **settings) as service, ExitStack() as held:
-        first, second = at_work(service, held), at_work(service, held)
-        turned_away = asked(service)
+        first, second = (
+            open_busy_connection(service, held),
+            open_busy_connection(service, held),
+        )
+        turned_away = health_response(service)
         first.sendall(b'{"name":"street"}')
         created = first.recv(65536)
-        let_in = asked(service)
+        let_in = health_response(service)
         second.sendall(b'{"name":"avenue"}')
         undisturbed = second.recv(65536)
 
@@ -210,24 +215,24 @@ def test_a_service_at_its_limit_of_connections_says_when_to_come_again(tmp_path)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="others have one loopback address")
-def test_one_address_leaves_room_for_others(tmp_path):
+def test_connections_are_limited_per_address(tmp_path):
     settings = {"max_connections": 10, "max_connections_per_address": 2}
     with live(tmp_path / "data", **settings) as service, ExitStack() as held:
-        at_work(service, held), at_work(service, held)
-        same = asked(service)
-        other = asked(service, "127.0.0.2")
+        open_busy_connection(service, held), open_busy_connection(service, held)
+        same = health_response(service)
+        other = health_response(service, "127.0.0.2")
 
     assert same.startswith(b"HTTP/1.1 503 ")
     assert b"all 2 connections for one address" in same
     assert other.startswith(b"HTTP/1.1 200 ")
 
 
-def test_people_behind_a_trusted_proxy_do_not_count_as_one_address(tmp_path):
+def test_connections_of_a_trusted_proxy_are_not_limited_per_address(tmp_path):
     settings = {"max_connections_per_address": 2, "trusted_proxies": ("127.0.0.0/8",)}
     with live(tmp_path / "data", **settings) as service, ExitStack() as held:
         for _ in range(5):
-            at_work(service, held)
-        answer = asked(service)
+            open_busy_connection(service, held)
+        answer = health_response(service)
 
     assert answer.startswith(b"HTTP/1.1 200 ")
 
@@ -235,7 +240,7 @@ def test_people_behind_a_trusted_proxy_do_not_count_as_one_address(tmp_path):
 @pytest.mark.parametrize(
     ("limit", "room"), [(None, 2048), (256, 16), (1024, 352), (4416, 2048)]
 )
-def test_each_connection_finds_a_descriptor_for_its_file_as_well(limit, room):
+def test_room_for_connections_leaves_descriptors_for_files(limit, room):
     assert room_for_connections(limit) == room
 
 
@@ -251,5 +256,5 @@ def test_each_connection_finds_a_descriptor_for_its_file_as_well(limit, room):
         (None, "-"),
     ],
 )
-def test_one_network_counts_as_one_address(address, place):
+def test_ipv6_addresses_of_one_network_count_as_one_address(address, place):
     assert origin_of(address) == place

@@ -23,7 +23,7 @@ THREADS = 40
 
 
 @pytest.fixture
-def held(serve):
+def service_with_blocked_probes(serve):
     """A service whose probe routes wait for `unblock`, which is set in the end."""
     for event in (probe_routes.is_held, probe_routes.unblock):
         event.clear()
@@ -44,7 +44,7 @@ def counted(client):
     }
 
 
-class Noted(logging.Handler):
+class LogCollector(logging.Handler):
     """Collects records of a log, and sets an event when one comes."""
 
     def __init__(self):
@@ -57,21 +57,26 @@ class Noted(logging.Handler):
 
 
 @pytest.fixture
-def noted():
-    handler, logger = Noted(), logging.getLogger("unghost.server")
+def collected_log():
+    handler, logger = LogCollector(), logging.getLogger("unghost.server")
     logger.addHandler(handler)
     yield handler
     logger.removeHandler(handler)
 
 
-def test_a_loop_that_stands_is_logged_with_its_stack_and_not_ready(held, noted):
-    with held.admin() as client, ThreadPoolExecutor(2) as threads:
+def test_blocked_event_loop_is_logged_with_its_stack_and_not_ready(
+    service_with_blocked_probes, collected_log
+):
+    with (
+        service_with_blocked_probes.admin() as client,
+        ThreadPoolExecutor(2) as threads,
+    ):
         before = counted(client)
         assert client.get("/readyz").status_code == 200
         holding = threads.submit(client.get, "/probe/hold")
         assert probe_routes.is_held.wait(PATIENCE_S)
-        noted.came.clear()
-        assert noted.came.wait(PATIENCE_S)
+        collected_log.came.clear()
+        assert collected_log.came.wait(PATIENCE_S)
         asked = threads.submit(client.get, "/readyz")
         probe_routes.unblock.set()
         answer = asked.result(PATIENCE_S)
@@ -91,12 +96,19 @@ def test_a_loop_that_stands_is_logged_with_its_stack_and_not_ready(held, noted):
     assert after["unghost_loop_stalls_total"] > before["unghost_loop_stalls_total"]
     seconds = "unghost_loop_stall_seconds_total"
     assert after[seconds] - before[seconds] >= LONGEST_S
-    stacks = [one.facts["stack"] for one in noted.records if hasattr(one, "facts")]
+    stacks = [
+        one.facts["stack"] for one in collected_log.records if hasattr(one, "facts")
+    ]
     assert any(call.endswith(" hold") for stack in stacks for call in stack)
 
 
-def test_a_service_is_ready_while_all_threads_of_requests_are_busy(held):
-    with held.admin() as client, ThreadPoolExecutor(THREADS + 5) as threads:
+def test_a_service_is_ready_while_all_threads_of_requests_are_busy(
+    service_with_blocked_probes,
+):
+    with (
+        service_with_blocked_probes.admin() as client,
+        ThreadPoolExecutor(THREADS + 5) as threads,
+    ):
         for _ in range(THREADS + 5):
             threads.submit(client.get, "/open/wait")
         for _ in range(THREADS):
@@ -129,7 +141,7 @@ graceful.GracefulServer(
 """
 
 
-def test_a_process_whose_loop_stands_ends_when_it_is_told_to():
+def test_process_with_a_blocked_event_loop_exits_on_sigterm():
     listening = "__import__('socket').create_server(('127.0.0.1', 0))"
     script = f"LISTENER = {listening}\nprint(LISTENER.getsockname()[1], flush=True)\n"
     process = subprocess.Popen(

@@ -33,7 +33,7 @@ def service(tmp_path):
         yield running
 
 
-def connected(service):
+def open_connection(service):
     """A connection that buffers very little of what the test does not read."""
     host, port = service.url.removeprefix("http://").split(":")
     connection = socket.socket()
@@ -43,41 +43,41 @@ def connected(service):
     return closing(connection)
 
 
-def all_of(connection):
+def read_until_closed(connection):
     return b"".join(iter(lambda: connection.recv(65536), b""))
 
 
-def head(path, **more):
+def request_head(path, **more):
     lines = (f"GET {path} HTTP/1.1", "Host: localhost")
     return "\r\n".join(
         (*lines, *(f"{name}: {value}" for name, value in more.items()), "", "")
     ).encode()
 
 
-def until_alone(service):
+def wait_until_only_connection(service):
     """Wait until the connection that asks is the only one."""
     with service.admin() as admin:
         while "unghost_connections_open 1.0\n" not in admin.get("/metrics").text:
             pass
 
 
-def test_answers_that_are_not_read_are_given_up(service):
-    with connected(service) as connection:
-        connection.sendall(head(ADDRESS) * (MOST_PIPELINED + 1))
-        until_alone(service)
+def test_connection_with_unread_responses_is_closed(service):
+    with open_connection(service) as connection:
+        connection.sendall(request_head(ADDRESS) * (MOST_PIPELINED + 1))
+        wait_until_only_connection(service)
         with pytest.raises(ConnectionResetError):
-            all_of(connection)
+            read_until_closed(connection)
 
 
-def test_a_stream_that_is_not_read_is_given_up(service):
+def test_unread_stream_is_closed(service):
     endless_response_stopped.clear()
-    with connected(service) as connection:
-        connection.sendall(head("/probe/endless", **service.bearer))
+    with open_connection(service) as connection:
+        connection.sendall(request_head("/probe/endless", **service.bearer))
         assert endless_response_stopped.wait(LONG_S)
-        until_alone(service)
+        wait_until_only_connection(service)
 
 
-def test_a_batch_whose_answer_is_not_read_is_given_up(service):
+def test_batch_with_an_unread_response_is_closed(service):
     with service.admin() as admin:
         admin.post("/api/v1/datasets", json={"name": "street"})
     lines = (
@@ -91,34 +91,36 @@ def test_a_batch_whose_answer_is_not_read_is_given_up(service):
     sent = b"".join(
         tar_without_end(frame(f"f{number}", boxes=faulty)) for number in range(9)
     )
-    with connected(service) as connection:
+    with open_connection(service) as connection:
         connection.sendall("\r\n".join((*lines, "", "")).encode() + sent)
         assert connection.recv(1)  # the answer has begun
-        until_alone(service)
+        wait_until_only_connection(service)
         with service.admin() as admin:
             seen = admin.get("/metrics").text
 
     assert "unghost_batches_open 0.0\n" in seen
 
 
-def test_a_stream_ends_with_its_client_also_if_another_request_waits(service):
+def test_stream_ends_on_disconnect_even_with_a_pipelined_request(service):
     endless_response_stopped.clear()
-    with connected(service) as connection:
-        connection.sendall(head("/probe/endless", **service.bearer) + head("/healthz"))
+    with open_connection(service) as connection:
+        connection.sendall(
+            request_head("/probe/endless", **service.bearer) + request_head("/healthz")
+        )
         assert connection.recv(1)
 
     assert endless_response_stopped.wait(LONG_S)
 
 
-def test_a_slow_reader_gets_everything(tmp_path):
-    last = head(ADDRESS, Connection="close")
+def test_slow_reader_gets_the_complete_response(tmp_path):
+    last = request_head(ADDRESS, Connection="close")
     wait_s, pause = 1, threading.Event()
     received = bytearray()
     with (
         live(tmp_path / "data", answer_wait_s=wait_s) as service,
-        connected(service) as slow,
+        open_connection(service) as slow,
     ):
-        slow.sendall(head(ADDRESS) * MOST_PIPELINED + last)
+        slow.sendall(request_head(ADDRESS) * MOST_PIPELINED + last)
         begun = time.monotonic()
         while piece := slow.recv(100_000):
             received += piece
@@ -128,10 +130,10 @@ def test_a_slow_reader_gets_everything(tmp_path):
     assert received.count(LARGE.read_bytes()) == MOST_PIPELINED + 1
 
 
-def test_no_more_requests_wait_on_a_connection_than_allowed(service):
+def test_pipelined_requests_are_limited_per_connection(service):
     received = bytearray()
-    with connected(service) as connection:
-        connection.sendall(head("/healthz") * 500)
+    with open_connection(service) as connection:
+        connection.sendall(request_head("/healthz") * 500)
         try:
             while piece := connection.recv(65536):
                 received += piece
@@ -141,26 +143,26 @@ def test_no_more_requests_wait_on_a_connection_than_allowed(service):
     assert received.count(b"HTTP/1.1 200 ") == MOST_PIPELINED + 1
 
 
-def read_by_this_process():
+def bytes_read_by_this_process():
     """How many bytes this process has read from files, without those from sockets."""
     counted = dict(line.split(": ") for line in IO.read_text("ascii").splitlines())
     return int(counted["rchar"])
 
 
 @pytest.mark.skipif(not IO.exists(), reason="only Linux counts what a process reads")
-def test_a_file_is_read_no_further_than_somebody_takes_it(service, tmp_path):
+def test_file_is_not_read_further_after_the_client_disconnects(service, tmp_path):
     """A large download that the client abandons must not be read to its end."""
     size = 1 << 30
     large = service.app.state.large_file = tmp_path / "large"
     with large.open("wb") as file:
         file.truncate(size)
-    before = read_by_this_process()
-    with connected(service) as connection:
-        connection.sendall(head("/probe/large-file", **service.bearer))
+    before = bytes_read_by_this_process()
+    with open_connection(service) as connection:
+        connection.sendall(request_head("/probe/large-file", **service.bearer))
         assert connection.recv(1)
     over = 'route="/probe/large-file",status="200"} 1'
     with service.admin() as admin:
         while over not in admin.get("/metrics").text:
             pass
 
-    assert read_by_this_process() - before < size / 4
+    assert bytes_read_by_this_process() - before < size / 4

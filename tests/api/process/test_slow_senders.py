@@ -28,25 +28,25 @@ def service(tmp_path_factory):
         yield running
 
 
-def connected(service):
+def open_connection(service):
     host, port = service.url.removeprefix("http://").split(":")
     return closing(socket.create_connection((host, int(port)), timeout=LONG_S))
 
 
-def head(service, method, path, **more):
+def request_head(service, method, path, **more):
     more = {"Host": "localhost", **service.bearer, **more}
     lines = (f"{method} {path} HTTP/1.1", *(f"{k}: {v}" for k, v in more.items()))
     return "\r\n".join((*lines, "", "")).encode()
 
 
-def all_of(connection):
+def read_until_closed(connection):
     """Everything received until the server closes the connection, or a time-out."""
     return b"".join(iter(lambda: connection.recv(65536), b""))
 
 
-def test_a_head_without_end_is_cut_off(service):
+def test_endless_request_head_is_cut_off(service):
     sent = 0
-    with connected(service) as connection:
+    with open_connection(service) as connection:
         connection.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nX-Long: ")
         try:
             while sent < 100_000_000:
@@ -58,8 +58,8 @@ def test_a_head_without_end_is_cut_off(service):
     assert sent < 20_000_000  # most of it is in the buffers of the two sockets
 
 
-def test_a_body_that_was_refused_is_not_read_without_end(service):
-    begin = head(
+def test_body_of_a_refused_request_is_not_read_endlessly(service):
+    begin = request_head(
         service,
         "POST",
         "/api/v1/datasets",
@@ -67,7 +67,7 @@ def test_a_body_that_was_refused_is_not_read_without_end(service):
         **{"Content-Length": TB},
     )
     sent = 0
-    with connected(service) as connection:
+    with open_connection(service) as connection:
         connection.sendall(begin)
         answer = connection.recv(65536)
         try:
@@ -82,36 +82,36 @@ def test_a_body_that_was_refused_is_not_read_without_end(service):
 
 
 @pytest.mark.parametrize("begun", [b"GE", b"GET /healthz HTTP/1.1\r\nHost: loc"])
-def test_a_head_that_stops_is_told_so(service, begun):
-    with connected(service) as connection:
+def test_incomplete_request_head_times_out_with_408(service, begun):
+    with open_connection(service) as connection:
         connection.sendall(begun)
-        answer = all_of(connection)
+        answer = read_until_closed(connection)
 
     assert answer.startswith(b"HTTP/1.1 408 Request Timeout\r\n")
     assert b'"code":"request_timeout"' in answer
 
 
 def test_a_silent_connection_is_closed(service):
-    with connected(service) as connection:
-        assert all_of(connection) == b""
+    with open_connection(service) as connection:
+        assert read_until_closed(connection) == b""
 
 
-def test_a_second_request_that_stops_is_not_waited_for(service):
-    first = head(service, "GET", "/healthz")
-    with connected(service) as connection:
+def test_incomplete_second_request_times_out_with_408(service):
+    first = request_head(service, "GET", "/healthz")
+    with open_connection(service) as connection:
         connection.sendall(first + b"GET /heal")
-        answer = all_of(connection)
+        answer = read_until_closed(connection)
 
     assert answer.startswith(b"HTTP/1.1 200 ")
     assert b"HTTP/1.1 408 " in answer
 
 
-def test_many_requests_in_one_piece_are_not_taken_for_a_long_head(service):
-    asked = head(service, "GET", "/healthz", **{"X-Long": "x" * 2_500})
-    last = head(service, "GET", "/healthz", Connection="close")
-    with connected(service) as connection:
+def test_pipelined_requests_are_not_mistaken_for_a_long_head(service):
+    asked = request_head(service, "GET", "/healthz", **{"X-Long": "x" * 2_500})
+    last = request_head(service, "GET", "/healthz", Connection="close")
+    with open_connection(service) as connection:
         connection.sendall(asked * MOST_PIPELINED + last)
-        answer = all_of(connection)
+        answer = read_until_closed(connection)
 
     assert len(asked) * MOST_PIPELINED > 70_000
     assert answer.count(b"HTTP/1.1 200 ") == MOST_PIPELINED + 1
@@ -126,22 +126,24 @@ def test_many_requests_in_one_piece_are_not_taken_for_a_long_head(service):
         ("POST", f"{STREET}/batches", "application/x-tar", b"run/a.json"),
     ],
 )
-def test_a_body_that_stops_is_told_so(service, method, path, media_type, begun):
+def test_incomplete_body_times_out_with_408(service, method, path, media_type, begun):
     framing = {"Content-Type": media_type, "Content-Length": "100"}
-    with connected(service) as connection:
-        connection.sendall(head(service, method, path, **framing) + begun)
-        answer = all_of(connection)
+    with open_connection(service) as connection:
+        connection.sendall(request_head(service, method, path, **framing) + begun)
+        answer = read_until_closed(connection)
 
     assert answer.startswith(b"HTTP/1.1 408 ")
     assert b'"code":"request_timeout"' in answer
     assert b"connection: close" in answer.lower()
 
 
-def test_a_batch_that_stops_keeps_what_came_and_gives_its_place_back(service, admin):
+def test_batch_that_times_out_keeps_its_stored_frames_and_is_closed(service, admin):
     framing = {"Content-Type": "application/x-tar", "Content-Length": "1000000"}
     whole, half = tar_without_end(frame("whole")), tar_without_end(frame("half"))[:700]
-    with connected(service) as connection:
-        connection.sendall(head(service, "POST", f"{STREET}/batches", **framing))
+    with open_connection(service) as connection:
+        connection.sendall(
+            request_head(service, "POST", f"{STREET}/batches", **framing)
+        )
         connection.sendall(whole + tar_without_end(frame("next"))[:-512] + half)
         lines = b""
         while b'"end": true' not in lines:
@@ -153,11 +155,11 @@ def test_a_batch_that_stops_keeps_what_came_and_gives_its_place_back(service, ad
     assert "unghost_batches_open 0" in admin.get("/metrics").text
 
 
-def test_a_slow_sender_is_waited_for(service):
+def test_slow_sender_does_not_time_out(service):
     body = b'{"name": "slow"}'
     framing = {"Content-Type": "application/json", "Content-Length": str(len(body))}
-    with connected(service) as connection:
-        connection.sendall(head(service, "POST", "/api/v1/datasets", **framing))
+    with open_connection(service) as connection:
+        connection.sendall(request_head(service, "POST", "/api/v1/datasets", **framing))
         for one in body:
             connection.sendall(bytes([one]))
         answer = connection.recv(65536)
@@ -165,7 +167,7 @@ def test_a_slow_sender_is_waited_for(service):
     assert answer.startswith(b"HTTP/1.1 201 ")
 
 
-def test_a_large_body_of_a_login_is_refused(service, anonymous):
+def test_too_large_login_body_returns_413(service, anonymous):
     answer = anonymous.post("/api/v1/session", json={"token": "x" * 5_000})
 
     assert (answer.status_code, answer.json()["code"]) == (413, "too_large")

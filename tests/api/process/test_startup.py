@@ -23,7 +23,7 @@ from tests.support.servers import (
 from unghost import find_server
 
 
-def note_of(server):
+def note_path(server):
     port = server.url.rpartition(":")[2]
     state = server.data.with_name(f"{server.data.name}-state")
     return state / "unghost" / "servers" / f"127.0.0.1_{port}.json"
@@ -35,13 +35,13 @@ def running(data_dir):
         yield server
 
 
-def refused(data, log, **settings):
+def exit_code_of_failed_start(data, log, **settings):
     """Start a server that must fail to start; return its exit code."""
     with start(["app"], data, log, settings) as process:
         return process.wait(60)
 
 
-def test_the_login_link_logs_in_once_and_holds_no_token(tmp_path):
+def test_login_link_works_once_and_contains_no_token(tmp_path):
     data, log = tmp_path / "data", tmp_path / "log"
     process = start_anew(SERVER, data, log, {})
     try:
@@ -60,8 +60,8 @@ def test_the_login_link_logs_in_once_and_holds_no_token(tmp_path):
     assert answers[1].json()["code"] == "code_over"
 
 
-def test_a_note_tells_the_command_line_where_the_token_is(running):
-    note = note_of(running)
+def test_server_note_has_url_token_file_and_pid(running):
+    note = note_path(running)
 
     assert json.loads(note.read_text()) == {
         "url": running.url,
@@ -81,7 +81,7 @@ def test_a_note_tells_the_command_line_where_the_token_is(running):
         ("0:0:0:0:0:0:0:1", "[::1]"),
     ],
 )
-def test_a_command_finds_the_note_by_any_name_of_the_address(
+def test_find_server_finds_the_note_by_any_form_of_the_address(
     start_server, tmp_path, listens, asked
 ):
     server = start_server(UNGHOST_HOST=listens)
@@ -94,15 +94,15 @@ def test_a_command_finds_the_note_by_any_name_of_the_address(
     assert found.token == server.token
 
 
-def test_the_note_goes_when_the_server_goes(data_dir):
+def test_server_note_is_deleted_at_shutdown(data_dir):
     with running_server(data_dir) as server:
-        note = note_of(server)
+        note = note_path(server)
         assert note.exists()
 
     assert not note.exists()
 
 
-def test_an_interrupt_is_a_clean_end(data_dir):
+def test_sigint_exits_cleanly(data_dir):
     with running_server(data_dir, anew=True) as server:
         server.process.send_signal(signal.SIGINT)
 
@@ -110,18 +110,18 @@ def test_an_interrupt_is_a_clean_end(data_dir):
     assert "Traceback" not in server.log.read_text()
 
 
-def test_a_port_that_is_taken_is_said_in_one_line(running, tmp_path):
+def test_port_in_use_fails_with_a_one_line_message(running, tmp_path):
     port = running.url.rpartition(":")[2]
     log = tmp_path / "second.log"
 
-    code = refused(tmp_path / "second", log, UNGHOST_PORT=port)
+    code = exit_code_of_failed_start(tmp_path / "second", log, UNGHOST_PORT=port)
 
     assert code == 1
     assert "another server" in log.read_text()
     assert len(log.read_text().splitlines()) == 1
 
 
-def test_a_setting_that_cannot_be_is_named(tmp_path):
+def test_invalid_setting_is_named_without_its_value(tmp_path):
     data, log = tmp_path / "data", tmp_path / "log"
 
     with start_anew(SERVER, data, log, {"UNGHOST_PORT": "many"}) as process:
@@ -132,11 +132,11 @@ def test_a_setting_that_cannot_be_is_named(tmp_path):
     assert "many" not in log.read_text()
 
 
-def test_a_data_folder_that_cannot_be_one_is_said_in_one_line(tmp_path):
+def test_data_folder_that_is_a_file_fails_with_a_one_line_message(tmp_path):
     (tmp_path / "data").write_text("not a folder")
     log = tmp_path / "log"
 
-    code = refused(tmp_path / "data", log)
+    code = exit_code_of_failed_start(tmp_path / "data", log)
 
     assert code == 1
     assert "File exists" in log.read_text()
@@ -144,19 +144,19 @@ def test_a_data_folder_that_cannot_be_one_is_said_in_one_line(tmp_path):
 
 
 @pytest.mark.sqlite_files("the database is a file of the folder")
-def test_a_database_that_is_none_is_said(tmp_path):
+def test_invalid_database_file_fails_with_a_message(tmp_path):
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "unghost.db").write_text("not a database" * 100)
     log = tmp_path / "log"
 
-    code = refused(tmp_path / "data", log)
+    code = exit_code_of_failed_start(tmp_path / "data", log)
 
     assert code == 1
     assert "file is not a database" in log.read_text()
     assert log.read_text().splitlines()[-1].startswith("the service could not start")
 
 
-def test_two_processes_that_start_together_migrate_once(tmp_path):
+def test_two_processes_started_together_both_start_with_one_token(tmp_path):
     data = tmp_path / "data"
     processes = [start_anew(SERVER, data, tmp_path / f"log{n}", {}) for n in range(2)]
 
@@ -172,7 +172,7 @@ def test_two_processes_that_start_together_migrate_once(tmp_path):
     assert tokens[0] == tokens[1]
 
 
-def test_the_token_is_in_no_log(data_dir):
+def test_token_is_not_logged(data_dir):
     with running_server(data_dir) as server:
         plain_http.get(f"{server.url}/version?token={server.token}")
         plain_http.get(f"{server.url}/version", headers=server.headers)
@@ -183,7 +183,7 @@ def test_the_token_is_in_no_log(data_dir):
 
 
 @pytest.mark.sqlite_files("the database is a file of the folder")
-def test_the_database_is_for_its_owner_alone_in_a_folder_for_all(data_dir):
+def test_data_files_are_private_even_in_a_world_readable_folder(data_dir):
     data_dir.chmod(0o755)
     with running_server(data_dir, anew=True) as server:
         plain_http.get(f"{server.url}/readyz")
@@ -200,7 +200,7 @@ def test_the_database_is_for_its_owner_alone_in_a_folder_for_all(data_dir):
     assert again == 0o600
 
 
-def test_a_line_break_in_a_path_starts_no_line_in_the_log(data_dir):
+def test_line_break_in_a_path_is_escaped_in_the_log(data_dir):
     with running_server(data_dir) as server:
         plain_http.get(f"{server.url}/a%0A2026-01-01%20forged%1b[2J")
 
@@ -209,7 +209,7 @@ def test_a_line_break_in_a_path_starts_no_line_in_the_log(data_dir):
     assert "/a\\u000a2026-01-01 forged\\u001b[2J" in paths
 
 
-def test_answers_do_not_wait_for_the_other_side_to_acknowledge():
+def test_listening_socket_is_declared_as_tcp_for_no_delay():
     """asyncio turns Nagle's algorithm off only on sockets that are declared as TCP."""
     with listen("127.0.0.1", 0) as listener:
         assert listener.proto == socket.IPPROTO_TCP

@@ -19,14 +19,14 @@ def dataset(api):
     return name
 
 
-def evaluated(api, dataset):
+def run_evaluation(api, dataset):
     return api.wait_for_job(api.post(f"/datasets/{dataset}/evaluations"))
 
 
 def test_every_channel_is_measured_and_no_verdict_changes(api, dataset):
     before = api.verdicts(dataset)
 
-    run = evaluated(api, dataset)
+    run = run_evaluation(api, dataset)
 
     assert (run["kind"], run["state"], run["changed"]) == ("measure", "done", 0)
     assert api.verdicts(dataset) == before
@@ -51,18 +51,16 @@ def test_every_channel_is_measured_and_no_verdict_changes(api, dataset):
     assert found["channels"]["depth"]["by_class"]["car"]["f1"]["value"] == 1
 
 
-def test_asked_again_nothing_is_measured_and_channels_are_switched_by_numbers(
-    api, dataset
-):
-    evaluated(api, dataset)
+def test_second_evaluation_measures_nothing_and_runs_need_no_pixels(api, dataset):
+    run_evaluation(api, dataset)
 
-    assert evaluated(api, dataset)["kind"] == "decide"
+    assert run_evaluation(api, dataset)["kind"] == "decide"
     assert api.run(dataset, {"evidence": "depth"})["kind"] == "decide"
     assert api.verdicts(dataset) == {"217": "kept", "218": "rejected"}
 
 
-def test_thresholds_and_channels_are_previewed_when_all_are_measured(api, dataset):
-    evaluated(api, dataset)
+def test_preview_of_measured_channels_needs_no_pixels(api, dataset):
+    run_evaluation(api, dataset)
     path = f"/datasets/{dataset}/preview"
 
     found = {
@@ -75,8 +73,8 @@ def test_thresholds_and_channels_are_previewed_when_all_are_measured(api, datase
     assert found["depth"]["flips"]["kept_to_rejected"] == 1
 
 
-def test_people_can_be_the_truth(api, dataset):
-    evaluated(api, dataset)
+def test_evaluation_with_answers_of_people_as_truth(api, dataset):
+    run_evaluation(api, dataset)
     for box in api.boxes(dataset):
         answer = "keep" if box["id"] == "217" else "reject"
         assert api.review(box["box_id"], answer).status_code == 201
@@ -88,7 +86,7 @@ def test_people_can_be_the_truth(api, dataset):
     assert found["channels"]["ordered"]["f1"]["value"] == 1
 
 
-def test_channels_that_were_not_measured_are_named(api, dataset):
+def test_evaluation_lists_channels_that_are_not_measured(api, dataset):
     found = api.json(f"/datasets/{dataset}/evaluations")
 
     assert found["not_measured"] == CHANNELS
@@ -96,8 +94,8 @@ def test_channels_that_were_not_measured_are_named(api, dataset):
     assert found["boxes"] == 0
 
 
-def test_frames_that_come_later_count_at_once(api, dataset):
-    evaluated(api, dataset)
+def test_frames_stored_after_an_evaluation_are_counted(api, dataset):
+    run_evaluation(api, dataset)
     api.upload_frame(dataset, "b", ANNOTATION, **sensors())
 
     found = api.json(f"/datasets/{dataset}/evaluations")
@@ -105,22 +103,22 @@ def test_frames_that_come_later_count_at_once(api, dataset):
     assert (found["frames"], found["boxes"]) == (2, 4)
 
 
-def test_depth_that_is_too_coarse_does_not_stop_a_comparison(api, dataset):
+def test_too_coarse_depth_does_not_fail_an_evaluation(api, dataset):
     grey = cv2.imencode(".png", np.zeros(scene()[0].shape, np.uint8))[1].tobytes()
     api.upload_frame(dataset, "coarse", ANNOTATION, **files(depth=grey))
 
-    run = evaluated(api, dataset)
+    run = run_evaluation(api, dataset)
 
     assert run["state"] == "done"
 
 
-def damaged(png):
+def damage_png(png):
     """A PNG of the same size, with one byte of its pixels changed."""
     at = png.index(b"IDAT") + 20
     return png[:at] + bytes([png[at] ^ 0xFF]) + png[at + 1 :]
 
 
-def whole(name, content):
+def sensors_with(name, content):
     return {**sensors(), name: content}
 
 
@@ -131,21 +129,21 @@ def whole(name, content):
         pytest.param(
             "lidar", ascii_ply().replace(b"8.0", b"x.0"), "bad_lidar", id="word"
         ),
-        pytest.param("depth", damaged(sensors()["depth"]), "bad_image", id="depth"),
+        pytest.param("depth", damage_png(sensors()["depth"]), "bad_image", id="depth"),
         pytest.param(
-            "instances", damaged(sensors()["instances"]), "bad_image", id="instances"
+            "instances", damage_png(sensors()["instances"]), "bad_image", id="instances"
         ),
         pytest.param(
             "depth", depth_png(np.ones((3, 5))), "image_size_mismatch", id="size"
         ),
     ],
 )
-def test_a_file_that_cannot_be_used_is_one_problem_and_not_the_end(
+def test_invalid_sensor_file_is_a_problem_and_does_not_fail_the_run(
     api, dataset, kind, content, code
 ):
-    api.upload_frame(dataset, "bad", ANNOTATION, **whole(kind, content))
+    api.upload_frame(dataset, "bad", ANNOTATION, **sensors_with(kind, content))
 
-    run = evaluated(api, dataset)
+    run = run_evaluation(api, dataset)
 
     assert (run["state"], run["done"]) == ("done", 2)
     (problem,) = api.json(f"/datasets/{dataset}/problems")["items"]
@@ -163,12 +161,12 @@ def test_an_unknown_truth_is_refused(api, dataset):
     assert answer.status_code == 422
 
 
-def test_thresholds_are_suggested_from_instances_that_nobody_answered(api):
+def test_thresholds_are_suggested_from_instances_without_answers(api):
     name = api.dataset()
     beside = {"id": "ghost", "class": "car", "xyxy": [20, 30, 80, 100]}
     boxes = [ANNOTATION["boxes"][0], beside]
     api.upload_frame(name, "a", {**ANNOTATION, "boxes": boxes}, **sensors())
-    evaluated(api, name)
+    run_evaluation(api, name)
 
     found = api.json(f"/datasets/{name}/quality", truth="instances")
 
@@ -185,7 +183,7 @@ def test_thresholds_are_suggested_from_instances_that_nobody_answered(api):
     assert api.json(f"/datasets/{name}/quality")["suggested"] == []
 
 
-def test_instances_that_were_not_measured_say_nothing(api, dataset):
+def test_quality_from_unmeasured_instances_is_empty(api, dataset):
     found = api.json(f"/datasets/{dataset}/quality", truth="instances")
 
     assert (found["confusion"]["f1"], found["suggested"]) == (None, [])

@@ -38,7 +38,7 @@ def dataset(api):
     return name
 
 
-def by_source(api, dataset, source):
+def box_ids_of(api, dataset, source):
     return [box["box_id"] for box in api.boxes(dataset) if box["id"] == source]
 
 
@@ -46,16 +46,16 @@ def quality(api, dataset, **query):
     return api.json(f"/datasets/{dataset}/quality", **query)
 
 
-def cells(confusion):
+def confusion_counts(confusion):
     names = ("kept_keep", "kept_reject", "rejected_keep", "rejected_reject")
     return [confusion[name] for name in names]
 
 
-def test_without_answers_nothing_is_said(api, dataset):
+def test_quality_without_answers_is_empty(api, dataset):
     found = quality(api, dataset)
 
     assert (found["reviewed"], found["unsure"], found["unmeasured"]) == (0, 0, 0)
-    assert cells(found["confusion"]) == [0, 0, 0, 0]
+    assert confusion_counts(found["confusion"]) == [0, 0, 0, 0]
     assert found["confusion"]["f1"] is None
     assert (found["by_class"], found["reviewers"], found["suggested"]) == ({}, [], [])
     assert found["agreement"] == {
@@ -68,8 +68,8 @@ def test_without_answers_nothing_is_said(api, dataset):
     }
 
 
-def test_the_filters_word_is_counted_against_peoples(api, dataset):
-    real, ghost = by_source(api, dataset, "real"), by_source(api, dataset, "ghost")
+def test_confusion_counts_verdicts_against_answers(api, dataset):
+    real, ghost = box_ids_of(api, dataset, "real"), box_ids_of(api, dataset, "ghost")
     for box_id in real[:3]:
         api.review(box_id, "keep")
     api.review(real[3], "reject")
@@ -80,13 +80,13 @@ def test_the_filters_word_is_counted_against_peoples(api, dataset):
     found = quality(api, dataset)
 
     assert (found["reviewed"], found["unsure"]) == (6, 1)
-    assert cells(found["confusion"]) == [3, 1, 1, 1]
+    assert confusion_counts(found["confusion"]) == [3, 1, 1, 1]
     assert found["by_class"] == {"car": found["confusion"]}
     assert found["confusion"]["precision"]["value"] == 0.75
     # The Wilson interval of 3 of 4.
     assert found["confusion"]["recall"]["low"] == pytest.approx(0.3006, abs=1e-4)
     assert found["confusion"]["recall"]["high"] == pytest.approx(0.9544, abs=1e-4)
-    bands = {band["band"]: cells(band) for band in found["by_distance"]}
+    bands = {band["band"]: confusion_counts(band) for band in found["by_distance"]}
     assert bands == {
         "0-50": [1, 0, 0, 0],
         "50-100": [1, 0, 0, 0],
@@ -124,7 +124,7 @@ def test_reviewers_are_compared_by_their_latest_answers(api, dataset, people):
     assert agreed["pairs"][0]["a"].startswith("ada-")
 
 
-def test_taking_a_batch_back_is_nobodys_answer(api, dataset, people):
+def test_undone_bulk_answer_counts_for_no_reviewer(api, dataset, people):
     ada, eve = people
     boxes = [box["box_id"] for box in api.boxes(dataset)][:3]
     for box_id in boxes:
@@ -138,12 +138,16 @@ def test_taking_a_batch_back_is_nobodys_answer(api, dataset, people):
 
     assert found["agreement"]["boxes"] == 0
     assert [one["keep"] for one in found["reviewers"]] == [3]
-    assert cells(found["confusion"])[0] + cells(found["confusion"])[2] == 3
+    assert (
+        confusion_counts(found["confusion"])[0]
+        + confusion_counts(found["confusion"])[2]
+        == 3
+    )
 
 
 def test_thresholds_are_suggested_from_the_answers(api, dataset):
     for source, verdict in [("real", "keep"), ("partly", "reject")]:
-        for box_id in by_source(api, dataset, source):
+        for box_id in box_ids_of(api, dataset, source):
             api.review(box_id, verdict)
 
     (found,) = quality(api, dataset)["suggested"]
@@ -159,9 +163,9 @@ def test_thresholds_are_suggested_from_the_answers(api, dataset):
     assert curve[found["suggested"]]["recall"] == 1
 
 
-def test_thresholds_can_be_asked_for_a_recall(api, dataset):
+def test_thresholds_are_suggested_for_a_target_recall(api, dataset):
     for source, verdict in [("real", "keep"), ("partly", "reject")]:
-        for box_id in by_source(api, dataset, source):
+        for box_id in box_ids_of(api, dataset, source):
             api.review(box_id, verdict)
 
     (found,) = quality(api, dataset, target="recall", recall=1)["suggested"]

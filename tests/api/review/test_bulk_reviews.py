@@ -40,7 +40,7 @@ def effective(api, dataset):
     return api.json(f"/datasets/{dataset}/stats")["effective"]["kept"]
 
 
-def test_a_bulk_answer_has_one_undo(api, dataset, ghosts):
+def test_bulk_answer_is_undone_completely_and_only_once(api, dataset, ghosts):
     api.review(ghosts[0], "unsure", comment="before")
     elsewhere = api.upload_frame(api.dataset(), "a")["decisions"][0]["box_id"]
     ids = [*ghosts, elsewhere, ghosts[0], 2**62]
@@ -74,7 +74,7 @@ def test_a_bulk_answer_has_one_undo(api, dataset, ghosts):
     assert (again.status_code, again.json()["code"]) == (409, "already_undone")
 
 
-def test_an_undo_leaves_what_somebody_said_since(api, dataset, ghosts):
+def test_undo_skips_boxes_answered_or_replaced_since(api, dataset, ghosts):
     batch = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
     api.review(ghosts[1], "reject", 1)
     api.put(dataset, "2", {**scene.annotation(), "boxes": []}, replace=True)
@@ -95,7 +95,7 @@ def test_an_undo_can_be_undone(api, dataset, ghosts):
     assert effective(api, dataset) == 6
 
 
-def test_stacked_acts_are_undone_one_after_the_other(api, dataset, ghosts):
+def test_stacked_bulk_answers_are_undone_in_reverse_order(api, dataset, ghosts):
     api.review(ghosts[0], "unsure", comment="before")
     first = bulk_as_seen(api, dataset, "keep", ghosts).json()["id"]
     second = bulk_as_seen(api, dataset, "reject", ghosts[:2]).json()["id"]
@@ -114,7 +114,7 @@ def test_stacked_acts_are_undone_one_after_the_other(api, dataset, ghosts):
     assert effective(api, dataset) == 3
 
 
-def test_undo_leaves_an_answer_that_a_later_one_covers(api, dataset, ghosts):
+def test_undo_skips_boxes_covered_by_a_later_bulk_answer(api, dataset, ghosts):
     first = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
     second = bulk_as_seen(api, dataset, "reject", ghosts[:2]).json()["id"]
     redone = undo(api, undo(api, second).json()["id"])
@@ -125,9 +125,7 @@ def test_undo_leaves_an_answer_that_a_later_one_covers(api, dataset, ghosts):
     assert (undone["undone"], undone["skipped"]) == (1, ghosts[:2])
 
 
-def test_an_answer_between_bulk_answers_still_stands_when_both_are_undone(
-    api, dataset, ghosts
-):
+def test_answer_between_two_undone_bulk_answers_is_kept(api, dataset, ghosts):
     first = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
     api.review(ghosts[0], "unsure", 1)
     second = bulk_as_seen(api, dataset, "reject", ghosts).json()["id"]
@@ -139,7 +137,7 @@ def test_an_answer_between_bulk_answers_still_stands_when_both_are_undone(
     assert api.json(f"/boxes/{ghosts[0]}")["review"]["verdict"] == "unsure"
 
 
-def test_a_filter_is_answered_if_its_boxes_are_those_that_were_seen(api, dataset):
+def test_bulk_answer_on_a_filter_needs_its_snapshot_and_count(api, dataset):
     filters = {"verdict": "rejected", "class": "car"}
     seen = {"filter": filters, "snapshot": snapshot(api, dataset, **filters)}
 
@@ -178,7 +176,7 @@ def test_a_filter_is_answered_if_its_boxes_are_those_that_were_seen(api, dataset
         ({"filter": {"reason": "magic"}, "snapshot": NO_BOXES}, 400),
     ],
 )
-def test_a_bad_bulk_answer_is_refused(api, dataset, which, status):
+def test_invalid_bulk_answer_is_refused(api, dataset, which, status):
     answer = bulk(api, dataset, "keep", **which)
 
     assert answer.status_code == status
@@ -187,9 +185,7 @@ def test_a_bad_bulk_answer_is_refused(api, dataset, which, status):
 
 @pytest.mark.parametrize("place", [1, 2, 3, 4])
 @pytest.mark.parametrize("number", [-1, 2**63, 10**40])
-def test_a_snapshot_with_numbers_that_no_list_gives_is_refused(
-    api, dataset, place, number
-):
+def test_snapshot_with_invalid_numbers_is_refused(api, dataset, place, number):
     values = json.loads(base64.urlsafe_b64decode(snapshot(api, dataset) + "=="))
     values[place] = number
     forged = base64.urlsafe_b64encode(json.dumps(values).encode()).decode()
@@ -200,7 +196,7 @@ def test_a_snapshot_with_numbers_that_no_list_gives_is_refused(
     assert "one from the response of a list of boxes" in answer.json()["detail"]
 
 
-def test_a_dataset_of_a_longer_name_than_any_has_is_refused(api):
+def test_bulk_answer_with_a_too_long_dataset_name_is_refused(api):
     too_long, longest = (
         bulk(api, "x" * size, "keep", box_ids=[]) for size in (101, 100)
     )
@@ -217,7 +213,7 @@ def test_a_bulk_answer_without_boxes_changes_nothing(api, dataset):
     assert undo(api, 2**40).status_code == 404
 
 
-def test_bare_ids_take_no_box_that_has_an_answer(api, dataset, ghosts):
+def test_bulk_answer_by_ids_alone_skips_answered_boxes_as_stale(api, dataset, ghosts):
     api.review(ghosts[0], "keep", comment="nobody who sends ids alone saw this")
     api.review(ghosts[1], "reject")
     api.review(ghosts[1], "clear", 1)
@@ -233,9 +229,7 @@ def test_bare_ids_take_no_box_that_has_an_answer(api, dataset, ghosts):
     assert said == ["keep", "reject", "reject"]
 
 
-def test_boxes_that_were_answered_since_they_were_seen_are_left_and_listed(
-    api, dataset, ghosts
-):
+def test_bulk_answer_skips_boxes_answered_since_as_stale(api, dataset, ghosts):
     api.review(ghosts[0], "unsure")
     seen = [1, 0, 0]
     api.review(ghosts[1], "keep", comment="first")
@@ -251,49 +245,49 @@ def test_boxes_that_were_answered_since_they_were_seen_are_left_and_listed(
     assert [one and one["verdict"] for one in said] == ["unsure", "keep", None]
 
 
-def another_came(api, dataset, boxes):
+def add_frame(api, dataset, boxes):
     api.upload_frame(dataset, "3", {**scene.annotation(), "number": 3})
 
 
-def one_went(api, dataset, boxes):
+def delete_frame(api, dataset, boxes):
     assert api.delete(f"/datasets/{dataset}/frames/0").status_code == 204
 
 
-def one_went_and_another_came(api, dataset, boxes):
-    one_went(api, dataset, boxes)
-    another_came(api, dataset, boxes)
+def delete_and_add_frame(api, dataset, boxes):
+    delete_frame(api, dataset, boxes)
+    add_frame(api, dataset, boxes)
 
 
-def one_was_replaced(api, dataset, boxes):
+def replace_frame(api, dataset, boxes):
     api.upload_frame(dataset, "0", {**scene.annotation(), "number": 9}, replace=True)
 
 
-def one_was_answered(api, dataset, boxes):
+def answer_one_box(api, dataset, boxes):
     assert api.review(boxes[0], "keep").status_code == 201
 
 
-def one_was_answered_and_cleared(api, dataset, boxes):
+def answer_and_clear_one_box(api, dataset, boxes):
     api.review(boxes[0], "keep")
     assert api.review(boxes[0], "clear", 1).status_code == 201
 
 
-def all_were_decided_anew(api, dataset, boxes):
+def run_other_threshold(api, dataset, boxes):
     assert api.run(dataset, {"threshold_small_box": 8})["state"] == "done"
 
 
 @pytest.mark.parametrize(
     ("meanwhile", "found", "changed"),
     [
-        (another_came, 4, 1),
-        (one_went, 2, 0),
-        (one_went_and_another_came, 3, 1),
-        (one_was_replaced, 3, 1),
-        (one_was_answered, 3, 1),
-        (one_was_answered_and_cleared, 3, 1),
-        (all_were_decided_anew, 3, 3),
+        (add_frame, 4, 1),
+        (delete_frame, 2, 0),
+        (delete_and_add_frame, 3, 1),
+        (replace_frame, 3, 1),
+        (answer_one_box, 3, 1),
+        (answer_and_clear_one_box, 3, 1),
+        (run_other_threshold, 3, 3),
     ],
 )
-def test_a_filter_whose_boxes_are_not_as_they_were_seen_is_not_answered(
+def test_bulk_answer_on_a_stale_filter_snapshot_returns_412(
     api, dataset, ghosts, meanwhile, found, changed
 ):
     wanted = {"filter": {"verdict": "rejected"}}
@@ -334,7 +328,7 @@ def test_answers_outside_the_filter_do_not_make_its_snapshot_stale(
     assert (answer.status_code, answer.json()["count"]) == (201, 3)
 
 
-def test_a_snapshot_is_that_of_its_own_filter(api, dataset):
+def test_snapshot_of_another_filter_or_dataset_is_refused(api, dataset):
     seen = snapshot(api, dataset, verdict="rejected")
     other = api.dataset()
     api.upload_frame(other, "0")
@@ -349,7 +343,7 @@ def test_a_snapshot_is_that_of_its_own_filter(api, dataset):
 
 
 @pytest.fixture
-def answered_unseen(service):
+def boxes_with_unseen_answer(service):
     """A client, a dataset and its boxes.
 
     The second box has an answer that its decision does not show yet, as if it came at
@@ -365,10 +359,10 @@ def answered_unseen(service):
         yield api, name, boxes
 
 
-def test_an_answer_that_is_too_late_is_stale_whatever_the_decision_shows(
-    answered_unseen,
+def test_answer_at_an_old_revision_is_refused_as_stale(
+    boxes_with_unseen_answer,
 ):
-    api, _, boxes = answered_unseen
+    api, _, boxes = boxes_with_unseen_answer
 
     late = api.review(boxes[1], "reject")
 
@@ -376,8 +370,10 @@ def test_an_answer_that_is_too_late_is_stale_whatever_the_decision_shows(
     assert "is at revision 1, you reviewed revision 0" in late.json()["detail"]
 
 
-def test_a_box_that_is_answered_in_the_same_moment_is_left_as_stale(answered_unseen):
-    api, name, boxes = answered_unseen
+def test_bulk_answer_skips_a_concurrently_answered_box_as_stale(
+    boxes_with_unseen_answer,
+):
+    api, name, boxes = boxes_with_unseen_answer
 
     act = bulk(api, name, "reject", box_ids=boxes)
 
@@ -386,8 +382,8 @@ def test_a_box_that_is_answered_in_the_same_moment_is_left_as_stale(answered_uns
     assert undo(api, act.json()["id"]).json()["undone"] == len(boxes) - 1
 
 
-def test_all_of_a_filter_are_answered_or_none(answered_unseen):
-    api, name, boxes = answered_unseen
+def test_bulk_answer_on_a_filter_is_all_or_nothing(boxes_with_unseen_answer):
+    api, name, boxes = boxes_with_unseen_answer
     seen = snapshot(api, name)
 
     act = bulk(api, name, "reject", filter={}, snapshot=seen)

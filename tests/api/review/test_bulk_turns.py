@@ -40,7 +40,7 @@ def street(api):
 
 
 @contextmanager
-def somebody_writes(service) -> Iterator[None]:
+def blocked_writers(service) -> Iterator[None]:
     """Makes all writers wait until the block ends."""
     turns = service.app.state.database.turns
     turns.take(person=True, wait_s=PATIENCE_S)
@@ -58,7 +58,7 @@ def wait_for_writers(service, number: int) -> None:
         time.sleep(0.005)
 
 
-def answer_past_the_turns(service, box_id: int, seen: int = 0) -> None:
+def answer_as_another_server(service, box_id: int, seen: int = 0) -> None:
     """Answer a box as another server on the same database would."""
     with (
         closing(Database(url_of(service.settings.data))) as other,
@@ -68,7 +68,7 @@ def answer_past_the_turns(service, box_id: int, seen: int = 0) -> None:
         review_box(session, box_id, given, "ada")
 
 
-def of_a_filter(api, name):
+def filter_with_snapshot(api, name):
     return {"filter": {}, **snapshot_of(api, name)}
 
 
@@ -90,14 +90,14 @@ def bulk(api, name, **which):
         ("delete", "DELETE FROM frames"),
     ],
 )
-def test_single_answers_come_before_acts_on_many_boxes(
+def test_single_answers_are_written_before_operations_on_many_boxes(
     service, api, street, act, writes
 ):
     name, ids = street
     other = api.upload_frame(api.dataset(), "b")["decisions"][0]["box_id"]
     acts = {
         "listed": partial(bulk, api, name, box_ids=ids),
-        "filter": partial(bulk, api, name, **of_a_filter(api, name)),
+        "filter": partial(bulk, api, name, **filter_with_snapshot(api, name)),
         "delete": partial(api.delete, f"/datasets/{name}/frames/a"),
     }
     if act == "undo":
@@ -108,7 +108,7 @@ def test_single_answers_come_before_acts_on_many_boxes(
         ThreadPoolExecutor(2) as pool,
         statements_of(service.app.state.database.engine) as found,
     ):
-        with somebody_writes(service):
+        with blocked_writers(service):
             many = pool.submit(acts[act])
             wait_for_writers(service, 1)
             one = pool.submit(api.review, other, "keep")
@@ -126,7 +126,7 @@ def is_single_answer(statement: str) -> bool:
     return statement.startswith("INSERT INTO reviews ")
 
 
-def test_boxes_are_looked_at_before_it_is_the_turn_to_write(service, api, street):
+def test_bulk_answer_inserts_its_reviews_with_one_statement(service, api, street):
     """One statement for each revision, while writing, would hold up other writers."""
     name, ids = street
     claimed = list(range(len(ids)))
@@ -139,25 +139,27 @@ def test_boxes_are_looked_at_before_it_is_the_turn_to_write(service, api, street
     assert len(wrote) == 1
 
 
-def while_it_waits(service, act, between):
+def run_while_waiting(service, act, between):
     """The answer to `act`; `between` runs after `act` has read and before it writes."""
     with ThreadPoolExecutor(1) as pool:
-        with somebody_writes(service):
+        with blocked_writers(service):
             asked = pool.submit(act)
             wait_for_writers(service, 1)
             between()
         return asked.result()
 
 
-def test_a_filter_that_changes_before_the_turn_is_not_answered(service, api, street):
+def test_bulk_answer_on_a_filter_changed_while_waiting_returns_412(
+    service, api, street
+):
     name, ids = street
-    which = of_a_filter(api, name)
+    which = filter_with_snapshot(api, name)
 
     with record_access(service.app.state.database) as acts:
-        answer = while_it_waits(
+        answer = run_while_waiting(
             service,
             partial(bulk, api, name, **which),
-            partial(answer_past_the_turns, service, ids[7]),
+            partial(answer_as_another_server, service, ids[7]),
         )
 
     assert (answer.status_code, answer.json()["code"]) == (412, "stale_snapshot")
@@ -167,38 +169,36 @@ def test_a_filter_that_changes_before_the_turn_is_not_answered(service, api, str
     assert (reviewed["unsure"], reviewed["reviewed"]) == (1, 0)
 
 
-def test_a_listed_box_that_is_answered_before_the_turn_is_left(service, api, street):
+def test_bulk_answer_skips_a_listed_box_answered_while_waiting(service, api, street):
     name, ids = street
 
-    answer = while_it_waits(
+    answer = run_while_waiting(
         service,
         partial(bulk, api, name, box_ids=ids),
-        partial(answer_past_the_turns, service, ids[7]),
+        partial(answer_as_another_server, service, ids[7]),
     ).json()
 
     assert (answer["count"], answer["stale"]) == (MANY - 1, [ids[7]])
     assert api.json(f"/boxes/{ids[7]}")["review"]["reviewer"] == "ada"
 
 
-def test_a_box_that_is_answered_before_an_undo_has_its_turn_is_left(
-    service, api, street
-):
+def test_undo_skips_a_box_answered_while_waiting(service, api, street):
     name, ids = street
     batch = bulk(api, name, box_ids=ids).json()["id"]
 
-    answer = while_it_waits(
+    answer = run_while_waiting(
         service,
         partial(api.post, f"/review-batches/{batch}/undo"),
-        partial(answer_past_the_turns, service, ids[7], 1),
+        partial(answer_as_another_server, service, ids[7], 1),
     ).json()
 
     assert (answer["undone"], answer["skipped"]) == (MANY - 1, [ids[7]])
     assert api.json(f"/boxes/{ids[7]}")["review"]["reviewer"] == "ada"
 
 
-def test_a_repeated_answer_on_a_filter_is_answered_as_the_first(api, street):
+def test_bulk_answer_on_a_filter_is_replayed_by_idempotency_key(api, street):
     name, _ = street
-    body = {"dataset": name, "verdict": "keep", **of_a_filter(api, name)}
+    body = {"dataset": name, "verdict": "keep", **filter_with_snapshot(api, name)}
     key = {"Idempotency-Key": f"bulk {name}".replace(" ", "-")}
 
     first, again = (
@@ -210,7 +210,7 @@ def test_a_repeated_answer_on_a_filter_is_answered_as_the_first(api, street):
     assert again.headers["idempotent-replayed"] == "true"
 
 
-def test_a_replaced_frame_is_described_without_asking_for_it(service, api, street):
+def test_replaced_frame_is_returned_without_querying_evidence(service, api, street):
     """Every other writer waits for queries within the transaction."""
     name, ids = street
     assert api.review(ids[3], "keep", comment="seen").status_code == 201
@@ -229,7 +229,7 @@ def test_a_replaced_frame_is_described_without_asking_for_it(service, api, stree
     assert frame["counts"]["reviewed"] == 1
 
 
-def test_a_frame_is_described_by_asking_for_everything_once(service, api, street):
+def test_frame_is_read_with_one_query_per_table(service, api, street):
     name, _ = street
     frame = api.json(f"/datasets/{name}/frames")["items"][0]["id"]
 

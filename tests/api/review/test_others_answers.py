@@ -87,7 +87,7 @@ ACTS = [delete, replace, replace_in_a_batch]
 
 
 @pytest.mark.parametrize("act", ACTS)
-def test_a_reviewer_does_not_do_away_with_answers_of_others(street, person, act):
+def test_reviewer_may_not_discard_answers_of_others(street, person, act):
     name, boxes = street
     (grace, hers), (ada, his) = person(), person()
     assert hers.review(boxes[1], "keep", comment="there is one").status_code == 201
@@ -104,7 +104,7 @@ def test_a_reviewer_does_not_do_away_with_answers_of_others(street, person, act)
 
 
 @pytest.mark.parametrize("act", ACTS)
-def test_a_reviewer_may_do_away_with_their_own(street, person, act):
+def test_reviewer_may_discard_their_own_answers(street, person, act):
     name, boxes = street
     _, api = person()
     assert api.review(boxes[0], "keep").status_code == 201
@@ -115,7 +115,9 @@ def test_a_reviewer_may_do_away_with_their_own(street, person, act):
 
 
 @pytest.mark.parametrize("act", ACTS)
-def test_an_admin_may_and_it_is_noted(street, person, admin, act):
+def test_admin_may_discard_answers_of_others_and_it_is_audited(
+    street, person, admin, act
+):
     name, boxes = street
     _, hers = person()
     (boss, his) = person("admin")
@@ -136,7 +138,7 @@ def test_an_admin_may_and_it_is_noted(street, person, admin, act):
     assert entry["details"]["of_others"] == 1
 
 
-def test_answers_that_are_carried_over_are_in_nobodys_way(street, person):
+def test_reviewer_may_replace_a_frame_if_answers_are_carried_over(street, person):
     name, boxes = street
     (grace, hers), (_, his) = person(), person()
     assert hers.review(boxes[1], "keep").status_code == 201
@@ -148,7 +150,7 @@ def test_answers_that_are_carried_over_are_in_nobodys_way(street, person):
     assert carried["review"]["reviewer"] == grace
 
 
-def test_an_answer_that_was_undone_is_not_set_aside_but_still_history(street, person):
+def test_cleared_answer_of_others_allows_replacing_but_not_deleting(street, person):
     name, boxes = street
     (_, hers), (_, his) = person(), person()
     hers.review(boxes[1], "keep")
@@ -161,9 +163,7 @@ def test_an_answer_that_was_undone_is_not_set_aside_but_still_history(street, pe
     assert "2 answers of" in deleted.json()["detail"]
 
 
-def test_a_batch_of_answers_is_undone_by_whom_it_is_or_by_an_admin(
-    street, person, admin
-):
+def test_bulk_answer_is_undone_only_by_its_reviewer_or_an_admin(street, person, admin):
     name, boxes = street
     (grace, hers), (_, his), (boss, admins) = person(), person(), person("admin")
     body = {"dataset": name, "box_ids": boxes, "verdict": "keep"}
@@ -197,7 +197,7 @@ def test_a_batch_of_answers_is_undone_by_whom_it_is_or_by_an_admin(
     assert (noted[2]["details"]["answers"], noted[2]["details"]["skipped"]) == (2, 0)
 
 
-def test_exports_that_are_asked_for_are_noted(street, person, admin):
+def test_created_exports_are_audited(street, person, admin):
     name, _ = street
     ada, api = person()
 
@@ -215,7 +215,7 @@ def clear_all(api, name, boxes):
     return api.post("/reviews/bulk", {**body, "seen_revisions": seen})
 
 
-def answer_over(api, name, boxes):
+def answer_and_replace(api, name, boxes):
     """Answer the boxes as well, then replace the frame: only that is carried over."""
     for box_id in boxes:
         seen = api.json(f"/boxes/{box_id}")["revision"]
@@ -224,8 +224,10 @@ def answer_over(api, name, boxes):
 
 
 @pytest.mark.parametrize("act", ACTS)
-@pytest.mark.parametrize("first", [clear_all, answer_over])
-def test_answers_count_that_somebody_took_back_before(street, person, act, first):
+@pytest.mark.parametrize("first", [clear_all, answer_and_replace])
+def test_reviewer_may_not_discard_cleared_or_overruled_answers_of_others(
+    street, person, act, first
+):
     name, boxes = street
     (grace, hers), (_, his) = person(), person()
     assert hers.review(boxes[1], "keep", comment="there is one").status_code == 201
@@ -237,7 +239,7 @@ def test_answers_count_that_somebody_took_back_before(street, person, act, first
     assert grace in detail
 
 
-def test_answers_one_has_undone_oneself_are_in_nobodys_way(street, person):
+def test_reviewer_may_replace_a_frame_after_clearing_own_answers(street, person):
     name, boxes = street
     _, his = person()
     assert his.review(boxes[1], "keep").status_code == 201

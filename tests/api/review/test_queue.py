@@ -41,7 +41,7 @@ def reviewer(api, server):
         client.http.close()
 
 
-def ask(api, dataset, **wanted):
+def get_queue(api, dataset, **wanted):
     answer = api.post(f"/datasets/{dataset}/queue", wanted)
     assert answer.status_code == 200, answer.text
     return answer.json()
@@ -51,10 +51,10 @@ def ids(queue):
     return [item["box_id"] for item in queue["items"]]
 
 
-def test_boxes_are_handed_out_as_decisions_with_a_claim(api, dataset):
+def test_queue_returns_decisions_with_a_claim_that_expires(api, dataset):
     before = datetime.now(timezone.utc)
 
-    queue = ask(api, dataset, limit=2)
+    queue = get_queue(api, dataset, limit=2)
 
     first = queue["items"][0]
     until = datetime.fromisoformat(first.pop("claim")["expires_at"][:-1] + "+00:00")
@@ -68,49 +68,49 @@ def test_boxes_are_handed_out_as_decisions_with_a_claim(api, dataset):
     )
 
 
-def test_most_doubtful_first_as_lists_are(api, dataset):
-    queue = ask(api, dataset, limit=50)
+def test_queue_has_the_order_of_the_list_by_doubt(api, dataset):
+    queue = get_queue(api, dataset, limit=50)
 
     listed = api.boxes(dataset, sort="doubt", review="undecided")
     assert ids(queue) == [box["box_id"] for box in listed]
 
 
-def test_an_answered_box_does_not_come_again_and_counts_down(api, dataset):
-    first, second, *_ = ids(ask(api, dataset))
+def test_answered_box_leaves_the_queue_and_reduces_remaining(api, dataset):
+    first, second, *_ = ids(get_queue(api, dataset))
 
     api.review(first, "keep")
-    queue = ask(api, dataset, limit=50)
+    queue = get_queue(api, dataset, limit=50)
 
     assert first not in ids(queue)
     assert ids(queue)[0] == second
     assert queue["remaining"] == 11
 
 
-def test_an_unsure_box_comes_last(api, dataset):
-    first = ids(ask(api, dataset))[0]
+def test_unsure_box_is_last_in_the_queue(api, dataset):
+    first = ids(get_queue(api, dataset))[0]
 
     api.review(first, "unsure")
-    queue = ask(api, dataset, limit=50)
+    queue = get_queue(api, dataset, limit=50)
 
     assert ids(queue)[-1] == first
     assert (len(ids(queue)), queue["remaining"], queue["unsure"]) == (12, 11, 1)
 
 
-def test_boxes_at_hand_are_not_handed_out_again(api, dataset):
-    first = ids(ask(api, dataset, limit=5))
+def test_excluded_boxes_are_not_returned_by_the_queue(api, dataset):
+    first = ids(get_queue(api, dataset, limit=5))
 
-    second = ids(ask(api, dataset, limit=5, exclude=first))
+    second = ids(get_queue(api, dataset, limit=5, exclude=first))
 
     assert len(second) == 5
     assert not set(first) & set(second)
 
 
-def test_a_box_is_given_to_one_person_until_it_is_answered(dataset, reviewer):
+def test_box_is_claimed_by_one_reviewer_until_it_is_answered(dataset, reviewer):
     ada, eve = reviewer("ada"), reviewer("eve")
-    hers = ids(ask(ada, dataset, limit=7))
+    hers = ids(get_queue(ada, dataset, limit=7))
 
-    others = ask(eve, dataset, limit=50)
-    again = ids(ask(ada, dataset, limit=7))
+    others = get_queue(eve, dataset, limit=50)
+    again = ids(get_queue(ada, dataset, limit=7))
     freely = eve.review(hers[0], "keep")
 
     assert not set(hers) & set(ids(others))
@@ -119,11 +119,11 @@ def test_a_box_is_given_to_one_person_until_it_is_answered(dataset, reviewer):
     assert others["remaining"] == 12
     assert again == hers
     assert freely.status_code == 201
-    assert ask(eve, dataset)["claimed_by_others"] == 6
+    assert get_queue(eve, dataset)["claimed_by_others"] == 6
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
-def either(request, start_api):
+def server_on_either_database(request, start_api):
     """A server of the test's own and a client, once for each kind of database."""
     if request.param == "sqlite":
         yield start_api()
@@ -134,8 +134,8 @@ def either(request, start_api):
         yield server, api
 
 
-def test_reviewers_who_ask_at_once_never_get_the_same_box(either):
-    server, api = either
+def test_concurrent_reviewers_never_get_the_same_box(server_on_either_database):
+    server, api = server_on_either_database
     dataset = api.dataset()
     for number in range(20):
         api.upload_frame(dataset, str(number), {**scene.annotation(), "number": number})
@@ -144,9 +144,11 @@ def test_reviewers_who_ask_at_once_never_get_the_same_box(either):
 
     def ask_often(number: int) -> set[int]:
         order = orders[number % 4]
-        answers = [ask(clients[number], dataset, order=order, limit=3)]
+        answers = [get_queue(clients[number], dataset, order=order, limit=3)]
         answers.append(
-            ask(clients[number], dataset, order=order, limit=2, exclude=ids(answers[0]))
+            get_queue(
+                clients[number], dataset, order=order, limit=2, exclude=ids(answers[0])
+            )
         )
         return {box_id for answer in answers for box_id in ids(answer)}
 
@@ -159,35 +161,35 @@ def test_reviewers_who_ask_at_once_never_get_the_same_box(either):
     assert len(set().union(*given)) == 40
 
 
-def test_class_after_class(api):
+def test_queue_by_class_follows_the_order_of_the_classes(api):
     name = api.dataset(classes=["walker", "car"])
     boxes = [{"class": of, "xyxy": scene.ON_THE_CAR} for of in ("car", "walker", "car")]
     api.upload_frame(name, "0", {**scene.annotation(), "boxes": boxes})
 
-    queue = ask(api, name, order="class")
+    queue = get_queue(api, name, order="class")
 
     assert [item["class"] for item in queue["items"]] == ["walker", "car", "car"]
 
 
-def test_a_random_order_is_the_seeds_own(api, dataset):
-    def asked(**more):
-        return ids(ask(api, dataset, order="random", limit=50, **more))
+def test_random_order_is_reproducible_by_its_seed(api, dataset):
+    def queued_ids(**more):
+        return ids(get_queue(api, dataset, order="random", limit=50, **more))
 
-    seeds = [asked(seed=seed) for seed in range(8)]
+    seeds = [queued_ids(seed=seed) for seed in range(8)]
 
-    assert asked() == asked()
-    assert asked(seed=3) == seeds[3]
+    assert queued_ids() == queued_ids()
+    assert queued_ids(seed=3) == seeds[3]
     assert len({tuple(one) for one in seeds}) > 4
     assert {len(set(one)) for one in seeds} == {12}
 
 
-def test_an_audit_is_of_decided_boxes(api, dataset):
+def test_audit_queue_has_only_decided_boxes(api, dataset):
     boxes = [box["box_id"] for box in api.boxes(dataset)]
     for box_id, verdict in zip(boxes, ["keep", "reject", "unsure"], strict=False):
         api.review(box_id, verdict)
 
-    queue = ask(api, dataset, order="audit")
-    kept = ask(api, dataset, order="audit", filters={"review": "keep"})
+    queue = get_queue(api, dataset, order="audit")
+    kept = get_queue(api, dataset, order="audit", filters={"review": "keep"})
 
     assert sorted(ids(queue)) == boxes[:2]
     assert (queue["remaining"], queue["unsure"]) == (2, 0)
@@ -200,19 +202,19 @@ def test_conflicts_are_queued_in_every_order(api, dataset, order):
     api.review(ghosts[0], "keep")
     api.review(ghosts[1], "reject")
 
-    queue = ask(api, dataset, order=order, filters={"conflict": True})
+    queue = get_queue(api, dataset, order=order, filters={"conflict": True})
 
     assert ids(queue) == ghosts[:1]
     assert queue["remaining"] == 1
     assert api.json(f"/datasets/{dataset}/stats")["conflicts"] == 1
 
 
-def test_filters_are_those_of_lists(api, dataset):
+def test_queue_applies_the_filters_of_lists(api, dataset):
     wanted = {"verdict": "rejected", "class": "car", "distance_min": 1}
 
-    assert ask(api, dataset, filters=wanted)["items"] == []
+    assert get_queue(api, dataset, filters=wanted)["items"] == []
     del wanted["distance_min"]
-    queue = ask(api, dataset, filters=wanted)
+    queue = get_queue(api, dataset, filters=wanted)
     assert len(queue["items"]) == queue["remaining"] == 6
 
 
@@ -230,7 +232,7 @@ def test_filters_are_those_of_lists(api, dataset):
         ({"filters": {"reason": "magic"}}, 400),
     ],
 )
-def test_a_bad_wish_is_refused(api, dataset, body, status):
+def test_invalid_queue_request_is_refused(api, dataset, body, status):
     assert api.post(f"/datasets/{dataset}/queue", body).status_code == status
 
 
@@ -238,7 +240,7 @@ def test_an_empty_dataset_has_an_empty_queue(api):
     name = api.dataset()
 
     for order in ("doubt", "random", "class", "audit"):
-        assert ask(api, name, order=order) == {
+        assert get_queue(api, name, order=order) == {
             "items": [],
             "remaining": 0,
             "unsure": 0,
@@ -259,7 +261,7 @@ def test_an_empty_dataset_has_an_empty_queue(api):
         ({"class": "van"}, 0),
     ],
 )
-def test_a_list_tells_how_many_there_are_in_all(api, dataset, filters, total):
+def test_list_of_boxes_returns_the_total_count_on_request(api, dataset, filters, total):
     real, ghost = (box["box_id"] for box in api.boxes(dataset)[:2])
     api.review(real, "keep")
     api.review(ghost, "keep")
@@ -270,7 +272,7 @@ def test_a_list_tells_how_many_there_are_in_all(api, dataset, filters, total):
     assert "total" not in api.json("/boxes", dataset=dataset, limit=1)
 
 
-def test_the_page_learns_its_reviewers_name(api, reviewer):
+def test_session_returns_name_role_and_expiry_of_its_token(api, reviewer):
     ada = reviewer("ada").json("/session")
 
     assert (ada["name"][:4], ada["role"]) == ("ada-", "reviewer")

@@ -13,7 +13,7 @@ from tests.support import frames as scene
 from tests.support.api import BASE, Api
 
 
-def test_an_answer_is_stored_whole(api, ghosts):
+def test_answer_is_stored_and_returned_with_every_field(api, ghosts):
     answer = api.review(ghosts[0], "keep", comment="there is one")
 
     body = answer.json()
@@ -34,7 +34,7 @@ def test_an_answer_is_stored_whole(api, ghosts):
     )
 
 
-def test_each_answer_decides_what_counts(api, dataset, ghosts):
+def test_each_answer_changes_the_effective_verdict_and_stats(api, dataset, ghosts):
     seen = []
     for revision, verdict in enumerate(["keep", "unsure", "reject", "clear"]):
         body = api.review(ghosts[0], verdict, revision).json()
@@ -63,7 +63,7 @@ def test_each_answer_decides_what_counts(api, dataset, ghosts):
 
 
 @pytest.mark.parametrize("has_numbers", [True, False], ids=["new runs", "old runs"])
-def test_history_is_told_in_the_order_in_which_it_was_stored(service, has_numbers):
+def test_history_is_in_the_order_of_storing_not_of_the_clock(service, has_numbers):
     """The order does not change if the clock is set back between two acts."""
     api = Api(service.admin())
     with api.http:
@@ -121,7 +121,7 @@ def test_the_history_of_a_box_shows_the_match_of_the_box(api):
         }
 
 
-def test_a_stale_answer_is_412_with_what_there_is_now(api, ghosts):
+def test_stale_answer_returns_412_with_the_current_box(api, ghosts):
     api.review(ghosts[0], "keep", comment="first")
 
     stale = api.review(ghosts[0], "reject", 0)
@@ -140,7 +140,7 @@ def test_a_stale_answer_is_412_with_what_there_is_now(api, ghosts):
     assert problem["current"]["review"]["comment"] == "first"
 
 
-def test_of_many_reviewers_at_once_one_is_first(api, ghosts):
+def test_concurrent_answers_on_one_box_store_one_others_get_412(api, ghosts):
     with ThreadPoolExecutor(8) as pool:
         answers = list(pool.map(lambda _: api.review(ghosts[0], "keep"), range(8)))
 
@@ -161,14 +161,14 @@ def test_of_many_reviewers_at_once_one_is_first(api, ghosts):
         {"verdict": "keep", "seen_revision": 0, "reviewer": "eve"},
     ],
 )
-def test_a_bad_answer_is_refused_and_changes_nothing(api, ghosts, body):
+def test_invalid_answer_is_refused_and_changes_nothing(api, ghosts, body):
     answer = api.post(f"/boxes/{ghosts[0]}/reviews", body)
 
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")
     assert api.json(f"/boxes/{ghosts[0]}")["revision"] == 0
 
 
-def test_half_a_character_is_no_comment(api, ghosts):
+def test_surrogate_in_a_comment_is_refused(api, ghosts):
     body = rb'{"verdict": "keep", "seen_revision": 0, "comment": "\ud800"}'
     headers = {"Content-Type": "application/json"}
 
@@ -191,7 +191,7 @@ def test_half_a_character_is_no_comment(api, ghosts):
         ({"match_min": 50, "sort": "-match_percent"}, ["real", "real", "real"]),
     ],
 )
-def test_boxes_are_listed_by_what_people_said(api, filters, ids):
+def test_boxes_are_filtered_by_their_answers(api, filters, ids):
     name = api.dataset()
     boxes = [
         box
@@ -223,7 +223,7 @@ def test_boxes_are_listed_by_what_people_said(api, filters, ids):
     ],
 )
 @pytest.mark.parametrize("sort", ["id", "doubt"])
-def test_a_cursor_that_is_not_ours_is_400(api, dataset, cursor, sort):
+def test_invalid_cursor_of_the_box_list_is_400(api, dataset, cursor, sort):
     answer = api.get("/boxes", dataset=dataset, cursor=cursor, sort=sort)
 
     assert (answer.status_code, answer.json()["code"]) == (400, "bad_cursor")

@@ -30,7 +30,7 @@ def add_config(api, dataset, content, headers=YAML):
     return api.http.post(path, content=content, headers=headers)
 
 
-def test_configs_are_versions_by_content(api, dataset):
+def test_config_versions_are_identified_by_content(api, dataset):
     yaml = b"# a comment\nthreshold_small_box: 12.0\n"
     first = add_config(api, dataset, yaml)
     same = add_config(api, dataset, b'{"threshold_small_box": 12}')
@@ -59,7 +59,7 @@ def test_configs_are_versions_by_content(api, dataset):
     assert oldest["active"] is True
 
 
-def test_activating_a_config_is_a_run(api, dataset):
+def test_activating_a_config_starts_a_run(api, dataset):
     digest = add_config(api, dataset, b"min_visible_pixels: 1000000").json()["digest"]
     path = f"{BASE}/datasets/{dataset}/config"
 
@@ -92,7 +92,7 @@ def test_activating_a_config_is_a_run(api, dataset):
         (b"- 1", "bad_config", "mapping"),
     ],
 )
-def test_a_bad_config_is_refused(api, dataset, content, code, words):
+def test_invalid_config_is_refused(api, dataset, content, code, words):
     answer = add_config(api, dataset, content)
 
     assert (answer.status_code, answer.json()["code"]) == (422, code), answer.text
@@ -108,7 +108,9 @@ def test_a_bad_config_is_refused(api, dataset, content, code, words):
         (YAML, b"a" * (1024**2 + 1), 413),
     ],
 )
-def test_another_body_is_no_config(api, dataset, headers, content, status):
+def test_config_of_wrong_media_type_or_too_large_is_refused(
+    api, dataset, headers, content, status
+):
     assert add_config(api, dataset, content, headers).status_code == status
 
 
@@ -130,7 +132,7 @@ def test_another_body_is_no_config(api, dataset, headers, content, status):
         ("runs", {"config": {"classes": {"car": {"accept": ["Unicorn"]}}}}, 422),
     ],
 )
-def test_a_bad_request_for_a_decision_is_refused(api, dataset, path, body, status):
+def test_invalid_preview_or_run_request_is_refused(api, dataset, path, body, status):
     answer = api.http.post(
         f"{BASE}/datasets/{dataset}/{path}",
         content=json.dumps(body).encode(),
@@ -141,7 +143,7 @@ def test_a_bad_request_for_a_decision_is_refused(api, dataset, path, body, statu
     assert api.verdicts(dataset) == {"real": "kept", "ghost": "rejected"}
 
 
-def test_a_preview_says_what_would_flip_and_writes_nothing(api, dataset):
+def test_preview_returns_the_flips_and_writes_nothing(api, dataset):
     before = api.json(f"/datasets/{dataset}/runs"), api.json(f"/datasets/{dataset}")
     body = {"config": CARS_ARE_SKY, "bins": 2}
 
@@ -210,7 +212,7 @@ def test_a_flip_shows_the_match_of_the_box(api, mask, active, previewed, match):
     assert [one["match_percent"] for one in preview["flips"]["items"]] == [match]
 
 
-def test_a_preview_that_needs_pixels_says_so(api, dataset):
+def test_preview_returns_needs_pixels_without_counts(api, dataset):
     body = {"config": {"profile": "carlasimu"}}
 
     preview = api.post(f"/datasets/{dataset}/preview", body).json()

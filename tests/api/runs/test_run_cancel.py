@@ -29,28 +29,28 @@ def slow(tmp_path_factory):
         yield slow
 
 
-def asked_for(api, dataset, config, *, activate=True):
+def start_run(api, dataset, config, *, activate=True):
     body = {"config": config, "activate": activate}
     answer = api.post(f"/datasets/{dataset}/runs", body)
     assert answer.status_code == 202, answer.text
     return answer.json()["id"]
 
 
-def part_way(api, run_id):
+def wait_until_part_way(api, run_id):
     """Wait until some frames are measured; return the run as it was then."""
     with open_events(api, run_id) as stream:
         return next(event.data for event in stream if event.data["done"])
 
 
-def what_is_known(api, dataset):
+def dataset_and_boxes(api, dataset):
     return api.json(f"/datasets/{dataset}"), api.boxes(dataset, limit=1000)
 
 
-def test_a_run_that_measures_ends_within_a_second_and_changes_nothing(slow):
+def test_cancelled_measuring_run_stops_soon_and_changes_nothing(slow):
     _, api, dataset = slow
-    before = what_is_known(api, dataset)
-    run_id = asked_for(api, dataset, FROM_PIXELS)
-    seen = part_way(api, run_id)
+    before = dataset_and_boxes(api, dataset)
+    run_id = start_run(api, dataset, FROM_PIXELS)
+    seen = wait_until_part_way(api, run_id)
 
     begun = time.monotonic()
     answer = api.post(f"/runs/{run_id}/cancel")
@@ -68,7 +68,7 @@ def test_a_run_that_measures_ends_within_a_second_and_changes_nothing(slow):
     assert freed < AT_ONCE_S
     assert api.json(f"/runs/{run_id}")["done"] < FRAMES
     assert following["state"] == "done"
-    assert what_is_known(api, dataset) == before
+    assert dataset_and_boxes(api, dataset) == before
     run = api.json(f"/runs/{run_id}")
     assert run["finished_at"] is not None
     assert (run["state"], run["done"] < FRAMES, run["changed"]) == (
@@ -77,13 +77,13 @@ def test_a_run_that_measures_ends_within_a_second_and_changes_nothing(slow):
     )
 
 
-def test_frames_that_a_cancelled_run_measured_are_not_measured_again(slow):
+def test_frames_measured_by_a_cancelled_run_are_not_measured_again(slow):
     _, api, dataset = slow
-    first = asked_for(api, dataset, OTHER_PIXELS[0])
-    part_way(api, first)
+    first = start_run(api, dataset, OTHER_PIXELS[0])
+    wait_until_part_way(api, first)
     kept = api.post(f"/runs/{first}/cancel").json()["done"]
 
-    again = asked_for(api, dataset, OTHER_PIXELS[0])
+    again = start_run(api, dataset, OTHER_PIXELS[0])
     found = events(api, again)
 
     begun = [event.data["done"] for event in found if event.data["started_at"]]
@@ -92,10 +92,10 @@ def test_frames_that_a_cancelled_run_measured_are_not_measured_again(slow):
     assert api.json(f"/datasets/{dataset}/stats")["kept"] == FRAMES
 
 
-def test_a_run_that_waits_never_begins(slow):
+def test_cancelled_queued_run_never_starts(slow):
     _, api, dataset = slow
-    working = asked_for(api, dataset, OTHER_PIXELS[1])
-    waiting = asked_for(api, dataset, NOTHING_VISIBLE)
+    working = start_run(api, dataset, OTHER_PIXELS[1])
+    waiting = start_run(api, dataset, NOTHING_VISIBLE)
 
     answer = api.post(f"/runs/{waiting}/cancel")
     api.post(f"/runs/{working}/cancel")
@@ -106,7 +106,7 @@ def test_a_run_that_waits_never_begins(slow):
     assert (run["state"], run["started_at"]) == ("cancelled", None)
 
 
-def test_a_run_that_is_over_cannot_be_cancelled(api):
+def test_cancelling_a_finished_run_returns_409(api):
     dataset = api.dataset()
     api.upload_frame(dataset, "a")
     run = api.run(dataset, NOTHING_VISIBLE)
@@ -118,9 +118,9 @@ def test_a_run_that_is_over_cannot_be_cancelled(api):
     assert api.json(f"/runs/{run['id']}") == run
 
 
-def test_cancelling_twice_says_so_and_with_a_key_is_repeated(slow):
+def test_second_cancel_returns_409_but_idempotency_key_replays_it(slow):
     _, api, dataset = slow
-    working = asked_for(api, dataset, OTHER_PIXELS[2])
+    working = start_run(api, dataset, OTHER_PIXELS[2])
     url = f"/api/v1/runs/{working}/cancel"
 
     first, again = (
@@ -133,15 +133,15 @@ def test_cancelling_twice_says_so_and_with_a_key_is_repeated(slow):
     assert other.json()["detail"] == f"run {working} is cancelled already"
 
 
-def test_there_is_nothing_to_cancel(api):
+def test_cancelling_a_missing_run_returns_404(api):
     assert api.post("/runs/999999/cancel").status_code == 404
 
 
-def test_a_viewer_cannot_cancel(slow):
+def test_cancelling_a_run_is_forbidden_to_a_viewer(slow):
     server, api, dataset = slow
     token = api.post("/tokens", {"name": "viewer", "role": "viewer"}).json()["token"]
     viewer = Api.at(server.url, {"Authorization": f"Bearer {token}"})
-    working = asked_for(api, dataset, OTHER_PIXELS[3])
+    working = start_run(api, dataset, OTHER_PIXELS[3])
 
     with viewer.http:
         answer = viewer.post(f"/runs/{working}/cancel")
@@ -150,12 +150,12 @@ def test_a_viewer_cannot_cancel(slow):
     assert api.post(f"/runs/{working}/cancel").status_code == 202
 
 
-def test_a_dataset_that_is_deleted_in_the_middle_of_its_run_is_no_failure(slow):
+def test_deleting_a_dataset_during_its_run_logs_no_failure(slow):
     """Such a run used to be logged as a job that failed."""
     server, api, _ = slow
     dataset = create_slow_dataset(api, 40)
-    run_id = asked_for(api, dataset, FROM_PIXELS)
-    part_way(api, run_id)
+    run_id = start_run(api, dataset, FROM_PIXELS)
+    wait_until_part_way(api, run_id)
 
     gone = api.http.delete(f"/api/v1/datasets/{dataset}", params={"confirm": dataset})
     other = api.dataset()

@@ -33,7 +33,7 @@ def flips(diff):
     }
 
 
-def test_a_diff_is_against_the_run_that_was_active_before(api, dataset):
+def test_diff_is_against_the_previously_active_run_by_default(api, dataset):
     first = first_run(api, dataset)
     car, _ = (box["box_id"] for box in api.boxes(dataset))
     tried = api.run(dataset, CARS_ARE_SKY, activate=False)
@@ -66,7 +66,9 @@ def test_a_diff_is_against_the_run_that_was_active_before(api, dataset):
 
 @pytest.mark.parametrize("activate", [True, False])
 @pytest.mark.parametrize("other", [NOTHING_VISIBLE, CARS_ARE_SKY, FROM_PIXELS, {}])
-def test_any_two_runs_compare_as_their_verdicts_do(api, dataset, other, activate):
+def test_diff_of_any_two_runs_equals_the_difference_of_verdicts(
+    api, dataset, other, activate
+):
     api.upload_frame(dataset, "many", {**scene.annotation(), "boxes": MANY})
     one = api.run(dataset, {"threshold_small_box": 80})
     before = {box["box_id"]: box["verdict"] for box in api.boxes(dataset)}
@@ -86,7 +88,7 @@ def test_any_two_runs_compare_as_their_verdicts_do(api, dataset, other, activate
     assert (same["total"], same["items"], same["by_class"]) == (0, [], {})
 
 
-def test_pages_hold_every_flip_once_the_closest_calls_first(api, dataset):
+def test_diff_pagination_returns_every_flip_once_by_match(api, dataset):
     api.upload_frame(dataset, "many", {**scene.annotation(), "boxes": MANY})
     run = api.run(dataset, {"threshold_small_box": 99.5})
     whole = api.json(f"/runs/{run['id']}/diff")
@@ -107,7 +109,7 @@ def test_pages_hold_every_flip_once_the_closest_calls_first(api, dataset):
     assert matches == sorted(matches, reverse=True)
 
 
-def test_frames_that_only_one_run_has_numbers_of_are_left_out(api, dataset):
+def test_diff_omits_frames_that_only_one_run_has_measured(api, dataset):
     first = first_run(api, dataset)
     run = api.run(dataset, FROM_PIXELS)
     api.upload_frame(dataset, "later")

@@ -28,7 +28,7 @@ def slow(tmp_path_factory):
         yield slow
 
 
-def asked_for(api, dataset, config):
+def start_run(api, dataset, config):
     """Start a run; return its id."""
     answer = api.post(f"/datasets/{dataset}/runs", {"config": config})
     assert answer.status_code == 202, answer.text
@@ -39,11 +39,11 @@ def asked_for(api, dataset, config):
 def seen(slow):
     """The id of one run that measures, and all its events."""
     _, api, dataset = slow
-    run_id = asked_for(api, dataset, FROM_PIXELS)
+    run_id = start_run(api, dataset, FROM_PIXELS)
     return run_id, events(api, run_id)
 
 
-def test_progress_moves_and_the_last_event_is_the_end(seen, slow):
+def test_run_events_show_progress_and_finish_with_the_end_event(seen, slow):
     run_id, found = seen
     done = [event.data["done"] for event in found]
 
@@ -55,7 +55,7 @@ def test_progress_moves_and_the_last_event_is_the_end(seen, slow):
     assert (found[-1].data["state"], found[-1].data["done"]) == ("done", FRAMES)
 
 
-def test_events_have_rising_numbers_and_a_pace(seen):
+def test_run_events_have_increasing_ids_and_a_limited_rate(seen):
     _, found = seen
     numbers = [int(event.id) for event in found]
     pauses = [later.at - earlier.at for earlier, later in pairwise(found[:-1])]
@@ -65,7 +65,7 @@ def test_events_have_rising_numbers_and_a_pace(seen):
     assert sum(pauses) >= FAST * len(pauses)
 
 
-def test_one_goes_on_after_the_event_one_had_last(seen, slow):
+def test_run_events_resume_after_last_event_id(seen, slow):
     run_id, found = seen
     _, api, _ = slow
     last = found[-1]
@@ -79,7 +79,7 @@ def test_one_goes_on_after_the_event_one_had_last(seen, slow):
 
 
 @pytest.mark.parametrize("unknown", ["", "-1", "soon", "9" * 40, "²"])
-def test_a_number_that_is_none_of_ours_starts_anew(seen, slow, unknown):
+def test_unknown_last_event_id_restarts_the_run_events(seen, slow, unknown):
     run_id, found = seen
 
     headers = {"Last-Event-ID": unknown.encode("latin-1")}
@@ -89,7 +89,7 @@ def test_a_number_that_is_none_of_ours_starts_anew(seen, slow, unknown):
     assert f"id: {found[-1].id}\n" in answer.text
 
 
-def test_events_of_a_missing_run_are_a_problem_and_not_a_stream(slow):
+def test_events_of_a_missing_run_return_404_and_no_stream(slow):
     server, api, _ = slow
 
     missing = api.get("/runs/999999/events")
@@ -137,20 +137,20 @@ def write_row(server, run_id, state):
     )
 
 
-def until_there_is_room(api, run_id):
+def wait_for_a_free_stream(api, run_id):
     """Wait until the server has noticed that earlier streams were closed."""
 
-    def is_let_in():
+    def stream_is_accepted():
         with api.http.stream("GET", f"{BASE}/runs/{run_id}/events") as answer:
             return answer.status_code == 200
 
-    until(is_let_in, "nobody made room")
+    until(stream_is_accepted, "nobody made room")
 
 
-def test_events_are_read_off_the_row_whoever_writes_it(held):
+def test_run_events_follow_changes_of_the_row_by_another_process(held):
     server, api = held
     _, run_id = waiting_run(server, api)
-    until_there_is_room(api, run_id)
+    wait_for_a_free_stream(api, run_id)
     with open_events(api, run_id) as stream:
         first = next(stream)
         write_row(server, run_id, "failed")
@@ -160,10 +160,10 @@ def test_events_are_read_off_the_row_whoever_writes_it(held):
     assert (last.name, last.data["state"]) == ("end", "failed")
 
 
-def test_a_silent_stream_shows_that_it_lives_until_its_token_is_revoked(held):
+def test_event_stream_sends_heartbeats_until_its_token_is_revoked(held):
     server, api = held
     _, run_id = waiting_run(server, api)
-    until_there_is_room(api, run_id)
+    wait_for_a_free_stream(api, run_id)
     token = api.post("/tokens", {"name": "watcher", "role": "viewer"}).json()
     watcher = Api.at(server.url, {"Authorization": f"Bearer {token['token']}"})
     with watcher.http, open_events(watcher, run_id) as stream:
@@ -175,7 +175,7 @@ def test_a_silent_stream_shows_that_it_lives_until_its_token_is_revoked(held):
     assert {event.name for event in rest} <= {""}
 
 
-def test_only_so_many_watch_and_who_goes_away_makes_room(held):
+def test_event_streams_are_limited_and_freed_on_disconnect(held):
     server, api = held
     _, run_id = waiting_run(server, api)
     with ExitStack() as watchers:
@@ -188,13 +188,13 @@ def test_only_so_many_watch_and_who_goes_away_makes_room(held):
 
     assert [event.name for event in firsts] == ["progress"] * 3
     assert (full.status_code, full.headers["retry-after"]) == (429, "1")
-    until_there_is_room(api, run_id)
+    wait_for_a_free_stream(api, run_id)
 
 
-def test_a_run_that_is_deleted_ends_its_stream_without_an_end(held):
+def test_event_stream_of_a_deleted_run_closes_without_end_event(held):
     server, api = held
     dataset, run_id = waiting_run(server, api)
-    until_there_is_room(api, run_id)
+    wait_for_a_free_stream(api, run_id)
     with open_events(api, run_id) as stream:
         next(stream)
         api.http.delete(f"{BASE}/datasets/{dataset}", params={"confirm": dataset})
@@ -203,7 +203,7 @@ def test_a_run_that_is_deleted_ends_its_stream_without_an_end(held):
     assert rest == []
 
 
-def test_a_server_that_stops_does_not_wait_for_watchers(start_api):
+def test_shutdown_does_not_wait_for_open_event_streams(start_api):
     server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S="100")
     _, run_id = waiting_run(server, api)
     with open_events(api, run_id) as stream:

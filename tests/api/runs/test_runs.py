@@ -29,7 +29,7 @@ def ids(api, dataset):
     return [box["box_id"] for box in api.boxes(dataset)]
 
 
-def test_a_run_is_described_whole(api, dataset):
+def test_run_is_returned_with_every_field(api, dataset):
     accepted = api.post(f"/datasets/{dataset}/runs", {"config": NOTHING_VISIBLE})
     run = api.wait_for_job(accepted)
 
@@ -68,7 +68,7 @@ def test_a_run_that_is_not_activated_changes_nothing(api, dataset):
     ]
 
 
-def test_a_run_never_touches_an_answer_and_contradictions_are_counted(api, dataset):
+def test_run_keeps_answers_and_counts_conflicts(api, dataset):
     car, _ = ids(api, dataset)
     api.review(car, "keep", comment="I see it")
 
@@ -112,7 +112,7 @@ def test_history_reproduces_every_earlier_verdict(api, dataset):
     }
 
 
-def to_revision(data, revision):
+def migrate_back_to(data, revision):
     """Migrate the database of a stopped server back to an earlier schema."""
     engine = make_engine(url_of(data))
     try:
@@ -121,7 +121,7 @@ def to_revision(data, revision):
         engine.dispose()
 
 
-def test_a_run_that_a_crash_cut_off_ends_once_after_an_upgrade(start_api):
+def test_run_interrupted_by_a_crash_resumes_after_an_upgrade(start_api):
     """The server is upgraded from schema 0005, which had no chunks and no leases."""
     first, api = start_api()
     name = api.dataset()
@@ -138,7 +138,7 @@ def test_a_run_that_a_crash_cut_off_ends_once_after_an_upgrade(start_api):
         "UPDATE datasets SET active_run_id = 1, active_config_id = 1",
         "UPDATE datasets SET active_measurement_id = 1",
     )
-    to_revision(first.data, "0005")
+    migrate_back_to(first.data, "0005")
 
     _, api = start_api()
     for _ in range(2000):
@@ -164,7 +164,7 @@ def test_a_dataset_can_be_deleted_while_a_run_waits(api, dataset):
     assert api.run(other, NOTHING_VISIBLE)["state"] == "done"
 
 
-def test_too_many_runs_are_asked_to_come_later(serve):
+def test_too_many_open_runs_return_429_with_retry_after(serve):
     service = serve(max_open_runs=1)
     with service.admin() as http, block_jobs(service.app.state.services.engine):
         api = Api(http)

@@ -43,9 +43,7 @@ def test_filters_and_selection_survive_a_reload(scene: Scene, user: Visitor):
         ({"review": "undecided", "verdict": "kept"}, ["real", "walker"]),
     ],
 )
-def test_filters_of_a_link_are_obeyed_and_the_hidden_are_counted(
-    scene, user, query, shown
-):
+def test_link_filters_apply_and_hidden_boxes_are_counted(scene, user, query, shown):
     page = user.open(scene.link(**query))
 
     names = [name.split()[-1] for name in page.locator(".box__name").all_inner_texts()]
@@ -53,7 +51,7 @@ def test_filters_of_a_link_are_obeyed_and_the_hidden_are_counted(
     expect(page.locator(".panel__hidden")).to_contain_text(f"{5 - len(shown)} hidden")
 
 
-def test_show_all_clears_the_filters_and_keeps_the_box(scene, user):
+def test_show_all_clears_filters_and_keeps_the_selected_box(scene, user):
     page = user.open(scene.link("ghost", verdict="kept"))
 
     page.get_by_role("button", name="Show all").click()
@@ -62,14 +60,14 @@ def test_show_all_clears_the_filters_and_keeps_the_box(scene, user):
     assert page.url.endswith(f"?box={scene.box_id('ghost')}")
 
 
-def test_selected_box_stays_in_sight_when_a_filter_hides_it(scene, user):
+def test_selected_box_stays_listed_when_a_filter_excludes_it(scene, user):
     page = user.open(scene.link("ghost", verdict="kept"))
 
     expect(page.locator("[aria-selected=true]")).to_contain_text("ghost")
     expect(page.locator(".panel__count")).to_contain_text("2 boxes")
 
 
-def test_filters_of_the_list_of_frames_go_along_into_a_frame_and_back(scene, user):
+def test_frame_list_filters_persist_into_a_frame_and_back(scene, user):
     walker = [{"id": "w", "class": "walker", "xyxy": scenes.WALKER}]
     scene.push("run/000002", boxes=walker)
     page = user.open(f"#/datasets/{scene.dataset}/frames")
@@ -90,7 +88,7 @@ def test_filters_of_the_list_of_frames_go_along_into_a_frame_and_back(scene, use
     expect(page.locator("a.thumb")).to_have_count(1)
 
 
-def test_frames_are_found_by_the_beginning_of_their_key(scene, user):
+def test_frames_are_filtered_by_key_prefix(scene, user):
     scene.push("other/000001")
     page = user.open(f"#/datasets/{scene.dataset}/frames")
 
@@ -100,7 +98,7 @@ def test_frames_are_found_by_the_beginning_of_their_key(scene, user):
     assert page.url.endswith("?key=other%2F")
 
 
-def test_no_match_says_so_and_offers_the_way_back(scene, user):
+def test_no_match_shows_message_and_clear_filters_button(scene, user):
     page = user.open(f"#/datasets/{scene.dataset}/frames?key=nowhere")
     expect(page.get_by_role("heading", name="No frame matches")).to_be_visible()
 
@@ -109,7 +107,7 @@ def test_no_match_says_so_and_offers_the_way_back(scene, user):
     expect(page.locator("a.thumb")).to_have_count(1)
 
 
-def test_long_list_of_frames_comes_page_by_page(scene, user):
+def test_long_frame_list_is_paginated_while_scrolling(scene, user):
     box = [{"id": "w", "class": "walker", "xyxy": scenes.WALKER}]
     for number in range(2, 66):
         scene.push(f"run/{number:06}", boxes=box, form="none")
@@ -123,7 +121,7 @@ def test_long_list_of_frames_comes_page_by_page(scene, user):
     assert page.locator("a.thumb").nth(64).get_attribute("title") == "run/000065"
 
 
-def test_history_of_the_browser_goes_back_to_the_list(scene, user):
+def test_browser_back_returns_to_the_frame_list(scene, user):
     page = user.open(f"#/datasets/{scene.dataset}/frames")
     page.locator("a.thumb").click()
     user.wait_until_drawn()
@@ -141,13 +139,13 @@ def test_history_of_the_browser_goes_back_to_the_list(scene, user):
         ("#/datasets/no-such/frames", "there is no dataset 'no-such'"),
     ],
 )
-def test_wrong_address_is_a_page_of_its_own(user, link, words):
+def test_unknown_address_shows_not_found_message(user, link, words):
     page = user.open(link)
 
     expect(page.locator("main")).to_contain_text(words)
 
 
-def test_frame_that_is_gone_says_so_and_can_be_tried_again(user):
+def test_missing_frame_shows_error_and_retry_button(user):
     page = user.page
     page.goto(f"{user.url}/#/frames/999999")
 

@@ -19,7 +19,7 @@ DETAIL = "the disk is full"
 PROBLEM = {"title": "Internal Server Error", "status": 500, "detail": DETAIL}
 
 
-def refuse(route: Route) -> None:
+def respond_with_500(route: Route) -> None:
     route.fulfill(status=500, json=PROBLEM)
 
 
@@ -42,12 +42,12 @@ def view(path: str, *, click: str = "") -> Callable[[Visitor, Scene], None]:
     return go
 
 
-def latest_run(user: Visitor, street: Scene) -> None:
+def open_latest_run(user: Visitor, street: Scene) -> None:
     runs = scenes.get(street.api, f"/datasets/{street.dataset}/runs")["items"]
     user.open(f"#/datasets/{street.dataset}/runs?run={runs[0]['id']}")
 
 
-def a_box(user: Visitor, street: Scene) -> None:
+def open_first_box(user: Visitor, street: Scene) -> None:
     box = street.frame["boxes"][0]
     user.page.goto(f"{user.url}/#/frames/{street.frame['id']}?box={box['box_id']}")
 
@@ -69,21 +69,21 @@ def segmentation(user: Visitor, street: Scene) -> None:
         (r"/openapi\.json", view("thresholds"), "Configuration"),
         (r"/exports\?", view("runs"), "Exports"),
         (r"/openapi\.json", view("runs", click="New export"), "Exports"),
-        (r"/diff\?", latest_run, "What run"),
-        (r"/configs/", latest_run, "What run"),
+        (r"/diff\?", open_latest_run, "What run"),
+        (r"/configs/", open_latest_run, "What run"),
         (r"/problems\?", view("frames", click="Dataset settings"), ""),
         (r"/openapi\.json", view("frames", click="Dataset settings"), ""),
-        (r"/history", a_box, ""),
-        (r"/image$", a_box, ""),
-        (r"/segmentation$", a_box, ""),
+        (r"/history", open_first_box, ""),
+        (r"/image$", open_first_box, ""),
+        (r"/segmentation$", open_first_box, ""),
         (r"/(segmentation|painted)", segmentation, ""),
     ],
 )
-def test_a_part_that_cannot_be_loaded_says_so_and_is_tried_again(
+def test_failed_part_of_a_view_shows_error_and_can_be_retried(
     user, street, asked, go, part
 ):
     page: Page = user.page
-    page.route(re.compile(asked), refuse)
+    page.route(re.compile(asked), respond_with_500)
     go(user, street)
     place = page.get_by_role("region", name=part) if part else page
     failure = place.get_by_role("alert")
@@ -95,25 +95,27 @@ def test_a_part_that_cannot_be_loaded_says_so_and_is_tried_again(
     expect(failure).to_have_count(0)
 
 
-def test_history_that_cannot_be_loaded_is_not_that_of_the_last_box(user, street):
-    a_box(user, street)
+def test_failed_history_does_not_show_history_of_previous_box(user, street):
+    open_first_box(user, street)
     items = user.page.locator(".history__item")
     expect(items.first).to_be_visible()
 
-    route_loaded(user.page, re.compile("/history"), refuse)
+    route_loaded(user.page, re.compile("/history"), respond_with_500)
     user.press("j")
 
     expect(user.page.get_by_role("alert")).to_contain_text(DETAIL)
     expect(items).to_have_count(0)
 
 
-def test_a_comparison_that_cannot_be_loaded_is_not_the_one_before(user, street):
+def test_failed_channel_comparison_clears_the_previous_result(user, street):
     view("quality")(user, street)
     channels = user.page.get_by_role("region", name="Channels compared")
     of_instances = channels.get_by_text("Only the segmentation has been measured.")
     expect(of_instances).to_be_visible()
 
-    route_loaded(user.page, re.compile(r"/evaluations\?.*truth=people"), refuse)
+    route_loaded(
+        user.page, re.compile(r"/evaluations\?.*truth=people"), respond_with_500
+    )
     channels.get_by_role("button", name="People").click()
 
     expect(channels.get_by_role("alert")).to_contain_text(DETAIL)

@@ -33,7 +33,9 @@ def pressed(page: Page, name: str):
         ("", "ArrowLeft", "away"),
     ],
 )
-def test_next_and_previous_go_through_the_boxes(scene, user, start, key, selected):
+def test_next_and_previous_keys_select_the_adjacent_box(
+    scene, user, start, key, selected
+):
     page = user.open(scene.link(start))
 
     user.press(key)
@@ -42,7 +44,7 @@ def test_next_and_previous_go_through_the_boxes(scene, user, start, key, selecte
     expect(page.locator("[aria-selected=true]")).to_contain_text(selected)
 
 
-def test_shift_j_skips_what_has_an_answer(scene, user):
+def test_shift_j_key_skips_answered_boxes(scene, user):
     page = user.open(scene.link("real"))
     user.press("j", "x", "ArrowLeft")
 
@@ -51,7 +53,7 @@ def test_shift_j_skips_what_has_an_answer(scene, user):
     expect(heading(page)).to_contain_text("ghost")
 
 
-def test_next_after_the_last_box_is_the_next_frames_first(scene, user):
+def test_next_key_at_last_box_opens_first_box_of_next_frame(scene, user):
     scene.push("run/000002")
     page = user.open(scene.link("away"))
 
@@ -61,7 +63,7 @@ def test_next_after_the_last_box_is_the_next_frames_first(scene, user):
     expect(heading(page)).to_contain_text("real")
 
 
-def test_previous_before_the_first_box_is_the_last_frames_last(scene, user):
+def test_previous_key_at_first_box_opens_last_box_of_previous_frame(scene, user):
     second = scene.push("run/000002")
     page = user.open(f"#/frames/{second['id']}")
     user.press("j")
@@ -72,7 +74,7 @@ def test_previous_before_the_first_box_is_the_last_frames_last(scene, user):
     expect(heading(page)).to_contain_text("away")
 
 
-def test_page_keys_go_from_frame_to_frame_and_say_where_the_end_is(scene, user):
+def test_page_keys_change_frame_and_report_the_last_frame(scene, user):
     scene.push("run/000002")
     page = user.open(scene.link())
 
@@ -85,7 +87,7 @@ def test_page_keys_go_from_frame_to_frame_and_say_where_the_end_is(scene, user):
     expect(page.locator("h1")).to_have_text("run/000001")
 
 
-def test_v_shows_kept_then_rejected_then_all(scene: Scene, user: Visitor):
+def test_v_key_cycles_through_kept_rejected_and_all(scene: Scene, user: Visitor):
     page = user.open(scene.link())
     counts = page.locator(".panel__count")
 
@@ -99,7 +101,7 @@ def test_v_shows_kept_then_rejected_then_all(scene: Scene, user: Visitor):
     expect(counts).to_have_text("5 boxes")
 
 
-def test_c_zooms_to_the_box_stays_there_and_comes_back(scene, user):
+def test_c_key_zooms_to_selected_box_and_back(scene, user):
     page = user.open(scene.link("real"))
     fitted, *_ = view(page)
 
@@ -120,7 +122,7 @@ def test_c_zooms_to_the_box_stays_there_and_comes_back(scene, user):
     assert view(page)[0] == pytest.approx(fitted)
 
 
-def test_f_fits_after_any_zoom(scene, user):
+def test_f_key_fits_the_image_after_zooming(scene, user):
     page = user.open(scene.link())
     fitted = view(page)
 
@@ -141,7 +143,7 @@ def test_f_fits_after_any_zoom(scene, user):
         ("l", "Highlight the matching pixels", "true"),
     ],
 )
-def test_layers_are_switched_and_remembered(scene, user, key, name, before):
+def test_layer_keys_toggle_layers_and_are_remembered(scene, user, key, name, before):
     page = user.open(scene.link("real"))
     expect(pressed(page, name)).to_have_attribute("aria-pressed", before)
 
@@ -153,7 +155,7 @@ def test_layers_are_switched_and_remembered(scene, user, key, name, before):
     expect(pressed(page, name)).to_have_attribute("aria-pressed", after)
 
 
-def test_d_switches_the_3d_edges(make_scene, user):
+def test_d_key_toggles_3d_edges(make_scene, user):
     scene = make_scene(boxes=[scenes.SOLID])
     page = user.open(scene.link("solid"))
     expect(pressed(page, "3D edges")).to_have_attribute("aria-pressed", "true")
@@ -163,7 +165,7 @@ def test_d_switches_the_3d_edges(make_scene, user):
     expect(pressed(page, "3D edges")).to_have_attribute("aria-pressed", "false")
 
 
-def test_brackets_change_the_opacity(scene, user):
+def test_bracket_keys_change_segmentation_opacity(scene, user):
     page = user.open(scene.link())
     user.press("m", "]", "]", "[")
 
@@ -171,7 +173,7 @@ def test_brackets_change_the_opacity(scene, user):
     expect(slider).to_have_value("0.6")
 
 
-def test_g_opens_the_grid_of_boxes_and_from_there_the_frames(scene, user):
+def test_g_key_opens_the_grid_and_then_the_frame_list(scene, user):
     page = user.open(scene.link("ghost", verdict="rejected"))
 
     user.press("g")
@@ -183,7 +185,7 @@ def test_g_opens_the_grid_of_boxes_and_from_there_the_frames(scene, user):
     assert page.url.endswith(f"#/datasets/{scene.dataset}/frames?verdict=rejected")
 
 
-def test_escape_lets_go_of_the_box(scene, user):
+def test_escape_key_deselects_the_box(scene, user):
     page = user.open(scene.link("ghost"))
 
     user.press("Escape")
@@ -191,7 +193,7 @@ def test_escape_lets_go_of_the_box(scene, user):
     expect(heading(page)).to_have_text("This frame")
 
 
-def test_answer_without_a_box_says_what_to_do(scene, user):
+def test_answer_key_without_a_selected_box_shows_hint(scene, user):
     page = user.open(scene.link())
 
     user.press("a")
@@ -225,7 +227,7 @@ def test_help_lists_every_binding_of_the_keymap(scene, user):
         ("grid", "Remove the answers", "Next frame"),
     ],
 )
-def test_help_says_which_keys_the_view_has_no_use_for(scene, user, view, used, unused):
+def test_help_marks_keys_unused_in_the_current_view(scene, user, view, used, unused):
     links = {"frame": scene.link(), "grid": f"#/datasets/{scene.dataset}/grid"}
     page = user.open(links[view])
     page.locator(".cell, .stage").first.wait_for()
@@ -237,7 +239,7 @@ def test_help_says_which_keys_the_view_has_no_use_for(scene, user, view, used, u
     assert not [row for row in rows if row.startswith(("Keep", used))]
 
 
-def test_key_can_be_given_to_another_action(scene, user):
+def test_answer_key_can_be_rebound(scene, user):
     page = user.open(scene.link("ghost"))
     user.press("?")
     row = page.locator(".help__row", has_text="Reject the box")
@@ -253,7 +255,7 @@ def test_key_can_be_given_to_another_action(scene, user):
     expect(page.get_by_role("button", name=re.compile("^Reject"))).to_contain_text("Q")
 
 
-def test_key_that_is_taken_from_another_action_is_said(scene, user):
+def test_rebinding_reports_a_key_taken_from_another_action(scene, user):
     page = user.open(scene.link("ghost"))
     user.press("?")
     page.get_by_role("button", name="Change the key: Reject the box").click(force=True)
@@ -264,7 +266,7 @@ def test_key_that_is_taken_from_another_action_is_said(scene, user):
     expect(taken).to_have_text("M is no longer a key for: Segmentation over the image")
 
 
-def test_single_key_shortcuts_can_be_switched_off(scene, user):
+def test_single_key_shortcuts_can_be_disabled(scene, user):
     page = user.open(scene.link("ghost"))
     user.press("?")
     page.get_by_label("Single-key shortcuts").uncheck()
@@ -277,7 +279,7 @@ def test_single_key_shortcuts_can_be_switched_off(scene, user):
     assert scene.review("ghost") is None
 
 
-def test_keys_typed_into_a_field_are_text(scene, user):
+def test_keys_typed_into_a_text_field_are_not_shortcuts(scene, user):
     page = user.open(scene.link("ghost"))
     page.get_by_label("Comment").click()
 
@@ -287,7 +289,7 @@ def test_keys_typed_into_a_field_are_text(scene, user):
     assert scene.review("ghost") is None
 
 
-def test_list_is_walked_with_the_arrow_keys(scene, user):
+def test_arrow_keys_move_the_selection_in_the_box_list(scene, user):
     page = user.open(scene.link("real"))
     page.get_by_role("listbox").focus()
 

@@ -33,7 +33,7 @@ MOST_REQUESTS = 50
 
 
 @pytest.mark.parametrize("view", ["#/datasets", "#/datasets/{}/frames"])
-def test_first_view_asks_for_little(scene, user, view):
+def test_first_view_makes_few_requests(scene, user, view):
     page = user.open(view.format(scene.dataset))
     expect(page.locator("img[src^='blob:']").first).to_be_visible()
 
@@ -44,7 +44,7 @@ def test_first_view_asks_for_little(scene, user, view):
     assert len(others) + len(["page", "picture"]) <= MOST_REQUESTS, loaded
 
 
-def test_late_view_has_its_styles_before_it_is_drawn(scene, user):
+def test_lazily_loaded_view_is_not_drawn_without_its_styles(scene, user):
     page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
     route_loaded(page, "**/review.css", lambda route: route.abort())
@@ -59,7 +59,7 @@ def test_late_view_has_its_styles_before_it_is_drawn(scene, user):
     assert answers.evaluate("(bar) => getComputedStyle(bar).display") == "flex"
 
 
-def test_view_that_cannot_be_loaded_says_so_and_comes_when_asked_again(scene, user):
+def test_view_module_that_fails_to_load_can_be_retried(scene, user):
     page = user.open(f"#/datasets/{scene.dataset}/frames")
     route_loaded(page, "**/review/frame.js", lambda route: route.abort())
     page.locator("a.thumb").click()
@@ -71,7 +71,7 @@ def test_view_that_cannot_be_loaded_says_so_and_comes_when_asked_again(scene, us
     expect(page.locator("h1")).to_have_text("run/000001")
 
 
-def test_view_stays_the_same_when_its_address_changes(scene, user):
+def test_view_is_not_rebuilt_when_the_selected_box_changes(scene, user):
     page = user.open(scene.link("ghost"))
     page.locator(".stage").evaluate("(stage) => { stage.mark = 'same'; }")
 

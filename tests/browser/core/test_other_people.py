@@ -22,7 +22,9 @@ def bo(server, api):
     return name, token
 
 
-def test_foreign_link_replaces_nobody_who_is_signed_in(open_window, server, bo):
+def test_foreign_login_link_does_not_replace_the_current_session(
+    open_window, server, bo
+):
     name, token = bo
     page = open_window().open("#/datasets")
     expect(page.locator(".who__name")).to_have_text("admin")
@@ -41,7 +43,7 @@ def test_foreign_link_replaces_nobody_who_is_signed_in(open_window, server, bo):
     assert kept_session(page)["session"] == before["session"]
 
 
-def test_signing_in_as_another_person_changes_every_tab(open_window, server, bo):
+def test_signing_in_as_another_person_switches_every_tab(open_window, server, bo):
     name, token = bo
     page = open_window(sign_in=False).page
     ends = []  # the request that ends the former session, held while the page reloads
@@ -72,9 +74,7 @@ def test_signing_in_as_another_person_changes_every_tab(open_window, server, bo)
     until(lambda: plain_http.get(version, headers=shown).status_code == 401)
 
 
-def test_answer_of_one_person_never_goes_out_under_another_name(
-    open_window, server, bo, scene
-):
+def test_unsent_answer_is_never_sent_as_another_person(open_window, server, bo, scene):
     """It stays in the browser until the person who gave it signs in again."""
     name, token = bo
     ada = open_window(sign_in=False)
@@ -107,7 +107,7 @@ def test_answer_of_one_person_never_goes_out_under_another_name(
     assert scene.review("ghost")["reviewer"] == "admin"
 
 
-def test_page_of_another_persons_server_on_another_port_gets_nothing(
+def test_server_on_another_port_receives_no_session_and_no_cookie(
     open_window, server, start_server
 ):
     """Servers on several ports of a machine share cookies, but not `localStorage`.

@@ -34,7 +34,7 @@ def user(open_window: OpenWindow) -> Visitor:
     return user
 
 
-def test_answers_are_saved(scene: Scene, user: Visitor):
+def test_answers_are_saved_over_plain_http(scene: Scene, user: Visitor):
     page = user.open(scene.link("ghost"))
     assert page.evaluate(FUNCTIONS) == [None, None, None]
 
@@ -44,9 +44,7 @@ def test_answers_are_saved(scene: Scene, user: Visitor):
     assert scene.review("ghost")["verdict"] == "reject"
 
 
-def test_a_tab_leaves_the_unsent_answers_of_an_open_one_and_sends_those_of_a_closed_one(
-    scene: Scene, user: Visitor
-):
+def test_tab_sends_unsent_answers_of_closed_tabs_only(scene: Scene, user: Visitor):
     first = user.page
     first.route("**/reviews", lambda route: route.abort())
     user.open(scene.link("ghost"))
@@ -69,7 +67,7 @@ def test_a_tab_leaves_the_unsent_answers_of_an_open_one_and_sends_those_of_a_clo
     assert scene.review("ghost")["verdict"] == "reject"
 
 
-def test_texts_can_be_copied(scene: Scene, user: Visitor):
+def test_text_is_copied_without_the_clipboard_api(scene: Scene, user: Visitor):
     page = user.open(f"#/datasets/{scene.dataset}/thresholds")
     page.get_by_text("As YAML").click()
     yaml = page.get_by_label("Configuration as YAML").inner_text()

@@ -17,7 +17,7 @@ from tests.support.waiting import until
 pytestmark = pytest.mark.browser
 
 
-def test_login_link_signs_in_and_leaves_no_token_behind(
+def test_login_link_signs_in_and_stores_no_token_or_code(
     open_window: OpenWindow, server
 ):
     page = open_window(sign_in=False).page
@@ -38,7 +38,7 @@ def test_login_link_signs_in_and_leaves_no_token_behind(
     )
 
 
-def test_nothing_in_the_history_signs_anybody_in(open_window, server):
+def test_browser_history_and_used_login_link_do_not_sign_in(open_window, server):
     """After signing out, neither going back nor opening the used link signs in."""
     page = open_window(sign_in=False).page
     link = server.login_link
@@ -59,7 +59,7 @@ def test_nothing_in_the_history_signs_anybody_in(open_window, server):
     expect(page.get_by_text("this login link was used already")).to_be_visible()
 
 
-def test_wrong_login_link_says_so(open_window, server):
+def test_invalid_login_link_shows_error(open_window, server):
     page = open_window(sign_in=False).page
 
     page.goto(f"{server.url}/#code=wrong")
@@ -71,9 +71,7 @@ def test_wrong_login_link_says_so(open_window, server):
     assert "wrong" not in page.url
 
 
-def test_link_with_a_token_signs_nobody_in_and_says_how_to_get_another(
-    open_window, server
-):
+def test_link_with_a_token_is_refused_with_instructions(open_window, server):
     page = open_window(sign_in=False).page
 
     page.goto(f"{server.url}/#token={server.token}")
@@ -87,7 +85,7 @@ def test_link_with_a_token_signs_nobody_in_and_says_how_to_get_another(
 
 
 @pytest.mark.parametrize("what", ["token", "login_link"])
-def test_pasted_token_or_link_signs_in_where_one_wanted_to_go(
+def test_pasted_token_or_link_signs_in_and_opens_requested_page(
     open_window, server, scene, what
 ):
     visitor = open_window(sign_in=False)
@@ -142,7 +140,7 @@ def test_sign_out_ends_the_session_in_every_tab(open_window, server):
     expect(other.locator("[data-view=datasets]")).to_be_visible()
 
 
-def test_login_link_works_in_a_window_that_is_open_already(open_window, server):
+def test_login_link_signs_in_an_already_open_window(open_window, server):
     page = open_window(sign_in=False).open("#/datasets")
     expect(page.get_by_label("Token")).to_be_visible()
 
@@ -152,7 +150,7 @@ def test_login_link_works_in_a_window_that_is_open_already(open_window, server):
     assert "code" not in page.url
 
 
-def test_description_of_the_api_is_shown_to_who_is_signed_in(open_window, server):
+def test_api_documentation_requires_sign_in(open_window, server):
     page = open_window(sign_in=False).page
     page.goto(f"{server.url}/docs")
     expect(page.get_by_text("Sign in first")).to_be_visible()
@@ -182,10 +180,10 @@ def test_description_of_the_api_is_shown_to_who_is_signed_in(open_window, server
         ("revoked_at = '2001-01-01 00:00:00'", "this token was revoked"),
     ],
 )
-def test_login_link_of_a_token_that_is_over_says_why(
+def test_login_link_of_expired_or_revoked_token_shows_reason(
     open_window, server, api, change, words
 ):
-    token = a_token(server, api)
+    token = create_token(server, api)
     link = server.login_link_of(token)
     change_token(server, token, change)
     page = open_window(sign_in=False).page
@@ -195,20 +193,20 @@ def test_login_link_of_a_token_that_is_over_says_why(
     expect(page.get_by_role("alert")).to_contain_text(words)
 
 
-def test_page_whose_token_expires_says_so(open_window, server, api, scene):
-    token = a_token(server, api)
+def test_page_reports_that_its_token_expired(open_window, server, api, scene):
+    token = create_token(server, api)
     page = open_window(sign_in=False).page
     page.goto(server.login_link_of(token))
     expect(page.locator("[data-view=datasets]")).to_be_visible()
 
-    until_expired(page, server, token)
+    expire_token(page, server, token)
     page.goto(f"{server.url}/{scene.link()}")
 
     expect(page.get_by_label("Token")).to_be_visible()
     expect(page.get_by_text("Your token has expired.")).to_be_visible()
 
 
-def until_expired(page, server, token):
+def expire_token(page, server, token):
     """Let a token expire, and wait until the server, which caches tokens, notices."""
     # Read before the change: the page drops its session with the first refusal.
     shown = {"Authorization": f"Bearer {kept_session(page)['session']}"}
@@ -218,7 +216,7 @@ def until_expired(page, server, token):
     )
 
 
-def a_token(server, api):
+def create_token(server, api):
     name = f"visitor-{uuid4().hex}"
     return api.post("/tokens", json={"name": name}).json()["token"]
 
@@ -231,9 +229,7 @@ def change_token(server, token, to):
     )
 
 
-def test_a_refusal_of_the_session_before_does_not_end_the_new_one(
-    scene, open_window, server
-):
+def test_401_for_the_previous_session_keeps_the_new_session(scene, open_window, server):
     user = open_window(sign_in=False)
     page = user.page
     held: list[Route] = []

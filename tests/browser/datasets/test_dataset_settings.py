@@ -16,17 +16,17 @@ from unghost.wire.datasets import DatasetPatch
 pytestmark = [pytest.mark.browser, pytest.mark.long]
 
 
-def opened(user: Visitor, scene: Scene) -> Page:
+def open_settings(user: Visitor, scene: Scene) -> Page:
     page = user.open(f"#/datasets/{scene.dataset}/frames")
     page.get_by_role("button", name="Dataset settings").click()
     expect(page.get_by_role("dialog", name=scene.dataset)).to_be_visible()
     return page
 
 
-def test_refused_frames_are_listed_in_the_servers_words(scene, user):
+def test_refused_frames_are_listed_with_the_servers_message(scene, user):
     bad = {"annotation": ("a.json", '{"boxes": [{"class": "car"}]}')}
     scene.api.put(f"/datasets/{scene.dataset}/frames/bad", files=bad)
-    page = opened(user, scene)
+    page = open_settings(user, scene)
 
     refused = page.get_by_label("Refused frames")
 
@@ -35,8 +35,8 @@ def test_refused_frames_are_listed_in_the_servers_words(scene, user):
     expect(page.locator(".page__settings")).to_contain_text("1 refused frame")
 
 
-def test_description_is_stored(scene, user):
-    page = opened(user, scene)
+def test_dataset_description_is_stored(scene, user):
+    page = open_settings(user, scene)
 
     page.get_by_label("Description").fill("one car, and what is not there")
     page.get_by_role("button", name="Save").click()
@@ -46,8 +46,8 @@ def test_description_is_stored(scene, user):
     assert stored["description"] == "one car, and what is not there"
 
 
-def test_another_reading_measures_again_and_leads_to_the_run(scene, user):
-    page = opened(user, scene)
+def test_changed_palette_starts_a_run_and_links_to_it(scene, user):
+    page = open_settings(user, scene)
 
     page.locator("select[name=palette]").select_option("auto")
     page.get_by_role("button", name="Save").click()
@@ -56,8 +56,8 @@ def test_another_reading_measures_again_and_leads_to_the_run(scene, user):
     expect(page).to_have_url(f"{user.url}/#/datasets/{scene.dataset}/runs")
 
 
-def test_settings_offer_what_the_api_takes(scene, user):
-    page = opened(user, scene)
+def test_settings_offer_the_values_that_the_api_accepts(scene, user):
+    page = open_settings(user, scene)
     properties = DatasetPatch.model_json_schema()["properties"]
     choices = {name: one["enum"] for name, one in properties.items() if "enum" in one}
 
@@ -68,8 +68,8 @@ def test_settings_offer_what_the_api_takes(scene, user):
     expect(page.get_by_label("Description")).to_have_attribute("maxlength", "2000")
 
 
-def test_reading_that_is_refused_is_said_and_nothing_changes(scene, user):
-    page = opened(user, scene)
+def test_refused_palette_change_shows_the_servers_error(scene, user):
+    page = open_settings(user, scene)
     problem = {"title": "Conflict", "detail": "a run is going on", "status": 409}
     route_loaded(
         page,
@@ -83,8 +83,8 @@ def test_reading_that_is_refused_is_said_and_nothing_changes(scene, user):
     expect(page.get_by_text("a run is going on")).to_be_visible()
 
 
-def test_dataset_is_deleted_only_with_its_name(scene, user):
-    page = opened(user, scene)
+def test_deleting_a_dataset_requires_typing_its_name(scene, user):
+    page = open_settings(user, scene)
     page.get_by_text("Delete this dataset").click()
     expect(page.get_by_role("button", name="Delete")).to_be_disabled()
 

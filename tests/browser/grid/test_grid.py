@@ -19,19 +19,19 @@ pytestmark = pytest.mark.browser
 
 
 @pytest.fixture
-def many(make_scene: MakeScene) -> Scene:
+def sixty_boxes(make_scene: MakeScene) -> Scene:
     """Sixty boxes: b0, b2, ... are kept, b1, b3, ... are rejected."""
     return make_scene(boxes=many_boxes.alternating_boxes(60))
 
 
-def opened(user: Visitor, scene: Scene, **query: str):
+def open_grid(user: Visitor, scene: Scene, **query: str):
     page = user.open(grid(scene, **query))
     expect(page.get_by_role("grid")).to_have_attribute("aria-busy", "false")
     return page
 
 
-def test_every_box_is_shown_with_its_crop_verdict_and_match(many, user):
-    page = opened(user, many)
+def test_every_box_is_shown_with_its_crop_verdict_and_match(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
 
     first, second = cell(page, 0), cell(page, 1)
     expect(first.locator("img")).to_be_visible()
@@ -43,14 +43,14 @@ def test_every_box_is_shown_with_its_crop_verdict_and_match(many, user):
     expect(page.locator(".grid-status p")).to_have_text("60 boxes")
 
 
-def test_boxes_without_a_place_in_the_image_say_so(scene, user):
-    page = opened(user, scene, reason="outside_image")
+def test_boxes_outside_the_image_are_labelled_outside(scene, user):
+    page = open_grid(user, scene, reason="outside_image")
 
     expect(page.locator(".cell__none")).to_have_text("outside")
 
 
-def test_clicks_select_one_some_and_a_range(many, user):
-    page = opened(user, many)
+def test_click_ctrl_click_and_shift_click_select_boxes(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
 
     cell(page, 3).click()
     assert selected(page) == [3]
@@ -66,8 +66,8 @@ def test_clicks_select_one_some_and_a_range(many, user):
     expect(page.locator(".bar__count")).to_have_text("3 selected")
 
 
-def test_a_rectangle_drawn_with_the_mouse_selects_what_it_touches(many, user):
-    page = opened(user, many)
+def test_dragging_a_rectangle_selects_the_boxes_it_touches(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
     first, last = cell(page, 0).bounding_box(), cell(page, 2).bounding_box()
     assert first is not None
     assert last is not None
@@ -83,8 +83,8 @@ def test_a_rectangle_drawn_with_the_mouse_selects_what_it_touches(many, user):
     assert selected(page) == [0, 1, 2, 5]
 
 
-def test_a_rectangle_with_ctrl_adds_to_the_selection(many, user):
-    page = opened(user, many)
+def test_ctrl_dragging_a_rectangle_adds_to_the_selection(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
     cell(page, 9).click()
     box = cell(page, 1).bounding_box()
     assert box is not None
@@ -99,8 +99,8 @@ def test_a_rectangle_with_ctrl_adds_to_the_selection(many, user):
     assert selected(page) == [1, 9]
 
 
-def test_arrows_move_and_space_and_enter_toggle(many, user):
-    page = opened(user, many)
+def test_arrow_keys_move_focus_and_space_or_enter_toggles_selection(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
     columns = int(page.get_by_role("grid").get_attribute("aria-colcount") or 0)
 
     user.press("ArrowRight", "Space", "ArrowDown", "Enter")
@@ -112,8 +112,8 @@ def test_arrows_move_and_space_and_enter_toggle(many, user):
     assert selected(page) == [1]
 
 
-def test_shift_with_arrows_spans_a_range_and_escape_lets_go(many, user):
-    page = opened(user, many)
+def test_shift_arrow_selects_a_range_and_escape_deselects(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
 
     user.press("ArrowRight", "Shift+ArrowRight", "Shift+ArrowRight")
     assert selected(page) == [1, 2, 3]
@@ -125,8 +125,8 @@ def test_shift_with_arrows_spans_a_range_and_escape_lets_go(many, user):
     expect(page.locator(".bar--grid")).to_have_count(0)
 
 
-def test_end_and_home_lead_to_the_last_and_the_first_box(many, user):
-    page = opened(user, many)
+def test_end_and_home_keys_go_to_last_and_first_box(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
 
     user.press("End")
     expect(cell(page, 59)).to_be_in_viewport(ratio=1)
@@ -136,8 +136,8 @@ def test_end_and_home_lead_to_the_last_and_the_first_box(many, user):
     expect(page.locator(".bar__count")).to_have_text("1 selected")
 
 
-def test_ctrl_a_selects_all_of_the_filter(many, user):
-    page = opened(user, many, verdict="kept")
+def test_ctrl_a_selects_all_boxes_of_the_filter(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes, verdict="kept")
 
     user.press("Control+a")
 
@@ -161,9 +161,11 @@ def test_ctrl_a_selects_all_of_the_filter(many, user):
         ({"toss_up": "true"}, 0),
     ],
 )
-def test_filters_of_a_link_are_obeyed_and_the_hidden_are_said(many, user, query, shown):
-    many_boxes.review(many, many.box_id("b0"), "reject")
-    page = user.open(grid(many, **query))
+def test_link_filters_apply_and_hidden_boxes_are_counted(
+    sixty_boxes, user, query, shown
+):
+    many_boxes.review(sixty_boxes, sixty_boxes.box_id("b0"), "reject")
+    page = user.open(grid(sixty_boxes, **query))
 
     if shown:
         words = f"{shown} box{'es' if shown > 1 else ''}"
@@ -173,8 +175,8 @@ def test_filters_of_a_link_are_obeyed_and_the_hidden_are_said(many, user, query,
         expect(page.get_by_role("heading", name="No box matches")).to_be_visible()
 
 
-def test_filters_and_order_are_written_into_the_address(many, user):
-    page = opened(user, many)
+def test_filters_and_sort_order_are_kept_in_the_address(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
     page.get_by_role("group", name="Verdict").get_by_text("Rejected").click()
     page.get_by_label("Order").select_option("-match_percent")
     page.get_by_role("button", name="More").click()
@@ -189,8 +191,8 @@ def test_filters_and_order_are_written_into_the_address(many, user):
     assert "sort=-match_percent" in page.url
 
 
-def test_a_number_typed_in_a_menu_counts_although_the_menu_closes_at_once(many, user):
-    page = opened(user, many)
+def test_number_filter_applies_even_if_its_menu_closes_at_once(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
     page.get_by_role("button", name="More").click()
     page.get_by_label("Match, at least").fill("1")
     page.get_by_label("Distance, at most").fill("40")
@@ -202,22 +204,22 @@ def test_a_number_typed_in_a_menu_counts_although_the_menu_closes_at_once(many, 
     assert "match_min=1" in page.url
 
 
-def test_a_number_that_is_typed_does_not_hold_back_who_goes_back(many, user):
-    page = user.open(f"#/datasets/{many.dataset}/frames")
+def test_pending_number_filter_does_not_block_browser_back(sixty_boxes, user):
+    page = user.open(f"#/datasets/{sixty_boxes.dataset}/frames")
     expect(page.locator("a.thumb").first).to_be_visible()
-    opened(user, many)
+    open_grid(user, sixty_boxes)
     page.get_by_role("button", name="More").click()
     page.get_by_label("Match, at least").fill("1")
 
     page.evaluate("history.back()")
 
     expect(page.locator("a.thumb").first).to_be_visible()
-    assert page.url.endswith(f"#/datasets/{many.dataset}/frames")
+    assert page.url.endswith(f"#/datasets/{sixty_boxes.dataset}/frames")
 
 
-def test_blind_re_check_hides_verdicts_of_boxes_without_an_answer(many, user):
-    many_boxes.review(many, many.box_id("b1"), "keep")
-    page = opened(user, many)
+def test_blind_re_check_hides_verdicts_of_unanswered_boxes(sixty_boxes, user):
+    many_boxes.review(sixty_boxes, sixty_boxes.box_id("b1"), "keep")
+    page = open_grid(user, sixty_boxes)
     user.press("b")
 
     expect(cell(page, 1).locator(".cell__box--kept")).to_be_visible()
@@ -227,8 +229,8 @@ def test_blind_re_check_hides_verdicts_of_boxes_without_an_answer(many, user):
         assert not re.search("kept|rejected|%|pixel", name)
 
 
-def test_v_goes_through_the_verdicts(many, user):
-    page = opened(user, many)
+def test_v_key_cycles_the_verdict_filter(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
 
     user.press("v")
     expect(page.locator(".grid-status p")).to_contain_text("30 hidden")
@@ -239,8 +241,8 @@ def test_v_goes_through_the_verdicts(many, user):
 
 
 @pytest.mark.parametrize("way", ["key", "double click", "button"])
-def test_a_box_is_opened_in_its_frame(many, user, way):
-    page = opened(user, many)
+def test_key_double_click_or_button_opens_a_box_in_its_frame(sixty_boxes, user, way):
+    page = open_grid(user, sixty_boxes)
     if way == "key":
         cell(page, 5).click()
         user.press("c")
@@ -254,8 +256,8 @@ def test_a_box_is_opened_in_its_frame(many, user, way):
     expect(page.locator(".inspector__head h2")).to_have_text("car b5")
 
 
-def test_coming_back_one_is_where_one_was_with_the_same_selection(many, user):
-    page = opened(user, many)
+def test_returning_to_the_grid_restores_scroll_and_selection(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
     user.press("End")
     cell(page, 55).click()
     before = page.get_by_role("grid").evaluate("grid => grid.scrollTop")
@@ -275,8 +277,8 @@ def test_coming_back_one_is_where_one_was_with_the_same_selection(many, user):
     expect(cell(page, 55)).to_be_in_viewport()
 
 
-def test_larger_crops_are_fewer_in_a_row_and_the_place_is_kept(many, user):
-    page = opened(user, many)
+def test_larger_crops_reduce_columns_and_keep_scroll_position(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
     user.press("End")
     expect(cell(page, 59)).to_be_in_viewport()
     columns = page.get_by_role("grid").get_attribute("aria-colcount")
@@ -290,10 +292,10 @@ def test_larger_crops_are_fewer_in_a_row_and_the_place_is_kept(many, user):
     expect(page.get_by_label("Size of the crops")).to_have_value("320")
 
 
-def test_a_list_that_cannot_be_read_says_so_and_is_tried_again(many, user):
+def test_failed_box_list_shows_error_and_can_be_retried(sixty_boxes, user):
     page = user.page
     page.route("**/api/v1/boxes?**", lambda route: route.abort())
-    user.open(grid(many))
+    user.open(grid(sixty_boxes))
     expect(page.get_by_role("alert")).to_have_text("The server does not answer.")
 
     page.unroute("**/api/v1/boxes?**")
@@ -302,10 +304,10 @@ def test_a_list_that_cannot_be_read_says_so_and_is_tried_again(many, user):
     expect(page.locator(".grid-status p")).to_have_text("60 boxes")
 
 
-def test_crops_that_could_not_be_loaded_are_tried_again(many, user):
+def test_failed_crops_are_retried(sixty_boxes, user):
     page = user.page
     page.route("**/crop?**", lambda route: route.abort())
-    opened(user, many)
+    open_grid(user, sixty_boxes)
     expect(cell(page, 0)).to_contain_text("not loaded")
 
     page.unroute("**/crop?**")
@@ -313,10 +315,10 @@ def test_crops_that_could_not_be_loaded_are_tried_again(many, user):
     expect(cell(page, 0).locator("img")).to_be_visible()
 
 
-def test_crops_that_could_not_be_loaded_come_when_the_network_is_back(many, user):
+def test_failed_crops_are_retried_when_online_again(sixty_boxes, user):
     page = user.page
     page.route("**/crop?**", lambda route: route.abort())
-    opened(user, many)
+    open_grid(user, sixty_boxes)
     expect(cell(page, 0)).to_contain_text("not loaded")
     page.unroute("**/crop?**")
 
@@ -327,7 +329,7 @@ def test_crops_that_could_not_be_loaded_come_when_the_network_is_back(many, user
     expect(cell(page, 0).locator("img")).to_be_visible()
 
 
-def test_empty_dataset_says_that_nothing_was_pushed(api, user):
+def test_empty_dataset_shows_no_boxes_message(api, user):
     api.post("/datasets", json={"name": "bare"})
 
     page = user.open("#/datasets/bare/grid")
@@ -335,22 +337,24 @@ def test_empty_dataset_says_that_nothing_was_pushed(api, user):
     expect(page.get_by_role("heading", name="No boxes yet")).to_be_visible()
 
 
-def test_a_list_that_was_left_is_read_again_after_a_run(many, user):
-    kept = grid(many, verdict="kept")
+def test_grid_reloads_its_box_list_after_a_run(sixty_boxes, user):
+    kept = grid(sixty_boxes, verdict="kept")
     page = user.open(kept)
     expect(page.locator(".grid-status b")).to_have_text("30")
     page.evaluate("location.hash = '#/datasets'")
     expect(page.get_by_role("heading", name="Datasets")).to_be_visible()
-    many.decide(min_visible_pixels=1_000_000)
+    sixty_boxes.decide(min_visible_pixels=1_000_000)
 
     page.evaluate("(link) => { location.hash = link; }", kept)
 
     expect(page.get_by_text("No box matches")).to_be_visible()
 
 
-def test_a_list_that_was_left_is_read_again_after_a_bulk_answer(many, user):
-    page = opened(user, many)
-    page.evaluate("(link) => { location.hash = link; }", grid(many, review="none"))
+def test_grid_reloads_its_box_list_after_a_bulk_answer(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
+    page.evaluate(
+        "(link) => { location.hash = link; }", grid(sixty_boxes, review="none")
+    )
     page.get_by_role("button", name="Select all 60").click()
     user.press("a")
     expect(page.get_by_text("No box matches")).to_be_visible()

@@ -30,7 +30,7 @@ def page(many: Scene, user: Visitor) -> Page:
     return opened
 
 
-def select(page: Page, first: int, last: int) -> None:
+def select_range(page: Page, first: int, last: int) -> None:
     cell(page, first).click()
     cell(page, last).click(modifiers=["Shift"])
 
@@ -51,8 +51,8 @@ def toast(page: Page):
         ("u", "unsure", "3 boxes flagged as unsure"),
     ],
 )
-def test_a_key_answers_for_all_selected_at_once(many, user, page, key, verdict, words):
-    select(page, 1, 3)
+def test_answer_key_answers_all_selected_boxes(many, user, page, key, verdict, words):
+    select_range(page, 1, 3)
 
     user.press(key)
 
@@ -62,11 +62,11 @@ def test_a_key_answers_for_all_selected_at_once(many, user, page, key, verdict, 
     assert selected(page) == []
 
 
-def test_delete_takes_the_answers_back(many, user, page):
-    select(page, 1, 3)
+def test_delete_key_removes_answers_of_selected_boxes(many, user, page):
+    select_range(page, 1, 3)
     user.press("x")
     expect(toast(page)).to_contain_text("3 boxes rejected")
-    select(page, 2, 3)
+    select_range(page, 2, 3)
 
     user.press("Delete")
 
@@ -74,11 +74,11 @@ def test_delete_takes_the_answers_back(many, user, page):
     assert answers(many) == {"b1": "reject"}
 
 
-def test_one_undo_takes_back_the_whole_bulk_answer_and_nothing_else(many, user, page):
-    select(page, 0, 1)
+def test_undo_reverts_only_the_latest_bulk_answer(many, user, page):
+    select_range(page, 0, 1)
     user.press("x")
     expect(toast(page)).to_contain_text("2 boxes rejected")
-    select(page, 2, 5)
+    select_range(page, 2, 5)
     user.press("a")
     expect(toast(page)).to_contain_text("4 boxes kept")
 
@@ -93,8 +93,8 @@ def test_one_undo_takes_back_the_whole_bulk_answer_and_nothing_else(many, user, 
     assert answers(many) == {}
 
 
-def test_the_message_offers_undo_as_long_as_it_is_possible(many, user, page):
-    select(page, 0, 1)
+def test_message_offers_undo_until_it_is_used(many, user, page):
+    select_range(page, 0, 1)
     user.press("x")
     page.get_by_role("button", name="Undo").click()
 
@@ -104,8 +104,8 @@ def test_the_message_offers_undo_as_long_as_it_is_possible(many, user, page):
     expect(toast(page)).to_contain_text("Nothing to undo")
 
 
-def test_undo_leaves_alone_and_lists_what_somebody_answered_since(many, user, page):
-    select(page, 0, 2)
+def test_undo_skips_and_lists_boxes_answered_since(many, user, page):
+    select_range(page, 0, 2)
     user.press("x")
     expect(toast(page)).to_contain_text("3 boxes rejected")
     many_boxes.review(many, many.box_id("b1"), "keep")
@@ -119,8 +119,8 @@ def test_undo_leaves_alone_and_lists_what_somebody_answered_since(many, user, pa
     expect(strip(page)).to_have_count(0)
 
 
-def test_undo_without_a_network_is_shown_at_once_and_sent_later(many, user, page):
-    select(page, 0, 2)
+def test_offline_undo_is_shown_at_once_and_sent_when_online(many, user, page):
+    select_range(page, 0, 2)
     user.press("x")
     expect(toast(page)).to_contain_text("3 boxes rejected")
     page.context.set_offline(True)
@@ -137,8 +137,8 @@ def test_undo_without_a_network_is_shown_at_once_and_sent_later(many, user, page
     assert answers(many) == {}
 
 
-def test_an_answer_that_waits_while_its_bulk_answer_is_undone_is_kept(many, user, page):
-    select(page, 0, 2)
+def test_unsent_answer_survives_undo_of_its_bulk_answer(many, user, page):
+    select_range(page, 0, 2)
     user.press("x")
     expect(toast(page)).to_contain_text("3 boxes rejected")
     route_loaded(page, "**/reviews/bulk", lambda route: route.abort())
@@ -162,7 +162,7 @@ def test_refused_bulk_answer_can_be_sent_again(many, user, page):
         route.fulfill(status=403, json=problem)
 
     route_loaded(page, "**/reviews/bulk", forbid)
-    select(page, 0, 2)
+    select_range(page, 0, 2)
     user.press("x")
     expect(strip(page)).to_contain_text(
         "Refused: reject 3 boxes. Viewers answer nothing."
@@ -177,8 +177,8 @@ def test_refused_bulk_answer_can_be_sent_again(many, user, page):
     assert set(answers(many).values()) == {"reject"}
 
 
-def test_bar_answers_and_says_what_it_will_do(many, page):
-    select(page, 4, 9)
+def test_toolbar_shows_selected_count_and_answers(many, page):
+    select_range(page, 4, 9)
     bar = page.get_by_role("toolbar", name="Answer for the selected boxes")
     expect(bar).to_contain_text("6 selected")
 
@@ -188,17 +188,17 @@ def test_bar_answers_and_says_what_it_will_do(many, page):
     assert len(answers(many)) == 6
 
 
-def test_nothing_selected_is_said_and_nothing_is_sent(many, user, page):
+def test_answer_key_without_selection_shows_hint_and_sends_nothing(many, user, page):
     user.press("x")
 
     expect(toast(page)).to_contain_text("Select boxes first")
     assert answers(many) == {}
 
 
-def test_answered_boxes_stay_until_the_list_is_updated(many, user):
+def test_answered_boxes_stay_listed_until_the_list_is_updated(many, user):
     page = user.open(grid(many, review="undecided"))
     expect(page.locator(".grid-status p")).to_have_text("30 boxes")
-    select(page, 0, 4)
+    select_range(page, 0, 4)
     user.press("x")
     expect(toast(page)).to_contain_text("5 boxes rejected")
     expect(cell(page, 0).locator(".sign--reject")).to_be_visible()
@@ -209,7 +209,7 @@ def test_answered_boxes_stay_until_the_list_is_updated(many, user):
     expect(page.locator(".sign")).to_have_count(0)
 
 
-def test_all_of_a_filter_are_answered_by_their_number_and_undone(many, user):
+def test_bulk_answer_on_a_filter_is_stored_and_undone(many, user):
     page = user.open(grid(many, verdict="rejected"))
     page.get_by_role("button", name="Select all 15").click()
 
@@ -224,7 +224,7 @@ def test_all_of_a_filter_are_answered_by_their_number_and_undone(many, user):
     assert answers(many) == {}
 
 
-def test_a_filter_that_selects_another_number_by_now_is_counted_again(many, user):
+def test_bulk_answer_is_refused_if_the_filter_count_changed(many, user):
     page = user.open(grid(many, review="undecided"))
     page.get_by_role("button", name="Select all 30").click()
     many_boxes.review(many, many.box_id("b0"), "keep")
@@ -243,7 +243,7 @@ def test_a_filter_that_selects_another_number_by_now_is_counted_again(many, user
     assert len(answers(many)) == 30
 
 
-def test_all_of_a_filter_are_not_answered_if_somebody_else_answered_one(
+def test_bulk_answer_on_a_filter_is_refused_after_another_answer(
     many: Scene, open_window: OpenWindow
 ):
     ada, bo = open_window(), open_window()
@@ -267,7 +267,7 @@ def test_all_of_a_filter_are_not_answered_if_somebody_else_answered_one(
     assert set(answers(many).values()) == {"reject"}
 
 
-def test_boxes_that_somebody_else_answered_since_are_left_and_shown(
+def test_bulk_answer_skips_and_lists_boxes_answered_by_others(
     many: Scene, open_window: OpenWindow
 ):
     ada, bo = open_window(), open_window()
@@ -277,7 +277,7 @@ def test_boxes_that_somebody_else_answered_since_are_left_and_shown(
     cell(his, 1).click()
     bo.press("a")
     expect(toast(his)).to_contain_text("1 box kept")
-    select(hers, 0, 2)
+    select_range(hers, 0, 2)
 
     ada.press("x")
 
@@ -293,11 +293,9 @@ def test_boxes_that_somebody_else_answered_since_are_left_and_shown(
     assert answers(many) == {"b1": "keep"}
 
 
-def test_a_bulk_answer_given_offline_says_so_and_is_sent_when_the_network_is_back(
-    many, user, page
-):
+def test_offline_bulk_answer_is_marked_unsent_and_sent_when_online(many, user, page):
     page.context.set_offline(True)
-    select(page, 0, 2)
+    select_range(page, 0, 2)
 
     user.press("x")
 
@@ -311,13 +309,13 @@ def test_a_bulk_answer_given_offline_says_so_and_is_sent_when_the_network_is_bac
     assert len(answers(many)) == 3
 
 
-def test_a_bulk_answer_may_be_sent_again_or_discarded_by_hand(many, user, page):
+def test_unsent_bulk_answer_can_be_sent_or_discarded_manually(many, user, page):
     route_loaded(page, "**/reviews/bulk", lambda route: route.abort())
-    select(page, 0, 2)
+    select_range(page, 0, 2)
     user.press("x")
     strip(page).get_by_role("button", name="Discard").click()
     expect(page.locator(".sign")).to_have_count(0)
-    select(page, 0, 1)
+    select_range(page, 0, 1)
     user.press("x")
     expect(strip(page)).to_contain_text("reject 2 boxes")
 
@@ -328,7 +326,7 @@ def test_a_bulk_answer_may_be_sent_again_or_discarded_by_hand(many, user, page):
     assert len(answers(many)) == 2
 
 
-def test_boxes_that_are_gone_are_left_out_and_listed(
+def test_bulk_answer_skips_and_counts_deleted_boxes(
     many: Scene, user: Visitor, api: httpx.Client
 ):
     many.push("run/000002", boxes=many_boxes.alternating_boxes(2))

@@ -27,7 +27,7 @@ NODES = "document.querySelectorAll('*').length"
 
 
 @pytest.fixture(scope="module")
-def endless(api: httpx.Client, server: RunningServer) -> str:
+def dataset_of_100000_boxes(api: httpx.Client, server: RunningServer) -> str:
     """100,000 boxes, written directly to the database; all frames share one image."""
     many_boxes.fill(api, "one-picture", frames=1, boxes=1)
     (frame,) = api.get("/datasets/one-picture/frames").json()["items"]
@@ -45,11 +45,11 @@ def endless(api: httpx.Client, server: RunningServer) -> str:
 
 @pytest.fixture
 def page(
-    browser: Browser, server: RunningServer, signed_in, endless: str
+    browser: Browser, server: RunningServer, signed_in, dataset_of_100000_boxes: str
 ) -> Iterator[Page]:
     context = browser.new_context(storage_state=signed_in, viewport=WIDE)
     grid = context.new_page()
-    grid.goto(f"{server.url}/#/datasets/{endless}/grid?sort=id")
+    grid.goto(f"{server.url}/#/datasets/{dataset_of_100000_boxes}/grid?sort=id")
     expect(grid.get_by_role("grid")).to_have_attribute("aria-busy", "false")
     yield grid
     context.close()
@@ -67,7 +67,7 @@ def top_of(page: Page, index: int) -> float:
     return box["y"]
 
 
-def test_scrollbar_and_status_tell_how_many_there_are(page):
+def test_scrollbar_and_status_show_the_number_of_boxes(page):
     grid = page.get_by_role("grid")
 
     expect(page.locator(".grid-status p")).to_have_text("100 000 boxes")
@@ -77,7 +77,7 @@ def test_scrollbar_and_status_tell_how_many_there_are(page):
     assert abs(grid.evaluate("g => g.scrollHeight") / (BOXES / columns) - pitch) < 1
 
 
-def test_as_little_is_in_the_document_at_the_end_as_at_the_start(page):
+def test_few_cells_are_rendered_at_the_end_of_a_long_list(page):
     at_start = page.evaluate(NODES)
 
     page.keyboard.press("End")
@@ -88,7 +88,7 @@ def test_as_little_is_in_the_document_at_the_end_as_at_the_start(page):
     assert page.locator(".cell").count() < 150
 
 
-def test_a_jump_ahead_arrives(page):
+def test_scrolling_far_ahead_loads_the_boxes_there(page):
     scroll_to(page, 0.05)
 
     expect(page.locator(".cell:has(.cell__class)").first).to_be_visible(timeout=30_000)
@@ -96,7 +96,7 @@ def test_a_jump_ahead_arrives(page):
     assert int(first or 0) > 0.04 * BOXES
 
 
-def test_places_that_are_not_read_yet_are_shown_and_filled_in(page):
+def test_unloaded_cells_show_placeholders_until_loaded(page):
     route_loaded(page, "**/api/v1/boxes?**cursor**", lambda route: None)
     scroll_to(page, 0.02)
     expect(page.locator(".cell__none.shimmer").first).to_be_visible()
@@ -109,17 +109,17 @@ def test_places_that_are_not_read_yet_are_shown_and_filled_in(page):
     expect(page.locator(".cell:has(.cell__class) img").first).to_be_visible()
 
 
-def test_crops_are_asked_for_a_few_at_a_time_and_cancelled_when_scrolled_past(page):
+def test_crop_requests_are_limited_and_cancelled_when_scrolled_past(page):
     under_way: set[str] = set()
     most: list[int] = []
 
-    def begun(request: Request) -> None:
+    def record_request(request: Request) -> None:
         if "/crop?" in request.url:
             under_way.add(request.url)
             most.append(len(under_way))
 
     route_loaded(page, "**/crop?**", lambda route: None)
-    page.on("request", begun)
+    page.on("request", record_request)
     page.on("requestfailed", lambda request: under_way.discard(request.url))
     scroll_to(page, 0.0005)
     expect(page.locator(".cell__box").first).to_be_visible()
@@ -136,7 +136,7 @@ def test_crops_are_asked_for_a_few_at_a_time_and_cancelled_when_scrolled_past(pa
     expect(cell(page, 0).locator("img")).to_be_visible()
 
 
-def test_a_range_across_thousands_is_selected_and_answered_as_one(page, api):
+def test_range_of_thousands_of_boxes_is_one_bulk_answer(page, api):
     scroll_to(page, 0.03)
     cell(page, 0).wait_for(state="detached")
     expect(page.locator(".cell:has(.cell__class)").first).to_be_visible()

@@ -42,7 +42,7 @@ def measured(user: Visitor, dataset: str) -> Locator:
     return panel(page)
 
 
-def test_every_channel_is_measured_by_a_click_and_compared(user, api, dataset):
+def test_measure_button_measures_and_compares_every_channel(user, api, dataset):
     found = measured(user, dataset)
 
     segmentation = found.get_by_role("row", name=re.compile("^Segmentation active"))
@@ -57,7 +57,7 @@ def test_every_channel_is_measured_by_a_click_and_compared(user, api, dataset):
     assert [box["verdict"] for box in boxes] == ["kept", "kept"]
 
 
-def test_the_worst_boxes_of_a_channel_are_a_queue(user, api, dataset):
+def test_boxes_that_a_channel_got_wrong_open_as_a_queue(user, api, dataset):
     found = measured(user, dataset)
     expect(found.get_by_role("link", name=re.compile("that Depth got"))).to_have_count(
         0
@@ -79,7 +79,7 @@ def test_the_worst_boxes_of_a_channel_are_a_queue(user, api, dataset):
     expect(page.locator(".inspector__head h2")).to_have_text(re.compile(r"217 ?$"))
 
 
-def test_the_filter_is_compared_with_instances_without_an_answer(user, dataset):
+def test_filter_is_compared_with_instances_without_answers(user, dataset):
     page = user.open(f"#/datasets/{dataset}/quality")
     page.get_by_role("button", name="Compare with instances").click()
     expect(page).to_have_url(re.compile("against=instances$"))
@@ -96,7 +96,7 @@ def test_the_filter_is_compared_with_instances_without_an_answer(user, dataset):
     expect(card).to_contain_text("2 boxes")
 
 
-def test_a_box_that_another_channel_judged_says_what_decided(user, api, dataset):
+def test_box_decided_by_depth_names_the_deciding_channel(user, api, dataset):
     body = {"config": {"evidence": "depth"}, "activate": True}
     started = api.post(f"/datasets/{dataset}/runs", json=body)
     assert started.is_success, started.text
@@ -118,7 +118,7 @@ def rejected(api: httpx.Client, dataset: str) -> int:
     return int(box["box_id"])
 
 
-def test_classes_and_distances_are_compared_too(user, dataset):
+def test_channels_are_compared_by_class_and_by_distance(user, dataset):
     found = measured(user, dataset)
 
     found.get_by_role("button", name="Distance").click()
@@ -128,7 +128,7 @@ def test_classes_and_distances_are_compared_too(user, dataset):
     expect(found.get_by_role("row", name=re.compile("^car"))).to_be_visible()
 
 
-def test_people_as_the_truth_are_part_of_the_link(user, api, dataset):
+def test_choice_of_people_as_truth_is_kept_in_the_link(user, api, dataset):
     found = measured(user, dataset)
     found.get_by_role("button", name="People").click()
     expect(found).to_contain_text("Nobody has kept or rejected a box yet")
@@ -143,7 +143,7 @@ def test_people_as_the_truth_are_part_of_the_link(user, api, dataset):
     expect(depth.get_by_role("link", name="Look at 1")).to_be_visible()
 
 
-def test_without_an_instance_image_the_page_says_what_else_there_is(user, scene):
+def test_without_instance_image_page_offers_compare_with_people(user, scene):
     page = user.open(f"#/datasets/{scene.dataset}/quality")
     panel(page).get_by_role("button", name="Measure every channel").click()
 

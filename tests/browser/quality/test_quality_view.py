@@ -57,7 +57,7 @@ def quality_page(user: Visitor, street: Scene) -> Page:
     return page
 
 
-def test_every_field_of_the_matrix_counts_and_leads_to_its_boxes(user, answered):
+def test_confusion_matrix_cells_count_and_link_to_their_boxes(user, answered):
     page = quality_page(user, answered)
     fields = page.locator(".field2__count")
     expect(fields).to_have_text(["8", "0", "4", "6"])
@@ -68,7 +68,7 @@ def test_every_field_of_the_matrix_counts_and_leads_to_its_boxes(user, answered)
     expect(page.locator("main")).to_contain_text("4 boxes")
 
 
-def test_all_on_which_they_differ_are_one_link(user, answered):
+def test_conflicts_of_filter_and_people_are_one_link(user, answered):
     page = quality_page(user, answered)
 
     page.get_by_role("link", name="See the 4 boxes on which they differ").click()
@@ -91,7 +91,7 @@ def test_scores_have_intervals_per_class_and_per_distance(user, answered):
     expect(page.get_by_role("row", name=re.compile("^0–50 m 18"))).to_be_visible()
 
 
-def test_few_answers_are_said_to_say_little(user, answered):
+def test_too_few_answers_show_a_warning(user, answered):
     page = quality_page(user, answered)
 
     expect(
@@ -101,7 +101,7 @@ def test_few_answers_are_said_to_say_little(user, answered):
     expect(page).to_have_url(re.compile(f"/{answered.dataset}/queue$"))
 
 
-def test_a_suggestion_is_tried_with_its_value(user, answered):
+def test_suggested_threshold_opens_in_the_thresholds_view(user, answered):
     page = quality_page(user, answered)
     quality = answered.api.get(f"/datasets/{answered.dataset}/quality").json()
     suggested = quality["suggested"][0]["suggested"]
@@ -114,7 +114,7 @@ def test_a_suggestion_is_tried_with_its_value(user, answered):
     expect(page.locator('[data-figure="won"] .figure__value')).to_have_text("4")
 
 
-def test_a_suggestion_becomes_a_version_by_one_click(user, answered):
+def test_suggested_threshold_is_saved_as_a_version_by_one_click(user, answered):
     page = quality_page(user, answered)
     quality = answered.api.get(f"/datasets/{answered.dataset}/quality").json()
     suggested = quality["suggested"][0]["suggested"]
@@ -128,7 +128,7 @@ def test_a_suggestion_becomes_a_version_by_one_click(user, answered):
     assert applied_config(answered)["classes"] == {}
 
 
-def test_no_version_is_made_of_one_that_is_no_longer_active(user, answered):
+def test_saving_a_suggestion_fails_once_if_active_version_changed(user, answered):
     page = quality_page(user, answered)
     button = page.get_by_role("button", name="Save as a version", exact=True)
     expect(button).to_be_visible()
@@ -147,7 +147,7 @@ def test_no_version_is_made_of_one_that_is_no_longer_active(user, answered):
     assert "car" in newest
 
 
-def test_curves_are_tables_for_whoever_cannot_see_them(user, answered):
+def test_curves_are_also_tables_for_screen_readers(user, answered):
     page = quality_page(user, answered)
     expect(page.locator(".curve__drawing canvas")).to_be_visible()
 
@@ -159,7 +159,7 @@ def test_curves_are_tables_for_whoever_cannot_see_them(user, answered):
     assert table.get_by_role("row").count() > 3
 
 
-def test_the_goal_of_a_suggestion_is_part_of_the_link(user, answered):
+def test_suggestion_target_is_kept_in_the_link(user, answered):
     page = quality_page(user, answered)
 
     page.get_by_role("button", name="Keep 99 % of the visible objects").click()
@@ -168,7 +168,7 @@ def test_the_goal_of_a_suggestion_is_part_of_the_link(user, answered):
     expect(page.get_by_text("the highest ones that keep")).to_be_visible()
 
 
-def test_two_people_are_compared_with_each_other(user, answered):
+def test_agreement_of_two_reviewers_is_shown(user, answered):
     name = f"bo-{answered.dataset}"
     made = answered.api.post("/tokens", json={"name": name, "role": "reviewer"})
     bearer = {"Authorization": f"Bearer {made.json()['token']}"}
@@ -184,7 +184,7 @@ def test_two_people_are_compared_with_each_other(user, answered):
     expect(pair).to_be_visible()
 
 
-def test_without_answers_the_page_says_how_to_give_some(user, street):
+def test_quality_page_without_answers_links_to_the_queue(user, street):
     page = user.open(f"#/datasets/{street.dataset}/quality")
 
     page.get_by_role("link", name="Answer boxes").click()
@@ -192,9 +192,7 @@ def test_without_answers_the_page_says_how_to_give_some(user, street):
     expect(page).to_have_url(re.compile(f"/{street.dataset}/queue$"))
 
 
-def test_suggestions_of_another_target_that_do_not_come_leave_none_behind(
-    user, answered
-):
+def test_failed_request_for_another_target_clears_old_suggestions(user, answered):
     page = quality_page(user, answered)
     route_loaded(
         page, "**/quality?*target=recall*", lambda route: route.fulfill(status=500)

@@ -28,7 +28,7 @@ def blind(scene: Scene, user: Visitor) -> Page:
     return page
 
 
-def test_nothing_on_the_page_tells_the_verdict(blind):
+def test_blind_page_does_not_reveal_the_verdict(blind):
     panel = blind.locator(".panel--inspector").inner_text()
     rows = blind.locator(".boxes").inner_text()
     stage = blind.locator(".stage").get_attribute("aria-label") or ""
@@ -37,7 +37,7 @@ def test_nothing_on_the_page_tells_the_verdict(blind):
     expect(blind.locator(".history")).to_have_count(0)
 
 
-def test_all_boxes_look_alike_on_the_stage(blind):
+def test_blind_boxes_are_drawn_without_verdict_colours(blind):
     wait_for_drawing(blind)
 
     base = layer(blind, "base")[..., :3].astype(int)
@@ -48,7 +48,7 @@ def test_all_boxes_look_alike_on_the_stage(blind):
     assert GREY in base
 
 
-def test_the_answer_lifts_the_veil(scene, user, blind):
+def test_answer_reveals_the_verdict_of_its_box_only(scene, user, blind):
     user.press("a")
 
     expect(blind.locator(".inspector__head .badge")).to_have_text("rejected")
@@ -57,14 +57,14 @@ def test_the_answer_lifts_the_veil(scene, user, blind):
     expect(row).to_contain_text("hidden until you answer")
 
 
-def test_words_for_screen_readers_do_not_tell_the_verdict(user, blind):
+def test_blind_screen_reader_text_does_not_reveal_the_verdict(user, blind):
     user.press("j")
 
     spoken = blind.locator(".sr-only[aria-live]")
     expect(spoken).to_have_text("truck ghost, hidden until you answer")
 
 
-def test_switch_is_remembered_and_can_be_taken_back(user, blind):
+def test_blind_re_check_is_remembered_and_can_be_switched_off(user, blind):
     blind.reload()
     user.wait_until_drawn()
     button = blind.get_by_role("button", name=re.compile("^Blind re-check"))

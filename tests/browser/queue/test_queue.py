@@ -26,12 +26,12 @@ SCALE = "parseFloat(document.querySelector('.stage').dataset.view)"
 
 
 @pytest.fixture
-def many(make_scene: MakeScene) -> Scene:
+def twenty_boxes(make_scene: MakeScene) -> Scene:
     """Twenty boxes on one frame: b0, b2, ... are kept, b1, b3, ... are rejected."""
     return make_scene(boxes=many_boxes.alternating_boxes(20))
 
 
-def opened(user: Visitor, scene: Scene, **query: str) -> Page:
+def open_queue(user: Visitor, scene: Scene, **query: str) -> Page:
     page = user.open(queue(scene, **query))
     expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
     return page
@@ -52,8 +52,10 @@ def shows(page: Page, name: str) -> None:
         ("Space", "unsure"),
     ],
 )
-def test_each_answer_is_saved_and_leads_to_the_next_box(many, user, key, verdict):
-    page = opened(user, many)
+def test_answer_key_saves_the_answer_and_shows_the_next_box(
+    twenty_boxes, user, key, verdict
+):
+    page = open_queue(user, twenty_boxes)
     first = queued_box_id(page)
 
     user.press(key)
@@ -63,11 +65,11 @@ def test_each_answer_is_saved_and_leads_to_the_next_box(many, user, key, verdict
     )
     assert queued_box_id(page) != first
     user.wait_until_saved()
-    assert answers(many) == {first: verdict}
+    assert answers(twenty_boxes) == {first: verdict}
 
 
-def test_the_box_is_close_and_all_around_it_is_dim(many, user):
-    page = opened(user, many)
+def test_queue_zooms_to_the_box_and_keys_toggle_the_full_frame(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes)
     stage = page.locator(".stage")
     expect(stage).to_have_attribute("data-mode", "crop")
     close = page.wait_for_function(SCALE).json_value()
@@ -86,16 +88,16 @@ def test_the_box_is_close_and_all_around_it_is_dim(many, user):
     page.wait_for_function(f"close => {SCALE} > 0.9 * close", arg=close)
 
 
-def test_next_box_is_close_again_after_one_looked_at_the_frame(many, user):
-    page = opened(user, many)
+def test_next_box_is_zoomed_again_after_viewing_the_full_frame(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes)
 
     user.press("c", "a")
 
     expect(page.locator(".stage")).to_have_attribute("data-mode", "crop")
 
 
-def test_passing_over_and_going_back(many, user):
-    page = opened(user, many)
+def test_next_and_previous_keys_skip_and_revisit_boxes(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes)
     first = queued_box_id(page)
 
     user.press("j")
@@ -115,8 +117,8 @@ def test_passing_over_and_going_back(many, user):
 
 
 @pytest.mark.parametrize("key", ["z", "Backspace"])
-def test_undo_goes_back_to_the_box_and_undoes_the_answer(many, user, key):
-    page = opened(user, many)
+def test_undo_returns_to_the_box_and_removes_its_answer(twenty_boxes, user, key):
+    page = open_queue(user, twenty_boxes)
     first = queued_box_id(page)
     user.press("x")
     second = queued_box_id(page)
@@ -132,11 +134,11 @@ def test_undo_goes_back_to_the_box_and_undoes_the_answer(many, user, key):
         "0 answered · 20 unanswered"
     )
     user.wait_until_saved()
-    assert answers(many) == {}
+    assert answers(twenty_boxes) == {}
 
 
-def test_an_answer_can_be_corrected_by_going_back(many, user):
-    page = opened(user, many)
+def test_answer_can_be_changed_by_going_back(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes)
     first = queued_box_id(page)
     user.press("x", "ArrowLeft")
     shows(page, first)
@@ -145,14 +147,14 @@ def test_an_answer_can_be_corrected_by_going_back(many, user):
     user.press("a")
 
     user.wait_until_saved()
-    assert answers(many) == {first: "keep"}
+    assert answers(twenty_boxes) == {first: "keep"}
     expect(page.locator(".queue__progress")).to_contain_text(
         "1 answered · 19 unanswered"
     )
 
 
-def test_a_comment_stays_on_the_box_and_goes_with_the_answer(many, user):
-    page = opened(user, many)
+def test_entered_comment_is_stored_with_the_answer(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes)
     first = queued_box_id(page)
 
     user.press("e")
@@ -163,13 +165,13 @@ def test_a_comment_stays_on_the_box_and_goes_with_the_answer(many, user):
     user.press("x")
 
     user.wait_until_saved()
-    stored = many.review(first)
+    stored = twenty_boxes.review(first)
     assert (stored["verdict"], stored["comment"]) == ("reject", "a pole")
     assert queued_box_id(page) != first
 
 
-def test_a_comment_that_was_only_typed_goes_with_the_answer_too(many, user):
-    page = opened(user, many)
+def test_comment_without_enter_is_stored_with_the_answer(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes)
     first = queued_box_id(page)
     field = page.get_by_label("Comment")
     field.fill("a wheel behind the bus")
@@ -183,15 +185,15 @@ def test_a_comment_that_was_only_typed_goes_with_the_answer_too(many, user):
 
     expect(page.locator(".queue__progress")).to_contain_text("1 answered")
     user.wait_until_saved()
-    stored = many.review(first)
+    stored = twenty_boxes.review(first)
     assert (stored["verdict"], stored["comment"]) == (
         "reject",
         "a wheel behind the bus",
     )
 
 
-def test_a_key_that_is_held_down_answers_one_box(many, user):
-    page = opened(user, many)
+def test_held_down_key_answers_only_one_box(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes)
     first = queued_box_id(page)
 
     for _ in range(4):  # a key that is held down: all but the first are repeats
@@ -205,11 +207,11 @@ def test_a_key_that_is_held_down_answers_one_box(many, user):
     page.keyboard.up("j")
     expect(page.locator(".inspector__head h2")).not_to_contain_text(second)
     user.wait_until_saved()
-    assert answers(many) == {first: "keep"}
+    assert answers(twenty_boxes) == {first: "keep"}
 
 
-def test_looking_keys_work(many, user):
-    page = opened(user, many)
+def test_view_keys_work_in_the_queue(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes)
     stage = page.locator(".stage")
     expect(stage).not_to_have_attribute("data-lit", "")
 
@@ -225,8 +227,8 @@ def test_looking_keys_work(many, user):
     expect(page.get_by_role("dialog")).to_be_visible()
 
 
-def test_g_leads_to_the_grid_and_back_to_the_same_box(many, user):
-    page = opened(user, many, verdict="rejected")
+def test_g_key_opens_the_grid_and_back_returns_to_the_same_box(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes, verdict="rejected")
     user.press("x")
     here = queued_box_id(page)
 
@@ -241,8 +243,8 @@ def test_g_leads_to_the_grid_and_back_to_the_same_box(many, user):
     )
 
 
-def test_v_and_the_filters_choose_what_is_queued(many, user):
-    page = opened(user, many)
+def test_v_key_and_filters_select_the_queued_boxes(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes)
     user.press("v")
     expect(page.locator(".queue__progress")).to_contain_text("10 unanswered")
     assert "verdict=kept" in page.url
@@ -256,8 +258,8 @@ def test_v_and_the_filters_choose_what_is_queued(many, user):
 
 
 @pytest.mark.parametrize("order", ["Random", "By class", "Doubtful"])
-def test_orders_are_switched_and_written_into_the_address(many, user, order):
-    page = user.open(queue(many, order="audit"))
+def test_queue_order_is_switched_and_kept_in_the_address(twenty_boxes, user, order):
+    page = user.open(queue(twenty_boxes, order="audit"))
     expect(page.get_by_role("heading", name="Nothing to audit")).to_be_visible()
 
     page.get_by_role("group", name="Order").get_by_text(order).click()
@@ -268,13 +270,13 @@ def test_orders_are_switched_and_written_into_the_address(many, user, order):
 
 
 def test_boxes_outside_of_the_image_are_not_queued(scene, user):
-    page = opened(user, scene)
+    page = open_queue(user, scene)
 
     expect(page.locator(".queue__progress")).to_contain_text("4 unanswered")
 
 
-def test_all_done_says_what_was_done_and_what_next(scene, user):
-    page = opened(user, scene)
+def test_end_of_queue_shows_summary_and_next_steps(scene, user):
+    page = open_queue(user, scene)
     user.press("j", "a", "x", "Space")
 
     expect(page.get_by_role("heading", name="All done")).to_be_visible()
@@ -288,10 +290,10 @@ def test_all_done_says_what_was_done_and_what_next(scene, user):
     expect(page.locator(".queue__progress")).to_contain_text("3 to audit")
 
 
-def test_next_boxes_are_here_before_they_are_looked_at(scene, user):
+def test_next_boxes_are_prefetched(scene, user):
     for number in (2, 3, 4):
         scene.push(f"run/{number:06d}")
-    page = opened(user, scene, order="random")
+    page = open_queue(user, scene, order="random")
     page.wait_for_load_state("networkidle")
     page.context.set_offline(True)
 
@@ -309,9 +311,11 @@ def test_next_boxes_are_here_before_they_are_looked_at(scene, user):
     assert verdicts == ["keep"] * 3
 
 
-def test_phone_has_large_buttons_where_the_thumbs_are(many, open_window: OpenWindow):
+def test_phone_has_large_answer_buttons_at_the_bottom(
+    twenty_boxes, open_window: OpenWindow
+):
     bo = open_window(viewport=PHONE, has_touch=True, is_mobile=True)
-    page = opened(bo, many)
+    page = open_queue(bo, twenty_boxes)
     first = queued_box_id(page)
     reject = page.get_by_role("button", name="Reject")
     box = reject.bounding_box()
@@ -323,10 +327,10 @@ def test_phone_has_large_buttons_where_the_thumbs_are(many, open_window: OpenWin
     reject.tap()
 
     bo.wait_until_saved()
-    assert answers(many) == {first: "reject"}
+    assert answers(twenty_boxes) == {first: "reject"}
 
 
-def whole_frame(user: Visitor, page: Page) -> np.ndarray:
+def pixels_of_full_frame(user: Visitor, page: Page) -> np.ndarray:
     """Show the whole frame, and give the pixels of the stage's base layer.
 
     What only the current box has is drawn on another layer.
@@ -338,38 +342,40 @@ def whole_frame(user: Visitor, page: Page) -> np.ndarray:
     return layer(page, "base")[..., :3].astype(int)
 
 
-def test_whole_frame_shows_its_other_boxes_as_they_are_answered(make_scene, user):
-    page = opened(user, make_scene(boxes=many_boxes.alternating_boxes(2)))
+def test_full_frame_redraws_other_boxes_when_they_are_answered(make_scene, user):
+    page = open_queue(user, make_scene(boxes=many_boxes.alternating_boxes(2)))
     first = queued_box_id(page)
     user.press("j")
-    before = whole_frame(user, page)
+    before = pixels_of_full_frame(user, page)
     user.press("ArrowLeft")
     shows(page, first)
 
     user.press("x" if first == "b0" else "a")
 
-    assert (whole_frame(user, page) != before).any()
+    assert (pixels_of_full_frame(user, page) != before).any()
 
 
-def test_blind_the_whole_frame_tells_no_verdict_of_boxes_without_answer(
-    make_scene, user
-):
-    page = opened(user, make_scene(boxes=many_boxes.alternating_boxes(4)), blind="on")
+def test_blind_full_frame_hides_verdicts_of_unanswered_boxes(make_scene, user):
+    page = open_queue(
+        user, make_scene(boxes=many_boxes.alternating_boxes(4)), blind="on"
+    )
     first = queued_box_id(page)
     user.press("Space", "ArrowLeft")
     shows(page, first)
 
-    drawn = whole_frame(user, page)
+    drawn = pixels_of_full_frame(user, page)
 
     assert np.ptp(drawn, axis=2).max() < 40, "a colour among greys"
 
 
-def test_undo_of_an_answer_in_another_dataset_goes_to_its_frame(many, make_scene, user):
-    page = opened(user, make_scene(boxes=many_boxes.alternating_boxes(4)))
+def test_undo_of_an_answer_in_another_dataset_opens_its_frame(
+    twenty_boxes, make_scene, user
+):
+    page = open_queue(user, make_scene(boxes=many_boxes.alternating_boxes(4)))
     name = queued_box_id(page)
     user.press("x")
     user.wait_until_saved()
-    opened(user, many)
+    open_queue(user, twenty_boxes)
     expect(page.locator(".queue__progress")).to_contain_text("20 unanswered")
 
     user.press("z")
@@ -378,8 +384,8 @@ def test_undo_of_an_answer_in_another_dataset_goes_to_its_frame(many, make_scene
     shows(page, name)
 
 
-def test_enter_that_is_held_down_on_a_button_answers_one_box(many, user):
-    page = opened(user, many)
+def test_held_down_enter_on_a_button_answers_only_one_box(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes)
     first = queued_box_id(page)
     keep = page.get_by_role("toolbar", name="Answer").get_by_role("button", name="Keep")
     keep.focus()
@@ -390,11 +396,11 @@ def test_enter_that_is_held_down_on_a_button_answers_one_box(many, user):
 
     expect(page.locator(".queue__progress")).to_contain_text("1 answered")
     user.wait_until_saved()
-    assert answers(many) == {first: "keep"}
+    assert answers(twenty_boxes) == {first: "keep"}
 
 
-def test_without_room_in_the_browser_nothing_is_counted_and_the_box_stays(many, user):
-    page = opened(user, many)
+def test_full_browser_storage_keeps_the_box_and_counts_no_answer(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes)
     first = queued_box_id(page)
     page.evaluate(FILL)
     page.get_by_label("Comment").fill("a pole")
@@ -405,12 +411,14 @@ def test_without_room_in_the_browser_nothing_is_counted_and_the_box_stays(many, 
     expect(page.locator(".queue__progress")).to_contain_text("0 answered · 20")
     assert queued_box_id(page) == first
     expect(page.get_by_label("Comment")).to_have_value("a pole")
-    assert answers(many) == {}
+    assert answers(twenty_boxes) == {}
 
 
 @pytest.mark.parametrize("second", ["x", "a comment"])
-def test_undo_of_a_second_answer_keeps_the_first_one_counted(many, user, second):
-    page = opened(user, many)
+def test_undo_of_second_answer_keeps_the_first_answer_counted(
+    twenty_boxes, user, second
+):
+    page = open_queue(user, twenty_boxes)
     first = queued_box_id(page)
     user.press("a", "ArrowLeft")
     if second == "x":
@@ -425,11 +433,11 @@ def test_undo_of_a_second_answer_keeps_the_first_one_counted(many, user, second)
     expect(page.locator(".queue__progress")).to_contain_text(
         "1 answered · 19 unanswered"
     )
-    assert answers(many) == {first: "keep"}
+    assert answers(twenty_boxes) == {first: "keep"}
 
 
-def test_answers_given_while_more_boxes_are_fetched_are_counted_once(make_scene, user):
-    page = opened(user, make_scene(boxes=many_boxes.alternating_boxes(10)))
+def test_answers_given_during_a_fetch_are_counted_once(make_scene, user):
+    page = open_queue(user, make_scene(boxes=many_boxes.alternating_boxes(10)))
 
     for number in range(1, 6):
         user.press("a")
@@ -441,9 +449,7 @@ def test_answers_given_while_more_boxes_are_fetched_are_counted_once(make_scene,
     )
 
 
-def test_the_last_boxes_stay_reserved_while_they_are_on_the_page(
-    make_scene, open_window
-):
+def test_reservation_of_the_last_boxes_is_renewed_while_shown(make_scene, open_window):
     ten = make_scene(boxes=many_boxes.alternating_boxes(10))
     user = open_window(color_scheme="light")
     user.page.clock.install()
@@ -456,8 +462,8 @@ def test_the_last_boxes_stay_reserved_while_they_are_on_the_page(
         page.clock.run_for(5 * 60_000)
 
 
-def test_the_session_goes_on_while_it_is_shown_however_long(many, user):
-    page = opened(user, many)
+def test_queue_session_does_not_expire_while_it_is_shown(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes)
     user.press("a", "a", "j")
     here = queued_box_id(page)
     page.evaluate("{ const now = Date.now; Date.now = () => now() + 6 * 60_000; }")

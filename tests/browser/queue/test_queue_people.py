@@ -18,22 +18,22 @@ pytestmark = [pytest.mark.browser, pytest.mark.long]
 
 
 @pytest.fixture
-def many(make_scene: MakeScene) -> Scene:
+def twenty_boxes(make_scene: MakeScene) -> Scene:
     """Twenty boxes on one frame: b0, b2, ... are kept, b1, b3, ... are rejected."""
     return make_scene(boxes=many_boxes.alternating_boxes(20))
 
 
-def opened(person: Visitor, scene: Scene, **query: str) -> Page:
+def open_queue(person: Visitor, scene: Scene, **query: str) -> Page:
     page = person.open(queue(scene, **query))
     expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
     return page
 
 
-def test_second_of_two_sees_what_the_first_said_and_keeps_the_place(
-    many, open_window: OpenWindow
+def test_conflict_shows_the_earlier_answer_and_keeps_queue_position(
+    twenty_boxes, open_window: OpenWindow
 ):
     ada, bo = open_window(), open_window()
-    first, page = opened(ada, many), opened(bo, many)
+    first, page = open_queue(ada, twenty_boxes), open_queue(bo, twenty_boxes)
     contested = queued_box_id(page)
     assert queued_box_id(first) == contested
     ada.press("x")
@@ -49,28 +49,28 @@ def test_second_of_two_sees_what_the_first_said_and_keeps_the_place(
     conflict.get_by_role("button", name="Look at it").click()
     expect(page.locator(".inspector__head h2")).to_contain_text(contested)
     expect(page.locator(".answerline")).to_contain_text("reject by admin")
-    assert many.review(contested)["verdict"] == "reject"
+    assert twenty_boxes.review(contested)["verdict"] == "reject"
 
 
-def test_two_people_are_given_different_boxes(
-    many, open_window: OpenWindow, api: httpx.Client, server: RunningServer
+def test_two_reviewers_are_given_different_boxes(
+    twenty_boxes, open_window: OpenWindow, api: httpx.Client, server: RunningServer
 ):
     made = api.post("/tokens", json={"name": "bo", "role": "reviewer"})
     assert made.status_code == 201, made.text
     ada, bo = open_window(), open_window(sign_in=False)
-    mine = queued_box_id(opened(ada, many))
+    mine = queued_box_id(open_queue(ada, twenty_boxes))
     bo.page.goto(server.login_link_of(made.json()["token"]))
     expect(bo.page.get_by_role("heading", name="Datasets")).to_be_visible()
 
-    theirs = queued_box_id(opened(bo, many))
+    theirs = queued_box_id(open_queue(bo, twenty_boxes))
 
     assert mine != theirs
 
 
-def test_answers_kept_over_a_reload_are_not_asked_for_again(many, user):
+def test_boxes_with_unsent_answers_are_not_queued_after_a_reload(twenty_boxes, user):
     page = user.page
     page.route("**/reviews", lambda route: route.abort())
-    opened(user, many)
+    open_queue(user, twenty_boxes)
     first = queued_box_id(page)
     user.press("x")
     expect(page.locator(".savestate")).to_contain_text("1 answer offline")
@@ -81,13 +81,13 @@ def test_answers_kept_over_a_reload_are_not_asked_for_again(many, user):
     assert queued_box_id(page) != first
     page.unroute("**/reviews")
     expect(page.locator(".savestate--saved")).to_be_visible(timeout=40_000)
-    assert answers(many) == {first: "reject"}
+    assert answers(twenty_boxes) == {first: "reject"}
 
 
-def test_an_empty_line_without_a_network_says_so_and_goes_on(many, user):
+def test_failed_queue_request_shows_error_and_can_be_retried(twenty_boxes, user):
     page = user.page
     page.route("**/queue", lambda route: route.abort())
-    user.open(queue(many))
+    user.open(queue(twenty_boxes))
     expect(page.get_by_role("alert")).to_have_text("The server does not answer.")
 
     page.unroute("**/queue")
@@ -96,10 +96,10 @@ def test_an_empty_line_without_a_network_says_so_and_goes_on(many, user):
     expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
 
 
-def test_audit_hides_what_was_said_until_one_has_answered(scene, user):
+def test_audit_hides_verdict_and_answers_until_answered(scene, user):
     many_boxes.review(scene, scene.box_id("ghost"), "keep")
     many_boxes.review(scene, scene.box_id("real"), "keep")
-    page = opened(user, scene, order="audit", **{"class": "truck"})
+    page = open_queue(user, scene, order="audit", **{"class": "truck"})
     body = page.locator(".queue__body")
     expect(page.get_by_label("Blind")).to_be_checked()
     for told in ("kept", "rejected", "admin", "too few visible pixels", "Pedestrian"):
@@ -117,10 +117,10 @@ def test_audit_hides_what_was_said_until_one_has_answered(scene, user):
     expect(page.locator(".answerline")).to_contain_text("reject")
 
 
-def test_agreement_is_shown_beside_the_next_box(many, user):
+def test_agreement_is_shown_beside_the_next_box(twenty_boxes, user):
     for name in ("b0", "b2"):
-        many_boxes.review(many, many.box_id(name), "keep")
-    page = opened(user, many, order="audit")
+        many_boxes.review(twenty_boxes, twenty_boxes.box_id(name), "keep")
+    page = open_queue(user, twenty_boxes, order="audit")
     first = queued_box_id(page)
 
     user.press("a")
@@ -129,11 +129,11 @@ def test_agreement_is_shown_beside_the_next_box(many, user):
         f"car {first}: you and admin agree, keep"
     )
     user.wait_until_saved()
-    assert many.revision(first) == 2
+    assert twenty_boxes.revision(first) == 2
 
 
-def test_an_audit_may_see_and_any_order_may_be_blind(many, user):
-    page = opened(user, many)
+def test_blind_can_be_switched_on_and_off_in_the_queue(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes)
     page.get_by_label("Blind").check()
     expect(page.locator(".badge")).to_have_count(0)
     assert "blind=on" in page.url

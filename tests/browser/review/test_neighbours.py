@@ -21,7 +21,7 @@ BOXES = [
 ]
 
 
-def test_overlapping_boxes_are_listed_the_closest_first_and_lead_on(make_scene, user):
+def test_overlapping_boxes_are_listed_closest_first_and_selectable(make_scene, user):
     scene = make_scene(boxes=BOXES)
     page = user.open(scene.link("near"))
     listed = page.get_by_label("Overlapping boxes").get_by_role("button")
@@ -33,7 +33,7 @@ def test_overlapping_boxes_are_listed_the_closest_first_and_lead_on(make_scene, 
     expect(page.locator(".inspector__head h2")).to_have_text("car part")
 
 
-def test_list_of_overlaps_is_the_servers(make_scene):
+def test_api_lists_overlapping_boxes_as_neighbours(make_scene):
     scene = make_scene(boxes=BOXES)
 
     box = scenes.get(scene.api, f"/boxes/{scene.box_id('near')}")
@@ -41,15 +41,15 @@ def test_list_of_overlaps_is_the_servers(make_scene):
     assert box["neighbours"] == [scene.box_id("part"), scene.box_id("inside")]
 
 
-def test_overlapping_boxes_stay_closer_to_the_eye_than_others(make_scene, user):
+def test_overlapping_boxes_are_dimmed_less_than_others(make_scene, user):
     scene = make_scene(boxes=BOXES)
     page = user.open(scene.link("near"))
     wait_for_drawing(page)
 
-    assert stroke(page, PART) > 1.5 * stroke(page, FAR) > 0
+    assert stroke_contrast(page, PART) > 1.5 * stroke_contrast(page, FAR) > 0
 
 
-def stroke(page, xyxy) -> float:
+def stroke_contrast(page, xyxy) -> float:
     """How much the drawn lower edge of a box differs from the picture's grey."""
     scale, x0, y0 = view(page)
     row = round(xyxy[3] * scale + y0)

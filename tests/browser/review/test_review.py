@@ -24,7 +24,9 @@ pytestmark = pytest.mark.browser
         ("Space", "unsure"),
     ],
 )
-def test_each_answer_key_is_stored_at_once(scene: Scene, user: Visitor, key, verdict):
+def test_answer_key_stores_its_answer_at_once(
+    scene: Scene, user: Visitor, key, verdict
+):
     page = user.open(scene.link("ghost"))
 
     user.press(key)
@@ -36,7 +38,7 @@ def test_each_answer_key_is_stored_at_once(scene: Scene, user: Visitor, key, ver
     assert (review["verdict"], review["revision"]) == (verdict, 1)
 
 
-def test_answer_changes_the_effective_verdict_but_not_the_filters(scene, user):
+def test_answer_changes_effective_verdict_but_not_filter_verdict(scene, user):
     page = user.open(scene.link("ghost"))
 
     user.press("a")
@@ -48,7 +50,7 @@ def test_answer_changes_the_effective_verdict_but_not_the_filters(scene, user):
 
 
 @pytest.mark.parametrize("key", ["z", "Backspace"])
-def test_undo_takes_back_the_last_answer(scene, user, key):
+def test_undo_removes_the_last_answer(scene, user, key):
     page = user.open(scene.link("ghost"))
     user.press("a")
     user.wait_until_saved()
@@ -60,7 +62,7 @@ def test_undo_takes_back_the_last_answer(scene, user, key):
     assert (scene.review("ghost"), scene.revision("ghost")) == (None, 2)
 
 
-def test_undo_restores_the_answer_that_was_there_before(scene, user):
+def test_undo_restores_the_previous_answer(scene, user):
     page = user.open(scene.link("ghost"))
     user.press("x", "a", "z")
 
@@ -69,7 +71,7 @@ def test_undo_restores_the_answer_that_was_there_before(scene, user):
     assert scene.review("ghost")["verdict"] == "reject"
 
 
-def test_undo_returns_to_the_frame_where_the_answer_was_given(scene, user):
+def test_undo_returns_to_the_frame_of_the_answer(scene, user):
     scene.push("run/000002")
     page = user.open(scene.link("ghost"))
     user.press("a")
@@ -95,7 +97,7 @@ PRESS_WITH_THE_FRAME = """key => {
 }"""
 
 
-def test_a_key_pressed_the_moment_a_frame_appears_is_heard(scene, user):
+def test_key_pressed_when_a_frame_appears_is_handled(scene, user):
     scene.push("run/000002")
     page = user.open(scene.link("ghost"))
     user.press("a")
@@ -143,7 +145,7 @@ def test_keys_still_work_after_a_click_on_a_button(scene, user):
     expect(page.locator(".answerline")).to_contain_text("unsure")
 
 
-def test_click_on_nothing_lets_go_of_the_box(scene, user):
+def test_click_on_the_background_deselects_the_box(scene, user):
     page = user.open(scene.link("ghost"))
 
     page.mouse.click(*point(page, 10, 170))
@@ -173,7 +175,7 @@ LATE_TIMERS = """() => {
 EARLIER_TIMERS_ARE_DONE = "() => new Promise((done) => setTimeout(done, 50))"
 
 
-def test_keys_are_shortcuts_again_as_soon_as_a_comment_is_finished(scene, user):
+def test_finished_comment_does_not_regain_keyboard_focus(scene, user):
     """Formerly a late timer focused the comment again, which then took the keys."""
     page = user.open(scene.link("ghost"))
     page.evaluate(LATE_TIMERS)
@@ -217,7 +219,7 @@ SHOWN_AT = """(bone, ms) => {
 HEIGHT = "(element) => element.offsetHeight"
 
 
-def test_history_that_is_loading_has_its_place_and_flashes_nothing(scene, user):
+def test_loading_history_keeps_its_height_and_does_not_flash(scene, user):
     held: list[Route] = []
     user.open(scene.link("ghost"))
     history = user.page.locator(".history")
@@ -236,7 +238,7 @@ def test_history_that_is_loading_has_its_place_and_flashes_nothing(scene, user):
     assert history.evaluate(HEIGHT) == loading
 
 
-def test_history_says_of_a_run_that_its_numbers_are_gone(scene, user):
+def test_history_reports_a_run_whose_measurements_are_deleted(scene, user):
     gone = {"verdict": None, "reason": None, "match_percent": None, "threshold": None}
     box_id = scene.box_id("hidden")
     history = get(scene.api, f"/boxes/{box_id}/history")
@@ -250,7 +252,7 @@ def test_history_says_of_a_run_that_its_numbers_are_gone(scene, user):
     )
 
 
-def test_refused_answer_is_said_and_the_box_shown_as_it_is(scene, user):
+def test_refused_answer_shows_error_and_box_stays_unanswered(scene, user):
     page = user.page
     problem = {"title": "Forbidden", "detail": "viewers cannot review", "status": 403}
     page.route("**/reviews", lambda route: route.fulfill(status=403, json=problem))
@@ -264,18 +266,18 @@ def test_refused_answer_is_said_and_the_box_shown_as_it_is(scene, user):
     expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
 
 
-def test_busy_server_is_shown_and_asked_again(scene, user):
+def test_answer_is_retried_after_503_with_the_same_idempotency_key(scene, user):
     page = user.page
     seen: list[str] = []
 
-    def refuse_once(route: Route) -> None:
+    def respond_503_once(route: Route) -> None:
         seen.append(route.request.headers["idempotency-key"])
         if len(seen) == 1:
             route.fulfill(status=503, headers={"Retry-After": "0"}, json={})
         else:
             route.continue_()
 
-    page.route("**/reviews", refuse_once)
+    page.route("**/reviews", respond_503_once)
     user.open(scene.link("ghost"))
     user.press("a")
 
@@ -286,7 +288,7 @@ def test_busy_server_is_shown_and_asked_again(scene, user):
     assert len(set(seen)) == 1
 
 
-def test_everything_about_a_box_is_said_in_words_and_numbers(scene, user):
+def test_box_is_described_in_text_and_numbers(scene, user):
     page = user.open(scene.link("hidden"))
     wait_for_drawing(page)
 
@@ -301,7 +303,7 @@ def test_everything_about_a_box_is_said_in_words_and_numbers(scene, user):
     )
 
 
-def test_a_field_that_was_emptied_hides_no_comment_of_somebody_else(scene, user):
+def test_emptied_comment_field_does_not_hide_a_stored_comment(scene, user):
     page = user.open(scene.link("ghost"))
     field = page.get_by_label("Comment")
     field.fill("x")
@@ -320,7 +322,7 @@ def test_a_field_that_was_emptied_hides_no_comment_of_somebody_else(scene, user)
     assert scene.review("ghost")["comment"] == "behind the bus"
 
 
-def test_preferences_change_also_where_the_browser_has_no_room(scene, user):
+def test_preferences_can_change_when_browser_storage_is_full(scene, user):
     page = user.open(scene.link("ghost"))
     page.evaluate(FILL)
 

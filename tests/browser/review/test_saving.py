@@ -14,25 +14,23 @@ from tests.support.page.windows import OpenWindow, Visitor, lose_session, route_
 pytestmark = pytest.mark.browser
 
 
-def saving(page: Page):
+def save_state(page: Page):
     return page.locator(".savestate")
 
 
-def answer_at_the_server(scene: Scene, name: str, verdict: str) -> None:
+def post_answer(scene: Scene, name: str, verdict: str) -> None:
     body = {"verdict": verdict, "seen_revision": scene.revision(name)}
     path = f"/boxes/{scene.box_id(name)}/reviews"
     assert scene.api.post(path, json=body).status_code == 201
 
 
-def test_answers_given_offline_are_sent_when_the_network_is_back(
-    scene: Scene, user: Visitor
-):
+def test_offline_answers_are_sent_when_online_again(scene: Scene, user: Visitor):
     page = user.open(scene.link("ghost"))
     page.context.set_offline(True)
 
     user.press("a", "j", "x", "j", "x", "z")
 
-    expect(saving(page)).to_contain_text("3 answers offline, kept here")
+    expect(save_state(page)).to_contain_text("3 answers offline, kept here")
     expect(page.locator(".sign.is-waiting").first).to_be_visible()
     assert [scene.revision(name) for name in ("ghost", "walker", "away")] == [0, 0, 0]
     page.context.set_offline(False)
@@ -55,13 +53,13 @@ OFFLINE_UNTIL_RETRY = """(() => {
 })()"""
 
 
-def test_waiting_answers_survive_a_reload(scene, user):
+def test_unsent_answers_survive_a_reload(scene, user):
     page = user.page
     # Offline until the click: the page's own retry could come before it.
     page.add_init_script(OFFLINE_UNTIL_RETRY)
     user.open(scene.link("ghost"))
     user.press("a")
-    expect(saving(page)).to_contain_text("1 answer offline, kept here")
+    expect(save_state(page)).to_contain_text("1 answer offline, kept here")
 
     page.reload()
     user.wait_until_drawn()
@@ -73,21 +71,21 @@ def test_waiting_answers_survive_a_reload(scene, user):
     assert scene.review("ghost")["verdict"] == "keep"
 
 
-def test_answer_whose_confirmation_was_lost_is_stored_once(scene, user):
+def test_answer_is_stored_once_if_its_response_is_lost(scene, user):
     page = user.page
     arrived: list[int] = []
 
-    def lose_the_answer(route):
+    def drop_first_response(route):
         if not arrived:
             arrived.append(route.fetch().status)
             route.abort()
         else:
             route.continue_()
 
-    page.route("**/reviews", lose_the_answer)
+    page.route("**/reviews", drop_first_response)
     user.open(scene.link("ghost"))
     user.press("a")
-    expect(saving(page)).to_contain_text("offline")
+    expect(save_state(page)).to_contain_text("offline")
     page.get_by_role("button", name="Retry").click()
 
     user.wait_until_saved()
@@ -95,9 +93,7 @@ def test_answer_whose_confirmation_was_lost_is_stored_once(scene, user):
     assert scene.revision("ghost") == 1
 
 
-def test_signed_out_while_reviewing_keeps_the_answer_until_signed_in(
-    scene, user, server
-):
+def test_unsent_answer_is_kept_while_signed_out(scene, user, server):
     page = user.open(scene.link("ghost"))
     lose_session(page)
 
@@ -113,7 +109,7 @@ def test_signed_out_while_reviewing_keeps_the_answer_until_signed_in(
     assert scene.review("ghost")["verdict"] == "keep"
 
 
-def test_second_of_two_answers_is_not_stored_and_shows_the_first(
+def test_conflicting_answer_is_not_stored_and_the_first_is_shown(
     scene: Scene, open_window: OpenWindow
 ):
     ada, bo = open_window(), open_window()
@@ -130,9 +126,9 @@ def test_second_of_two_answers_is_not_stored_and_shows_the_first(
     assert scene.revision("ghost") == 1
 
 
-def test_one_may_insist_after_a_conflict(scene, user):
+def test_conflict_can_be_resolved_with_own_answer(scene, user):
     page = user.open(scene.link("ghost"))
-    answer_at_the_server(scene, "ghost", "reject")
+    post_answer(scene, "ghost", "reject")
     user.press("a")
 
     page.get_by_role("button", name="Use mine: keep").click()
@@ -143,9 +139,9 @@ def test_one_may_insist_after_a_conflict(scene, user):
     assert (review["verdict"], review["revision"]) == ("keep", 2)
 
 
-def test_one_may_leave_it_after_a_conflict(scene, user):
+def test_conflict_can_be_resolved_with_the_other_answer(scene, user):
     page = user.open(scene.link("ghost"))
-    answer_at_the_server(scene, "ghost", "reject")
+    post_answer(scene, "ghost", "reject")
     user.press("a")
 
     page.get_by_role("button", name="Keep theirs").click()
@@ -156,12 +152,12 @@ def test_one_may_leave_it_after_a_conflict(scene, user):
     assert scene.review("ghost")["verdict"] == "reject"
 
 
-def test_conflict_on_another_frame_leads_there(scene, user):
+def test_conflict_on_another_frame_links_to_its_box(scene, user):
     scene.push("run/000002")
     page = user.page
     page.route("**/reviews", lambda route: route.abort())
     user.open(scene.link("ghost"))
-    answer_at_the_server(scene, "ghost", "reject")
+    post_answer(scene, "ghost", "reject")
     user.press("a", "PageDown")
     expect(page.locator("h1")).to_have_text("run/000002")
     page.unroute("**/reviews")
@@ -173,7 +169,7 @@ def test_conflict_on_another_frame_leads_there(scene, user):
     expect(page.locator(".conflict")).to_contain_text("Your answer was not saved")
 
 
-def test_a_tab_opened_later_keeps_its_unsent_answers(scene, open_window):
+def test_unsent_answers_of_an_open_tab_are_not_sent_by_another_tab(scene, open_window):
     """Formerly the first tab sent them, and the second got a conflict with them."""
     first = open_window(color_scheme="light")
     first.open(scene.link("real"))
@@ -181,7 +177,7 @@ def test_a_tab_opened_later_keeps_its_unsent_answers(scene, open_window):
     second.page.route("**/reviews", lambda route: route.abort())
     second.open(scene.link("ghost"))
     second.press("a")
-    expect(saving(second.page)).to_contain_text("offline")
+    expect(save_state(second.page)).to_contain_text("offline")
 
     first.page.evaluate("dispatchEvent(new Event('online'))")
     first.press("x")
@@ -195,13 +191,13 @@ def test_a_tab_opened_later_keeps_its_unsent_answers(scene, open_window):
     assert scene.review("ghost")["verdict"] == "reject"
 
 
-def test_answers_of_a_closed_tab_are_sent_by_the_next_one(scene, open_window):
+def test_unsent_answers_of_a_closed_tab_are_sent_by_the_next_tab(scene, open_window):
     first = open_window()
     page = first.page
     page.route("**/reviews", lambda route: route.abort())
     first.open(scene.link("ghost"))
     first.press("a")
-    expect(saving(page)).to_contain_text("offline")
+    expect(save_state(page)).to_contain_text("offline")
     context = page.context
     second = Visitor(context.new_page(), first.url)
     second.open(scene.link("real"))
@@ -216,7 +212,7 @@ def test_answers_of_a_closed_tab_are_sent_by_the_next_one(scene, open_window):
     assert scene.review("ghost")["verdict"] == "keep"
 
 
-def test_answer_that_another_tab_sends_is_shown_before_and_after_it_is_stored(
+def test_answer_of_another_tab_is_shown_before_and_after_it_is_stored(
     scene, open_window
 ):
     """This happens when a tab is reloaded and another tab takes over its answers."""
@@ -224,7 +220,7 @@ def test_answer_that_another_tab_sends_is_shown_before_and_after_it_is_stored(
     first.page.route("**/reviews", lambda route: route.abort())
     first.open(scene.link("ghost"))
     first.press("a")
-    expect(saving(first.page)).to_contain_text("offline")
+    expect(save_state(first.page)).to_contain_text("offline")
 
     second = Visitor(first.page.context.new_page(), first.url)
     second.open(scene.link("ghost"))
@@ -252,7 +248,7 @@ def test_bulk_answer_of_another_tab_is_shown_when_it_is_stored(
     many_boxes.cell(first.page, 0).click()
     many_boxes.cell(first.page, 23).click(modifiers=["Shift"])
     first.press("a")
-    expect(saving(first.page)).to_contain_text("offline")
+    expect(save_state(first.page)).to_contain_text("offline")
     second = Visitor(first.page.context.new_page(), first.url)
     ids = ",".join(str(box["box_id"]) for box in scene.frame["boxes"])
     links = {"frame": scene.link("b0"), "queue": many_boxes.queue(scene, boxes=ids)}
@@ -267,9 +263,7 @@ def test_bulk_answer_of_another_tab_is_shown_when_it_is_stored(
     expect(answer).to_contain_text("keep by admin")
 
 
-def test_answer_of_another_tab_stays_while_the_server_does_not_answer(
-    scene, open_window
-):
+def test_answer_of_another_tab_stays_shown_if_the_box_fails_to_load(scene, open_window):
     first = open_window(color_scheme="light")
     second = Visitor(first.page.context.new_page(), first.url)
     second.open(scene.link("ghost"))
@@ -298,7 +292,7 @@ KEEP_WITHOUT_A_NAME = """(boxId) => localStorage.setItem("unghost.outbox.v1.k",
 
 
 @pytest.fixture
-def unowned(scene: Scene, user: Visitor) -> Page:
+def grid_with_unowned_answer(scene: Scene, user: Visitor) -> Page:
     """The grid, with an unsent answer in the browser that names no person.
 
     Earlier versions of the page kept such answers.
@@ -310,20 +304,24 @@ def unowned(scene: Scene, user: Visitor) -> Page:
     return page
 
 
-def test_an_answer_without_a_name_is_sent_as_that_of_who_takes_it(scene, user, unowned):
+def test_unowned_answer_is_sent_as_the_user_that_confirms(
+    scene, user, grid_with_unowned_answer
+):
     user.wait_until_saved()
     assert scene.review("ghost") is None
 
-    unowned.get_by_role("button", name="Send as admin").click()
+    grid_with_unowned_answer.get_by_role("button", name="Send as admin").click()
 
-    expect(unowned.locator(".strip")).to_have_count(0)
-    expect(unowned.locator(".sign--keep")).to_have_count(1)
+    expect(grid_with_unowned_answer.locator(".strip")).to_have_count(0)
+    expect(grid_with_unowned_answer.locator(".sign--keep")).to_have_count(1)
     user.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "keep"
 
 
-def test_an_answer_without_a_name_is_discarded_by_who_confirms_it(scene, unowned):
-    strip = unowned.locator(".strip")
+def test_unowned_answer_is_discarded_only_after_confirmation(
+    scene, grid_with_unowned_answer
+):
+    strip = grid_with_unowned_answer.locator(".strip")
     # The first click of a double click asks; the second one takes the question back.
     strip.get_by_role("button", name="Discard").dblclick()
     expect(strip).to_contain_text("1 unsent answer in this browser")
@@ -333,13 +331,15 @@ def test_an_answer_without_a_name_is_discarded_by_who_confirms_it(scene, unowned
     strip.get_by_role("button", name="Discard it").click()
 
     expect(strip).to_have_count(0)
-    unowned.reload()
-    expect(unowned.get_by_role("grid")).to_have_attribute("aria-busy", "false")
+    grid_with_unowned_answer.reload()
+    expect(grid_with_unowned_answer.get_by_role("grid")).to_have_attribute(
+        "aria-busy", "false"
+    )
     expect(strip).to_have_count(0)
     assert scene.review("ghost") is None
 
 
-def test_image_that_does_not_arrive_leaves_boxes_and_numbers(scene, user):
+def test_boxes_can_be_answered_when_the_image_fails_to_load(scene, user):
     page = user.page
     page.route("**/image", lambda route: route.abort())
     page.goto(f"{user.url}/{scene.link('hidden')}")
@@ -351,7 +351,7 @@ def test_image_that_does_not_arrive_leaves_boxes_and_numbers(scene, user):
     assert scene.review("hidden")["verdict"] == "reject"
 
 
-def test_text_from_outside_stays_text(make_scene, user):
+def test_html_in_ids_classes_and_comments_is_shown_as_text(make_scene, user):
     evil = "<img src=x onerror=alert(1)>"
     boxes = [{"id": evil, "class": evil, "xyxy": scenes.CAR}]
     scene = make_scene(boxes=boxes)

@@ -42,7 +42,7 @@ def runs_page(user: Visitor, street: Scene, query: str = "") -> Page:
     return page
 
 
-def apply(street: Scene, **config: object) -> int:
+def start_run(street: Scene, **config: object) -> int:
     body = {"config": config, "activate": True}
     answer = street.api.post(f"/datasets/{street.dataset}/runs", json=body)
     assert answer.status_code == 202, answer.text
@@ -54,8 +54,8 @@ def run(page: Page, number: int) -> Locator:
     return page.get_by_role("article", name=f"Run {number}", exact=True)
 
 
-def test_a_run_says_what_it_decided_and_which_one_is_active(user, street):
-    number = apply(street, threshold_small_box=40)
+def test_run_shows_its_counts_and_that_it_is_active(user, street):
+    number = start_run(street, threshold_small_box=40)
 
     page = runs_page(user, street)
 
@@ -64,9 +64,9 @@ def test_a_run_says_what_it_decided_and_which_one_is_active(user, street):
     expect(run(page, number)).to_contain_text("1 kept · 1 rejected · 1 changed")
 
 
-def test_a_run_is_watched_from_its_beginning_to_its_end(user, long_street):
+def test_run_is_shown_from_start_until_done(user, long_street):
     page = runs_page(user, long_street)
-    number = apply(long_street, profile="carlasimu")
+    number = start_run(long_street, profile="carlasimu")
 
     expect(run(page, number)).to_be_visible(timeout=15_000)
     expect(run(page, number)).to_contain_text("measured again")
@@ -74,13 +74,13 @@ def test_a_run_is_watched_from_its_beginning_to_its_end(user, long_street):
     expect(run(page, number).locator(".statebadge--done")).to_be_visible()
 
 
-def test_open_jobs_leave_connections_to_other_requests(user, long_street, server):
+def test_open_jobs_do_not_use_up_the_browser_connections(user, long_street, server):
     """A browser opens six connections to a server, shared by all its tabs.
 
     Formerly each open job occupied one of them.
     """
     keys = [{"profile": ("carlasimu", "paper")[n % 2]} for n in range(8)]
-    numbers = [apply(long_street, **key, threshold_small_box=77) for key in keys]
+    numbers = [start_run(long_street, **key, threshold_small_box=77) for key in keys]
     with hold_write_lock(server.data):
         page = runs_page(user, long_street)
         open_now = page.locator(".statebadge--queued, .statebadge--running")
@@ -94,12 +94,12 @@ def test_open_jobs_leave_connections_to_other_requests(user, long_street, server
     expect(run(page, numbers[-1]).locator(".statebadge--done")).to_be_visible()
 
 
-def test_a_run_is_cancelled_and_nothing_has_changed(user, long_street):
+def test_cancelled_run_changes_nothing(user, long_street):
     page = runs_page(user, long_street)
     # Runs follow one another, and each measures all pixels: the last is still queued.
     for choice in product(("paper", "carlasimu"), ("naive", "clipped"), ("rgb", "bgr")):
         keys = dict(zip(PIXEL_KEYS, choice, strict=True))
-        number = apply(long_street, **keys, threshold_small_box=77)
+        number = start_run(long_street, **keys, threshold_small_box=77)
     page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
 
     page.get_by_role("button", name=f"Cancel run {number}").click()
@@ -111,8 +111,8 @@ def test_a_run_is_cancelled_and_nothing_has_changed(user, long_street):
 
 
 def test_two_runs_are_compared_by_class_by_key_and_by_box(user, street):
-    first = apply(street, threshold_small_box=40)
-    second = apply(street, threshold_small_box=60)
+    first = start_run(street, threshold_small_box=40)
+    second = start_run(street, threshold_small_box=60)
     page = runs_page(user, street)
 
     page.get_by_role("link", name=f"What changed in run {second}").click()
@@ -134,9 +134,7 @@ def test_two_runs_are_compared_by_class_by_key_and_by_box(user, street):
     expect(page.get_by_role("row", name="threshold_small_box 10 60")).to_be_visible()
 
 
-def test_an_export_is_made_watched_downloaded_and_can_be_checked(
-    user, street, tmp_path
-):
+def test_export_is_made_and_its_download_matches_the_checksum(user, street, tmp_path):
     page = runs_page(user, street)
     page.get_by_role("button", name="New export").click()
     page.locator(".formatcard", has_text="COCO").click()
@@ -162,7 +160,7 @@ def members(archive: Path) -> list[str]:
         return opened.namelist()
 
 
-def test_an_export_is_cancelled(user, long_street):
+def test_cancelled_export_writes_nothing(user, long_street):
     page = runs_page(user, long_street)
     # Exports are written one after another: the last is still queued when cancelled.
     path = f"/datasets/{long_street.dataset}/exports"
@@ -179,7 +177,7 @@ def test_an_export_is_cancelled(user, long_street):
     assert (stored["state"], stored["download"]) == ("cancelled", None)
 
 
-def test_every_format_of_the_api_is_offered(user, street):
+def test_every_export_format_of_the_api_is_offered(user, street):
     schema = street.api.get(f"{user.url}/openapi.json").json()["components"]["schemas"]
     page = runs_page(user, street)
 
@@ -192,7 +190,7 @@ def test_every_format_of_the_api_is_offered(user, street):
     assert offered == schema["ExportIn"]["properties"]["format"]["enum"]
 
 
-def test_a_refusal_of_the_server_is_shown_in_the_form(user, street):
+def test_refused_export_request_is_shown_in_the_form(user, street):
     page = runs_page(user, street)
     page.get_by_role("button", name="New export").click()
     page.get_by_label("Labels per distance, metres").fill("-5")
@@ -203,7 +201,7 @@ def test_a_refusal_of_the_server_is_shown_in_the_form(user, street):
     expect(page.get_by_text("No export yet")).to_have_count(0)
 
 
-def test_a_dataset_without_exports_says_so_and_a_missing_one_too(user, street):
+def test_no_exports_and_missing_dataset_show_a_message(user, street):
     page = runs_page(user, street)
     expect(page.get_by_text("No export yet")).to_be_visible()
 
@@ -212,10 +210,10 @@ def test_a_dataset_without_exports_says_so_and_a_missing_one_too(user, street):
     expect(page.get_by_role("alert")).to_contain_text("nothing-here")
 
 
-def test_a_long_list_scrolls_by_itself_and_not_the_page_past_its_end(
+def test_page_does_not_scroll_past_the_end_of_a_long_list_of_flips(
     long_street, open_window
 ):
-    number = apply(long_street, max_distance=1)
+    number = start_run(long_street, max_distance=1)
     user = open_window(viewport=PHONE)
     page = runs_page(user, long_street, f"?run={number}")
     expect(page.locator(".flip")).to_have_count(FRAMES + 2)
@@ -228,7 +226,7 @@ def test_a_long_list_scrolls_by_itself_and_not_the_page_past_its_end(
     assert below <= 1
 
 
-def test_an_export_is_not_asked_for_with_a_number_that_is_none(user, street):
+def test_export_with_an_invalid_number_is_not_requested(user, street):
     page = runs_page(user, street)
     page.get_by_role("button", name="New export").click()
     field = page.get_by_label("Labels per distance, metres").last
@@ -246,7 +244,7 @@ def test_an_export_is_not_asked_for_with_a_number_that_is_none(user, street):
     assert made["options"]["bands"] == [50, 100, 200]
 
 
-def test_a_failure_stays_as_it_is_until_somebody_tries_again(open_window, street):
+def test_retry_button_keeps_focus_while_the_run_list_keeps_failing(open_window, street):
     user = open_window(color_scheme="light")
     user.page.clock.install()
     user.page.route("**/runs?*", lambda route: route.fulfill(status=500))

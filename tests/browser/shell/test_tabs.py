@@ -10,7 +10,7 @@ from tests.support.page.windows import PHONE
 pytestmark = pytest.mark.browser
 
 
-def test_tab_on_show_is_marked_and_filters_go_along(scene, user):
+def test_current_tab_is_marked_and_its_link_keeps_the_filters(scene, user):
     page = user.open(f"#/datasets/{scene.dataset}/frames?class=car&key=run")
     tabs = page.get_by_role("navigation", name="Dataset")
 
@@ -22,7 +22,7 @@ def test_tab_on_show_is_marked_and_filters_go_along(scene, user):
     )
 
 
-def test_tab_on_show_is_in_sight_on_a_phone(scene, open_window):
+def test_current_tab_is_visible_on_a_phone(scene, open_window):
     page = open_window(viewport=PHONE).open(f"#/datasets/{scene.dataset}/frames")
 
     tabs = page.get_by_role("navigation", name="Dataset")

@@ -24,7 +24,7 @@ from tests.support.page.windows import Visitor
 pytestmark = pytest.mark.browser
 
 
-def lit_count(top: np.ndarray) -> int:
+def count_lit_pixels(top: np.ndarray) -> int:
     """How many pixels of the stage have the colour that marks matching pixels."""
     red, green, blue, alpha = (top[..., i].astype(int) for i in range(4))
     return int(((red > 220) & (green > 180) & (blue < 90) & (alpha > 100)).sum())
@@ -42,7 +42,7 @@ def test_verdicts_differ_in_their_stroke_not_only_in_colour(make_scene, user):
     assert 5 < rejected < unmeasured
 
 
-def test_verdicts_have_words_and_signs(scene: Scene, user: Visitor):
+def test_verdicts_are_shown_as_text_and_icons(scene: Scene, user: Visitor):
     page = user.open(scene.link("ghost"))
 
     expect(page.locator(".inspector__head .badge")).to_have_text("rejected")
@@ -52,30 +52,32 @@ def test_verdicts_have_words_and_signs(scene: Scene, user: Visitor):
 
 
 @pytest.mark.parametrize("form", ["palette", "bgr", "raw"])
-def test_matching_pixels_of_the_selected_box_are_lit(make_scene, user, form):
+def test_matching_pixels_of_the_selected_box_are_highlighted(make_scene, user, form):
     scene = make_scene(form=form)
     page = user.open(scene.link("hidden"))
     expect(page.locator(".stage")).to_have_attribute("data-lit", "400")
     wait_for_drawing(page)
 
     scale, *_ = view(page)
-    assert lit_count(layer(page, "top")) == pytest.approx(400 * scale**2, rel=0.25)
+    assert count_lit_pixels(layer(page, "top")) == pytest.approx(
+        400 * scale**2, rel=0.25
+    )
     user.press("l")
     expect(page.locator(".stage")).to_have_attribute("data-lit", "")
     wait_for_drawing(page)
-    assert lit_count(layer(page, "top")) == 0
+    assert count_lit_pixels(layer(page, "top")) == 0
 
 
-def test_box_without_a_matching_pixel_lights_none(scene, user):
+def test_box_without_matching_pixels_highlights_none(scene, user):
     page = user.open(scene.link("ghost"))
 
     expect(page.locator(".stage")).to_have_attribute("data-lit", "0")
     wait_for_drawing(page)
-    assert lit_count(layer(page, "top")) == 0
+    assert count_lit_pixels(layer(page, "top")) == 0
 
 
 @pytest.mark.parametrize("form", ["palette", "bgr", "raw"])
-def test_mask_shows_the_palettes_colours_whatever_the_file_is(make_scene, user, form):
+def test_mask_shows_the_palette_colours_for_every_file_form(make_scene, user, form):
     page = user.open(make_scene(form=form).link())
     before = layer(page, "base")
     scale, x, y = view(page)
@@ -89,7 +91,7 @@ def test_mask_shows_the_palettes_colours_whatever_the_file_is(make_scene, user, 
     assert layer(page, "base")[sky][:3].tolist() == [70, 130, 180]
 
 
-def test_opacity_mixes_image_and_mask(scene, user):
+def test_opacity_blends_image_and_mask(scene, user):
     page = user.open(scene.link())
     scale, x, y = view(page)
     sky = round(60 * scale + y), round(200 * scale + x)
@@ -102,7 +104,7 @@ def test_opacity_mixes_image_and_mask(scene, user):
     assert layer(page, "base")[sky][:3].tolist() == pytest.approx(half, abs=2)
 
 
-def test_selected_box_is_brought_forward_and_the_others_dim(scene, user):
+def test_selected_box_is_drawn_on_top_and_others_are_dimmed(scene, user):
     page = user.open(scene.link())
     before = layer(page, "base")
     assert not layer(page, "top").any()
@@ -116,7 +118,7 @@ def test_selected_box_is_brought_forward_and_the_others_dim(scene, user):
     assert dimmed < ink
 
 
-def test_answer_is_a_mark_on_the_corner_of_its_box(scene, user):
+def test_answer_is_drawn_as_a_mark_on_the_corner_of_its_box(scene, user):
     page = user.open(scene.link("real"))
     user.press("a", "Escape")
     wait_for_drawing(page)
@@ -143,7 +145,7 @@ def test_edges_of_a_3d_box_are_drawn(make_scene, user):
     assert changed > 200
 
 
-def test_pointing_at_a_box_shows_its_label(scene, user):
+def test_hovering_over_a_box_shows_its_label(scene, user):
     page = user.open(scene.link())
 
     page.mouse.move(*point(page, 160, 250))
@@ -155,7 +157,7 @@ def test_pointing_at_a_box_shows_its_label(scene, user):
     assert not layer(page, "top").any()
 
 
-def test_wheel_zooms_where_the_pointer_is(scene, user):
+def test_wheel_zooms_at_the_pointer_position(scene, user):
     page = user.open(scene.link())
     at = point(page, 160, 250)
     page.mouse.move(*at)
@@ -170,7 +172,7 @@ def test_wheel_zooms_where_the_pointer_is(scene, user):
     assert point(page, 160, 250) == pytest.approx(at, abs=0.5)
 
 
-def test_dragging_pans(scene, user):
+def test_dragging_pans_the_image(scene, user):
     page = user.open(scene.link("real"))
     scale, x, y = view(page)
 
@@ -184,7 +186,7 @@ def test_dragging_pans(scene, user):
     expect(page.locator(".inspector__head h2")).to_have_text("car real")
 
 
-def test_five_hundred_boxes_are_drawn_once_per_frame_of_the_screen(make_scene, user):
+def test_500_boxes_are_drawn_at_most_once_per_animation_frame(make_scene, user):
     rng = np.random.default_rng(5)
     corners = rng.uniform((0, 0), (600, 330), (500, 2)).round(1)
     sizes = rng.uniform(6, 40, (500, 2)).round(1)
@@ -220,7 +222,7 @@ DRAG = """async () => {
 }"""
 
 
-def test_boxes_move_with_the_picture_while_one_pans_and_afterwards(scene, user):
+def test_boxes_follow_the_image_during_and_after_panning(scene, user):
     page = user.open(scene.link())
     start = point(page, 20, 20)
     page.mouse.move(*start)

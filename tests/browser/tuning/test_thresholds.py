@@ -34,7 +34,7 @@ def street(make_scene: MakeScene) -> Scene:
     return make_scene(boxes=[*BOXES, WALKER])
 
 
-def opened(user: Visitor, street: Scene, query: str = "") -> Page:
+def open_thresholds(user: Visitor, street: Scene, query: str = "") -> Page:
     page = user.open(f"#/datasets/{street.dataset}/thresholds{query}")
     expect(figure(page, "kept")).not_to_have_text("–")
     expect(page.locator(".histogram__drawing canvas").first).to_be_visible()
@@ -49,8 +49,8 @@ def figure(page: Page, which: str) -> Locator:
     return page.locator(f'[data-figure="{which}"] .figure__value')
 
 
-def test_dragging_a_threshold_counts_at_once_and_lists_what_would_flip(user, street):
-    page = opened(user, street)
+def test_dragging_a_threshold_updates_counts_and_lists_flips(user, street):
+    page = open_thresholds(user, street)
     expect(figure(page, "kept")).to_have_text("4")
 
     dragged(page, handle(page, "all classes"), to=60)
@@ -67,8 +67,8 @@ def test_dragging_a_threshold_counts_at_once_and_lists_what_would_flip(user, str
     assert width > 0
 
 
-def test_a_flip_leads_to_its_box_in_its_frame(user, street):
-    page = opened(user, street, "?threshold_small_box=50")
+def test_flip_links_to_its_box_in_its_frame(user, street):
+    page = open_thresholds(user, street, "?threshold_small_box=50")
     expect(page.locator(".flip--lost")).to_have_count(1)
 
     page.locator(".flip--lost").click()
@@ -77,8 +77,8 @@ def test_a_flip_leads_to_its_box_in_its_frame(user, street):
     expect(page).to_have_url(re.compile(rf"#/frames/\d+\?box={box['box_id']}$"))
 
 
-def test_a_class_has_a_threshold_of_its_own_by_keyboard_alone(user, street):
-    page = opened(user, street)
+def test_class_threshold_is_set_by_keyboard(user, street):
+    page = open_thresholds(user, street)
     handle(page, "car").focus()
 
     user.press("ArrowRight", "Shift+ArrowRight", "PageUp", "ArrowLeft")
@@ -95,8 +95,8 @@ def test_a_class_has_a_threshold_of_its_own_by_keyboard_alone(user, street):
     expect(handle(page, "car")).to_have_attribute("aria-valuenow", "10")
 
 
-def test_typing_a_number_moves_the_threshold_and_nonsense_does_not(user, street):
-    page = opened(user, street)
+def test_typed_number_sets_threshold_and_invalid_number_does_not(user, street):
+    page = open_thresholds(user, street)
     field = page.get_by_label("Threshold of all classes", exact=True).first
 
     field = page.locator("input[aria-label='Threshold of all classes']")
@@ -108,8 +108,8 @@ def test_typing_a_number_moves_the_threshold_and_nonsense_does_not(user, street)
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "31.25")
 
 
-def test_values_that_are_tried_are_a_link_and_going_back_restores_them(user, street):
-    page = opened(user, street)
+def test_tried_thresholds_are_kept_in_the_link_and_can_be_reset(user, street):
+    page = open_thresholds(user, street)
     handle(page, "all classes").focus()
     user.press("PageUp")
     expect(page).to_have_url(re.compile(r"\?threshold_small_box=20$"))
@@ -126,8 +126,8 @@ def test_values_that_are_tried_are_a_link_and_going_back_restores_them(user, str
     expect(page).to_have_url(re.compile("/thresholds$"))
 
 
-def test_saving_names_the_version_and_what_differs_and_decides_nothing(user, street):
-    page = opened(user, street, "?threshold_small_box=40&min_visible_pixels=3")
+def test_saving_a_version_lists_its_changes_and_does_not_apply_it(user, street):
+    page = open_thresholds(user, street, "?threshold_small_box=40&min_visible_pixels=3")
     page.get_by_role("button", name="Save as new config version").click()
     dialog = page.get_by_role("dialog")
     rows = dialog.locator("tbody tr").all_inner_texts()
@@ -147,8 +147,8 @@ def test_saving_names_the_version_and_what_differs_and_decides_nothing(user, str
     assert applied_config(street)["threshold_small_box"] == 10
 
 
-def test_applying_runs_to_the_end_and_becomes_what_is_active(user, street):
-    page = opened(user, street, "?threshold_small_box=40")
+def test_save_and_apply_starts_a_run_and_activates_the_version(user, street):
+    page = open_thresholds(user, street, "?threshold_small_box=40")
     page.get_by_role("button", name="Save as new config version").click()
 
     page.get_by_role("button", name="Save and apply").click()
@@ -163,9 +163,9 @@ def test_applying_runs_to_the_end_and_becomes_what_is_active(user, street):
     expect(page.locator(".flip--lost")).to_have_count(1)
 
 
-def test_an_older_version_can_be_tried_and_made_active_again(user, street):
+def test_older_version_can_be_previewed_and_activated_again(user, street):
     street.decide(threshold_small_box=60)
-    page = opened(user, street)
+    page = open_thresholds(user, street)
     expect(page.locator(".version.is-active")).to_contain_text("in use")
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
 
@@ -178,8 +178,8 @@ def test_an_older_version_can_be_tried_and_made_active_again(user, street):
     assert applied_config(street)["threshold_small_box"] == 10
 
 
-def test_a_preview_that_needs_pixels_says_so_and_shows_no_numbers(user, street):
-    page = opened(user, street)
+def test_preview_that_needs_pixels_shows_message_and_no_counts(user, street):
+    page = open_thresholds(user, street)
 
     page.evaluate("location.hash += '?profile=carlasimu'")
 
@@ -197,8 +197,8 @@ def test_a_preview_that_needs_pixels_says_so_and_shows_no_numbers(user, street):
     expect(handle(page, "all classes")).to_be_visible()
 
 
-def test_another_channel_that_decides_is_named_with_its_own_keys(user, street):
-    page = opened(user, street)
+def test_deciding_channel_is_named_with_its_configuration_keys(user, street):
+    page = open_thresholds(user, street)
     line = page.locator(".tuning__channel")
     expect(line).to_have_count(0)
     street.decide(evidence="ordered")
@@ -213,9 +213,9 @@ def test_another_channel_that_decides_is_named_with_its_own_keys(user, street):
     expect(figure(page, "kept")).to_be_visible()
 
 
-def test_the_numbers_that_other_channels_need_can_be_tried(user, street):
+def test_thresholds_of_other_channels_can_be_previewed(user, street):
     street.decide(evidence="ordered")
-    page = opened(user, street)
+    page = open_thresholds(user, street)
     expect(page.locator(".tuning__channel")).to_be_visible()
     kept = figure(page, "kept")
     before = int(kept.inner_text())
@@ -228,8 +228,8 @@ def test_the_numbers_that_other_channels_need_can_be_tried(user, street):
     expect(points).to_have_value("5")
 
 
-def test_every_key_of_the_library_stands_in_the_form_as_it_is_declared(user, street):
-    page = opened(user, street)
+def test_form_lists_every_configuration_key_as_declared(user, street):
+    page = open_thresholds(user, street)
     keys = keys_of(FilterConfig)
     rows = page.locator(".table--keys tbody tr")
 
@@ -243,8 +243,8 @@ def test_every_key_of_the_library_stands_in_the_form_as_it_is_declared(user, str
     assert labels == asked
 
 
-def test_a_number_that_a_key_does_not_allow_is_not_tried(user, street):
-    page = opened(user, street)
+def test_invalid_number_is_marked_and_not_previewed(user, street):
+    page = open_thresholds(user, street)
     share = page.get_by_role("spinbutton", name="size_big_box")
 
     for wrong in ("101", "-1"):
@@ -257,8 +257,8 @@ def test_a_number_that_a_key_does_not_allow_is_not_tried(user, street):
     expect(page.locator(".summary__state")).to_contain_text("1 change, not saved")
 
 
-def test_reasons_and_flips_can_be_those_of_one_class(user, street):
-    page = opened(user, street, "?threshold_small_box=60")
+def test_reasons_and_flips_can_be_filtered_by_class(user, street):
+    page = open_thresholds(user, street, "?threshold_small_box=60")
     expect(page.get_by_role("row", name=re.compile("^visible 4 2"))).to_be_visible()
 
     page.get_by_role("button", name="walker", exact=True).click()
@@ -269,8 +269,10 @@ def test_reasons_and_flips_can_be_those_of_one_class(user, street):
     expect(page).to_have_url(re.compile("class=walker"))
 
 
-def test_the_file_has_every_key_as_it_is_tried(user, street):
-    page = opened(user, street, "?threshold_small_box=12.5&classes.car.accept=[14]")
+def test_yaml_of_tried_configuration_is_accepted_by_the_api(user, street):
+    page = open_thresholds(
+        user, street, "?threshold_small_box=12.5&classes.car.accept=[14]"
+    )
     page.get_by_text("As YAML").click()
 
     text = page.locator(".yaml pre").inner_text()
@@ -284,8 +286,8 @@ def test_the_file_has_every_key_as_it_is_tried(user, street):
     assert config["classes"] == {"car": {"accept": [14]}} or config["classes"]
 
 
-def test_a_refused_value_says_why_and_the_histograms_stay(user, street):
-    page = opened(user, street)
+def test_refused_value_shows_error_and_keeps_the_histograms(user, street):
+    page = open_thresholds(user, street)
 
     page.evaluate("location.hash += '?min_distance=50&max_distance=10'")
 
@@ -293,7 +295,7 @@ def test_a_refused_value_says_why_and_the_histograms_stay(user, street):
     expect(handle(page, "all classes")).to_be_visible()
 
 
-def test_a_server_that_is_away_is_said_and_asked_again(user, street):
+def test_failed_preview_shows_error_and_can_be_retried(user, street):
     page = user.page
     page.route("**/preview", lambda route: route.abort())
     page.goto(f"{user.url}/#/datasets/{street.dataset}/thresholds")
@@ -305,8 +307,8 @@ def test_a_server_that_is_away_is_said_and_asked_again(user, street):
     expect(figure(page, "kept")).to_have_text("4")
 
 
-def test_only_one_preview_is_on_its_way_however_fast_one_drags(user, street):
-    page = opened(user, street)
+def test_only_a_single_preview_request_is_in_flight(user, street):
+    page = open_thresholds(user, street)
     page.wait_for_load_state("networkidle")
     page.evaluate("performance.clearResourceTimings()")
     handle(page, "all classes").focus()
@@ -323,7 +325,7 @@ def test_only_one_preview_is_on_its_way_however_fast_one_drags(user, street):
     assert all(end <= start for end, start in zip(ends, starts, strict=True)), times
 
 
-def test_an_empty_dataset_says_what_is_missing(user, api):
+def test_empty_dataset_shows_no_boxes_message(user, api):
     api.post("/datasets", json={"name": "no-boxes"})
 
     page = user.open("#/datasets/no-boxes/thresholds")
@@ -332,7 +334,7 @@ def test_an_empty_dataset_says_what_is_missing(user, api):
 
 
 def test_bars_are_hatched_below_the_threshold_and_solid_above(user, street):
-    page = opened(user, street, "?threshold_small_box=50")
+    page = open_thresholds(user, street, "?threshold_small_box=50")
     drawing = page.locator(".histogram--large .histogram__drawing canvas")
 
     below, above = (
@@ -344,8 +346,8 @@ def test_bars_are_hatched_below_the_threshold_and_solid_above(user, street):
     assert above == 1, "a kept bar is one solid colour"
 
 
-def test_drawings_take_on_another_appearance(user, street):
-    page = opened(user, street)
+def test_histograms_are_redrawn_when_the_colour_scheme_changes(user, street):
+    page = open_thresholds(user, street)
     drawing = page.locator(".histogram--large .histogram__drawing")
     expect(drawing).to_have_attribute("data-drawn", "1")
     page.get_by_role("button", name="Settings").click()
@@ -357,7 +359,7 @@ def test_drawings_take_on_another_appearance(user, street):
 
 def test_a_threshold_is_moved_by_touch(street, open_window):
     bo = open_window(viewport=PHONE, has_touch=True, is_mobile=True)
-    page = opened(bo, street)
+    page = open_thresholds(bo, street)
     line = handle(page, "all classes")
     line.scroll_into_view_if_needed()
 
@@ -372,8 +374,8 @@ def test_a_threshold_is_moved_by_touch(street, open_window):
     )
 
 
-def test_nothing_is_saved_over_a_version_that_somebody_has_applied_since(street, user):
-    page = opened(user, street)
+def test_save_is_refused_once_if_another_version_was_applied(street, user):
+    page = open_thresholds(user, street)
     street.decide(classes={"walker": {"threshold_small_box": 77}})
     page.locator("input[aria-label='Threshold of car, percent']").fill("50")
     page.get_by_role("button", name="Save as new config version").click()
@@ -392,16 +394,14 @@ def test_nothing_is_saved_over_a_version_that_somebody_has_applied_since(street,
     ]
 
 
-def test_the_counts_of_the_active_version_that_do_not_come_are_asked_for_again(
-    street, user
-):
+def test_failed_counts_of_the_active_version_can_be_retried(street, user):
     asked = []
 
-    def refuse_the_second(route):
+    def fail_second_preview(route):
         asked.append(route)
         route.fulfill(status=503, body="{}") if len(asked) == 2 else route.continue_()
 
-    user.page.route("**/preview", refuse_the_second)
+    user.page.route("**/preview", fail_second_preview)
     page = user.open(f"#/datasets/{street.dataset}/thresholds")
 
     page.get_by_role("alert").get_by_role("button", name="Try again").click()
@@ -409,8 +409,8 @@ def test_the_counts_of_the_active_version_that_do_not_come_are_asked_for_again(
     expect(page.get_by_role("alert")).to_have_count(0)
 
 
-def test_the_save_dialog_says_nothing_of_another_configuration(street, user):
-    page = opened(user, street)
+def test_save_dialog_shows_no_flips_if_its_preview_failed(street, user):
+    page = open_thresholds(user, street)
     field = page.locator("input[aria-label='Threshold of all classes']")
     field.fill("60")
     expect(page.locator('[data-figure="lost"] .figure__value')).to_have_text("2")

@@ -56,7 +56,7 @@ def town(tmp_path: Path) -> Path:
     return root
 
 
-def pick(user: Visitor, folder: Path) -> Page:
+def pick_folder(user: Visitor, folder: Path) -> Page:
     page = user.open("#/datasets")
     page.get_by_label("Upload a folder").last.set_input_files(folder)
     expect(page.get_by_label("Dataset", exact=True)).to_be_visible()
@@ -71,8 +71,8 @@ def send(page: Page) -> None:
     upload_button(page).click()
 
 
-def test_folder_is_matched_shown_sent_and_opened(town, user, api):
-    page = pick(user, town)
+def test_picked_folder_is_matched_and_uploaded(town, user, api):
+    page = pick_folder(user, town)
     dialog = page.get_by_role("dialog", name="Upload")
     expect(page.get_by_label("Dataset", exact=True)).to_have_value(town.name)
     expect(dialog.locator(".upload__sum")).to_have_text(
@@ -94,13 +94,13 @@ def test_folder_is_matched_shown_sent_and_opened(town, user, api):
     assert (stored["classes"], stored["counts"]["kept"]) == (["car", "walker"], 3)
 
 
-def test_same_folder_again_stores_nothing_twice(town, user):
-    page = pick(user, town)
+def test_uploading_the_same_folder_again_stores_nothing(town, user):
+    page = pick_folder(user, town)
     send(page)
     page.get_by_role("button", name="Close the upload").click()
     expect(page.get_by_role("heading", name=town.name)).to_be_visible()
 
-    page = pick(user, town)
+    page = pick_folder(user, town)
     expect(page.locator("#upload-where")).to_contain_text("a dataset that has 3 frames")
     send(page)
 
@@ -108,7 +108,7 @@ def test_same_folder_again_stores_nothing_twice(town, user):
     expect(outcome).to_have_text("0 frames stored · 3 there already")
 
 
-def test_files_dropped_anywhere_become_frames_of_the_dataset_on_show(scene, user):
+def test_dropped_files_are_uploaded_to_the_current_dataset(scene, user):
     page = user.open(scene.link("ghost"))
     files = {
         "9.png": scenes.picture(),
@@ -116,7 +116,7 @@ def test_files_dropped_anywhere_become_frames_of_the_dataset_on_show(scene, user
         "9.json": json.dumps({"boxes": scenes.BOXES}).encode(),
     }
 
-    said = page.evaluate(DROP, encoded(files))
+    said = page.evaluate(DROP, encode_files(files))
 
     assert said
     expect(page.get_by_label("Dataset", exact=True)).to_have_value(scene.dataset)
@@ -126,16 +126,16 @@ def test_files_dropped_anywhere_become_frames_of_the_dataset_on_show(scene, user
     expect(page.locator("a.thumb")).to_have_count(2)
 
 
-def encoded(files: dict[str, bytes]) -> list[list[str]]:
+def encode_files(files: dict[str, bytes]) -> list[list[str]]:
     return [[name, base64.b64encode(data).decode()] for name, data in files.items()]
 
 
-def test_nothing_is_sent_before_one_knows_whether_the_dataset_is_there(scene, user):
+def test_upload_is_disabled_until_the_dataset_list_is_loaded(scene, user):
     page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
     held: list[Route] = []
     route_loaded(page, "**/api/v1/datasets?*", lambda route: held.append(route))
-    page.evaluate(DROP, encoded({"9.png": scenes.picture()}))
+    page.evaluate(DROP, encode_files({"9.png": scenes.picture()}))
     button = page.get_by_role("button", name="Upload 1 frame")
 
     expect(page.locator("#upload-where")).to_contain_text(
@@ -148,12 +148,12 @@ def test_nothing_is_sent_before_one_knows_whether_the_dataset_is_there(scene, us
     expect(button).to_be_enabled()
 
 
-def test_voc_files_are_read_as_the_library_reads_them(scene, user):
+def test_dropped_voc_files_are_read_and_errors_are_listed(scene, user):
     page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
     files = {"v.xml": VOC.encode(), "v.png": scenes.picture(), "w.xml": b"<a>"}
 
-    page.evaluate(DROP, encoded(files))
+    page.evaluate(DROP, encode_files(files))
     expect(page.get_by_label("Cannot be read")).to_contain_text(
         "w w.xml, line 1, column 4: not XML"
     )
@@ -197,15 +197,13 @@ KITTI = {
         ),
     ],
 )  # fmt: skip
-def test_every_layout_that_the_server_reads_can_be_dropped(
-    user, api, tmp_path, title, files
-):
+def test_folder_of_each_layout_can_be_uploaded(user, api, tmp_path, title, files):
     root = tmp_path / f"drop-{tmp_path.name.strip('_').lower()}"
     for name, content in files.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_bytes(content)
 
-    page = pick(user, root)
+    page = pick_folder(user, root)
 
     expect(page.locator(".upload__sum")).to_contain_text(f"{title} · 1 frame")
     send(page)
@@ -213,12 +211,12 @@ def test_every_layout_that_the_server_reads_can_be_dropped(
     assert scenes.get(api, f"/datasets/{root.name}")["counts"]["frames"] == 1
 
 
-def test_files_of_two_layouts_are_read_as_the_one_that_is_chosen(scene, user):
+def test_files_of_two_layouts_are_read_in_the_chosen_layout(scene, user):
     page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
     files = {"v.xml": VOC.encode(), "v.png": scenes.picture(), "classes.txt": b"car"}
 
-    page.evaluate(DROP, encoded({**files, "w.txt": CAR_LINE.encode()}))
+    page.evaluate(DROP, encode_files({**files, "w.txt": CAR_LINE.encode()}))
     expect(page.locator(".upload__sum")).to_contain_text("Pascal VOC · 1 frame")
     page.get_by_role("combobox", name="Dataset").fill("typed")
     page.get_by_role("button", name="YOLO (Ultralytics)").click()
@@ -228,11 +226,13 @@ def test_files_of_two_layouts_are_read_as_the_one_that_is_chosen(scene, user):
     expect(page.get_by_role("combobox", name="Dataset")).to_have_value("typed")
 
 
-def test_images_beside_labels_that_nobody_can_read_can_be_taken_alone(scene, user):
+def test_images_with_unreadable_labels_can_be_uploaded_without_labels(scene, user):
     page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
 
-    page.evaluate(DROP, encoded({"9.png": scenes.picture(), "9.txt": b"0 1 1 1 1"}))
+    page.evaluate(
+        DROP, encode_files({"9.png": scenes.picture(), "9.txt": b"0 1 1 1 1"})
+    )
     expect(page.get_by_role("alert")).to_contain_text("No frames were recognised")
     page.get_by_role("button", name="Upload the images only").click()
 
@@ -243,7 +243,7 @@ def test_images_beside_labels_that_nobody_can_read_can_be_taken_alone(scene, use
     )
 
 
-def test_a_server_that_is_away_is_asked_again_and_reading_can_be_cancelled(town, user):
+def test_failed_folder_reading_can_be_retried_and_cancelled(town, user):
     page = user.open("#/datasets")
     route_loaded(page, "**/api/v1/folders?*", lambda route: route.abort())
     page.get_by_label("Upload a folder").last.set_input_files(town)
@@ -259,7 +259,7 @@ def test_a_server_that_is_away_is_asked_again_and_reading_can_be_cancelled(town,
     expect(page.get_by_role("dialog", name="Upload")).to_have_count(0)
 
 
-def test_refused_frames_are_listed_and_tried_again(town, user):
+def test_refused_frames_are_listed_and_can_be_retried(town, user):
     """They are listed with the server's message.
 
     A file that was changed after it was picked cannot be read again by the browser.
@@ -267,7 +267,7 @@ def test_refused_frames_are_listed_and_tried_again(town, user):
     seg = town / "seg" / "2.png"
     good = seg.read_bytes()
     seg.write_bytes(good[:200])
-    page = pick(user, town)
+    page = pick_folder(user, town)
 
     send(page)
 
@@ -281,8 +281,8 @@ def test_refused_frames_are_listed_and_tried_again(town, user):
     expect(page.get_by_label("Refused")).to_contain_text("can no longer be read")
 
 
-def test_upload_waits_while_the_server_is_away_and_goes_on(town, user, api):
-    page = pick(user, town)
+def test_upload_waits_while_server_is_unavailable_and_can_be_resumed(town, user, api):
+    page = pick_folder(user, town)
     route_loaded(page, re.compile("/frames/"), lambda route: route.abort())
     expect_phase = expect(page.locator(".upload-panel h2"))
     page.route("**/api/v1/datasets", lambda route: route.continue_())
@@ -296,8 +296,8 @@ def test_upload_waits_while_the_server_is_away_and_goes_on(town, user, api):
     assert scenes.get(api, f"/datasets/{town.name}")["counts"]["frames"] == 3
 
 
-def test_paused_and_cancelled_uploads_send_nothing_more(town, user, api):
-    page = pick(user, town)
+def test_paused_and_cancelled_upload_sends_no_more_frames(town, user, api):
+    page = pick_folder(user, town)
     held: list[Route] = []
     route_loaded(page, re.compile("/frames/"), lambda route: held.append(route))
     send(page)
@@ -310,12 +310,16 @@ def test_paused_and_cancelled_uploads_send_nothing_more(town, user, api):
     assert scenes.get(api, f"/datasets/{town.name}")["counts"]["frames"] == 0
 
 
-def test_upload_goes_on_from_view_to_view_and_across_a_sign_in(town, user, server):
-    page = pick(user, town)
+def test_upload_resumes_after_signing_in_again(town, user, server):
+    page = pick_folder(user, town)
     # Enabled once the list of datasets is loaded.
     expect(upload_button(page)).to_be_enabled()
     lose_session(page)
-    route_loaded(page, "**/api/v1/datasets", lambda route: made(route, server))
+    route_loaded(
+        page,
+        "**/api/v1/datasets",
+        lambda route: create_dataset_with_token(route, server),
+    )
 
     send(page)
     page.get_by_label("Token or login link").fill(server.token)
@@ -324,14 +328,16 @@ def test_upload_goes_on_from_view_to_view_and_across_a_sign_in(town, user, serve
     expect(page.locator(".upload-panel__text")).to_have_text("3 frames stored")
 
 
-def made(route: Route, server: RunningServer) -> None:
+def create_dataset_with_token(route: Route, server: RunningServer) -> None:
     """Make the dataset with the token, although the page has lost its session."""
     shown = {"authorization": f"Bearer {server.token}"}
     route.fulfill(response=route.fetch(headers={**route.request.headers, **shown}))
 
 
-def test_bad_name_and_no_frames_are_said_before_anything_is_sent(town, user, tmp_path):
-    page = pick(user, town)
+def test_invalid_dataset_name_and_folder_without_frames_show_errors(
+    town, user, tmp_path
+):
+    page = pick_folder(user, town)
     page.get_by_label("Dataset", exact=True).fill("Town Ten")
     send(page)
     expect(page.locator("#upload-error")).to_contain_text("small letters")

@@ -83,7 +83,7 @@ def slow_threshold_reason(pixels, accepted, area, config):
 
 
 @given(tag_images(), BOXES, CONFIGS)
-def test_a_frame_is_filtered_as_the_definition_says(tags, boxes, config):
+def test_filter_frame_equals_the_slow_definition(tags, boxes, config):
     frame = {"carla_version": "0.9.15", "boxes": boxes}
 
     result = filter_frame(frame, tags, config)
@@ -93,7 +93,7 @@ def test_a_frame_is_filtered_as_the_definition_says(tags, boxes, config):
 
 
 @given(tag_images(), BOXES, CONFIGS, st.randoms())
-def test_the_order_of_the_boxes_changes_no_decision(tags, boxes, config, random):
+def test_decisions_do_not_depend_on_the_order_of_boxes(tags, boxes, config, random):
     named = [{"id": f"{index}", **box} for index, box in enumerate(boxes)]
     mixed = random.sample(named, len(named))
 
@@ -107,7 +107,7 @@ def test_the_order_of_the_boxes_changes_no_decision(tags, boxes, config, random)
 
 
 @given(tag_images(), BOXES, CONFIGS)
-def test_a_mirrored_frame_has_the_same_verdicts(tags, boxes, config):
+def test_mirrored_frame_has_the_same_reasons(tags, boxes, config):
     # Multiples of 1/4, because 24 - x is not exact for every float.
     exact = [
         {**box, "xyxy": [round(value * 4) / 4 for value in box["xyxy"]]}
@@ -129,7 +129,7 @@ def test_a_mirrored_frame_has_the_same_verdicts(tags, boxes, config):
 
 
 @given(tag_images(), BOXES, CONFIGS)
-def test_every_number_of_a_decision_is_consistent(tags, boxes, config):
+def test_numbers_of_a_decision_are_consistent(tags, boxes, config):
     result = filter_frame({"carla_version": "0.9.15", "boxes": boxes}, tags, config)
 
     for one in result.decisions:
@@ -150,7 +150,7 @@ def test_every_number_of_a_decision_is_consistent(tags, boxes, config):
 
 
 @given(tag_images(), BOXES)
-def test_other_accept_sets_need_no_pixel(tags, boxes):
+def test_with_accept_sets_equals_measuring_again(tags, boxes):
     """The histogram of the first measurement gives the same as measuring again."""
     config = FilterConfig.from_mapping({"classes": {"car": {"accept": ["Truck", 9]}}})
     frame = {"carla_version": "0.9.15", "boxes": boxes}

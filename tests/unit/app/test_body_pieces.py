@@ -10,7 +10,7 @@ import pytest
 from app.incoming import Pieces
 
 
-def test_a_piece_that_is_alone_is_handed_on_as_it_came():
+def test_single_piece_is_returned_without_a_copy():
     pieces, piece = Pieces(), b"x" * 100_000
 
     pieces += piece
@@ -18,7 +18,7 @@ def test_a_piece_that_is_alone_is_handed_on_as_it_came():
     assert bytes(pieces) is piece
 
 
-def test_pieces_that_wait_are_handed_on_together():
+def test_several_pieces_are_returned_joined():
     pieces = Pieces()
     assert not pieces
 
@@ -29,7 +29,7 @@ def test_pieces_that_wait_are_handed_on_together():
 
 
 @pytest.mark.parametrize("length", [1, 10, 900])
-def test_small_pieces_are_held_in_little_more_than_their_size(length):
+def test_small_pieces_use_little_more_memory_than_their_size(length):
     source = bytes(length)
     tracemalloc.start()
     try:
@@ -44,7 +44,7 @@ def test_small_pieces_are_held_in_little_more_than_their_size(length):
     assert peak < 3 * len(pieces)
 
 
-def test_putting_pieces_together_takes_time_by_their_number():
+def test_time_to_join_pieces_is_linear_in_their_number():
     def seconds_of(count):
         pieces, begun = Pieces(), time.process_time()
         for _ in range(count):

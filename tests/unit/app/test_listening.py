@@ -22,6 +22,6 @@ def test_a_socket_that_cannot_listen_is_closed():
 
 
 @pytest.mark.parametrize("host", ["x" * 64 + ".example", "a..b"])
-def test_a_name_that_is_none_is_refused_in_words(tmp_path, host):
+def test_invalid_host_name_raises_cannot_serve(tmp_path, host):
     with pytest.raises(CannotServe, match="cannot listen on"):
         check_free(Settings(data=tmp_path, host=host, allowed_hosts=["*"]))

@@ -14,7 +14,7 @@ from app.logs import JsonLines, OneRecordPerLine, configure_logging, one_line, s
 TOKEN = f"ug_{'Aa0_-' * 9}"
 
 
-def formatted(message, *args, exc_info=None):
+def format_record(message, *args, exc_info=None):
     record = logging.LogRecord("x", logging.INFO, "f", 1, message, args, exc_info)
     return OneRecordPerLine("%(levelname)s [%(request_id)s] %(message)s").format(record)
 
@@ -26,21 +26,21 @@ def test_control_characters_are_escaped(text):
     assert one_line(text) == f"a\\u{ord(text[1]):04x}{text[2:]}"
 
 
-def test_ordinary_text_stays_as_it_is():
+def test_ordinary_text_is_not_escaped():
     assert one_line("Straße 日本 100 %") == "Straße 日本 100 %"
 
 
-def test_a_line_break_in_an_argument_stays_in_its_record():
-    line = formatted("class %s", "car\nINFO [-] all is well")
+def test_line_break_in_a_log_argument_is_escaped():
+    line = format_record("class %s", "car\nINFO [-] all is well")
 
     assert line == "INFO [-] class car\\u000aINFO [-] all is well"
 
 
-def test_lines_of_a_traceback_are_marked():
+def test_traceback_lines_are_prefixed_in_text_logs():
     try:
         raise ValueError("one\nINFO [-] forged")
     except ValueError:
-        text = formatted("failed", exc_info=sys.exc_info())
+        text = format_record("failed", exc_info=sys.exc_info())
 
     first, *rest = text.splitlines()
     assert first == "INFO [-] failed"
@@ -48,7 +48,7 @@ def test_lines_of_a_traceback_are_marked():
 
 
 @pytest.fixture
-def _logging_as_before():
+def restore_logging():
     root = logging.getLogger()
     loggers = [root, *map(logging.getLogger, ("uvicorn.error", "unghost", "app"))]
     handlers, levels = root.handlers[:], [logger.level for logger in loggers]
@@ -58,7 +58,7 @@ def _logging_as_before():
         logger.setLevel(level)
 
 
-def as_json(message, *args, exc_info=None, **more):
+def format_as_json(message, *args, exc_info=None, **more):
     record = logging.LogRecord("x", logging.INFO, "f", 1, message, args, exc_info)
     vars(record).update(more)
     line = JsonLines().format(record)
@@ -67,13 +67,13 @@ def as_json(message, *args, exc_info=None, **more):
     return json.loads(line)
 
 
-def test_a_token_is_cut_out_wherever_it_stands():
+def test_token_is_masked_anywhere_in_a_text():
     assert sanitised(f"GET /login/{TOKEN}?") == "GET /login/ug_...?"
     assert sanitised("ug_short is no token") == "ug_short is no token"
 
 
-def test_a_record_as_json_has_its_facts_as_keys():
-    line = as_json("a %s", "b", facts={"status": 200, "path": "/\n\x1b[2J\x7f"})
+def test_json_log_record_has_its_facts_as_keys():
+    line = format_as_json("a %s", "b", facts={"status": 200, "path": "/\n\x1b[2J\x7f"})
 
     assert line.pop("time").endswith("Z")
     assert line == {
@@ -86,11 +86,11 @@ def test_a_record_as_json_has_its_facts_as_keys():
     }
 
 
-def test_a_traceback_as_json_stays_in_its_line():
+def test_traceback_in_a_json_log_record_stays_in_one_line():
     try:
         raise ValueError(f"one\n\x1b[2J{TOKEN}")
     except ValueError:
-        line = as_json("failed", exc_info=sys.exc_info())
+        line = format_as_json("failed", exc_info=sys.exc_info())
 
     assert line["traceback"][0] == "Traceback (most recent call last):"
     assert line["traceback"][-2:] == ["ValueError: one", "\\u001b[2Jug_..."]
@@ -101,7 +101,7 @@ class Terminal(io.StringIO):
         return True
 
 
-@pytest.mark.usefixtures("_logging_as_before")
+@pytest.mark.usefixtures("restore_logging")
 @pytest.mark.parametrize(
     ("stream", "form", "is_json"),
     [
@@ -111,7 +111,9 @@ class Terminal(io.StringIO):
         (io.StringIO, "text", False),
     ],
 )
-def test_people_read_text_and_programs_json(stream, form, is_json):
+def test_log_format_auto_is_text_on_a_terminal_and_json_elsewhere(
+    stream, form, is_json
+):
     out = stream()
 
     configure_logging("info", form, out)

@@ -15,7 +15,7 @@ print(gc.get_stats()[0]["collections"] - before)
 """
 
 
-def test_a_long_answer_is_looked_through_a_few_times_only():
+def test_garbage_collector_runs_rarely_while_a_large_response_is_built():
     """The answer has sixty thousand objects, all of them still in use."""
     told = subprocess.run(
         [sys.executable, "-c", DESCRIBED], check=True, capture_output=True, text=True

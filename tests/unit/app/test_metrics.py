@@ -11,7 +11,7 @@ from app.metrics import WORK, RequestMetrics, Scrape
 THREADS, EACH = 8, 2_000
 
 
-def told(registry):
+def samples_of(registry):
     """The samples of a registry, by name and by the labels `status` and `le`."""
     text = Scrape(registry.collect()).text().decode()
     return {
@@ -23,7 +23,7 @@ def told(registry):
     }
 
 
-def test_nothing_is_lost_where_threads_count_at_the_same_time():
+def test_requests_of_concurrent_threads_are_all_counted():
     metrics = RequestMetrics("1")
 
     def count(number):
@@ -34,7 +34,7 @@ def test_nothing_is_lost_where_threads_count_at_the_same_time():
     with ThreadPoolExecutor(THREADS) as threads:
         list(threads.map(count, range(THREADS)))
 
-    found, half = told(metrics.registry), THREADS * EACH / 2
+    found, half = samples_of(metrics.registry), THREADS * EACH / 2
     for status in ("200", "201"):
         assert found["unghost_requests_total", status, None] == half
         assert found["unghost_request_seconds_count", status, None] == half
@@ -43,17 +43,17 @@ def test_nothing_is_lost_where_threads_count_at_the_same_time():
     assert found["unghost_batch_frames_total", "201", None] == THREADS * EACH
 
 
-def test_services_of_one_process_count_their_own_requests():
+def test_services_of_one_process_have_separate_request_metrics():
     one, other = RequestMetrics("1"), RequestMetrics("1")
 
     one.observe("GET", "/here", 200, 0.1)
 
-    assert ("unghost_requests_total", "200", None) in told(one.registry)
-    assert ("unghost_requests_total", "200", None) not in told(other.registry)
+    assert ("unghost_requests_total", "200", None) in samples_of(one.registry)
+    assert ("unghost_requests_total", "200", None) not in samples_of(other.registry)
 
 
-def test_counters_begin_at_nothing_and_say_nothing_of_when():
-    names = {name for name, *_ in told(WORK)}
+def test_work_counters_exist_from_the_start_without_created_samples():
+    names = {name for name, *_ in samples_of(WORK)}
 
     assert "unghost_frames_refused_total" in names
     assert not [name for name in names if name.endswith("_created")]

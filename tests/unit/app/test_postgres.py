@@ -42,7 +42,7 @@ def put(street: ServiceDataset, key: str, **more):
     return street.put(key, {**scene.annotation(), **more}, **files)
 
 
-def test_frames_answers_and_runs(services):
+def test_frames_reviews_bulk_answers_and_runs_on_postgres(services):
     street = services.dataset()
     put(street, "a")
     real, ghost = street.box_ids()
@@ -65,7 +65,7 @@ def test_frames_answers_and_runs(services):
     ]
 
 
-def test_stale_boxes_are_named_in_the_order_of_their_ids(services):
+def test_stale_boxes_of_a_bulk_answer_are_listed_in_order_of_id(services):
     """PostgreSQL moves changed rows, so they are not read in the order of their ids."""
     street = services.dataset()
     for number in range(3):
@@ -85,7 +85,7 @@ def test_stale_boxes_are_named_in_the_order_of_their_ids(services):
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_pages_in_every_order(services, order):
+def test_pages_list_all_boxes_in_every_order(services, order):
     street = services.dataset()
     for number in range(4):
         put(street, str(number), number=number)
@@ -99,7 +99,7 @@ def test_pages_in_every_order(services, order):
     assert end is None
 
 
-def test_texts_as_long_as_they_are_allowed_to_be(services):
+def test_texts_of_the_maximum_length_are_stored(services):
     """PostgreSQL enforces the length of a column, SQLite does not."""
     street = services.dataset()
     long = "x" * MAX_TEXT
@@ -110,7 +110,7 @@ def test_texts_as_long_as_they_are_allowed_to_be(services):
     assert len(street.box_ids()) == 1
 
 
-def test_many_at_once_are_counted_once_each(services):
+def test_concurrent_uploads_are_counted_once_each(services):
     street = services.dataset()
     put(street, "first")
 
@@ -121,7 +121,7 @@ def test_many_at_once_are_counted_once_each(services):
     assert street.tallies() == street.recounted()
 
 
-def test_runs_and_frames_at_once_leave_nothing_undecided(services):
+def test_concurrent_runs_and_uploads_leave_no_box_undecided(services):
     street = services.dataset()
     put(street, "first")
     configs = [{"min_visible_pixels": 10**6}, {}] * 4
@@ -137,7 +137,7 @@ def test_runs_and_frames_at_once_leave_nothing_undecided(services):
     assert list(street.reasons().values()) == [KEPT, UNSEEN] * 25
 
 
-def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services):
+def test_run_that_is_storing_its_results_can_be_cancelled(services):
     street = services.dataset()
     put(street, "a")
     before = street.reasons()
@@ -147,7 +147,7 @@ def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services):
     assert (street.wait(run_id).state, street.reasons()) == ("cancelled", before)
 
 
-def test_two_runs_compare_and_an_export_is_written(services):
+def test_run_diff_and_export_on_postgres(services):
     street = services.dataset()
     put(street, "a")
     run = street.run({"min_visible_pixels": 10**6}, activate=False)
@@ -165,7 +165,7 @@ def test_two_runs_compare_and_an_export_is_written(services):
         assert (found.state, found.done, found.total) == ("done", 1, 1)
 
 
-def test_keys_are_in_the_order_of_their_characters_in_any_language(tmp_path):
+def test_frame_keys_are_sorted_by_code_point_in_any_locale(tmp_path):
     """In English order, B comes after a, and underscores are ignored."""
     keys = ["B", "_c", "a", "a/B", "a/a", "a_", "b", "ä"]
     with (

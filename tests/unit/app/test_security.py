@@ -33,7 +33,7 @@ OWN = {"host": "127.0.0.1:8000"}
         (new_download_key, "ud_"),
     ],
 )
-def test_tokens_are_long_recognisable_and_different(make, prefix):
+def test_secrets_are_unique_and_have_their_prefix_and_length(make, prefix):
     """They have 256 random bits; the prefix tells what kind of secret it is."""
     secrets = {make() for _ in range(100)}
 
@@ -41,7 +41,7 @@ def test_tokens_are_long_recognisable_and_different(make, prefix):
     assert all(one.startswith(prefix) and len(one) == 46 for one in secrets)
 
 
-def test_a_hash_says_nothing_and_is_always_the_same():
+def test_hash_of_a_secret_is_deterministic():
     assert hash_secret("ug_a") == hash_secret("ug_a") != hash_secret("ug_b")
     assert len(hash_secret("\ud800")) == 64
 
@@ -67,7 +67,7 @@ def test_hashes_are_compared_in_constant_time():
         ("", None),
     ],
 )
-def test_a_bearer_token_is_found(header, token):
+def test_bearer_token_is_parsed_from_the_header(header, token):
     assert bearer_token(header) == token
 
 
@@ -83,7 +83,7 @@ def test_a_bearer_token_is_found(header, token):
         ("", ""),
     ],
 )
-def test_a_host_is_known_without_its_port(host, name):
+def test_host_name_is_returned_without_its_port(host, name):
     assert host_name(host) == name
 
 
@@ -103,13 +103,13 @@ def test_a_host_is_known_without_its_port(host, name):
         ({"sec-fetch-site": "cross-site"}, False),
     ],
 )
-def test_a_page_is_told_from_other_pages(headers, not_other):
+def test_cross_origin_requests_are_recognised(headers, not_other):
     headers = {**OWN, **headers}
 
     assert comes_from_no_other_page(headers) is not_other
 
 
-def test_each_role_includes_the_ones_before():
+def test_each_role_includes_the_lower_roles():
     included = {
         role: [other for other in get_args(Role) if includes(role, other)]
         for role in get_args(Role)

@@ -13,7 +13,7 @@ from app.settings import Settings
 from unghost.cli.options import settings_of
 
 
-def test_without_variables_it_serves_this_machine_only():
+def test_default_settings_serve_only_this_machine():
     settings = Settings()
 
     assert (settings.host, settings.port) == ("127.0.0.1", 8000)
@@ -21,7 +21,7 @@ def test_without_variables_it_serves_this_machine_only():
     assert settings.served_hosts == {"localhost", "127.0.0.1", "[::1]"}
 
 
-def test_the_database_is_in_the_data_folder_unless_said(tmp_path):
+def test_default_database_is_in_the_data_folder(tmp_path):
     own = Settings(data=tmp_path)
     other = Settings(database_url="postgresql+psycopg://boxes@db/boxes")
 
@@ -38,7 +38,7 @@ def test_the_database_is_in_the_data_folder_unless_said(tmp_path):
         ("UNGHOST_PORT", "", "port", 8000),
     ],
 )
-def test_a_variable_is_read_as_people_write_it(monkeypatch, name, text, field, value):
+def test_environment_variables_are_parsed(monkeypatch, name, text, field, value):
     monkeypatch.setenv(name, text)
 
     found = getattr(Settings(), field)
@@ -46,7 +46,7 @@ def test_a_variable_is_read_as_people_write_it(monkeypatch, name, text, field, v
     assert found == (value if value is not None else ("a.example", "B.example"))
 
 
-def test_a_variable_that_an_earlier_version_had_stops_no_start(monkeypatch):
+def test_obsolete_environment_variable_is_ignored(monkeypatch):
     monkeypatch.setenv("UNGHOST_MAX_FAILED_LOGINS", "20")
 
     assert Settings() == Settings(data=Path("unghost-data"))
@@ -61,14 +61,14 @@ def test_a_variable_that_an_earlier_version_had_stops_no_start(monkeypatch):
         ("UNGHOST_WORKERS", "0"),
     ],
 )
-def test_a_value_that_cannot_be_is_refused(monkeypatch, name, text):
+def test_invalid_environment_variable_raises_validation_error(monkeypatch, name, text):
     monkeypatch.setenv(name, text)
 
     with pytest.raises(ValidationError):
         Settings()
 
 
-def test_settings_do_not_change_while_serving():
+def test_settings_are_immutable():
     with pytest.raises(ValidationError, match="frozen"):
         Settings().port = 1  # type: ignore[misc]  # that is the point
 
@@ -81,7 +81,7 @@ def test_settings_do_not_change_while_serving():
         ("10.0.0.7", {"localhost", "127.0.0.1", "[::1]", "10.0.0.7", "boxes.example"}),
     ],
 )
-def test_the_address_it_listens_on_is_a_name_it_is_served_under(host, served):
+def test_listen_address_is_one_of_the_served_hosts(host, served):
     settings = Settings(host=host, allowed_hosts=("Boxes.example",))
 
     assert settings.served_hosts == served
@@ -131,7 +131,9 @@ def test_the_address_it_listens_on_is_a_name_it_is_served_under(host, served):
         ("UNGHOST_ALLOWED_HOSTS", "*.example.org", "found '*.example.org'"),
     ],
 )
-def test_a_setting_that_cannot_be_is_refused_in_words(monkeypatch, name, text, words):
+def test_invalid_setting_is_refused_with_its_name_and_expected_value(
+    monkeypatch, name, text, words
+):
     monkeypatch.setenv(name, text)
 
     with pytest.raises(typer.BadParameter) as refused:
@@ -142,7 +144,7 @@ def test_a_setting_that_cannot_be_is_refused_in_words(monkeypatch, name, text, w
     assert "Value error" not in refused.value.message
 
 
-def test_every_trusted_proxy_that_is_taken_is_believed():
+def test_every_accepted_trusted_proxy_is_trusted_by_uvicorn():
     """uvicorn takes what it cannot parse for a name, which matches no connection."""
     written = ("127.0.0.1", "10.0.0.0/8", "fd00::/64", "::1", "172.16.0.0/255.240.0.0")
 

@@ -28,7 +28,7 @@ BOXES = list(product(Reason, ANSWERS))
 
 
 @pytest.fixture(scope="module")
-def matching():
+def boxes_matching():
     """A function that returns the numbers of the boxes that match an SQL condition."""
     engine = create_engine("sqlite://")
     table = Base.metadata.tables[Decision.__tablename__]
@@ -53,9 +53,7 @@ def matching():
 
 
 @pytest.mark.parametrize("verdict", Verdict)
-def test_the_effective_verdict_is_one_in_python_on_columns_and_in_sql(
-    matching, verdict
-):
+def test_effective_verdict_is_equal_in_python_columns_and_sql(boxes_matching, verdict):
     codes = [Answer[(answer or "none").upper()] for _, answer in BOXES]
     columns = replace(
         DecidedBoxes.empty(),
@@ -70,12 +68,12 @@ def test_the_effective_verdict_is_one_in_python_on_columns_and_in_sql(
     }
 
     assert expected
-    assert matching(is_effective(verdict)) == expected
+    assert boxes_matching(is_effective(verdict)) == expected
     code = VERDICTS.index(verdict)
     assert set(np.flatnonzero(columns.effective == code).tolist()) == expected
 
 
-def test_a_conflict_is_one_in_python_and_in_sql(matching):
+def test_conflict_is_equal_in_python_and_sql(boxes_matching):
     expected = {
         number
         for number, (reason, answer) in enumerate(BOXES)
@@ -83,13 +81,13 @@ def test_a_conflict_is_one_in_python_and_in_sql(matching):
     }
 
     assert expected
-    assert matching(is_in_conflict()) == expected
-    assert matching(is_not_in_conflict()) == set(range(len(BOXES))) - expected
+    assert boxes_matching(is_in_conflict()) == expected
+    assert boxes_matching(is_not_in_conflict()) == set(range(len(BOXES))) - expected
 
 
 @pytest.mark.parametrize("toss_up", [False, True])
-def test_a_box_needs_review_if_it_is_undecided_and_the_filter_is_not_sure(
-    matching, toss_up
+def test_box_needs_review_if_undecided_and_the_filter_is_unsure(
+    boxes_matching, toss_up
 ):
     sure = {Reason.OUTSIDE_IMAGE, Reason.DEGENERATE} | (
         set() if toss_up else {Reason.VISIBLE}
@@ -104,11 +102,11 @@ def test_a_box_needs_review_if_it_is_undecided_and_the_filter_is_not_sure(
     }
 
     assert found
-    assert matching(and_(undecided, unsure)) == found
+    assert boxes_matching(and_(undecided, unsure)) == found
 
 
 @pytest.mark.parametrize("name", REVIEW_STATES)
-def test_a_state_of_review_says_the_same_by_its_answers_and_in_sql(matching, name):
+def test_review_state_is_equal_by_its_answers_and_in_sql(boxes_matching, name):
     state = REVIEW_STATES[name]
 
     expected = {
@@ -117,7 +115,7 @@ def test_a_state_of_review_says_the_same_by_its_answers_and_in_sql(matching, nam
         if (answer or "") in state.answers
     }
 
-    assert matching(state.condition()) == expected
+    assert boxes_matching(state.condition()) == expected
     if state.others is not None:
-        others = matching(REVIEW_STATES[state.others].condition())
+        others = boxes_matching(REVIEW_STATES[state.others].condition())
         assert others == set(range(len(BOXES))) - expected

@@ -23,7 +23,7 @@ def bits(*tags):
     return sum(1 << tag for tag in tags)
 
 
-def test_every_accept_set_is_the_oracle_s():
+def test_every_accept_set_equals_the_oracle():
     oracle = json.loads(shared("oracles/carla_palettes.json").read_text())
 
     for family, classes in oracle["accept_tags"].items():
@@ -31,7 +31,7 @@ def test_every_accept_set_is_the_oracle_s():
             assert accept_mask_of(name, family) == bits(*tags), (family, name)
 
 
-def test_every_blueprint_is_the_oracle_s():
+def test_every_blueprint_class_equals_the_oracle():
     oracle = json.loads(shared("oracles/carla_palettes.json").read_text())
 
     expected = {one["blueprint"]: one["base_type"] for one in oracle["vehicles"]}
@@ -59,7 +59,7 @@ def test_every_blueprint_is_the_oracle_s():
         ("unknown", None, "carlasimu", 0),
     ],
 )
-def test_the_accept_set_of_a_class(name, family, profile, expected):
+def test_accept_mask_by_class_family_and_profile(name, family, profile, expected):
     assert accept_mask_of(name, family, profile) == expected
 
 
@@ -81,11 +81,11 @@ def test_the_accept_set_of_a_class(name, family, profile, expected):
         (None, None, None),
     ],
 )
-def test_the_class_of_an_actor(type_id, base_type, expected):
+def test_class_of_an_actor_by_type_id_and_base_type(type_id, base_type, expected):
     assert class_of(type_id, base_type) == expected
 
 
-def test_an_override_replaces_a_set_by_name_or_number():
+def test_accept_override_takes_tag_names_and_numbers():
     config = FilterConfig.from_mapping(
         {"classes": {"van": {"accept": ["Truck", 14]}, "sign": {"accept": [8]}}}
     )
@@ -95,7 +95,7 @@ def test_an_override_replaces_a_set_by_name_or_number():
     assert masks.tolist() == [bits(14, 15), bits(8), bits(14)]
 
 
-def test_an_override_of_another_family_s_tag_is_refused_with_the_nearest():
+def test_accept_override_with_tag_unknown_to_the_family_is_refused():
     config = FilterConfig.from_mapping({"classes": {"van": {"accept": ["Truck"]}}})
 
     with pytest.raises(ConfigError, match=r"carla-0\.9\.10 has no tag 'Truck'"):
@@ -103,13 +103,13 @@ def test_an_override_of_another_family_s_tag_is_refused_with_the_nearest():
     assert config.accept_masks(["van"], None).tolist() == [bits(15)]
 
 
-def test_accepted_tags_have_names():
+def test_accepted_names_returns_the_tag_names():
     assert accepted_names(bits(13, 18), "carla-0.9.14") == ("Rider", "Motorcycle")
     assert accepted_names(0, "carla-0.9.14") == ()
 
 
 @pytest.mark.parametrize("mask", [0, 1, 1 << 29, 0b101 << 13, (1 << 63) - 1], ids=hex)
-def test_a_mask_accepts_the_known_tags_that_are_its_bits(mask):
+def test_accepts_is_true_for_known_tags_whose_bit_is_set(mask):
     tags = np.arange(256, dtype=np.uint8)
     expected = [tag <= 29 and bool(mask >> tag & 1) for tag in range(256)]
 

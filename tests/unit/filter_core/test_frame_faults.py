@@ -85,7 +85,7 @@ def faults_of(raw, **options):
         ),
     ],
 )
-def test_faults_of_a_frame(raw, pointer, code, words):
+def test_invalid_frame_reports_pointer_code_and_message(raw, pointer, code, words):
     assert faults_of(raw) == [(pointer, code, words)]
 
 
@@ -143,7 +143,7 @@ def test_faults_of_a_frame(raw, pointer, code, words):
         ),
     ],
 )
-def test_faults_of_a_camera(camera, pointer, code, words):
+def test_invalid_camera_reports_pointer_code_and_message(camera, pointer, code, words):
     found = faults_of({"boxes": [], "camera": camera})
 
     assert found[0] == (f"/camera{pointer}", code, f"camera{words}")
@@ -153,7 +153,7 @@ def test_faults_of_a_camera(camera, pointer, code, words):
     ("camera", "found"),
     [(None, "nothing"), ({"width": 9, "height": 9, "fov": 90}, "fov, height, width")],
 )
-def test_a_3d_box_needs_a_camera(camera, found):
+def test_3d_box_without_a_complete_camera_is_a_fault(camera, found):
     box = {"id": "9", "class": "car", "box3d": {"extent": [1, 1, 1]}}
 
     faults = faults_of({"boxes": [box], "camera": camera})
@@ -174,7 +174,7 @@ def test_a_3d_box_needs_a_camera(camera, found):
         (b"[" + b"1" * 5000 + b"]", "a number of more than 100 characters"),
     ],
 )
-def test_an_annotation_that_is_not_json_is_one_fault_with_its_place(text, found):
+def test_invalid_json_is_one_fault_with_its_position(text, found):
     ((pointer, code, detail),) = faults_of(text)
 
     assert (pointer, code) == ("", "not_json")
@@ -188,13 +188,13 @@ def test_an_annotation_that_is_not_json_is_one_fault_with_its_place(text, found)
         (b"[" + b"1," * 1_000_000 + b"1]", "JSON of more than 500000 values"),
     ],
 )
-def test_json_without_end_is_one_fault(text, found):
+def test_too_deep_or_too_large_json_is_one_fault(text, found):
     words = f"annotation: expected JSON in UTF-8, found {found}"
 
     assert faults_of(text) == [("", "json_too_large", words)]
 
 
-def test_json_with_nan_infinity_and_overflow_is_refused_where_it_stands():
+def test_nan_and_infinity_in_json_are_faults_with_their_pointers():
     text = b"""{"boxes": [{"id": "a", "class": "car", "speed": NaN,
                 "xyxy": [NaN, -Infinity, 1e999, 4]}], "weather": {"fog": Infinity}}"""
 
@@ -207,7 +207,7 @@ def test_json_with_nan_infinity_and_overflow_is_refused_where_it_stands():
     ]
 
 
-def test_a_key_that_json_repeats_is_a_fault():
+def test_duplicate_json_key_is_a_fault():
     text = """{"map": "a", "map": "b", "boxes": [
         {"id": "a", "class": "car", "class": "van", "xyxy": [1, 2, 3, 4]}]}"""
 
@@ -226,7 +226,7 @@ def test_a_key_that_json_repeats_is_a_fault():
     ]
 
 
-def test_all_faults_come_in_one_pass_and_name_the_frame():
+def test_all_faults_are_reported_at_once_with_the_frame_key():
     text = json.dumps(
         {
             "map": 1,
@@ -259,7 +259,7 @@ def test_more_boxes_than_the_limit_are_one_fault():
     assert found == [("/boxes", "too_many_boxes", words)]
 
 
-def test_kept_values_may_not_be_nested_without_end():
+def test_too_deeply_nested_unknown_key_is_a_fault():
     deep: object = 1
     for _ in range(40):
         deep = [deep]
@@ -292,7 +292,7 @@ def test_kept_values_may_not_be_nested_without_end():
         ),
     ],
 )
-def test_of_many_faults_the_first_are_kept_and_the_others_counted(text, count):
+def test_first_faults_are_reported_and_the_rest_counted(text, count):
     with pytest.raises(AnnotationErrors) as found:
         parse_annotation(text)
 
@@ -302,7 +302,7 @@ def test_of_many_faults_the_first_are_kept_and_the_others_counted(text, count):
         assert found.value.detail.endswith(f" (and {count - 1} more)")
 
 
-def test_a_fault_names_its_place_shortly():
+def test_long_keys_in_the_pointer_of_a_fault_are_truncated():
     """Long keys are cut, because there may be a hundred faults below each."""
     key = "k" * 100_000
     text = json.dumps({"boxes": [], key: {key: [NAN]}})

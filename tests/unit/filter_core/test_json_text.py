@@ -42,7 +42,7 @@ LONG_AFTER_TEXTS = "a number of more than 100 characters, at character 214"
         (b'{"a\\"":"' + b"1" * 200 + b'","b":-' + b"1" * 100 + b"}", LONG_AFTER_TEXTS),
     ],
 )
-def test_a_refusal_of_json_says_what_was_found(raw, found):
+def test_error_of_invalid_json_says_what_was_found(raw, found):
     with pytest.raises(JsonError) as refused:
         read_json(raw, SMALL)
 
@@ -102,7 +102,7 @@ def keys_in(value):
 
 
 @given(value=values, ascii_only=st.booleans())
-def test_limits_are_those_of_the_value(value, ascii_only):
+def test_depth_and_key_limits_are_exact(value, ascii_only):
     raw = json.dumps(value, ensure_ascii=ascii_only).encode()
     depth, keys = depth_of(value), keys_in(value)
     within = JsonLimits(max_depth=depth, max_keys=keys)
@@ -125,7 +125,7 @@ def test_limits_are_those_of_the_value(value, ascii_only):
         pytest.param(b'"' * 16_000_000, id="quotes"),
     ],
 )
-def test_oversized_json_is_refused_before_it_is_held(raw):
+def test_oversized_json_is_refused_with_bounded_memory(raw):
     tracemalloc.start()
     try:
         with pytest.raises(JsonError):
@@ -141,7 +141,7 @@ HALFWAY = b"9007199254740993." + b"0" * 980 + b"1,"
 """A number halfway between two floats: only its last digit decides which is nearer."""
 
 
-def test_numbers_that_take_long_to_read_are_refused_before_they_are_read():
+def test_overlong_numbers_are_refused_quickly():
     raw = b"[" + HALFWAY * 16_000 + b"1]"
 
     began = time.process_time()

@@ -31,7 +31,7 @@ def folder(tmp_path):
     return write_files(tmp_path, files)
 
 
-def test_frames_come_in_order_and_a_bad_one_does_not_stop_the_others(folder):
+def test_frames_are_filtered_in_order_despite_an_invalid_frame(folder):
     outcomes = list(filter_source(read_source(folder), FilterConfig()))
 
     assert [one.key for one in outcomes] == [f"{number:03}" for number in range(12)]
@@ -43,7 +43,7 @@ def test_frames_come_in_order_and_a_bad_one_does_not_stop_the_others(folder):
     assert outcomes[0].palette == "carla-0.9.14"
 
 
-def test_any_number_of_workers_says_the_same(folder):
+def test_result_does_not_depend_on_the_number_of_workers(folder):
     lines = [
         [
             json.dumps(one.as_dict(), allow_nan=False)
@@ -76,7 +76,7 @@ def test_only_a_few_frames_are_read_ahead():
 SIZE = {"width": 80, "height": 60}
 
 
-def test_every_fault_of_a_frame_is_in_its_problem():
+def test_all_annotation_faults_are_in_the_outcome_error():
     boxes = [{"class": "car"}, {"class": "car", "xyxy": [1, 2, 3]}]
     source = FrameSource("k", {"boxes": boxes, "camera": SIZE})
 
@@ -88,7 +88,7 @@ def test_every_fault_of_a_frame_is_in_its_problem():
     assert pointers == ["/boxes/0", "/boxes/1/xyxy"]
 
 
-def test_of_many_faults_a_problem_has_the_first_and_counts_the_others():
+def test_outcome_error_lists_100_faults_and_counts_the_rest():
     boxes = [{"class": "car"}] * 1000
     source = FrameSource("k", {"boxes": boxes, "camera": SIZE})
 
@@ -99,7 +99,7 @@ def test_of_many_faults_a_problem_has_the_first_and_counts_the_others():
     assert (len(outcome.error["errors"]), more) == (100, 900)
 
 
-def test_a_file_that_is_not_there_is_named_without_its_folder(tmp_path):
+def test_missing_file_is_named_without_its_folder(tmp_path):
     source = FrameSource(
         "k", {"boxes": [], "camera": SIZE}, segmentation=tmp_path / "gone.png"
     )
@@ -111,7 +111,7 @@ def test_a_file_that_is_not_there_is_named_without_its_folder(tmp_path):
     assert str(tmp_path) not in outcome.error["detail"]
 
 
-def test_an_ignore_mask_beside_a_frame_counts(folder):
+def test_ignore_mask_file_of_a_frame_is_applied(folder):
     mask = (street_tags() == 14).astype("uint8") * 255
     write_files(folder, {"mask.png": png(mask)})
     frame = next(iter(read_source(folder)))
@@ -155,7 +155,7 @@ def test_a_channel_reads_the_files_that_it_needs(tmp_path):
     assert "PLY or NPY" in outcome("lidar")["error"]["detail"]
 
 
-def test_a_decision_that_nothing_was_measured_for_says_so_in_its_sentence_as_well():
+def test_explanation_without_segmentation_starts_with_unmeasured():
     boxes = [
         {"class": "zebra", "xyxy": [10, 10, 60, 40]},
         {"class": "car", "xyxy": [10, 10, 60, 40], "distance": 90},
@@ -173,7 +173,7 @@ def test_a_decision_that_nothing_was_measured_for_says_so_in_its_sentence_as_wel
 
 
 @pytest.mark.parametrize("form", ["decisions-csv", "decisions-parquet"])
-def test_tables_get_columns_and_no_object_for_a_box(form):
+def test_table_exports_get_columns_instead_of_decision_objects(form):
     boxes = [
         {"class": "car", "xyxy": [10, 10, 60, 40], "distance": 7.5},
         {"class": "car", "xyxy": [300, 10, 360, 40]},

@@ -30,7 +30,7 @@ def source(tmp_path):
     return FrameSource("a", ANNOTATION, segmentation=segmentation, others=paths)
 
 
-def ghosts_kept(evaluation):
+def count_kept_ghosts(evaluation):
     return {name: one.total.kept_hidden for name, one in evaluation.scores.items()}
 
 
@@ -43,11 +43,11 @@ def test_the_truth_comes_from_instances_or_from_a_file(source, truth):
         [source] * 3, task, progress=lambda: seen.append(1)
     )
 
-    assert ghosts_kept(evaluation) == {"semantic": 3, "depth": 0}
+    assert count_kept_ghosts(evaluation) == {"semantic": 3, "depth": 0}
     assert (problems, len(seen)) == ([], 3)
 
 
-def test_boxes_of_unknown_truth_are_left_out(source):
+def test_boxes_without_truth_are_not_evaluated(source):
     evaluation, _ = evaluate_source(
         [source], EvaluationTask(truth={"a": {"218": False}})
     )
@@ -55,7 +55,7 @@ def test_boxes_of_unknown_truth_are_left_out(source):
     assert evaluation.boxes == 1
 
 
-def test_a_frame_that_cannot_be_used_is_named_and_the_others_count(source):
+def test_invalid_frame_is_reported_and_the_others_are_evaluated(source):
     broken = FrameSource("b", None, problem=LayoutError("b: no labels"))
 
     evaluation, problems = evaluate_source([broken, source], EvaluationTask())
@@ -64,7 +64,7 @@ def test_a_frame_that_cannot_be_used_is_named_and_the_others_count(source):
     assert [one["key"] for one in problems] == ["b"]
 
 
-def test_truths_are_read_line_by_line(tmp_path):
+def test_read_truth_reads_json_lines(tmp_path):
     path = tmp_path / "truth.jsonl"
     lines = [
         {"key": "a", "id": "217", "visible": True, "ghost": None},
@@ -78,7 +78,7 @@ def test_truths_are_read_line_by_line(tmp_path):
 @pytest.mark.parametrize(
     "line", ["{", "[]", '{"key": "a"}', '{"key": "a", "id": "1", "visible": 1}']
 )
-def test_a_wrong_line_is_named(tmp_path, line):
+def test_invalid_truth_line_error_names_the_line(tmp_path, line):
     path = tmp_path / "truth.jsonl"
     path.write_text('{"key": "a", "id": "1", "visible": true}\n' + line)
 

@@ -25,7 +25,7 @@ CAR = {"id": "217", "class": "car", "xyxy": [10, 10, 50, 40], "distance": 12.5}
 GHOST = {"id": "218", "class": "walker", "xyxy": [60, 40, 70, 55]}
 
 
-def test_a_decision_has_the_keys_of_the_api_and_its_numbers():
+def test_decision_has_all_keys_of_the_api():
     result = filter_frame(
         annotation(CAR), painted(street_tags()), options=FrameOptions(key="a/7")
     )
@@ -59,7 +59,7 @@ def test_a_decision_has_the_keys_of_the_api_and_its_numbers():
     }
 
 
-def test_decisions_are_composed_once_when_they_are_asked_for():
+def test_decisions_are_computed_lazily_and_cached():
     result = filter_frame(annotation(CAR, GHOST), painted(street_tags()))
 
     before = set(vars(result))
@@ -69,7 +69,7 @@ def test_decisions_are_composed_once_when_they_are_asked_for():
     assert result.decisions is first
 
 
-def test_decisions_are_plain_json():
+def test_decisions_are_json_serialisable():
     outside = {"class": "car", "xyxy": [900, 0, 950, 20]}
     result = filter_frame(annotation(CAR, GHOST, outside), painted(street_tags()))
 
@@ -84,7 +84,7 @@ def test_decisions_are_plain_json():
     assert (again[2]["xyxy"], again[2]["match_percent"]) == (None, None)
 
 
-def test_a_ghost_says_what_is_there_instead():
+def test_explanation_of_a_ghost_names_the_tag_that_hides_it():
     tags = street_tags()
     tags[40:55, 60:70] = 9
 
@@ -96,7 +96,7 @@ def test_a_ghost_says_what_is_there_instead():
     assert decision["hidden_by"] == [{"tag": 9, "name": "Vegetation", "percent": 100.0}]
 
 
-def test_without_a_segmentation_nothing_is_measured():
+def test_box_without_a_segmentation_is_unmeasured():
     camera = {"width": 80, "height": 60}
 
     result = filter_frame(annotation(CAR, camera=camera), None)
@@ -126,7 +126,7 @@ def test_a_segmentation_may_be_a_file_raw_tags_or_an_array():
     assert [one and one["encoding"] for one in reports] == ["palette", "raw", "raw"]
 
 
-def test_a_blueprint_decides_by_its_class_and_an_unknown_one_stays_itself():
+def test_blueprint_is_mapped_to_its_class_and_unknown_one_is_unmapped():
     boxes = [
         {"type_id": "vehicle.ford.ambulance", "xyxy": [10, 10, 50, 40]},
         {"type_id": "static.prop.bin", "xyxy": [10, 10, 50, 40]},
@@ -141,7 +141,7 @@ def test_a_blueprint_decides_by_its_class_and_an_unknown_one_stays_itself():
     assert (prop["class"], prop["reason"]) == ("static.prop.bin", "unmapped_class")
 
 
-def test_a_class_s_own_accept_set_counts():
+def test_accept_set_of_a_class_is_applied():
     config = FilterConfig.from_mapping({"classes": {"walker": {"accept": ["Road"]}}})
 
     decision = filter_frame(
@@ -151,7 +151,7 @@ def test_a_class_s_own_accept_set_counts():
     assert (decision["verdict"], decision["match_percent"]) == ("kept", 100.0)
 
 
-def test_pixels_that_are_ignored_never_count():
+def test_ignored_pixels_are_not_counted():
     ignore = np.zeros((60, 80), np.bool_)
     ignore[10:40, 10:30] = True
 
@@ -177,19 +177,19 @@ def test_images_of_different_sizes_are_refused(more, options, words):
         filter_frame(annotation(CAR, **more), street_tags(), options=options)
 
 
-def test_a_frame_whose_size_nothing_tells_is_refused():
+def test_frame_of_unknown_image_size_is_refused():
     with pytest.raises(ImageSizeMismatch, match="found none of them") as caught:
         filter_frame(annotation(CAR), None)
     assert caught.value.kind == "image_size_unknown"
 
 
-def test_tags_without_a_family_are_never_guessed_at():
+def test_tag_array_without_palette_or_version_is_refused():
     with pytest.raises(SegmentationError, match="cannot name its family") as caught:
         filter_frame({"boxes": [CAR]}, street_tags())
     assert caught.value.kind == "family_not_named"
 
 
-def test_a_contradiction_about_the_palette_names_both_sides():
+def test_contradicting_palettes_raise_error_naming_both_sources():
     dataset = FrameOptions(dataset=SegmentationOptions(palette="carla-0.9.10"))
     config = FilterConfig(palette="carla-0.9.14")
 
@@ -199,7 +199,7 @@ def test_a_contradiction_about_the_palette_names_both_sides():
         filter_frame(annotation(CAR), painted(street_tags()), config, dataset)
 
 
-def test_all_faults_of_an_annotation_come_at_once():
+def test_all_annotation_faults_are_raised_at_once():
     boxes = [{"class": "car", "xyxy": [1, 2, 3]}, {"class": "car"}]
 
     with pytest.raises(AnnotationErrors) as caught:
@@ -207,7 +207,7 @@ def test_all_faults_of_an_annotation_come_at_once():
     assert len(caught.value.errors) == 2
 
 
-def test_a_3d_box_comes_with_its_rectangles_and_edges():
+def test_3d_box_decision_has_rectangles_edges_and_distance():
     camera = {"width": 80, "height": 60, "fov": 90, "transform": {}}
     box3d = {
         "transform": {"x": 10, "y": 0, "z": 0, "pitch": 0, "yaw": 0, "roll": 0},

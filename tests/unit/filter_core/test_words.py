@@ -8,14 +8,14 @@ from filter_core.evidence_kinds import EVIDENCE, EvidenceChoice
 from filter_core.types import Reason, ReasonLabel, Verdict, VerdictName
 
 
-def test_every_reason_has_its_own_label():
+def test_reason_labels_equal_the_type_hint():
     assert [reason.name.lower() for reason in Reason] == list(get_args(ReasonLabel))
     assert [reason.label for reason in Reason] == list(get_args(ReasonLabel))
 
 
-def test_the_names_of_verdicts_are_their_values():
+def test_verdict_values_equal_the_type_hint():
     assert [verdict.value for verdict in Verdict] == list(get_args(VerdictName))
 
 
-def test_every_kind_of_evidence_is_described_once_and_in_its_place():
+def test_evidence_table_equals_the_type_hint():
     assert list(EVIDENCE) == list(get_args(EvidenceChoice))

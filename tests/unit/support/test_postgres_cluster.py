@@ -24,14 +24,14 @@ def cluster() -> Iterator[Cluster]:
 
 
 @pytest.fixture
-def nobody(cluster: Cluster) -> Iterator[str]:
+def stopped_server_url(cluster: Cluster) -> Iterator[str]:
     """The address of a server that is stopped during the test."""
     cluster.stop()
     yield cluster.url
     cluster.start()
 
 
-def with_a_server(server: str, script: str) -> subprocess.Popen[str]:
+def run_with_server(server: str, script: str) -> subprocess.Popen[str]:
     """Run a shell script with this server if it answers, or else with a new one."""
     module = "tests.support.postgres_cluster"
     return subprocess.Popen(
@@ -43,8 +43,8 @@ def with_a_server(server: str, script: str) -> subprocess.Popen[str]:
     )
 
 
-def test_a_server_that_answers_is_used_and_goes_on(cluster: Cluster):
-    with with_a_server(cluster.url, SAY + "exit 7") as process:
+def test_running_server_is_used_and_not_stopped(cluster: Cluster):
+    with run_with_server(cluster.url, SAY + "exit 7") as process:
         said, _ = process.communicate()
 
     assert said.strip() == cluster.url
@@ -55,11 +55,11 @@ def test_a_server_that_answers_is_used_and_goes_on(cluster: Cluster):
 @pytest.mark.parametrize(
     "number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.long)]
 )
-def test_where_none_answers_there_is_one_until_the_command_ends(nobody: str, number):
-    with with_a_server(nobody, SAY + "exec sleep 60") as process:
+def test_temporary_server_runs_until_the_command_ends(stopped_server_url: str, number):
+    with run_with_server(stopped_server_url, SAY + "exec sleep 60") as process:
         assert process.stdout
         said = process.stdout.readline().strip()
-        assert said != nobody
+        assert said != stopped_server_url
         assert is_reachable(said)
         process.send_signal(number)
 

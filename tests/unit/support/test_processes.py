@@ -51,7 +51,7 @@ ENDS = {
 
 
 @pytest.fixture
-def both(tmp_path):
+def start_forked_and_fresh(tmp_path):
     """A function that starts a program twice: forked, and in a new interpreter."""
 
     def begin(program, *words, **more):
@@ -66,10 +66,12 @@ def both(tmp_path):
     return begin
 
 
-def test_a_fork_finds_what_a_fresh_start_finds(both, tmp_path):
+def test_forked_process_has_the_same_environment_as_a_fresh_one(
+    start_forked_and_fresh, tmp_path
+):
     found = [
         json.loads(process.communicate(timeout=60)[0])
-        for process in both(
+        for process in start_forked_and_fresh(
             FACTS, "a", "-b", UNGHOST_DATA="x", PYTHONPATH=str(tmp_path)
         )
     ]
@@ -78,12 +80,12 @@ def test_a_fork_finds_what_a_fresh_start_finds(both, tmp_path):
 
 
 @pytest.mark.parametrize("end", ENDS)
-def test_a_fork_ends_as_a_fresh_start_does(both, end):
+def test_forked_process_exits_like_a_fresh_one(start_forked_and_fresh, end):
     program, code = ENDS[end]
 
     forked, fresh = [
         (*process.communicate(timeout=60), process.returncode)
-        for process in both(program)
+        for process in start_forked_and_fresh(program)
     ]
 
     assert (forked[0], forked[2]) == (fresh[0], code) == (fresh[0], fresh[2])
@@ -91,8 +93,10 @@ def test_a_fork_ends_as_a_fresh_start_does(both, end):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL, signal.SIGINT])
-def test_a_fork_takes_signals(both, number):
-    for process in both("import time; print('here', flush=True); time.sleep(60)"):
+def test_forked_process_is_terminated_by_signals(start_forked_and_fresh, number):
+    for process in start_forked_and_fresh(
+        "import time; print('here', flush=True); time.sleep(60)"
+    ):
         with process:
             assert process.poll() is None
             assert process.stdout.readline() == "here\n"
@@ -104,16 +108,16 @@ def test_a_fork_takes_signals(both, number):
             process.kill()  # it has ended already, which is no error
 
 
-def test_two_forks_have_other_seeds(both):
+def test_forked_processes_have_different_random_seeds(start_forked_and_fresh):
     program = "import random, numpy; print(random.random(), numpy.random.random())"
-    first, fresh = both(program)
-    second, other = both(program)
+    first, fresh = start_forked_and_fresh(program)
+    second, other = start_forked_and_fresh(program)
     said = [one.communicate(timeout=60)[0] for one in (first, second, fresh, other)]
 
     assert len({number for line in said for number in line.split()}) == 8
 
 
-def test_a_server_that_is_forked_knows_when_it_was_started(data_dir):
+def test_forked_server_reports_its_own_start_time(data_dir):
     began = time.time()
     with running_server(data_dir) as server:
         text = plain_http.get(f"{server.url}/metrics", headers=server.headers).text

@@ -18,7 +18,9 @@ from tests.support.sources import CHECKOUT
         pytest.param({"CI": "true"}, 1, "no check is left out", id="CI"),
     ],
 )
-def test_a_machine_without_node(tmp_path: Path, ci: dict[str, str], status, said):
+def test_check_page_without_node_is_skipped_locally_but_fails_in_ci(
+    tmp_path: Path, ci: dict[str, str], status, said
+):
     shell = shutil.which("sh")
     assert shell
 

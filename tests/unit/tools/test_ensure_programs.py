@@ -40,7 +40,7 @@ def programs(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def ensure(programs: Path, **more: str) -> str:
+def run_ensure_programs(programs: Path, **more: str) -> str:
     """Run the tool with only these programs on the PATH; returns what it prints."""
     environ = {key: value for key, value in os.environ.items() if key != "CI"}
     return subprocess.run(
@@ -53,7 +53,7 @@ def ensure(programs: Path, **more: str) -> str:
     ).stdout
 
 
-def asked_of_apt(programs: Path) -> list[str]:
+def read_apt_calls(programs: Path) -> list[str]:
     log = programs / "apt-get.log"
     return log.read_text().splitlines() if log.exists() else []
 
@@ -66,23 +66,23 @@ def asked_of_apt(programs: Path) -> list[str]:
     ],
 )
 def test_missing_programs_are_installed(programs: Path, ci, packages):
-    said = ensure(programs, **ci)
+    said = run_ensure_programs(programs, **ci)
 
-    update, *installs = asked_of_apt(programs)
+    update, *installs = read_apt_calls(programs)
     assert update.startswith("update")
     assert [line.split()[-1] for line in installs] == packages
     for program in [PROGRAM_OF.get(name, name) for name in packages]:
         assert f"{program}: {programs / program}" in said
 
 
-def test_programs_that_are_there_are_left_as_they_are(programs: Path):
-    ensure(programs, CI="true")
-    asked = asked_of_apt(programs)
+def test_installed_programs_are_not_installed_again(programs: Path):
+    run_ensure_programs(programs, CI="true")
+    asked = read_apt_calls(programs)
 
-    ensure(programs, CI="true")
+    run_ensure_programs(programs, CI="true")
 
-    assert asked_of_apt(programs) == asked
+    assert read_apt_calls(programs) == asked
 
 
-def test_a_program_that_cannot_be_installed_is_named(tmp_path: Path):
-    assert "no strace" in ensure(tmp_path)
+def test_program_that_cannot_be_installed_is_reported(tmp_path: Path):
+    assert "no strace" in run_ensure_programs(tmp_path)

@@ -8,7 +8,7 @@ import sys
 from tests.support.imports import HEAVY
 
 
-def modules_after(statement: str) -> set[str]:
+def loaded_modules(statement: str) -> set[str]:
     program = f"import sys; {statement}; print(*sys.modules, sep='\\n')"
     answer = subprocess.run(
         [sys.executable, "-c", program], check=True, capture_output=True, text=True
@@ -16,27 +16,27 @@ def modules_after(statement: str) -> set[str]:
     return set(answer.stdout.split())
 
 
-def test_importing_the_client_loads_neither_the_server_nor_pixels():
-    loaded = modules_after("import unghost; unghost.Client()")
+def test_importing_client_does_not_load_server_or_image_libraries():
+    loaded = loaded_modules("import unghost; unghost.Client()")
 
     assert loaded.isdisjoint(HEAVY)
     assert loaded.isdisjoint({"filter_core", "typer", "yaml"})
 
 
-def test_the_command_line_starts_without_them_too():
-    loaded = modules_after("import unghost.cli")
+def test_importing_cli_does_not_load_heavy_modules_or_client():
+    loaded = loaded_modules("import unghost.cli")
 
     assert loaded.isdisjoint({*HEAVY, "filter_core", "httpx", "unghost.client"})
 
 
-def test_every_public_name_is_there():
-    modules_after(
+def test_all_public_names_can_be_imported():
+    loaded_modules(
         "import unghost; [getattr(unghost, name) for name in unghost.__all__]"
     )
 
 
-def test_importing_the_package_loads_nothing_of_it():
-    loaded = modules_after("import unghost, unghost.wire.words")
+def test_importing_package_loads_no_submodules():
+    loaded = loaded_modules("import unghost, unghost.wire.words")
 
     assert {name for name in loaded if name.startswith("unghost")} == {
         "unghost",
@@ -46,8 +46,8 @@ def test_importing_the_package_loads_nothing_of_it():
     assert loaded.isdisjoint({*HEAVY, "httpx", "typer"})
 
 
-def test_the_wire_loads_neither_a_connection_nor_the_library():
-    loaded = modules_after(
+def test_importing_wire_does_not_load_httpx_or_filter_core():
+    loaded = loaded_modules(
         "from unghost import wire; [getattr(wire, n) for n in dir(wire)]"
     )
 

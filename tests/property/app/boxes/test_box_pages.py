@@ -83,7 +83,7 @@ def decided(match: float, large: bool, limits: ClassThresholds, published: bool)
 
 
 @st.composite
-def some_rows(draw, published: bool) -> list[Row]:
+def decision_rows(draw, published: bool) -> list[Row]:
     thresholds = PUBLISHED if published else PAPER
     rows = []
     for box_id in range(1, draw(st.integers(0, 40)) + 1):
@@ -212,7 +212,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
     engine.dispose()
 
 
-def fill(session: Session, rows: list[Row]) -> None:
+def store_decisions(session: Session, rows: list[Row]) -> None:
     session.execute(delete(Decision))
     columns = [row.as_columns() for row in rows]
     strangers = [
@@ -224,7 +224,9 @@ def fill(session: Session, rows: list[Row]) -> None:
     replace_tallies(session, DATASET, tallies_of(alike))
 
 
-def page_by_page(session: Session, wanted: BoxFilter, order: str, limits) -> list[int]:
+def read_all_pages(
+    session: Session, wanted: BoxFilter, order: str, limits
+) -> list[int]:
     present = TallyRepository(session).present(DATASET)
     found: list[int] = []
     cursor: str | None = ""
@@ -242,15 +244,15 @@ def page_by_page(session: Session, wanted: BoxFilter, order: str, limits) -> lis
 @pytest.mark.parametrize("order", ORDERS)
 @settings(suppress_health_check=list(HealthCheck))
 @given(data=st.data(), wanted=FILTERS, limits=st.lists(st.integers(1, 9), max_size=5))
-def test_pages_are_all_boxes_of_the_filter_in_order(
+def test_pages_list_all_boxes_of_the_filter_in_order(
     session, order, published, data, wanted, limits
 ):
     thresholds = PUBLISHED if published else PAPER
-    rows = data.draw(some_rows(published))
-    fill(session, rows)
+    rows = data.draw(decision_rows(published))
+    store_decisions(session, rows)
     query = BoxFilter(DATASET, thresholds=tuple(thresholds), **wanted)
 
-    found = page_by_page(session, query, order, limits)
+    found = read_all_pages(session, query, order, limits)
 
     expected = [row for row in rows if selected(row, wanted, thresholds)]
     assert sorted(found) == [row.box_id for row in expected]

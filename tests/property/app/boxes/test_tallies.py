@@ -48,7 +48,7 @@ CONFIGS = st.fixed_dictionaries(
 )
 
 
-class Reviewing(RuleBasedStateMachine):
+class RandomOperations(RuleBasedStateMachine):
     """Random sequences of uploads, reviews, undos, runs and deletions in a dataset."""
 
     services: Services
@@ -100,15 +100,15 @@ class Reviewing(RuleBasedStateMachine):
             self.street.delete(key)
 
     @invariant()
-    def counts_are_those_of_a_recount(self):
+    def tallies_equal_a_recount(self):
         assert self.street.tallies() == self.street.recounted()
 
 
 def test_tallies_equal_a_recount_after_any_sequence_of_operations(services):
-    Reviewing.services = services
+    RandomOperations.services = services
 
     run_state_machine_as_test(
-        Reviewing,
+        RandomOperations,
         settings=settings(
             max_examples=max(settings().max_examples // 2, 1),
             stateful_step_count=15,

@@ -45,10 +45,10 @@ def read(body, limits=ROOMY, *, cuts=(), media_type=MEDIA_TYPE):
         for start, end in pairwise(edges):
             yield body[start:end]
 
-    return finished(read_parts(media_type, stream(), limits))
+    return run_in_thread(read_parts(media_type, stream(), limits))
 
 
-def finished(work):
+def run_in_thread(work):
     """The result of a coroutine.
 
     It runs in another thread, since browser tests keep an event loop in this one.
@@ -57,14 +57,14 @@ def finished(work):
         return thread.submit(asyncio.run, work).result()
 
 
-def refusal(*args, **options):
+def error_of_reading(*args, **options):
     with pytest.raises(AppError) as refused:
         read(*args, **options)
     return refused.value
 
 
 @given(parts_of_a_form, st.booleans(), st.lists(st.integers(0, 300)))
-def test_a_form_comes_through_however_it_is_cut(parts, is_file, cuts):
+def test_form_is_read_the_same_for_any_split_into_pieces(parts, is_file, cuts):
     assume(not any(b"\r\n--" + BOUNDARY in b"\r\n" + one.content for one in parts))
     body = form(parts, is_file=is_file)
 
@@ -74,15 +74,15 @@ def test_a_form_comes_through_however_it_is_cut(parts, is_file, cuts):
 
 
 @given(parts_of_a_form, st.data())
-def test_a_form_cut_short_is_refused(parts, data):
+def test_truncated_form_is_refused(parts, data):
     body = form(parts).removesuffix(b"--\r\n")
     end = data.draw(st.integers(0, len(body)))
 
-    assert refusal(body[:end]).kind == "bad_multipart"
+    assert error_of_reading(body[:end]).kind == "bad_multipart"
 
 
 @given(st.binary())
-def test_a_body_that_is_no_form_is_refused_or_empty(body):
+def test_body_that_is_not_a_form_is_refused_or_has_no_parts(body):
     with suppress(BadRequest):
         assert read(body) == []
 
@@ -91,17 +91,17 @@ def test_a_body_that_is_no_form_is_refused_or_empty(body):
     "media_type",
     ["multipart/form-data", "multipart/form-data; boundary=", "multipart/form-data; b"],
 )
-def test_a_form_has_a_boundary(media_type):
-    assert refusal(form([]), media_type=media_type).kind == "bad_multipart"
+def test_media_type_without_a_boundary_is_refused(media_type):
+    assert error_of_reading(form([]), media_type=media_type).kind == "bad_multipart"
 
 
-def test_every_part_has_a_name():
+def test_part_without_a_name_is_refused():
     body = b"--%b\r\nContent-Type: text/plain\r\n\r\nx\r\n--%b--\r\n"
 
-    assert "name" in str(refusal(body % (BOUNDARY, BOUNDARY)))
+    assert "name" in str(error_of_reading(body % (BOUNDARY, BOUNDARY)))
 
 
-def test_one_part_more_than_allowed_is_refused():
+def test_more_parts_than_allowed_are_refused():
     parts = [Part(str(number), b"") for number in range(3)]
 
     assert read(form(parts), PartLimits(3, 10)) == parts
@@ -109,7 +109,7 @@ def test_one_part_more_than_allowed_is_refused():
         read(form(parts), PartLimits(2, 10))
 
 
-def test_a_part_that_grows_too_large_is_not_read_to_its_end():
+def test_too_large_part_is_refused_before_it_is_read_completely():
     body, taken = form([Part("image", b"x" * 10_000)]), 0
 
     async def stream():
@@ -119,7 +119,7 @@ def test_a_part_that_grows_too_large_is_not_read_to_its_end():
             yield body[start : start + 100]
 
     with pytest.raises(TooLarge, match=r"'image'.*1000 bytes"):
-        finished(read_parts(MEDIA_TYPE, stream(), PartLimits(3, 1000)))
+        run_in_thread(read_parts(MEDIA_TYPE, stream(), PartLimits(3, 1000)))
     assert taken < 1500
 
 
@@ -129,10 +129,10 @@ def test_bytes_before_and_after_a_form_are_ignored():
     assert read(b"\r\n" + body + b"epilogue") == [Part("image", b"x")]
 
 
-def test_a_media_type_that_takes_long_to_take_apart_is_refused():
+def test_too_long_media_type_is_refused():
     media_type = 'multipart/form-data; boundary="b0undary"' + ";" * 1000
 
-    assert "1040 characters" in str(refusal(form([]), media_type=media_type))
+    assert "1040 characters" in str(error_of_reading(form([]), media_type=media_type))
 
 
 @pytest.mark.parametrize(
@@ -144,10 +144,12 @@ def test_a_media_type_that_takes_long_to_take_apart_is_refused():
         pytest.param(b"X" * 4100, "header size", id="without an end"),
     ],
 )
-def test_the_headers_of_a_part_are_few_and_short(headers, words):
+def test_part_with_too_many_or_too_long_headers_is_refused(headers, words):
     body = b"--%b\r\n%bContent-Disposition: form-data; name=a\r\n\r\n1\r\n--%b--\r\n"
 
-    refused = refusal(body % (BOUNDARY, headers, BOUNDARY), cuts=range(0, 4000, 7))
+    refused = error_of_reading(
+        body % (BOUNDARY, headers, BOUNDARY), cuts=range(0, 4000, 7)
+    )
 
     assert refused.kind == "bad_multipart"
     assert words in str(refused)

@@ -50,20 +50,20 @@ def annotation_of(boxes):
     return json.dumps({**scene.annotation(), "boxes": boxes}).encode()
 
 
-def one_by_one(street, frames, replace):
+def upload_one_by_one(street, frames, replace):
     for key, boxes, has_segmentation, number in frames:
         files = files_of(number, has_segmentation)
         request = UploadRequest(street.name, street.by, replace)
         upload = UploadedFrame(key, annotation_of(boxes), files)
         try:
-            yield status(add_frame(street.context, request, upload))
+            yield expected_status(add_frame(street.context, request, upload))
         except FrameConflict:
             yield 409
         except FilterError:
             yield 422
 
 
-async def at_once(street, frames, replace):
+async def upload_as_batch(street, frames, replace):
     async def incoming():
         for key, boxes, has_segmentation, number in frames:
             files = files_of(number, has_segmentation)
@@ -74,7 +74,7 @@ async def at_once(street, frames, replace):
     return [frame async for some in intake.ended(incoming()) for frame in some]
 
 
-def status(frame):
+def expected_status(frame):
     if isinstance(frame, RefusedFrame):
         return 409 if isinstance(frame.error, FrameConflict) else 422
     return 201 if isinstance(frame, NewFrame) else 200
@@ -86,7 +86,7 @@ def without_ids(value):
     return [without_ids(one) for one in value] if isinstance(value, list) else value
 
 
-def stored(street):
+def described_frames(street):
     found = {}
     with street.context.database.read() as session:
         for key in "abcd":
@@ -98,12 +98,12 @@ def stored(street):
 
 
 @given(frames=uploads, replace=st.booleans())
-def test_a_batch_is_like_its_frames_one_by_one(services, frames, replace):
+def test_batch_gives_the_same_results_as_single_uploads(services, frames, replace):
     alone, together = services.dataset(), services.dataset()
 
-    statuses = list(one_by_one(alone, frames, replace))
-    ended = asyncio.run(at_once(together, frames, replace))
+    statuses = list(upload_one_by_one(alone, frames, replace))
+    ended = asyncio.run(upload_as_batch(together, frames, replace))
 
-    assert [status(frame) for frame in ended] == statuses
-    assert stored(together) == stored(alone)
+    assert [expected_status(frame) for frame in ended] == statuses
+    assert described_frames(together) == described_frames(alone)
     assert together.tallies() == together.recounted()

@@ -19,7 +19,7 @@ from tests.support.services import run_job
 FATES = ("once", "twice", "dies before", "dies after", "lost before", "lost after")
 
 
-class Fateful(runs.SmallChunks):
+class FaultyEngine(runs.SmallChunks):
     """An engine with a random order of chunks, and a given fate for each of them."""
 
     def __init__(self, fates: list[str], seed: int) -> None:
@@ -33,10 +33,10 @@ class Fateful(runs.SmallChunks):
         future: Future[str] = Future()
         with self._pulling:
             self._waiting.append((future, here, job, number))
-        self._chunks.submit(self._pull)
+        self._chunks.submit(self._run_a_random_chunk)
         return future
 
-    def _pull(self):
+    def _run_a_random_chunk(self):
         with self._pulling:
             place = self._dice.randrange(len(self._waiting))
             future, here, job, number = self._waiting.pop(place)
@@ -45,9 +45,9 @@ class Fateful(runs.SmallChunks):
                 # Fewer deaths than a chunk needs to be put into quarantine.
                 fate = fate if self._deaths < MOST_ATTEMPTS - 1 else "once"
                 self._deaths += fate.startswith("dies")
-        self._meet(fate, future, lambda: here(job.kind, job.id, number))
+        self._complete_by_fate(fate, future, lambda: here(job.kind, job.id, number))
 
-    def _meet(self, fate, future, work):
+    def _complete_by_fate(self, fate, future, work):
         if fate == "twice":
             work()
         told = None if fate.endswith("before") else work()
@@ -64,13 +64,15 @@ class Fateful(runs.SmallChunks):
 
 @settings(max_examples=15)
 @given(fates=st.lists(st.sampled_from(FATES), max_size=8), seed=st.integers(0, 10**6))
-def test_each_frame_counts_once_for_any_fate_of_chunks(services, fates, seed):
+def test_each_frame_counts_once_if_chunks_are_reordered_repeated_or_lost(
+    services, fates, seed
+):
     street = services.dataset()
     for number in range(runs.FRAMES):
         runs.put(street, number)
     run_id = street.request(runs.FROM_PIXELS)
 
-    with runs.context_with_engine(street, Fateful(fates, seed)) as context:
+    with runs.context_with_engine(street, FaultyEngine(fates, seed)) as context:
         drive_job(context, run_job(run_id))
 
     runs.check_run_is_complete(street, runs.run_of(street, run_id))

@@ -62,7 +62,7 @@ def channel_numbers(draw) -> ChannelNumbers:
 
 
 @given(evidences(), st.permutations([3, 17, 400]))
-def test_numbers_come_back(evidence, class_ids):
+def test_evidence_numbers_round_trip(evidence, class_ids):
     record = unpack_numbers([pack_numbers(evidence, class_ids)], [len(evidence)])
 
     back = to_evidence(record, CLASSES, class_ids)
@@ -72,7 +72,7 @@ def test_numbers_come_back(evidence, class_ids):
 
 
 @given(st.lists(evidences(), max_size=4))
-def test_frames_one_after_the_other_are_one_array(frames):
+def test_records_of_several_frames_are_read_as_one_array(frames):
     packed = [pack_numbers(frame, [1, 2, 3]) for frame in frames]
 
     together = unpack_numbers(packed, list(map(len, frames)))
@@ -82,7 +82,7 @@ def test_frames_one_after_the_other_are_one_array(frames):
 
 
 @given(st.lists(st.one_of(st.none(), channel_numbers()), min_size=1, max_size=4))
-def test_numbers_of_channels_come_back_and_those_of_other_frames_are_missing(frames):
+def test_channel_numbers_round_trip_and_are_missing_for_other_frames(frames):
     counts = [2 if frame is None else len(frame) for frame in frames]
     packed = [pack_channels(frame) for frame in frames]
 
@@ -100,7 +100,7 @@ def test_numbers_of_channels_come_back_and_those_of_other_frames_are_missing(fra
 
 
 @given(st.lists(channel_numbers(), min_size=1, max_size=4), st.integers(0, 3))
-def test_records_are_read_after_a_column_was_added(frames, newer_from):
+def test_old_records_are_read_after_a_column_was_added(frames, newer_from):
     today = CHANNEL_NUMBERS
     newest = max(column.since for column in today.columns.values())
     added = NumberColumn("points near it", "points", "i8", -1, since=newest + 1)
@@ -126,7 +126,7 @@ def test_records_are_read_after_a_column_was_added(frames, newer_from):
 
 
 @pytest.mark.parametrize("length", [0, 1, 91, 93, 184])
-def test_records_of_no_known_layout_are_refused(length):
+def test_record_of_unknown_length_raises_value_error(length):
     columns = {"xyxy": NumberColumn("", "px", "f8", np.nan, width=4)}
     columns |= {f"count_{one}": NumberColumn("", "px", "i8", -1) for one in range(7)}
     layout = RecordLayout(columns | {"last": NumberColumn("", "px", "i4", -1)})
@@ -142,14 +142,14 @@ def test_records_of_no_known_layout_are_refused(length):
         elements=st.sampled_from([0, 0, 0, 1, 70_000, 64_000_000]),
     )
 )
-def test_histograms_come_back(counts):
+def test_tag_histograms_round_trip(counts):
     back = unpack_tag_counts(pack_tag_counts(counts), len(counts))
 
     np.testing.assert_array_equal(back, counts)
 
 
 @given(st.lists(st.integers(0, 4), max_size=4), st.randoms(use_true_random=False))
-def test_histograms_of_chosen_boxes_come_back_in_their_order(sizes, random):
+def test_histograms_of_chosen_boxes_are_returned_in_the_given_order(sizes, random):
     frames = [
         np.array(
             [[random.choice((0, 0, 7)) for _ in range(N_TAGS)] for _ in range(size)],
@@ -182,16 +182,16 @@ def test_histograms_of_chosen_boxes_come_back_in_their_order(sizes, random):
     ),
     st.booleans(),
 )
-def test_geometry_comes_back(boxes, backwards):
+def test_geometry_round_trips(boxes, backwards):
     packed, places = pack_geometry(boxes), range(len(boxes))[:: -1 if backwards else 2]
     back = unpack_geometry(packed, len(boxes))
     chosen = unpack_geometry(packed, len(boxes), places)
 
-    assert_alike(boxes, back)
-    assert_alike([boxes[place] for place in places], chosen)
+    assert_geometry_equal(boxes, back)
+    assert_geometry_equal([boxes[place] for place in places], chosen)
 
 
-def assert_alike(boxes, back):
+def assert_geometry_equal(boxes, back):
     for before, after in zip(boxes, back, strict=True):
         assert (before is None) == (after is None)
         if before is None or after is None:

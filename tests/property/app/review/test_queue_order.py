@@ -58,7 +58,9 @@ def street(services):
     return street
 
 
-def by_definition(session, street, wanted: BoxFilter, order: QueueOrder) -> list[int]:
+def slow_queue_order(
+    session, street, wanted: BoxFilter, order: QueueOrder
+) -> list[int]:
     """The ids of all boxes of the filter, in the order of the queue."""
     if order.name in ("random", "audit"):
         ids = street.box_ids()
@@ -86,7 +88,7 @@ def by_definition(session, street, wanted: BoxFilter, order: QueueOrder) -> list
     limit=st.integers(1, 50),
     blocked=st.sets(st.integers(0, 107), max_size=30),
 )
-def test_the_queue_is_everything_sorted_less_what_is_blocked(
+def test_queue_is_all_boxes_sorted_without_blocked_ones(
     street, most, chosen, name, seed, limit, blocked
 ):
     ids = street.box_ids()
@@ -97,7 +99,7 @@ def test_the_queue_is_everything_sorted_less_what_is_blocked(
         blocked_ids = {ids[n] for n in blocked}
         order = QueueOrder(name, seed, limit, blocked_ids, expected, most)
         found = boxes_in_order(session, wanted, tallies.present(street.id), order)
-        slow = by_definition(session, street, wanted, order)
+        slow = slow_queue_order(session, street, wanted, order)
 
     free = [box_id for box_id in slow if box_id not in order.blocked]
     assert found == free[:limit]
@@ -105,7 +107,7 @@ def test_the_queue_is_everything_sorted_less_what_is_blocked(
 
 @settings(max_examples=EXAMPLES, suppress_health_check=list(HealthCheck))
 @given(chosen=FILTERS)
-def test_counts_are_what_counting_gives(street, chosen):
+def test_box_counts_equal_counting_every_box(street, chosen):
     with street.context.database.read() as session:
         dataset = street.row(session)
         wanted = to_filter(session, dataset, chosen)
@@ -119,7 +121,7 @@ def test_counts_are_what_counting_gives(street, chosen):
         )
 
 
-def test_counts_of_a_range_follow_new_frames_and_answers(services):
+def test_counts_of_a_match_range_follow_new_frames_and_reviews(services):
     street = services.dataset()
     selection = Selection(match_min=50, review="none")
     counts = []
@@ -146,7 +148,9 @@ def test_counts_of_a_range_follow_new_frames_and_answers(services):
     seed=st.text(max_size=5),
     first=st.integers(1, 40),
 )
-def test_a_shuffle_is_every_number_once_and_knows_their_places(low, count, seed, first):
+def test_shuffle_yields_every_number_once_in_order_of_its_places(
+    low, count, seed, first
+):
     shuffle = Shuffle(low, low + count - 1, seed)
 
     numbers = [n for part in shuffle.portions(first, 2, 64) for n in part]
@@ -156,7 +160,7 @@ def test_a_shuffle_is_every_number_once_and_knows_their_places(low, count, seed,
     assert (np.diff(places.astype(np.int64)) > 0).all()
 
 
-def test_a_shuffle_spreads_evenly_wherever_it_is_cut():
+def test_first_portion_of_a_shuffle_is_evenly_distributed():
     shuffle = Shuffle(1, 1_000_000, "7 0")
     drawn = np.array(next(shuffle.portions(1 << 14, 1, 1 << 14)))
 
@@ -170,7 +174,7 @@ def test_a_shuffle_spreads_evenly_wherever_it_is_cut():
 
 
 @pytest.mark.parametrize("seeds", [("1 0", "2 0"), ("1 0", "1 1")])
-def test_other_seeds_are_other_orders(seeds):
+def test_different_seeds_give_different_orders(seeds):
     one, other = (
         [n for part in Shuffle(0, 999, seed).portions(64, 2, 512) for n in part]
         for seed in seeds

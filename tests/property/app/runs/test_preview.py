@@ -47,7 +47,7 @@ CONFIGS = st.fixed_dictionaries(
 
 @settings(suppress_health_check=list(HealthCheck))
 @given(boxes=BOXES, before=CONFIGS, after=CONFIGS)
-def test_a_preview_is_what_the_run_does(services, boxes, before, after):
+def test_preview_has_the_counts_and_flips_of_the_run(services, boxes, before, after):
     street = services.dataset()
     annotation = {**scene.annotation(), "boxes": boxes}
     street.put("seen", annotation, segmentation=scene.segmentation())

@@ -73,7 +73,7 @@ def errors_of(raw):
 
 
 @given(raw=frames)
-def test_every_fault_names_its_box_and_what_was_expected_and_found(raw):
+def test_every_annotation_error_names_its_box_and_expected_and_found(raw):
     before = copy.deepcopy(raw)
 
     for fault in errors_of(raw):
@@ -87,7 +87,7 @@ def test_every_fault_names_its_box_and_what_was_expected_and_found(raw):
 
 
 @given(raw=frames)
-def test_bytes_have_the_faults_of_the_mapping(raw):
+def test_json_bytes_give_the_same_errors_as_the_mapping(raw):
     text = json.dumps(raw)
 
     by_text = [(fault.pointer, fault.kind) for fault in errors_of(text.encode())]
@@ -96,7 +96,7 @@ def test_bytes_have_the_faults_of_the_mapping(raw):
 
 
 @given(raw=frames)
-def test_an_annotation_that_was_read_can_be_given_back_as_json(raw):
+def test_extra_fields_of_a_parsed_annotation_are_valid_json(raw):
     if errors_of(raw):
         return
 
@@ -107,7 +107,7 @@ def test_an_annotation_that_was_read_can_be_given_back_as_json(raw):
 
 
 @given(boxes=st.lists(good_boxes, max_size=6))
-def test_good_boxes_come_back_as_they_were_given(boxes):
+def test_valid_boxes_keep_their_values_ids_and_extra_fields(boxes):
     read = parse_annotation({"boxes": boxes}).boxes
 
     assert [list(box.values) for box in read] == [box["xyxy"] for box in boxes]
@@ -116,5 +116,5 @@ def test_good_boxes_come_back_as_they_were_given(boxes):
 
 
 @given(raw=st.binary(max_size=40))
-def test_any_bytes_are_read_or_refused(raw):
+def test_any_bytes_are_parsed_or_raise_annotation_errors(raw):
     errors_of(raw)

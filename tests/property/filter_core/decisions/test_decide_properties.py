@@ -119,7 +119,7 @@ def wilson_interval(share, pixels):
 
 
 @given(st.lists(boxes(), min_size=1, max_size=40), configs())
-def test_deciding_agrees_with_the_slow_definition(given_boxes, config):
+def test_decide_equals_the_slow_definition(given_boxes, config):
     decisions = decide(evidence_of(given_boxes, NAMES), config)
 
     for index, box in enumerate(given_boxes):
@@ -133,7 +133,7 @@ def test_deciding_agrees_with_the_slow_definition(given_boxes, config):
 
 
 @given(st.lists(boxes(), min_size=1, max_size=40), configs())
-def test_a_toss_up_is_what_wilson_s_interval_says(given_boxes, config):
+def test_toss_up_is_a_threshold_within_the_wilson_interval(given_boxes, config):
     decisions = decide(evidence_of(given_boxes, NAMES), config)
 
     for index, box in enumerate(given_boxes):
@@ -147,7 +147,7 @@ def test_a_toss_up_is_what_wilson_s_interval_says(given_boxes, config):
 
 
 @given(st.lists(boxes(), min_size=2, max_size=40), configs(), st.randoms())
-def test_the_order_of_the_boxes_changes_nothing(given_boxes, config, random):
+def test_decisions_do_not_depend_on_the_order_of_boxes(given_boxes, config, random):
     order = list(range(len(given_boxes)))
     random.shuffle(order)
 
@@ -160,7 +160,7 @@ def test_the_order_of_the_boxes_changes_nothing(given_boxes, config, random):
 
 
 @given(configs())
-def test_many_boxes_decide_as_few_do(config):
+def test_many_boxes_in_blocks_are_decided_the_same_as_few(config):
     """So many boxes are decided in several blocks, which must not change a result."""
     few = evidence_of(
         [{"class_index": i % 3, "match_percent": 7.0 * i} for i in range(15)], NAMES
@@ -182,7 +182,7 @@ def test_many_boxes_decide_as_few_do(config):
 
 
 @given(configs())
-def test_a_configuration_survives_its_own_dict(config):
+def test_config_round_trips_through_as_dict(config):
     again = FilterConfig.from_mapping(config.as_dict())
 
     assert again == config

@@ -20,7 +20,7 @@ SOME = st.lists(st.tuples(MATCH, st.booleans()), min_size=1, max_size=30)
 
 
 @given(said=SAID)
-def test_pairs_are_those_who_answered_the_same_box(said):
+def test_agreement_and_pairs_equal_counting_by_hand(said):
     keys = list(said)
 
     found = agreement(
@@ -46,7 +46,7 @@ def test_pairs_are_those_who_answered_the_same_box(said):
         assert int(pair.table[1, 0]) == answers.count((True, False))
 
 
-def confusion(some, threshold, strict) -> Confusion:
+def confusion_at(some, threshold, strict) -> Confusion:
     kept = [m > threshold if strict else m >= threshold for m, _ in some]
     keep = [said for _, said in some]
     return Confusion.of(np.array(kept), np.array(keep))
@@ -54,7 +54,7 @@ def confusion(some, threshold, strict) -> Confusion:
 
 @settings(max_examples=150)
 @given(some=SOME, current=MATCH, strict=st.booleans())
-def test_no_threshold_has_a_better_f1_than_the_suggested_one(some, current, strict):
+def test_suggested_threshold_has_the_best_f1(some, current, strict):
     match, keep = (np.array(column) for column in zip(*some, strict=True))
 
     found = suggest(Answers(match, keep, strict=strict), current, Goal())
@@ -63,14 +63,14 @@ def test_no_threshold_has_a_better_f1_than_the_suggested_one(some, current, stri
         assert keep.all() or not keep.any()
         return
     every = np.unique(np.concatenate([match, match + 0.25, match - 0.25])).clip(0, 100)
-    scores = [confusion(some, threshold, strict).f1 for threshold in every]
+    scores = [confusion_at(some, threshold, strict).f1 for threshold in every]
     best = max(score.value for score in scores if score is not None)
-    chosen = confusion(some, found.threshold, strict).f1
+    chosen = confusion_at(some, found.threshold, strict).f1
     assert chosen is not None
     assert abs(chosen.value - best) < 1e-9
     assert abs((found.at_suggested.f1 or 0) - best) < 1e-9
     assert 0 <= found.threshold <= 100
     for point in found.curve[::10]:
-        by_hand = confusion(some, point.threshold, strict)
+        by_hand = confusion_at(some, point.threshold, strict)
         assert point.recall == (by_hand.recall and by_hand.recall.value)
         assert point.precision == (by_hand.precision and by_hand.precision.value)

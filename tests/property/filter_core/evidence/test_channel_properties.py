@@ -33,26 +33,27 @@ weights = hnp.arrays(
 )
 
 
-def total(weight, chosen):
+def total_weight(weight, chosen):
     return sum(weight[row, column] for row, column in enumerate(chosen) if column >= 0)
 
 
 @given(weights)
-def test_no_other_assignment_weighs_more(weight):
+def test_assign_instances_has_the_largest_total_weight(weight):
     rows, columns = weight.shape
     chosen = assign_instances(weight, np.full(rows, -1))
 
     padded = np.pad(weight, ((0, 0), (0, rows)))
     best = max(
-        total(padded, order) for order in permutations(range(columns + rows), rows)
+        total_weight(padded, order)
+        for order in permutations(range(columns + rows), rows)
     )
     used = chosen[chosen >= 0].tolist()
     assert len(used) == len(set(used))
-    assert np.isclose(total(weight, chosen), best)
+    assert np.isclose(total_weight(weight, chosen), best)
 
 
 @st.composite
-def frames(draw):
+def frames_with_distances(draw):
     """Boxes with random accepted pixels, and their distances; NaN: unknown."""
     count = draw(st.integers(1, 6))
     boxes = []
@@ -139,8 +140,8 @@ def slow_owned(boxes, distance, ids):
     return counts
 
 
-@given(frames(), st.randoms())
-def test_pixels_are_owned_as_defined_whatever_the_order_of_the_boxes(frame, dice):
+@given(frames_with_distances(), st.randoms())
+def test_owned_pixels_equal_the_slow_definition_for_any_order_of_boxes(frame, dice):
     boxes, distance = frame
     # In the reverse order of the rows, so that ties are broken by id, not by row.
     ids = [f"b{row}" for row in range(len(boxes))][::-1]
@@ -160,7 +161,7 @@ def test_pixels_are_owned_as_defined_whatever_the_order_of_the_boxes(frame, dice
     st.integers(1, 11),
     st.integers(1, 7),
 )
-def test_islands_are_found_as_defined(scattered, width, height):
+def test_islands_equal_the_slow_definition(scattered, width, height):
     whole = AcceptedPixels(Silhouette(0, 0, 0, *WH), scattered, scattered)
     part = scattered[:height, 12 - width :]
     outline = Silhouette(1, 12 - width, 0, 12, height)
@@ -177,7 +178,7 @@ places = st.tuples(*[st.floats(-500, 500)] * 3)
 
 
 @given(places, st.tuples(angles, angles, angles), st.floats(2, 90))
-def test_moving_camera_and_world_together_keeps_the_depth_interval(
+def test_depth_interval_is_unchanged_if_camera_and_box_move_together(
     place, turn, distance
 ):
     still = Camera.from_fov(64, 48, 90.0, Transform())
@@ -197,7 +198,7 @@ def test_moving_camera_and_world_together_keeps_the_depth_interval(
         np.float64, (8, 2), elements=st.floats(-4, 16).map(lambda v: round(v, 2))
     )
 )
-def test_a_silhouette_touches_every_pixel_that_a_point_of_the_hull_is_in(points):
+def test_touched_pixels_contain_every_point_of_the_hull(points):
     (mask,) = touched_pixels([points], np.array([[0, 0, *WH]]))
 
     shares = np.random.default_rng(0).dirichlet(np.full(8, 0.4), 400)
@@ -213,7 +214,7 @@ def test_a_silhouette_touches_every_pixel_that_a_point_of_the_hull_is_in(points)
         np.float64, (8, 2), elements=st.floats(-4, 16).map(lambda v: round(v, 2))
     )
 )
-def test_a_centre_lies_in_the_hull_or_its_pixel_is_left_out(points):
+def test_centred_pixels_are_those_whose_centre_lies_in_the_hull(points):
     (mask,) = centred_pixels([points], np.array([[0, 0, *WH]]))
     (touched,) = touched_pixels([points], np.array([[0, 0, *WH]]))
 
@@ -241,7 +242,7 @@ def outlines(draw):
 
 
 @given(st.lists(outlines(), min_size=1, max_size=5))
-def test_shapes_touch_the_same_pixels_together_as_each_alone(shapes):
+def test_touched_pixels_of_several_shapes_equal_those_of_each_shape(shapes):
     points, bounds = zip(*shapes, strict=True)
 
     together = touched_pixels(points, np.array(bounds))
@@ -258,7 +259,7 @@ def test_shapes_touch_the_same_pixels_together_as_each_alone(shapes):
     st.floats(-180, 180),
     st.floats(0.5, 4),
 )
-def test_points_are_counted_as_by_hand(xyz, yaw, half):
+def test_lidar_points_inside_a_box_equal_a_count_by_hand(xyz, yaw, half):
     corners = (
         box_ahead(0.0, half)
         @ transform_matrices([[0, 0, 0]], [[0, yaw, 0]])[0][:3, :3].T

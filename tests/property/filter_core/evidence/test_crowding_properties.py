@@ -12,7 +12,7 @@ MASKS = np.array([0, 1 << 14, 3 << 14, 1 << 16, 5 << 12, 1 << 12])
 SHAPES = ("any", "tiny", "alike", "thin", "stacked", "grid")
 
 
-def some_boxes(shape: str, count: int, seed: int) -> np.ndarray:
+def random_boxes(shape: str, count: int, seed: int) -> np.ndarray:
     """Random boxes of a kind that makes the search hard; a few are NaN."""
     rng = np.random.default_rng(seed)
     size = {
@@ -35,8 +35,8 @@ def some_boxes(shape: str, count: int, seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("shape", SHAPES)
 @given(count=st.integers(0, 60), seed=st.integers(0, 2**32 - 1))
-def test_few_boxes_are_compared_as_defined(shape, count, seed):
-    boxes = some_boxes(shape, count, seed)
+def test_crowding_of_few_boxes_equals_the_slow_definition(shape, count, seed):
+    boxes = random_boxes(shape, count, seed)
     masks = np.random.default_rng(seed).choice(MASKS, count)
 
     percent = crowding_percent(boxes, masks)
@@ -45,8 +45,8 @@ def test_few_boxes_are_compared_as_defined(shape, count, seed):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_many_boxes_are_found_as_defined(shape):
-    boxes = some_boxes(shape, 300, 3)
+def test_crowding_of_many_boxes_equals_the_slow_definition(shape):
+    boxes = random_boxes(shape, 300, 3)
     masks = np.random.default_rng(4).choice(MASKS, len(boxes))
 
     percent = crowding_percent(boxes, masks)
@@ -56,8 +56,8 @@ def test_many_boxes_are_found_as_defined(shape):
 
 @pytest.mark.parametrize("shape", SHAPES)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_the_search_equals_comparing_all_pairs(shape, seed):
-    boxes = some_boxes(shape, 300, seed)
+def test_crowding_search_equals_comparing_all_pairs(shape, seed):
+    boxes = random_boxes(shape, 300, seed)
     masks = np.random.default_rng(seed).choice(MASKS, len(boxes))
 
     searched = crowding_percent(boxes, masks, most_pairs=0)

@@ -54,7 +54,7 @@ names_of_classes = st.lists(st.sampled_from(sorted(CLASSES)), min_size=1, max_si
 
 
 @given(pictures(), BOXES, names_of_classes, st.data())
-def test_evidence_equals_its_definition(picture, boxes, names, data):
+def test_measured_pixel_counts_equal_the_slow_definition(picture, boxes, names, data):
     ignore = data.draw(st.none() | npst.arrays(np.bool_, picture.shape))
     given_boxes = frame_boxes(picture, boxes, names)
 
@@ -70,7 +70,9 @@ def test_evidence_equals_its_definition(picture, boxes, names, data):
 
 
 @given(pictures(), BOXES, names_of_classes, st.booleans())
-def test_the_order_of_boxes_does_not_matter(picture, boxes, names, histogram):
+def test_measure_does_not_depend_on_the_order_of_boxes(
+    picture, boxes, names, histogram
+):
     options = MeasureOptions(histogram=histogram)
     segmentation = segmentation_from_tags(picture, FAMILY)
     forward = frame_boxes(picture, boxes, names)
@@ -93,7 +95,7 @@ def test_the_order_of_boxes_does_not_matter(picture, boxes, names, histogram):
 
 
 @given(pictures(), BOXES, names_of_classes)
-def test_mirroring_picture_and_boxes_changes_no_count(picture, boxes, names):
+def test_mirroring_image_and_boxes_changes_no_tag_count(picture, boxes, names):
     width = picture.shape[1]
     whole = [tuple(np.clip(np.round(box), -50, 50)) for box in boxes]
     mirrored = [(width - x1, y0, width - x0, y1) for x0, y0, x1, y1 in whole]
@@ -110,7 +112,7 @@ def test_mirroring_picture_and_boxes_changes_no_count(picture, boxes, names):
 
 
 @given(pictures(), BOXES, names_of_classes, st.booleans())
-def test_measuring_never_changes_what_it_is_given(picture, boxes, names, histogram):
+def test_measure_does_not_change_its_inputs(picture, boxes, names, histogram):
     given_boxes = frame_boxes(picture, boxes, names)
     ignore = picture == 14
     before = picture.copy(), given_boxes.xyxy.copy(), ignore.copy()
@@ -127,7 +129,7 @@ def test_measuring_never_changes_what_it_is_given(picture, boxes, names, histogr
 
 
 @given(pictures(), BOXES, names_of_classes, st.data())
-def test_other_accept_sets_equal_measuring_again(picture, boxes, names, data):
+def test_changed_accept_masks_equal_measuring_again(picture, boxes, names, data):
     segmentation = segmentation_from_tags(picture, FAMILY)
     first = frame_boxes(picture, boxes, names)
     masks = npst.arrays(np.int64, len(boxes), elements=st.integers(0, (1 << 30) - 1))
@@ -149,7 +151,7 @@ def test_other_accept_sets_equal_measuring_again(picture, boxes, names, data):
 
 @pytest.mark.parametrize("form", ["tags", "rgb", "bgr"])
 @given(pictures(KNOWN_TAGS), st.data())
-def test_all_strategies_count_the_same(form, picture, data):
+def test_all_counting_strategies_give_the_same_counts(form, picture, data):
     height, width = picture.shape
     segmentation = (
         segmentation_from_tags(picture, FAMILY)
@@ -181,7 +183,7 @@ def test_all_strategies_count_the_same(form, picture, data):
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("order", ["rgb", "bgr"])
 @given(data=st.data())
-def test_painted_tags_are_read_back(family, order, data):
+def test_painted_tags_round_trip(family, order, data):
     known = st.integers(0, len(FAMILIES[family].tags) - 1)
     tags = data.draw(pictures(known, fill=1))
     options = SegmentationOptions(palette=family, channel_order=order)

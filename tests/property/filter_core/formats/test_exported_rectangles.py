@@ -24,7 +24,7 @@ def rectangles(draw):
     return [x[0], y[0], x[1], y[1]]
 
 
-def slow_cut(xyxy):
+def share_outside_image(xyxy):
     """The share of a rectangle that lies outside the image, from 0 to 1."""
     whole = (xyxy[2] - xyxy[0]) * (xyxy[3] - xyxy[1])
     width = min(xyxy[2], WH[0]) - max(xyxy[0], 0)
@@ -33,7 +33,7 @@ def slow_cut(xyxy):
 
 
 @given(given=st.lists(rectangles(), max_size=6))
-def test_truncation_follows_from_the_box_as_it_came(given):
+def test_kitti_truncation_is_the_share_of_the_given_box_outside_the_image(given):
     corrected, _ = correct_xyxy(np.array(given, float).reshape(-1, 4), WH)
     visible = [
         (index, xyxy)
@@ -46,5 +46,5 @@ def test_truncation_follows_from_the_box_as_it_came(given):
 
     lines = files["training/label_2/000000.txt"].decode().splitlines()
     told = [float(line.split()[1]) for line in lines]
-    expected = [slow_cut(given[at]) for at, _ in visible]
+    expected = [share_outside_image(given[at]) for at, _ in visible]
     np.testing.assert_allclose(told, expected, atol=1e-4)

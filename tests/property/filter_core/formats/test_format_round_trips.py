@@ -70,12 +70,12 @@ def frames_of(drawn):
         yield frame(key, *boxes, map="Town 1")
 
 
-def bands_of(name):
+def bands_option(name):
     """The option for labels per distance band, for the formats that have it."""
     return {"bands": [50]} if "bands" in FORMATS[name].options else {}
 
 
-def read_again(folder):
+def read_labels(folder):
     """The classes and rectangles that are read from a folder, by frame key."""
     found = {}
     for one in read_source(folder):
@@ -95,9 +95,9 @@ SLOW = settings(
 @pytest.mark.parametrize("name", READ_AND_WRITTEN)
 @SLOW
 @given(drawn=FRAMES)
-def test_written_labels_are_read_again(name, drawn):
+def test_exported_labels_round_trip_within_the_format_precision(name, drawn):
     with tempfile.TemporaryDirectory() as folder:
-        found = read_again(
+        found = read_labels(
             write_exported_files(Path(folder), export(name, frames_of(drawn)))
         )
 
@@ -116,11 +116,11 @@ def test_written_labels_are_read_again(name, drawn):
 @pytest.mark.parametrize("name", READ_AND_WRITTEN)
 @SLOW
 @given(drawn=FRAMES)
-def test_an_export_that_is_read_and_exported_again_is_identical(name, drawn):
-    first = export(name, frames_of(drawn), **bands_of(name))
+def test_reexport_of_a_read_export_is_identical(name, drawn):
+    first = export(name, frames_of(drawn), **bands_option(name))
     with tempfile.TemporaryDirectory() as folder:
         source = write_exported_files(Path(folder), first)
-        again = convert(name, source, name, **bands_of(name))
+        again = convert(name, source, name, **bands_option(name))
 
     assert again.keys() == first.keys()
     for file in labels_of(first):
@@ -130,7 +130,7 @@ def test_an_export_that_is_read_and_exported_again_is_identical(name, drawn):
 
 @SLOW
 @given(drawn=FRAMES)
-def test_names_are_apart_on_systems_that_fold_capitals_and_accents(drawn):
+def test_exported_file_names_are_unique_without_case_and_safe(drawn):
     for name in EXPORT_FORMATS:
         files = export(name, frames_of(drawn))
 

@@ -46,7 +46,7 @@ def slow_correction(box, profile):
 
 @pytest.mark.parametrize("profile", ["paper", "carlasimu"])
 @given(given_boxes=boxes)
-def test_correction_agrees_with_the_slow_definition(profile, given_boxes):
+def test_correct_xyxy_equals_the_slow_definition(profile, given_boxes):
     rows, states = correct_xyxy(given_boxes, WH, profile)
 
     assert [BoxState(int(s)) for s in states] == [
@@ -59,7 +59,7 @@ def test_correction_agrees_with_the_slow_definition(profile, given_boxes):
 
 
 @given(given_boxes=boxes, data=st.data())
-def test_the_order_of_the_boxes_does_not_matter(given_boxes, data):
+def test_correct_xyxy_does_not_depend_on_the_order_of_boxes(given_boxes, data):
     order = data.draw(st.permutations(range(len(given_boxes))))
 
     rows, states = correct_xyxy(given_boxes, WH)
@@ -70,7 +70,7 @@ def test_the_order_of_the_boxes_does_not_matter(given_boxes, data):
 
 
 @given(given_boxes=boxes)
-def test_correcting_twice_changes_nothing(given_boxes):
+def test_correct_xyxy_is_idempotent(given_boxes):
     rows, states = correct_xyxy(given_boxes, WH)
     kept = states == BoxState.MEASURABLE
 
@@ -81,7 +81,7 @@ def test_correcting_twice_changes_nothing(given_boxes):
 
 
 @given(given_boxes=boxes)
-def test_pixels_are_those_that_the_box_touches(given_boxes):
+def test_pixel_bounds_are_the_pixels_that_the_box_touches(given_boxes):
     rows, states = correct_xyxy(given_boxes, WH)
     kept = rows[states == BoxState.MEASURABLE]
 
@@ -93,7 +93,7 @@ def test_pixels_are_those_that_the_box_touches(given_boxes):
         assert found == [columns[0], lines[0], columns[-1] + 1, lines[-1] + 1]
 
 
-def written_as(form, xyxy):
+def from_xyxy(form, xyxy):
     """Corners converted into another form: the inverse of `to_xyxy`."""
     boxes = np.reshape(np.asarray(xyxy, np.float64), (-1, 4))
     low, high = boxes[:, :2], boxes[:, 2:]
@@ -106,15 +106,15 @@ def written_as(form, xyxy):
 
 @pytest.mark.parametrize("form", FORMS)
 @given(given_boxes=st.lists(proper, max_size=5))
-def test_every_form_comes_back(form, given_boxes):
-    there = written_as(form, given_boxes)
+def test_every_box_format_round_trips_through_xyxy(form, given_boxes):
+    there = from_xyxy(form, given_boxes)
     back = to_xyxy(form, there, WH)
 
     np.testing.assert_allclose(back, np.reshape(given_boxes, (-1, 4)), atol=1e-9)
 
 
 @given(given_boxes=boxes)
-def test_the_input_is_never_changed(given_boxes):
+def test_box_conversions_do_not_change_their_input(given_boxes):
     values = np.array(given_boxes)
     before = values.copy()
 

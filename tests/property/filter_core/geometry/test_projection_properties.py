@@ -48,14 +48,14 @@ def slow_bounds(vertices, planes):
     """Bounds of the faces after Sutherland-Hodgman clipping; None: nothing is left."""
     matrix = CAMERA.world_to_image
     points = vertices @ matrix[:, :3].T + matrix[:, 3]
-    seen = [point for face in FACES for point in clipped(points[face], planes)]
+    seen = [point for face in FACES for point in clip_polygon(points[face], planes)]
     pixels = np.array([point[:2] / point[2] for point in seen])
     if len(pixels) == 0:
         return None
     return [*pixels.min(axis=0), *pixels.max(axis=0)]
 
 
-def clipped(polygon, planes):
+def clip_polygon(polygon, planes):
     for normal, offset in planes:
         kept = []
         for start, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
@@ -74,7 +74,7 @@ ALL_PLANES = list(zip(PLANES, OFFSETS, strict=True))
 
 
 @given(vertices=solids)
-def test_rectangles_agree_with_polygon_clipping(vertices):
+def test_projected_rectangles_equal_polygon_clipping(vertices):
     """If the camera is inside a box, the faces alone still cover the whole image."""
     found = project_boxes(vertices, CAMERA)
 
@@ -95,7 +95,7 @@ def is_thin(row, slow):
 
 
 @given(vertices=solids)
-def test_visible_lies_within_the_image_and_within_the_clamped_amodal(vertices):
+def test_visible_rectangle_lies_within_the_clamped_amodal_one(vertices):
     found = project_boxes(vertices, CAMERA)
     visible, amodal = found.visible_xyxy[0], found.amodal_xyxy[0]
 
@@ -109,7 +109,7 @@ def test_visible_lies_within_the_image_and_within_the_clamped_amodal(vertices):
 
 
 @given(vertices=solids, order=st.permutations(range(8)))
-def test_the_order_of_the_corners_does_not_matter(vertices, order):
+def test_projection_does_not_depend_on_the_order_of_corners(vertices, order):
     given_order = project_boxes(vertices, CAMERA)
     shuffled = project_boxes(vertices[order], CAMERA)
 
@@ -119,7 +119,7 @@ def test_the_order_of_the_corners_does_not_matter(vertices, order):
 
 
 @given(vertices=solids, order=st.permutations(range(8)))
-def test_corners_in_any_order_have_the_same_twelve_edges(vertices, order):
+def test_in_carla_order_keeps_the_twelve_edges_for_any_corner_order(vertices, order):
     ordered = in_carla_order(vertices[order])[0]
 
     sides = [np.linalg.norm(ordered[a] - ordered[b]) for a, b in edge_pairs()]
@@ -132,7 +132,7 @@ def edge_pairs():
 
 
 @given(solid=st.lists(solids, max_size=6))
-def test_a_frame_is_the_sum_of_its_boxes_and_never_changes_them(solid):
+def test_projecting_a_frame_equals_projecting_each_box_alone(solid):
     vertices = np.array(solid).reshape(-1, 8, 3)
     before = vertices.copy()
 

@@ -39,7 +39,7 @@ def pictures(draw):
 
 
 @given(pictures())
-def test_the_codes_that_occur_are_those_of_the_pixels(picture):
+def test_occurring_codes_are_those_of_the_pixels(picture):
     rgb = painted(picture)
 
     occurring = occurring_codes(rgb, exact_codes())
@@ -49,7 +49,7 @@ def test_the_codes_that_occur_are_those_of_the_pixels(picture):
 
 
 @given(pictures())
-def test_counting_by_runs_counts_every_pixel(picture):
+def test_count_codes_counts_every_pixel(picture):
     rgb = painted(picture)
 
     counts = count_codes(rgb, exact_codes())
@@ -60,7 +60,7 @@ def test_counting_by_runs_counts_every_pixel(picture):
 
 
 @given(npst.arrays(np.uint8, st.integers(0, 40), elements=st.integers(0, 2)), st.data())
-def test_runs_put_together_again_are_the_values(values, data):
+def test_run_ends_and_lengths_rebuild_the_values(values, data):
     stops = sorted(data.draw(st.sets(st.integers(0, len(values)))))
 
     ends = run_ends(values, np.array(stops, np.int64))
@@ -72,7 +72,7 @@ def test_runs_put_together_again_are_the_values(values, data):
 
 @pytest.mark.parametrize("count", [1, 5_000], ids=["by pixels", "by tables"])
 @pytest.mark.parametrize("kept", [False, True], ids=["all pixels", "some ignored"])
-def test_every_way_of_counting_gives_the_same_counts(count, kept):
+def test_region_counts_and_matches_equal_looking_at_every_pixel(count, kept):
     rng = np.random.default_rng(5)
     tags = rng.choice(np.array([1, 14, 15], np.uint8), (60, 80))
     keep = rng.random(tags.shape) < 0.7 if kept else None

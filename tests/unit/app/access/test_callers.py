@@ -22,12 +22,12 @@ def recent():
     return recent
 
 
-def test_only_a_token_that_was_shown_is_known(recent):
+def test_only_a_remembered_credential_is_found(recent):
     assert recent.find("token x") == ADA
     assert recent.find("session x") is None
 
 
-def test_a_caller_is_forgotten_after_a_second(recent, monkeypatch):
+def test_remembered_caller_expires_after_a_second(recent, monkeypatch):
     now = time.monotonic()
     monkeypatch.setattr(time, "monotonic", lambda: now + callers.REMEMBERED_S)
 
@@ -35,7 +35,7 @@ def test_a_caller_is_forgotten_after_a_second(recent, monkeypatch):
 
 
 @pytest.mark.parametrize("ends", ["commit", "rollback"])
-def test_only_a_commit_takes_something_back(recent, ends):
+def test_callers_are_forgotten_on_commit_but_not_on_rollback(recent, ends):
     with Session(create_engine("sqlite://")) as session:
         recent.forget_on_commit(session)
         session.execute(text("select 1"))
@@ -45,7 +45,7 @@ def test_only_a_commit_takes_something_back(recent, ends):
     assert (recent.find("token x") is None) == (ends == "commit")
 
 
-def test_a_token_looked_up_before_it_was_revoked_is_not_remembered(recent):
+def test_token_looked_up_before_its_revocation_is_not_remembered(recent):
     before = recent.revocations
     with Session(create_engine("sqlite://")) as session:
         recent.forget_on_commit(session)

@@ -14,13 +14,13 @@ def street(services):
     return services.dataset()
 
 
-def filtered(street, **wanted):
+def filter_for(street, **wanted):
     with street.context.database.read() as session:
         return to_filter(session, street.row(session), Selection(**wanted))
 
 
-def test_nothing_selects_everything(street):
-    assert filtered(street).reasons == ()
+def test_empty_selection_selects_all_boxes(street):
+    assert filter_for(street).reasons == ()
     assert not Selection().selects()
     assert Selection(toss_up=False).selects()
 
@@ -34,21 +34,21 @@ def test_nothing_selects_everything(street):
         ({"verdict": "kept", "reason": "degenerate"}, (0,)),
     ],
 )
-def test_verdicts_and_reasons_are_one_set_of_reasons(street, wanted, reasons):
-    assert filtered(street, **wanted).reasons == tuple(map(int, reasons))
+def test_verdict_and_reason_are_combined_into_a_set_of_reasons(street, wanted, reasons):
+    assert filter_for(street, **wanted).reasons == tuple(map(int, reasons))
 
 
-def test_a_verdict_and_a_reason_that_exclude_each_other_select_nothing(street):
-    assert filtered(street, verdict="kept", reason="degenerate").reasons == (0,)
+def test_contradictory_verdict_and_reason_select_nothing(street):
+    assert filter_for(street, verdict="kept", reason="degenerate").reasons == (0,)
 
 
 @pytest.mark.parametrize(
     ("wanted", "code"),
     [({"reason": "magic"}, "unknown_reason"), ({"review": "maybe"}, "unknown_review")],
 )
-def test_unknown_words_are_named(street, wanted, code):
+def test_unknown_reason_or_review_is_refused_by_name(street, wanted, code):
     with pytest.raises(BadRequest) as refused:
-        filtered(street, **wanted)
+        filter_for(street, **wanted)
 
     assert refused.value.kind == code
     assert next(iter(wanted.values())) in refused.value.detail
@@ -64,12 +64,12 @@ def test_thresholds_are_those_of_the_active_config(services):
         }
     )
 
-    found = filtered(street).thresholds
+    found = filter_for(street).thresholds
 
     limits = [(each.small, each.large, each.kept_large) for each in found[:2]]
     assert limits == [(60.0, 50.0, 60.0), (2.0, 50.0, 50.0)]
 
 
-def test_a_class_that_is_not_there_selects_no_class(street):
-    assert filtered(street, class_name="dragon").class_ids == ()
-    assert len(filtered(street, class_name="car,truck,dragon").class_ids or ()) == 2
+def test_unknown_class_selects_no_class(street):
+    assert filter_for(street, class_name="dragon").class_ids == ()
+    assert len(filter_for(street, class_name="car,truck,dragon").class_ids or ()) == 2

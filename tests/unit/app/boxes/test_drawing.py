@@ -41,7 +41,7 @@ def test_a_box_without_a_rectangle_is_not_drawn():
     assert (drawn("rejected", None) == 200).all()
 
 
-def test_edges_of_a_solid_are_drawn_where_there_are_some():
+def test_3d_edges_are_drawn_only_if_requested_and_present():
     line = [[20.0, 30.0, 80.0, 30.0]]
 
     asked = drawn("kept", edges=line, solid=True)
@@ -53,7 +53,7 @@ def test_edges_of_a_solid_are_drawn_where_there_are_some():
     np.testing.assert_array_equal(not_asked, none)
 
 
-def test_a_box_reaching_out_of_the_picture_does_no_harm():
+def test_box_that_extends_beyond_the_image_raises_no_error():
     canvas = drawn("rejected", (-500.0, -500.0, 700.0, 700.0))
 
     assert canvas.shape == (60, 100, 3)

@@ -81,27 +81,27 @@ def plans_of(session: Session, read: Callable[[], object]) -> list[tuple[str, An
     ]
 
 
-def nodes(plan: Any) -> Iterator[dict[str, Any]]:
+def plan_nodes(plan: Any) -> Iterator[dict[str, Any]]:
     yield plan
     for part in plan.get("Plans", ()):
-        yield from nodes(part)
+        yield from plan_nodes(part)
 
 
-def rows_looked_at(plan: Any) -> int:
+def rows_read(plan: Any) -> int:
     """The number of rows that were read, including those that were filtered out."""
     return sum(
         node["Actual Loops"]
         * (node["Actual Rows"] + node.get("Rows Removed by Filter", 0))
-        for node in nodes(plan)
+        for node in plan_nodes(plan)
         if "Scan" in node["Node Type"] and node.get("Relation Name")
     )
 
 
-def scans(plan: Any) -> Iterator[tuple[int, str, str]]:
+def scans_of_plan(plan: Any) -> Iterator[tuple[int, str, str]]:
     """Rows, index and condition of each scan, for the message of a failed check."""
-    for node in nodes(plan):
+    for node in plan_nodes(plan):
         if "Scan" in node["Node Type"]:
-            found = rows_looked_at({**node, "Plans": []})
+            found = rows_read({**node, "Plans": []})
             condition = f"{node.get('Index Cond')} / {node.get('Filter')}"
             yield found, str(node.get("Index Name", node["Node Type"])), condition
 
@@ -111,8 +111,8 @@ def check(session: Session, read: Callable[[], object], most: int = MOST_ROWS) -
     found = plans_of(session, read)
     assert found
     for statement, ((answer,)) in found:
-        looked_at = rows_looked_at(answer["Plan"])
-        plan = sorted(scans(answer["Plan"]), key=lambda scan: -scan[0])[:3]
+        looked_at = rows_read(answer["Plan"])
+        plan = sorted(scans_of_plan(answer["Plan"]), key=lambda scan: -scan[0])[:3]
         assert looked_at <= most, f"{looked_at} rows: {statement[:200]}\n{plan}"
 
 
@@ -141,7 +141,7 @@ PAGES = [
 
 
 @pytest.mark.parametrize(("wanted", "order"), PAGES)
-def test_a_page_looks_at_few_boxes(session, dataset, wanted, order):
+def test_page_of_boxes_reads_few_rows(session, dataset, wanted, order):
     chosen = to_filter(session, dataset, SELECTIONS[wanted])
     pages = BoxPages(session, chosen, TallyRepository(session).present(dataset.id))
     ids, cursor = pages.page(order, "", PAGE)
@@ -152,7 +152,7 @@ def test_a_page_looks_at_few_boxes(session, dataset, wanted, order):
 
 
 @pytest.mark.parametrize("order", ["doubt", "random", "class"])
-def test_the_queue_looks_at_few_boxes(context, session, dataset, order):
+def test_queue_reads_few_rows(context, session, dataset, order):
     wanted = QueueRequest("ada", order, Selection(), PAGE, (), None)
     queue = remaining_boxes(context, NAME, wanted)
 
@@ -163,7 +163,7 @@ def test_the_queue_looks_at_few_boxes(context, session, dataset, order):
     assert (len(found["items"]), found["remaining"]) == (PAGE, BOXES)
 
 
-def test_an_answer_looks_at_no_other_answers(context, session, dataset):
+def test_storing_a_review_reads_no_other_reviews(context, session, dataset):
     """PostgreSQL's statistics do not include the many answers given just before."""
     frames = FrameRepository(session)
     (frame,) = frames.page(FrameFilter(dataset.id), FramePage(True, False, None, 0))
@@ -177,7 +177,7 @@ def test_an_answer_looks_at_no_other_answers(context, session, dataset):
         writing.rollback()
 
 
-def test_counts_come_from_tallies(session, dataset):
+def test_counts_are_read_from_tallies(session, dataset):
     def read():
         assert count(TallyRepository(session).of_dataset(dataset.id)).boxes == BOXES
         TallyRepository(session).present(dataset.id)
@@ -186,7 +186,7 @@ def test_counts_come_from_tallies(session, dataset):
     check(session, read, most=500)
 
 
-def test_frames_are_found_by_their_keys(session, dataset):
+def test_finding_frames_by_key_reads_few_rows(session, dataset):
     frames = FrameRepository(session)
     (some,) = frames.page(FrameFilter(dataset.id), FramePage(True, False, "", 0))
     keys = [f"{some.id + number:08d}" for number in range(50)]
@@ -203,7 +203,7 @@ def test_frames_are_found_by_their_keys(session, dataset):
     check(session, read, most=500)
 
 
-def test_a_box_and_its_frame_are_found_by_their_ids(session, dataset):
+def test_describing_a_box_by_id_reads_few_rows(session, dataset):
     frame = FrameRepository(session).page(
         FrameFilter(dataset.id), FramePage(True, False, "", 1)
     )[0]

@@ -50,17 +50,17 @@ def plan_of(session: Session, street, wanted: Selection, order: str) -> list[str
         ids, _ = BoxPages(session, chosen, present).page(order, "", 10)
         assert ids
 
-    return noted(session, read)
+    return plan_of_statements(session, read)
 
 
-def noted(session: Session, read: Callable[[], object]) -> list[str]:
+def plan_of_statements(session: Session, read: Callable[[], object]) -> list[str]:
     """The steps of SQLite's query plans for the statements that `read` runs."""
     with statements_of(session.connection()) as found:
         read()
-    return explained(session, found)
+    return explain(session, found)
 
 
-def explained(session: Session, statements: list[Statement]) -> list[str]:
+def explain(session: Session, statements: list[Statement]) -> list[str]:
     connection = session.connection()
     return [
         row[3]
@@ -104,7 +104,9 @@ def explained(session: Session, statements: list[Statement]) -> list[str]:
         ),
     ],
 )
-def test_a_page_is_read_off_an_index(street, session, wanted, order, index):
+def test_page_of_boxes_is_read_through_an_index_without_sorting(
+    street, session, wanted, order, index
+):
     plan = plan_of(session, street, wanted, order)
 
     reads = [step for step in plan if "decisions" in step]
@@ -118,36 +120,36 @@ def test_a_page_is_read_off_an_index(street, session, wanted, order, index):
 
 
 @pytest.mark.parametrize("review", ["none", "undecided", "unsure"])
-def test_boxes_are_asked_about_by_their_ids(street, session, review):
+def test_boxes_by_id_are_read_through_the_primary_key(street, session, review):
     wanted = to_filter(session, street.row(session), Selection(review=review))
     rows = select(Decision.box_id).where(
         Decision.box_id.in_(range(1, 500)), *wanted.conditions_by_id()
     )
     text_of = rows.compile(session.connection(), compile_kwargs={"literal_binds": True})
 
-    (step,) = explained(session, [(str(text_of), ())])
+    (step,) = explain(session, [(str(text_of), ())])
 
     assert "USING INTEGER PRIMARY KEY" in step
 
 
-def test_unanswered_toss_ups_are_found_by_being_toss_ups(street, session):
+def test_unanswered_toss_ups_are_read_through_the_toss_up_index(street, session):
     chosen = Selection(review="none", toss_up=True)
     wanted = to_filter(session, street.row(session), chosen)
 
-    plan = noted(session, lambda: BoxProbes(session).every(wanted))
+    plan = plan_of_statements(session, lambda: BoxProbes(session).every(wanted))
 
     assert [step for step in plan if "ix_decisions_toss_up" in step], plan
 
 
 @pytest.mark.parametrize("wanted", [{"conflict": True}, {"review": "decided"}])
-def test_answered_boxes_are_found_by_their_answers(street, session, wanted):
+def test_reviewed_boxes_are_read_through_the_review_index(street, session, wanted):
     plan = plan_of(session, street, Selection(**wanted), "doubt")
 
     reads = [step for step in plan if "decisions" in step]
     assert all("ix_decisions_reviewed" in step for step in reads), plan
 
 
-def test_a_page_of_frames_is_read_off_an_index(session):
+def test_page_of_frames_is_read_through_an_index(session):
     rows = session.execute(
         text(
             "EXPLAIN QUERY PLAN SELECT id FROM frames WHERE dataset_id = 1 "

@@ -36,7 +36,9 @@ def street(services) -> ServiceDataset:
     return street
 
 
-def asked(street: ServiceDataset, read: Callable[[Session], object]) -> list[str]:
+def statements_run_by(
+    street: ServiceDataset, read: Callable[[Session], object]
+) -> list[str]:
     """The statements that `read` runs."""
     with (
         street.context.database.read() as session,
@@ -46,13 +48,13 @@ def asked(street: ServiceDataset, read: Callable[[Session], object]) -> list[str
     return [statement for statement, _ in found]
 
 
-def frame_of(street: ServiceDataset, box_id: int) -> int:
+def frame_id_of_box(street: ServiceDataset, box_id: int) -> int:
     with street.context.database.read() as session:
         frame_id: int = describe_box(session, box_id)["frame_id"]
         return frame_id
 
 
-def page(street: ServiceDataset, limit: int) -> Callable[[Session], object]:
+def reader_of_page(street: ServiceDataset, limit: int) -> Callable[[Session], object]:
     def read(session: Session) -> object:
         wanted = to_filter(session, street.row(session), Selection())
         request = PageRequest("id", None, limit)
@@ -61,17 +63,19 @@ def page(street: ServiceDataset, limit: int) -> Callable[[Session], object]:
     return read
 
 
-def of_table(name: str, statements: list[str]) -> int:
+def count_selects_from(name: str, statements: list[str]) -> int:
     return sum(f"FROM {name}" in " ".join(one.split()) for one in statements)
 
 
-def test_a_page_of_many_frames_asks_no_more_than_one_of_a_single_frame(street):
-    one_frame, many = page(street, 3), page(street, 3 * FRAMES)
+def test_page_of_many_frames_needs_no_more_statements_than_one_frame(street):
+    one_frame, many = reader_of_page(street, 3), reader_of_page(street, 3 * FRAMES)
 
-    assert len(asked(street, many)) == len(asked(street, one_frame))
+    assert len(statements_run_by(street, many)) == len(
+        statements_run_by(street, one_frame)
+    )
 
 
-def test_a_box_is_told_alike_alone_in_a_list_and_with_its_frame(street):
+def test_box_is_described_equally_singly_in_a_list_and_with_its_frame(street):
     with street.context.database.read() as session:
         wanted = to_filter(session, street.row(session), Selection())
         request = PageRequest("crowding", None, 100)
@@ -88,42 +92,48 @@ def test_a_box_is_told_alike_alone_in_a_list_and_with_its_frame(street):
     assert framed == sorted(listed, key=lambda box: box["box_id"])
 
 
-def test_the_numbers_of_a_box_and_its_neighbours_are_read_once(street):
+def test_box_and_neighbours_are_read_with_one_statement_per_table(street):
     box_id = street.box_ids()[5]
 
-    statements = asked(street, lambda session: read_box(session, box_id))
+    statements = statements_run_by(street, lambda session: read_box(session, box_id))
 
-    assert of_table("evidence", statements) == 1
-    assert of_table("decisions", statements) == 1
+    assert count_selects_from("evidence", statements) == 1
+    assert count_selects_from("decisions", statements) == 1
 
 
-def test_a_frame_is_described_without_asking_anything_twice(street):
-    frame_id = frame_of(street, street.box_ids()[0])
+def test_describe_frame_reads_each_table_once(street):
+    frame_id = frame_id_of_box(street, street.box_ids()[0])
 
-    statements = asked(street, lambda session: describe_frame(session, frame_id))
+    statements = statements_run_by(
+        street, lambda session: describe_frame(session, frame_id)
+    )
 
     for table in ("evidence", "frame_files", "decisions", "reviews"):
-        assert of_table(table, statements) == 1, table
+        assert count_selects_from(table, statements) == 1, table
 
 
-def test_pictures_ask_for_no_sentence_nor_for_answers(street):
+def test_crop_and_overlay_do_not_read_reviews(street):
     box_id, storage = street.box_ids()[0], street.context.storage
-    frame_id = frame_of(street, box_id)
+    frame_id = frame_id_of_box(street, box_id)
     crop, overlay = CropQuery(layer="segmentation"), OverlayQuery(layer="segmentation")
 
     statements = [
-        *asked(street, lambda session: crop_of(storage, session, box_id, crop)),
-        *asked(street, lambda session: overlay_of(storage, session, frame_id, overlay)),
+        *statements_run_by(
+            street, lambda session: crop_of(storage, session, box_id, crop)
+        ),
+        *statements_run_by(
+            street, lambda session: overlay_of(storage, session, frame_id, overlay)
+        ),
     ]
 
-    assert of_table("reviews", statements) == 0
+    assert count_selects_from("reviews", statements) == 0
 
 
 def test_neighbours_are_the_boxes_of_the_frame_that_overlap(street):
     with street.context.database.read() as session:
-        shown = describe_frame(session, frame_of(street, street.box_ids()[4]))
+        shown = describe_frame(session, frame_id_of_box(street, street.box_ids()[4]))
         boxes = {box.box_id: box.xyxy for box in Frame.model_validate(shown).boxes}
-        found = {box_id: neighbours_of(session, box_id) for box_id in boxes}
+        found = {box_id: read_neighbours(session, box_id) for box_id in boxes}
 
     assert sum(xyxy is None for xyxy in boxes.values()) == 1
     assert any(found.values())
@@ -132,7 +142,7 @@ def test_neighbours_are_the_boxes_of_the_frame_that_overlap(street):
         assert list(neighbours) == expected
 
 
-def neighbours_of(session, box_id):
+def read_neighbours(session, box_id):
     _, found = read_box(session, box_id)
     return found.neighbours(0)
 

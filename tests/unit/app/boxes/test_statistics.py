@@ -28,11 +28,13 @@ BLIND, OUTSIDE = int(Reason.NO_SEGMENTATION), int(Reason.OUTSIDE_IMAGE)
         pytest.param(int(Reason.UNMAPPED_CLASS), False, None, True, id="no class"),
     ],
 )
-def test_boxes_wait_for_a_person_whose_eyes_can_help(reason, toss_up, review, waits):
+def test_needs_review_only_for_boxes_that_a_person_can_judge(
+    reason, toss_up, review, waits
+):
     assert needs_review(reason, toss_up, review) is waits
 
 
-def test_tallies_are_summed_every_way_at_once():
+def test_tallies_are_summed_by_verdict_reason_class_and_conflict():
     counts = count(
         {
             TallyKey(1, SEEN, False, ""): 10,
@@ -64,7 +66,7 @@ def test_tallies_are_summed_every_way_at_once():
     }
 
 
-def test_single_boxes_are_tallied():
+def test_tallies_of_counts_equal_boxes():
     rows = [(1, SEEN, False, None), (1, SEEN, False, "keep"), (1, SEEN, False, None)]
 
     assert tallies_of(rows) == {

@@ -87,7 +87,7 @@ def evidence_for(config):
     return replace(evidence, channels=channels)
 
 
-class Stored:
+class StoredDecisions:
     """The boxes of a configuration: decided, and stored in a database."""
 
     def __init__(self, session, config):
@@ -134,7 +134,7 @@ class Stored:
         alike = zip(*(columns[name] for name in counted), strict=True)
         replace_tallies(session, DATASET, tallies_of(alike))
 
-    def listed(self, order, wanted):
+    def list_ids(self, order, wanted):
         """The ids of all pages of a list."""
         present = TallyRepository(self.session).present(DATASET)
         found: list[int] = []
@@ -153,22 +153,22 @@ def stored(request):
     engine = create_engine("sqlite://")
     Base.metadata.create_all(engine)
     with Session(engine) as session:
-        yield Stored(session, request.param)
+        yield StoredDecisions(session, request.param)
     engine.dispose()
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_every_box_is_once_in_each_order(stored, order):
-    found = stored.listed(order, BoxFilter(DATASET, thresholds=stored.thresholds))
+def test_every_box_is_listed_once_in_each_order(stored, order):
+    found = stored.list_ids(order, BoxFilter(DATASET, thresholds=stored.thresholds))
 
     assert sorted(found) == stored.ids.tolist()
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_every_answered_box_is_once_in_each_order(stored, order):
+def test_every_reviewed_box_is_listed_once_in_each_order(stored, order):
     wanted = BoxFilter(DATASET, thresholds=stored.thresholds, review="any")
 
-    assert sorted(stored.listed(order, wanted)) == stored.ids[2::3].tolist()
+    assert sorted(stored.list_ids(order, wanted)) == stored.ids[2::3].tolist()
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.5, 5.0, 60.0])
@@ -181,7 +181,7 @@ def test_boxes_within_a_margin_are_the_same_in_sql_and_on_columns(stored, margin
 
     assert sorted(stored.session.scalars(rows)) == by_columns
     for order in ORDERS:
-        assert sorted(stored.listed(order, wanted)) == by_columns
+        assert sorted(stored.list_ids(order, wanted)) == by_columns
 
 
 def test_every_reason_occurs():

@@ -87,34 +87,34 @@ def frames(dataset: int, count: int) -> list[dict]:
     ]
 
 
-def stored(session: Session, names: list[str]) -> list[tuple]:
+def stored_rows(session: Session, names: list[str]) -> list[tuple]:
     columns = [getattr(Frame, name) for name in names]
     return [tuple(row) for row in session.execute(select(*columns).order_by(Frame.id))]
 
 
 @pytest.mark.parametrize("count", [1, COPY_FROM_ROWS - 1, COPY_FROM_ROWS, MANY])
-def test_rows_come_back_as_they_were_given(session, dataset, count):
+def test_inserted_rows_are_read_back_unchanged(session, dataset, count):
     rows = frames(dataset, count)
 
     insert_rows(session, Frame, rows)
 
-    assert stored(session, list(rows[0])) == [tuple(row.values()) for row in rows]
+    assert stored_rows(session, list(rows[0])) == [tuple(row.values()) for row in rows]
 
 
-def test_copy_stores_what_an_insert_stores(session, dataset, database):
+def test_copy_stores_the_same_rows_as_insert(session, dataset, database):
     if database.engine.dialect.name == "sqlite":
         pytest.skip("SQLite has no COPY")
     rows = frames(dataset, MANY)
     session.execute(insert(Frame), rows)
-    inserted = stored(session, list(rows[0]))
+    inserted = stored_rows(session, list(rows[0]))
     session.execute(delete(Frame))
 
     copy_in(session, Frame, rows)
 
-    assert stored(session, list(rows[0])) == inserted
+    assert stored_rows(session, list(rows[0])) == inserted
 
 
-def test_bytes_times_and_truth_values_are_copied(session, dataset):
+def test_integers_and_times_are_inserted_unchanged(session, dataset):
     now = utc_now()
     blobs = [
         {"sha256": f"{n:064}", "size_bytes": n, "media_type": "x", "created_at": now}
@@ -128,7 +128,9 @@ def test_bytes_times_and_truth_values_are_copied(session, dataset):
 
 
 @pytest.mark.parametrize("count", [2, MANY])
-def test_a_row_that_is_there_already_is_an_integrity_error(session, dataset, count):
+def test_duplicate_row_raises_integrity_error_without_its_values(
+    session, dataset, count
+):
     rows = frames(dataset, count)
 
     with pytest.raises(IntegrityError) as refused:
@@ -139,7 +141,7 @@ def test_a_row_that_is_there_already_is_an_integrity_error(session, dataset, cou
     assert session.scalars(select(Frame.id)).all() == []
 
 
-def test_columns_of_many_rows_are_set_by_their_keys(session, dataset):
+def test_update_rows_sets_columns_by_key(session, dataset):
     rows = frames(dataset, MANY)
     insert_rows(session, Frame, rows)
     ids = [row["id"] for row in rows][1:]
@@ -156,7 +158,7 @@ def test_columns_of_many_rows_are_set_by_their_keys(session, dataset):
         told.append,
     )
 
-    first, *others = stored(session, ["id", "width", "map"])
+    first, *others = stored_rows(session, ["id", "width", "map"])
     assert first == (1000, 1280, ODD[0])
     assert others == [
         (key, None if key % 3 else key, f"map {key}" if key % 2 else None)
@@ -165,7 +167,7 @@ def test_columns_of_many_rows_are_set_by_their_keys(session, dataset):
     assert sum(told) == len(ids)
 
 
-def test_all_nulls_are_set_too(session, dataset):
+def test_update_rows_sets_columns_to_null(session, dataset):
     insert_rows(session, Frame, frames(dataset, MANY))
     ids = list(session.scalars(select(Frame.id)))
 
@@ -175,7 +177,7 @@ def test_all_nulls_are_set_too(session, dataset):
     assert set(session.scalars(select(Frame.map))) == {None}
 
 
-def test_work_is_told_of_often_enough_to_be_ended(session, dataset):
+def test_update_rows_reports_progress_for_each_portion(session, dataset):
     told: list[int] = []
     ids = list(range(ROWS_AT_A_TIME * 2 + 5))
 

@@ -43,7 +43,7 @@ with ExitStack() as opened:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for its memory")
-def test_many_readers_do_not_each_hold_the_database(tmp_path: Path):
+def test_cache_memory_of_many_readers_is_bounded(tmp_path: Path):
     command = [sys.executable, "-c", READ_BY_MANY, str(tmp_path / "some.db")]
     counts = [str(READERS), str(STORED_MIB)]
 
@@ -56,7 +56,7 @@ def test_many_readers_do_not_each_hold_the_database(tmp_path: Path):
     assert grown_mib < 1.5 * READERS * CACHE_KIB / 1024
 
 
-def test_the_bound_is_as_documented():
+def test_cache_memory_bound_is_as_documented():
     all_of_them = MOST_CONNECTIONS * CACHE_KIB + WRITER_CACHE_KIB
     written = (CHECKOUT / "docs/operations.md").read_text("utf-8")
 

@@ -18,7 +18,7 @@ SECRET = "s3cret"
         "postgresql+psycopg://ada:p%40ss@db.example:5433/boxes?sslmode=require",
     ],
 )
-def test_every_name_of_postgresql_means_psycopg_3(given):
+def test_postgresql_urls_are_changed_to_psycopg_3(given):
     url = Settings(database_url=given).sqlalchemy_url
 
     assert url == (
@@ -26,7 +26,7 @@ def test_every_name_of_postgresql_means_psycopg_3(given):
     )
 
 
-def test_a_file_of_sqlite_stays_what_it_is():
+def test_sqlite_url_is_unchanged():
     url = "sqlite:////srv/boxes.db"
 
     assert Settings(database_url=url).sqlalchemy_url == url
@@ -45,7 +45,7 @@ def test_a_file_of_sqlite_stays_what_it_is():
         ("sqlite:///:memory:", "in memory would be lost"),
     ],
 )
-def test_a_database_that_cannot_be_used_is_refused_in_words(given, said):
+def test_unsupported_database_url_is_refused_without_its_password(given, said):
     with pytest.raises(ValidationError) as refused:
         Settings(database_url=given)
 
@@ -54,7 +54,7 @@ def test_a_database_that_cannot_be_used_is_refused_in_words(given, said):
     assert SECRET[:2] not in str(refused.value)
 
 
-def test_settings_that_are_printed_name_no_password():
+def test_printed_settings_hide_the_password():
     settings = Settings(database_url=f"postgresql://a:{SECRET}@db/b")
 
     assert SECRET in settings.sqlalchemy_url

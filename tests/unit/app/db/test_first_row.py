@@ -22,15 +22,15 @@ def engine(tmp_path):
     engine.dispose()
 
 
-def test_a_row_comes_as_the_driver_gives_it(engine):
+def test_first_row_returns_the_values_of_the_driver(engine):
     assert first_row(engine, DOUBLED, number=21) == (42, "two")
 
 
-def test_nothing_found_is_none(engine):
+def test_first_row_returns_none_if_nothing_is_found(engine):
     assert first_row(engine, DOUBLED.where(literal(1) == 0), number=1) is None
 
 
-def test_no_reader_stays_behind(engine, tmp_path):
+def test_first_row_leaves_no_open_reader(engine, tmp_path):
     with engine.begin() as connection:
         connection.exec_driver_sql("CREATE TABLE numbers (number INTEGER)")
         connection.exec_driver_sql("INSERT INTO numbers VALUES (1), (2), (3)")
@@ -43,7 +43,7 @@ def test_no_reader_stays_behind(engine, tmp_path):
     assert not is_held_up
 
 
-def test_a_failure_is_what_a_session_would_raise(engine):
+def test_first_row_raises_operational_error_and_returns_its_connection(engine):
     missing: Select = select(column("some")).select_from(table("nowhere"))
 
     with pytest.raises(OperationalError, match="no such table: nowhere"):

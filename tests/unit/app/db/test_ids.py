@@ -6,7 +6,7 @@ from app.datasets.service import remove_dataset
 from tests.support.services import running_services
 
 
-def test_the_id_of_a_deleted_dataset_is_not_used_again(tmp_path):
+def test_id_of_a_deleted_dataset_is_not_reused(tmp_path):
     with running_services(tmp_path / "data") as services:
         first = services.dataset()
         with services.context.database.write() as session:

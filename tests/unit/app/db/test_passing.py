@@ -14,7 +14,7 @@ from app.db.transient import in_a_line, is_transient
 from tests.support.databases import empty_postgres
 
 
-def failure(url, *before, last):
+def error_of_last_statement(url, *before, last):
     """The error that the last statement raises."""
     engine = create_engine(url, connect_args={"timeout": 0})
     with engine.connect() as connection:
@@ -31,7 +31,7 @@ def test_a_locked_database_is_transient_and_a_full_disk_is_not(
 ):
     file = tmp_path / "some.db"
     make = "CREATE TABLE some (one TEXT)"
-    full = failure(
+    full = error_of_last_statement(
         f"sqlite:///{file}",
         "PRAGMA max_page_count = 2",
         make,
@@ -39,7 +39,7 @@ def test_a_locked_database_is_transient_and_a_full_disk_is_not(
     )
     with closing(sqlite3.connect(file)) as other:
         other.execute("BEGIN EXCLUSIVE")
-        locked = failure(f"sqlite:///{file}", last=make)
+        locked = error_of_last_statement(f"sqlite:///{file}", last=make)
 
     assert (is_transient(full), is_transient(locked)) == (False, True), (full, locked)
     assert in_a_line(locked) == "(sqlite3.OperationalError) database is locked"
@@ -53,7 +53,9 @@ UNKNOWN = "SELECT * FROM nothing"
 @pytest.mark.parametrize(
     ("statement", "passes"), [(CUT, True), (TOLD_TO_END, False), (UNKNOWN, False)]
 )
-def test_a_connection_that_is_cut_passes_and_a_mistake_does_not(statement, passes):
+def test_terminated_connection_is_transient_and_statement_error_is_not(
+    statement, passes
+):
     with empty_postgres() as url:
         engine = make_engine(url)
         with engine.connect() as connection, pytest.raises(SQLAlchemyError) as raised:
@@ -63,7 +65,7 @@ def test_a_connection_that_is_cut_passes_and_a_mistake_does_not(statement, passe
     assert is_transient(raised.value) is passes
 
 
-def test_a_server_that_is_not_there_passes():
+def test_unreachable_server_is_transient():
     engine = make_engine("postgresql+psycopg://postgres@127.0.0.1:1/nothing")
     with pytest.raises(SQLAlchemyError) as raised:
         engine.connect()

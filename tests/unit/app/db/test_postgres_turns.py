@@ -32,7 +32,7 @@ def url():
 
 
 @contextmanager
-def writer_that_stands_still(url):
+def stopped_writer(url):
     """A process that is stopped by SIGSTOP within a transaction that writes."""
     with subprocess.Popen(
         [sys.executable, "-c", STOPPED, url], stdout=subprocess.PIPE, text=True
@@ -45,11 +45,11 @@ def writer_that_stands_still(url):
             process.send_signal(signal.SIGKILL)
 
 
-def shown(session, name):
+def show_setting(session, name):
     return session.execute(text(f"SHOW {name}")).scalar_one()
 
 
-def test_a_writer_sees_what_the_one_before_it_has_written(url):
+def test_isolation_levels_do_not_depend_on_the_default_of_the_server(url):
     """With a snapshot from before its turn, it would miss what others then wrote."""
     with closing(Database(url)) as database:
         with database.write() as session:
@@ -58,11 +58,11 @@ def test_a_writer_sees_what_the_one_before_it_has_written(url):
             session.execute(text(f"{level} = 'serializable'"))
         database.engine.dispose()
         with database.write() as session:
-            found = shown(session, "transaction_isolation")
+            found = show_setting(session, "transaction_isolation")
         with database.write_beside() as session:
-            beside = shown(session, "transaction_isolation")
+            beside = show_setting(session, "transaction_isolation")
         with database.read() as session:
-            reading = shown(session, "transaction_isolation")
+            reading = show_setting(session, "transaction_isolation")
 
     assert (found, beside, reading) == (
         "read committed",
@@ -71,27 +71,27 @@ def test_a_writer_sees_what_the_one_before_it_has_written(url):
     )
 
 
-def test_a_turn_ends_before_those_who_wait_for_it_give_up(url):
+def test_turn_times_out_before_waiting_writers_do(url):
     with closing(Database(url)) as database, database.write() as session:
-        waited_for = shown(session, "idle_in_transaction_session_timeout")
-        waits = shown(session, "lock_timeout")
+        waited_for = show_setting(session, "idle_in_transaction_session_timeout")
+        waits = show_setting(session, "lock_timeout")
 
     assert (waited_for, waits) == ("20s", "30s")
 
 
-def test_a_collection_of_garbage_keeps_its_turn(url):
+def test_garbage_collection_keeps_its_turn_without_a_timeout(url):
     """Removing files may take long; meanwhile no transaction may refer to them."""
     with closing(Database(url)) as database, database.write() as session:
         keep_turn(session)
-        waited_for = shown(session, "idle_in_transaction_session_timeout")
+        waited_for = show_setting(session, "idle_in_transaction_session_timeout")
 
     assert waited_for == "0"
 
 
 @pytest.mark.long
-def test_a_process_that_stands_still_does_not_keep_its_turn(url):
+def test_process_that_hangs_loses_its_turn(url):
     """Without a timeout, a machine that is gone would block all writers for hours."""
-    with writer_that_stands_still(url), closing(Database(url)) as database:
+    with stopped_writer(url), closing(Database(url)) as database:
         begun = time.monotonic()
         with database.write() as session:
             session.execute(text("SELECT 1"))

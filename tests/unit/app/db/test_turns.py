@@ -27,7 +27,7 @@ def database(request, tmp_path):
 
 
 @contextmanager
-def queue(database):
+def hold_turn(database):
     """Hold the turn to write while the test lets other writers wait for it.
 
     Yields a function that starts a writer and waits until it is queued, and a list
@@ -61,16 +61,16 @@ def wait_until(holds):
         threading.Event().wait(0.001)
 
 
-def test_writers_are_let_in_as_they_came(database):
-    with queue(database) as (ask, order):
+def test_writers_take_turns_in_order_of_arrival(database):
+    with hold_turn(database) as (ask, order):
         for name in range(8):
             ask(name)
 
     assert order == list(range(8))
 
 
-def test_people_come_before_work_and_work_is_not_forgotten(database):
-    with queue(database) as (ask, order):
+def test_people_write_before_jobs_but_jobs_still_get_turns(database):
+    with hold_turn(database) as (ask, order):
         for name in ("work 1", "work 2"):
             ask(name)
         for number in range(PEOPLE_IN_A_ROW + 2):
@@ -81,8 +81,8 @@ def test_people_come_before_work_and_work_is_not_forgotten(database):
     assert order == [*expected, "work 2"]
 
 
-def test_a_writer_that_fails_lets_the_next_one_in(database):
-    with queue(database) as (ask, order):
+def test_writer_that_fails_releases_its_turn(database):
+    with hold_turn(database) as (ask, order):
         ask("next")
         failing = pytest.raises(ZeroDivisionError)
 
@@ -95,7 +95,7 @@ def test_a_writer_that_fails_lets_the_next_one_in(database):
     assert order == ["next"]
 
 
-def test_a_lost_connection_lets_the_next_one_in(database):
+def test_lost_connection_releases_the_turn(database):
     with database.write() as session:
         session.connection().invalidate()
         session.rollback()

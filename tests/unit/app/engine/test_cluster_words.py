@@ -31,14 +31,14 @@ def caused(*errors: BaseException) -> BaseException:
         (caused(OSError("it timed out"), CancelledError()), "it timed out"),
     ],
 )
-def test_the_reason_is_the_last_one_that_says_something(error, words):
+def test_reason_of_returns_the_last_cause_with_a_message(error, words):
     assert reason_of(error) == words
 
 
 @pytest.mark.parametrize(
     ("error", "told"), [(CommClosedError("away"), 0), (ValueError("wrong"), 1)]
 )
-def test_a_connection_that_was_lost_is_not_told_by_libraries(caplog, error, told):
+def test_lost_connection_is_not_logged_by_libraries(caplog, error, told):
     prepare()
 
     logging.getLogger("tornado.application").error("in a callback", exc_info=error)

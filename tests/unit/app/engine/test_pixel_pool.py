@@ -38,7 +38,7 @@ def is_running(pid):
     return not stat.exists() or stat.read_text().rpartition(")")[2].split()[0] != "Z"
 
 
-def test_results_are_what_the_work_returns_and_a_process_is_kept(pool):
+def test_results_are_returned_and_the_child_process_is_reused(pool):
     values = np.arange(300_000)
 
     np.testing.assert_array_equal(pool.run(pool_tasks.doubled, values), values * 2)
@@ -48,7 +48,7 @@ def test_results_are_what_the_work_returns_and_a_process_is_kept(pool):
     assert pids != {os.getpid()}
 
 
-def test_refusals_come_back_with_all_that_they_say(pool):
+def test_filter_errors_of_a_child_process_keep_pointer_and_kind(pool):
     with pytest.raises(SegmentationError, match="no such tag") as refused:
         pool.run(pool_tasks.refuse)
     with pytest.raises(AnnotationErrors) as refusals:
@@ -58,12 +58,12 @@ def test_refusals_come_back_with_all_that_they_say(pool):
     assert [fault.pointer for fault in refusals.value.errors] == ["/a", "/b"]
 
 
-def test_a_slip_of_ours_is_told_with_its_place(pool):
+def test_internal_error_of_a_child_process_is_raised_with_its_traceback(pool):
     with pytest.raises(ChildFailed, match=r"pool_tasks.py(.|\n)*a slip of ours"):
         pool.run(pool_tasks.fail)
 
 
-def test_work_that_takes_too_long_is_ended_and_its_place_is_free_again(tmp_path):
+def test_work_beyond_the_time_limit_is_refused_and_its_process_killed(tmp_path):
     pool = PixelPool(1, seconds=1)
     note = tmp_path / "pid"
 
@@ -76,7 +76,7 @@ def test_work_that_takes_too_long_is_ended_and_its_place_is_free_again(tmp_path)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux enforces the limit")
-def test_work_that_needs_too_much_memory_is_refused_and_leaves_none_behind(pool):
+def test_work_beyond_the_memory_limit_is_refused_and_its_process_ended(pool):
     before = pool.run(pool_tasks.own_pid)
 
     with pytest.raises(PixelsRefused, match=r"256 MiB.*MAX_PIXEL_MEMORY_BYTES"):
@@ -86,7 +86,7 @@ def test_work_that_needs_too_much_memory_is_refused_and_leaves_none_behind(pool)
     assert pool.run(pool_tasks.use_memory, LIMIT_BYTES // 4) == 1
 
 
-def test_work_that_ends_its_process_is_tried_once_more_and_then_refused(pool, tmp_path):
+def test_work_that_kills_its_process_is_retried_once_and_then_refused(pool, tmp_path):
     note = tmp_path / "deaths"
 
     with pytest.raises(PixelsRefused, match=r"two processes.*SIGSEGV"):
@@ -96,7 +96,7 @@ def test_work_that_ends_its_process_is_tried_once_more_and_then_refused(pool, tm
     assert pool.run(pool_tasks.own_pid)
 
 
-def test_nothing_is_run_that_a_process_answers(pool, tmp_path):
+def test_pickled_answer_of_a_child_process_cannot_run_a_program(pool, tmp_path):
     note = tmp_path / "note"
 
     with pytest.raises(PixelsRefused, match=r"answered with posix\.system"):
@@ -105,7 +105,7 @@ def test_nothing_is_run_that_a_process_answers(pool, tmp_path):
     assert not note.exists()
 
 
-def test_a_process_that_somebody_killed_costs_nothing_but_time(pool, tmp_path):
+def test_work_is_retried_after_its_process_was_killed_from_outside(pool, tmp_path):
     assert pool.run(pool_tasks.die_once, tmp_path / "note") == "alive"
 
     idle = pool.run(pool_tasks.own_pid)
@@ -114,7 +114,7 @@ def test_a_process_that_somebody_killed_costs_nothing_but_time(pool, tmp_path):
     assert pool.run(pool_tasks.own_pid) != idle
 
 
-def test_giving_up_ends_the_work_and_the_wait_for_it(pool, tmp_path):
+def test_cancelling_ends_running_and_waiting_work(pool, tmp_path):
     note = tmp_path / "pid"
     first, second = threading.Event(), threading.Event()
     with ThreadPoolExecutor(2) as threads:
@@ -132,7 +132,7 @@ def test_giving_up_ends_the_work_and_the_wait_for_it(pool, tmp_path):
     assert not is_running(int(note.read_text("utf-8")))
 
 
-def test_as_many_work_at_the_same_time_as_there_are_processes():
+def test_pool_uses_all_of_its_processes_concurrently():
     pool = PixelPool(2)
     pool.warm_up()
     with ThreadPoolExecutor(4) as threads:
@@ -163,7 +163,7 @@ print(pool.run(pool_tasks.own_pid), pool.run(pool_tasks.own_pid), flush=True)
 @pytest.mark.parametrize(
     "end", ["os.kill(os.getpid(), 9)", "", "raise SystemExit(3)", "pool.close()"]
 )
-def test_processes_end_with_the_one_that_started_them(end):
+def test_child_processes_end_with_their_parent(end):
     program = subprocess.run(
         [sys.executable, "-c", PROGRAM.format(end=end)],
         cwd=CHECKOUT,

@@ -42,7 +42,7 @@ def filled(street):
     street.review(street.box_ids()[0], "reject")
 
 
-def asked_for(street, form="yolo"):
+def request_unstarted_export(street, form="yolo"):
     """Request an export that is not started by the service; returns its id."""
     wanted = ExportRequest(form, {}, "ada")
     with street.context.database.write() as session:
@@ -58,7 +58,7 @@ def make_export(context, export_id):
     drive_job(context, job_of(export_id))
 
 
-def settle(street):
+def wait_for_queued_jobs(street):
     """Wait until all jobs that were queued before are over."""
     street.run({}, activate=False)
     over = threading.Event()
@@ -71,12 +71,12 @@ def export_of(street, export_id):
         return ExportRepository(session).with_id(export_id)
 
 
-def temporary(street):
+def temporary_files(street):
     return list(street.context.storage.temporary_folder().iterdir())
 
 
 @pytest.fixture(scope="module")
-def equal_streets(tmp_path_factory):
+def equal_datasets(tmp_path_factory):
     """Datasets of two services, filled with the same content."""
     with ExitStack() as running:
         streets = []
@@ -89,11 +89,11 @@ def equal_streets(tmp_path_factory):
 
 
 @pytest.mark.parametrize("form", EXPORT_FORMATS)
-def test_the_same_state_gives_the_same_bytes_in_another_service(form, equal_streets):
+def test_export_has_the_same_bytes_in_another_service(form, equal_datasets):
     digests = []
-    for street in equal_streets:
+    for street in equal_datasets:
         for _ in range(2):
-            export_id = asked_for(street, form)
+            export_id = request_unstarted_export(street, form)
             make_export(street.context, export_id)
             digests.append(export_of(street, export_id).sha256)
 
@@ -102,7 +102,7 @@ def test_the_same_state_gives_the_same_bytes_in_another_service(form, equal_stre
 
 
 @pytest.mark.parametrize("form", EXPORT_FORMATS)
-def test_a_format_says_all_that_it_needs(street, form):
+def test_format_declares_all_data_that_it_needs(street, form):
     with street.context.database.read() as session:
         dataset = street.row(session)
         classes = tuple(DatasetRepository(session).classes(dataset.id))
@@ -118,7 +118,7 @@ def test_a_format_says_all_that_it_needs(street, form):
     assert written[0] == written[1]
 
 
-def test_labels_say_what_whole_decisions_say(street):
+def test_label_columns_equal_the_complete_decisions(street):
     with street.context.database.read() as session:
         frames = list(
             ExportFrames(
@@ -137,12 +137,12 @@ def test_labels_say_what_whole_decisions_say(street):
             "reason": [boxes.reason_label(row) for row in rows],
             "lossy": boxes.lossy.tolist(),
             "occluded": boxes.occlusion.tolist(),
-            "xyxy": plain(boxes.xyxy),
-            "amodal_xyxy": plain(boxes.amodal_xyxy),
-            "visible_xyxy": plain(boxes.visible_xyxy),
-            "tight_xyxy": plain(boxes.tight_xyxy),
-            "distance": plain(boxes.distance),
-            "match_percent": plain(boxes.match_percent),
+            "xyxy": as_json_values(boxes.xyxy),
+            "amodal_xyxy": as_json_values(boxes.amodal_xyxy),
+            "visible_xyxy": as_json_values(boxes.visible_xyxy),
+            "tight_xyxy": as_json_values(boxes.tight_xyxy),
+            "distance": as_json_values(boxes.distance),
+            "match_percent": as_json_values(boxes.match_percent),
         }
         assert told == {key: [one[key] for one in whole] for key in told}
         reviewed = [bool(one["review"]) for one in whole]
@@ -150,7 +150,7 @@ def test_labels_say_what_whole_decisions_say(street):
     assert sum(len(frame.boxes) for frame in frames) > 0
 
 
-def plain(column):
+def as_json_values(column):
     """The values of a column as in JSON: None instead of NaN."""
     return [
         None if np.isnan(value).any() else value.tolist()
@@ -162,20 +162,20 @@ def files_of(form, frames, classes):
     """The files of an export by name."""
     files = {}
 
-    def sink(name, pieces):
+    def collect_file(name, pieces):
         files[name] = b"".join(pieces)
 
-    write_export(form, frames, sink, ExportHead(classes), ExportOptions())
+    write_export(form, frames, collect_file, ExportHead(classes), ExportOptions())
     return files
 
 
-def test_an_export_that_is_interrupted_leaves_nothing_and_can_go_on(street):
-    export_id, engine = asked_for(street), street.context.engine
+def test_interrupted_export_leaves_no_files_and_can_be_resumed(street):
+    export_id, engine = request_unstarted_export(street), street.context.engine
     engine.interrupt(job_of(export_id))
 
     make_export(street.context, export_id)
     interrupted = export_of(street, export_id)
-    left = temporary(street)
+    left = temporary_files(street)
     engine.clear_cancel(job_of(export_id))
     make_export(street.context, export_id)
 
@@ -184,24 +184,24 @@ def test_an_export_that_is_interrupted_leaves_nothing_and_can_go_on(street):
     assert (finished.state, finished.done, finished.total) == ("done", 3, 3)
 
 
-def test_an_export_that_is_cancelled_while_it_is_written_stays_cancelled(street):
-    export_id = asked_for(street)
+def test_export_cancelled_while_it_is_written_stays_cancelled(street):
+    export_id = request_unstarted_export(street)
     with street.context.database.write() as session:
         ExportRepository(session).with_id(export_id).state = "running"
         session.flush()
         start(street.context, [job_of(export_id)])
         cancel(street.context, session, EXPORTS, export_id)
-    settle(street)
+    wait_for_queued_jobs(street)
 
     export = export_of(street, export_id)
     assert (export.state, export.sha256) == ("cancelled", None)
     assert export.finished_at is not None
-    assert temporary(street) == []
+    assert temporary_files(street) == []
     assert street.context.engine.interrupted() == set()
 
 
-def test_an_export_left_half_written_by_a_crash_is_written_anew(street):
-    export_id = asked_for(street)
+def test_export_interrupted_by_a_crash_is_rewritten(street):
+    export_id = request_unstarted_export(street)
     half = street.context.storage.temporary_folder() / f"export-{export_id}"
     half.mkdir()
     (half / "export.zip").write_bytes(b"PK half of it")
@@ -216,11 +216,11 @@ def test_an_export_left_half_written_by_a_crash_is_written_anew(street):
         *("done", b"PK"),
         export.size_bytes,
     )
-    assert temporary(street) == []
+    assert temporary_files(street) == []
 
 
-def test_an_export_whose_dataset_is_deleted_is_no_failure(street, caplog):
-    export_id = asked_for(street)
+def test_export_of_a_deleted_dataset_logs_no_error(street, caplog):
+    export_id = request_unstarted_export(street)
     with street.context.database.write() as session:
         remove_dataset(street.context, session, street.name, street.name)
 
@@ -230,8 +230,8 @@ def test_an_export_whose_dataset_is_deleted_is_no_failure(street, caplog):
     assert caplog.records == []
 
 
-def test_an_export_that_fails_says_so_and_is_not_tried_again(street):
-    export_id = asked_for(street)
+def test_export_with_invalid_options_fails_with_an_error(street):
+    export_id = request_unstarted_export(street)
     with street.context.database.write() as session:
         ExportRepository(session).with_id(export_id).options = {"split": 7}
 

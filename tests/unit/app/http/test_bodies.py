@@ -24,7 +24,7 @@ def request_with(body):
     return StrictRequest(scope, receive)
 
 
-def test_the_loop_goes_on_while_a_large_body_is_worked_on():
+def test_event_loop_runs_while_a_large_body_is_parsed():
     let_go = threading.Event()
 
     async def main():
@@ -37,7 +37,7 @@ def test_the_loop_goes_on_while_a_large_body_is_worked_on():
     assert asyncio.run(main())
 
 
-def test_a_small_body_is_not_worth_a_thread():
+def test_small_body_is_parsed_in_the_event_loop_thread():
     async def main():
         request = request_with(b"")
         return await run_off_loop(request, b"x", lambda _: threading.get_ident())
@@ -56,7 +56,7 @@ def test_a_small_body_is_not_worth_a_thread():
         (b"{" + b'"":1,' * 10_000 + b'"":1}', "json_too_large"),
     ],
 )
-def test_a_body_that_is_not_json_is_one_fault(body, code):
+def test_invalid_or_too_large_json_body_has_one_error(body, code):
     with pytest.raises(Unprocessable) as refused:
         asyncio.run(request_with(body).json())
 

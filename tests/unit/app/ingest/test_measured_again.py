@@ -31,14 +31,14 @@ class WatchedPool(PixelPool):
         self.others_wrote = []
 
     def run_here(self, work, *args):
-        self._look()
+        self._record_concurrent_write()
         return super().run_here(work, *args)
 
     def run(self, work, *args, given_up=None):
-        self._look()
+        self._record_concurrent_write()
         return super().run(work, *args, given_up=given_up)
 
-    def _look(self):
+    def _record_concurrent_write(self):
         def write():
             with self._database.write() as session:
                 session.scalar(select(1))  # this statement begins the transaction
@@ -58,14 +58,14 @@ def street(tmp_path):
         pool.close()
 
 
-def has_current_numbers(street, frame_id):
+def has_current_evidence(street, frame_id):
     with street.context.database.read() as session:
         current = street.row(session).active_measurement_id or 0
         return not EvidenceRepository(session).lacking([frame_id], current)
 
 
 @pytest.mark.parametrize("keys", [["a"], ["a", "b"]])
-def test_frames_are_measured_again_while_others_may_write(street, keys):
+def test_frames_are_measured_again_without_blocking_other_writers(street, keys):
     request = UploadRequest(street.name, street.by)
     annotation = json.dumps(scene.annotation()).encode()
     files = {"segmentation": scene.segmentation()}
@@ -79,5 +79,5 @@ def test_frames_are_measured_again_while_others_may_write(street, keys):
 
     new = [frame for frame in stored if isinstance(frame, NewFrame)]
     assert [frame.key for frame in new] == keys
-    assert all(has_current_numbers(street, frame.frame_id) for frame in new)
+    assert all(has_current_evidence(street, frame.frame_id) for frame in new)
     assert street.context.pixels.others_wrote == [True] * 2 * len(keys)

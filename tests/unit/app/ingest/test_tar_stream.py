@@ -59,20 +59,20 @@ safe_names = names.filter(lambda name: ".." not in name.split("/") and "//" not 
     form=st.sampled_from([tarfile.GNU_FORMAT, tarfile.PAX_FORMAT]),
     data=st.data(),
 )
-def test_archives_of_python_are_read_in_pieces_of_any_size(members, form, data):
+def test_archives_of_tarfile_are_read_in_pieces_of_any_size(members, form, data):
     archive = packed(members, form)
     cuts = data.draw(st.lists(st.integers(0, len(archive)), max_size=6))
 
     assert read(archive, *cuts) == [Member(*one) for one in members]
 
 
-def test_folders_are_passed_over_and_a_leading_dot_does_not_count():
+def test_folders_are_skipped_and_a_leading_dot_is_removed():
     data = header("./", kind=tarfile.DIRTYPE) + header("a/", kind=tarfile.DIRTYPE)
 
     assert read(data + header("./a/b.json") + END) == [Member("a/b.json", b"")]
 
 
-def test_a_large_member_is_passed_over_without_being_held():
+def test_too_large_member_is_skipped_without_its_content():
     data = header("a", 10_001) + bytes(10_001 + 239) + header("b") + END
 
     assert read(data) == [Member("a", None), Member("b", b"")]
@@ -110,21 +110,21 @@ def test_a_large_member_is_passed_over_without_being_held():
         pytest.param(header("a") + bytes(512), "truncated", id="one block missing"),
     ],
 )
-def test_a_member_that_no_archive_of_frames_has_is_refused(data, words):
+def test_unsupported_or_damaged_member_is_refused(data, words):
     with pytest.raises(BadArchive, match=words):
         read(data + (b"" if words == "truncated" else END))
 
 
-def checked(block):
+def with_valid_checksum(block):
     """The header with its checksum corrected."""
     total = sum(block[:148]) + 8 * ord(" ") + sum(block[156:])
     return block[:148] + b"%06o\0 " % total + block[156:]
 
 
-def sized(field, kind=tarfile.REGTYPE):
+def header_with_size(field, kind=tarfile.REGTYPE):
     """A valid header with these bytes, padded to twelve, as its size."""
     block = header("a", kind=kind)
-    return checked(block[:124] + field.ljust(12, b"\0") + block[136:])
+    return with_valid_checksum(block[:124] + field.ljust(12, b"\0") + block[136:])
 
 
 @pytest.mark.parametrize(
@@ -144,15 +144,15 @@ def sized(field, kind=tarfile.REGTYPE):
 )
 @pytest.mark.parametrize("kind", [tarfile.REGTYPE, tarfile.DIRTYPE, b"x", b"L"])
 @pytest.mark.timeout(10)
-def test_a_size_that_is_no_number_is_refused(field, kind):
+def test_invalid_member_size_is_refused(field, kind):
     with pytest.raises(BadArchive, match=r"^the size of 'a/?': expected octal digits"):
-        read(sized(field, kind) + bytes(512) + END)
+        read(header_with_size(field, kind) + bytes(512) + END)
 
 
 @pytest.mark.parametrize(
     "field", [b"-1", b"zzzzzz", b"\xff" * 8, b"\x80" + b"\xff" * 7]
 )
-def test_a_checksum_that_is_no_number_is_a_damaged_header(field):
+def test_invalid_checksum_is_a_damaged_header(field):
     block = header("a")
 
     with pytest.raises(BadArchive, match="damaged"):
@@ -167,14 +167,14 @@ def test_a_checksum_that_is_no_number_is_a_damaged_header(field):
         pytest.param(b"\x80" + bytes(10) + b"\x0f", 15, id="binary"),
     ],
 )
-def test_sizes_are_read_as_they_are_written(field, size):
+def test_valid_encodings_of_a_member_size_are_read(field, size):
     content = b"x" * size
-    data = sized(field) + content + bytes(-size % 512) + END
+    data = header_with_size(field) + content + bytes(-size % 512) + END
 
     assert read(data) == [Member("a", content)]
 
 
-def test_a_long_name_that_is_cut_behind_a_slash_is_a_file():
+def test_long_name_split_after_a_slash_is_a_file():
     name = "a" * 99 + "/b"
 
     assert read(packed([(name, b"1")], tarfile.GNU_FORMAT)) == [Member(name, b"1")]
@@ -192,26 +192,28 @@ def seconds_of(data):
     return min(once() for _ in range(3))
 
 
-def extended(kind, content):
+def extended_header(kind, content):
     return header("x", len(content), kind) + content + bytes(-len(content) % 512)
 
 
 @pytest.mark.parametrize(
     "data",
     [
-        pytest.param(extended(b"L", b"./" * 32_000 + b"b"), id="a name of dots"),
-        pytest.param(extended(b"L", b"/" * 64_000), id="a name of slashes"),
-        pytest.param(extended(b"x", b"5 a=\n" * 13_000), id="many records"),
-        pytest.param(extended(b"x", b"9" * 64_000), id="a length without an end"),
-        pytest.param(extended(b"x", b" " * 64_000), id="a record of blanks"),
+        pytest.param(extended_header(b"L", b"./" * 32_000 + b"b"), id="a name of dots"),
+        pytest.param(extended_header(b"L", b"/" * 64_000), id="a name of slashes"),
+        pytest.param(extended_header(b"x", b"5 a=\n" * 13_000), id="many records"),
+        pytest.param(
+            extended_header(b"x", b"9" * 64_000), id="a length without an end"
+        ),
+        pytest.param(extended_header(b"x", b" " * 64_000), id="a record of blanks"),
         pytest.param(bytes(64_000), id="empty blocks"),
     ],
 )
-def test_work_grows_with_the_bytes_and_not_with_their_square(data):
+def test_reading_time_is_not_quadratic_in_the_size(data):
     assert seconds_of(data + header("b") + END) < 0.03
 
 
-def test_a_member_that_comes_byte_by_byte_is_held_in_little_more_than_its_size():
+def test_member_in_single_bytes_uses_memory_proportional_to_its_size():
     size = 100_000
     stream = TarStream(replace(LIMITS, max_member_bytes=size))
     list(stream.feed(header("a", size)))
@@ -237,12 +239,12 @@ def test_a_member_that_comes_byte_by_byte_is_held_in_little_more_than_its_size()
         pytest.param(b"BZh".ljust(512), UnsupportedMedia, id="bzip2"),
     ],
 )
-def test_an_archive_that_is_too_large_or_compressed_is_refused(data, error):
+def test_too_large_or_compressed_archive_is_refused(data, error):
     with pytest.raises(error):
         read(data + END)
 
 
-def test_names_that_lead_elsewhere_are_given_where_somebody_looks_at_them():
+def test_any_name_option_returns_names_outside_the_archive():
     stream = TarStream(LIMITS, any_name=True)
 
     found = list(stream.feed(header("../a") + header("/b") + END))

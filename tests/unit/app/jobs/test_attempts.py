@@ -38,7 +38,7 @@ from tests.support.services import run_job
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 
 
-class Watched(LocalEngine):
+class ObservedEngine(LocalEngine):
     """The local engine with three frames per chunk; calls `look` before each frame."""
 
     def __init__(self, look) -> None:
@@ -65,7 +65,7 @@ def attempts(street, run_id):
     return dict(found)
 
 
-def cut_off(street, *spans):
+def request_run_with_attempts(street, *spans):
     """Prepare a run that has ended processes; returns its id.
 
     Each span is a chunk: its first and last frame, and how many processes it ended.
@@ -82,18 +82,18 @@ def cut_off(street, *spans):
     return run_id
 
 
-def go_on(street, run_id, look=lambda _engine, _frame_id: None, **others):
+def drive_run(street, run_id, look=lambda _engine, _frame_id: None, **others):
     """Drive a run and return it; `others` replace attributes of the context."""
-    with context_with_engine(street, Watched(look)) as context:
+    with context_with_engine(street, ObservedEngine(look)) as context:
         drive_job(replace(context, **others), run_job(run_id))
     return run_of(street, run_id)
 
 
-def test_an_attempt_is_written_down_when_a_chunk_begins_and_not_before(street):
+def test_attempt_is_stored_when_a_chunk_begins_and_not_before(street):
     seen = []
     run_id = street.request(FROM_PIXELS)
 
-    run = go_on(street, run_id, lambda *_: seen.append(attempts(street, run_id)))
+    run = drive_run(street, run_id, lambda *_: seen.append(attempts(street, run_id)))
 
     check_run_is_complete(street, run)
     assert len(seen) == FRAMES
@@ -106,16 +106,16 @@ def test_an_attempt_is_written_down_when_a_chunk_begins_and_not_before(street):
     assert {1: 1, 2: 0} in seen
 
 
-def test_a_chunk_that_ended_processes_is_measured_frame_by_frame_and_forgiven(street):
+def test_chunk_that_killed_processes_is_measured_singly_and_its_count_reset(street):
     seen = []
-    run_id = cut_off(street, (0, FRAMES - 1, MOST_ATTEMPTS - 1))
+    run_id = request_run_with_attempts(street, (0, FRAMES - 1, MOST_ATTEMPTS - 1))
     ids = frame_ids(street)
 
     def look(_engine, frame_id):
         done = sum(measured(street, run_of(street, run_id)).values())
         seen.append((ids.index(frame_id), done, *attempts(street, run_id).values()))
 
-    run = go_on(street, run_id, look)
+    run = drive_run(street, run_id, look)
 
     check_run_is_complete(street, run)
     # A frame begins after the one before it was stored, which resets the count.
@@ -123,10 +123,10 @@ def test_a_chunk_that_ended_processes_is_measured_frame_by_frame_and_forgiven(st
     assert seen == [(0, 0, MOST_ATTEMPTS), *forgiven]
 
 
-def test_a_frame_at_which_processes_ended_is_left_alone_and_no_other_one(street):
-    run_id = cut_off(street, (0, 5, MOST_ATTEMPTS), (6, 11, 0))
+def test_frame_that_killed_processes_is_quarantined_and_no_other(street):
+    run_id = request_run_with_attempts(street, (0, 5, MOST_ATTEMPTS), (6, 11, 0))
 
-    run = go_on(street, run_id)
+    run = drive_run(street, run_id)
 
     assert run.state == "failed"
     assert run.error == {
@@ -137,71 +137,79 @@ def test_a_frame_at_which_processes_ended_is_left_alone_and_no_other_one(street)
     assert (run.done, len(measured(street, run))) == (FRAMES - 1, FRAMES - 1)
     (chunk,) = remaining_rows(street, Chunk, run)
     assert (chunk.state, chunk.attempts, chunk.frames) == ("quarantined", 3, 1)
-    check_run_is_complete(street, run_of(street, again(street)))
+    check_run_is_complete(street, run_of(street, rerun(street)))
 
 
-def again(street):
+def rerun(street):
     return street.run(FROM_PIXELS).id
 
 
-def test_frames_side_by_side_that_end_processes_are_left_alone_together(street):
-    run_id = cut_off(street, (0, 0, MOST_ATTEMPTS), (1, 5, MOST_ATTEMPTS), (6, 11, 0))
+def test_adjacent_quarantined_frames_are_reported_as_a_range(street):
+    run_id = request_run_with_attempts(
+        street, (0, 0, MOST_ATTEMPTS), (1, 5, MOST_ATTEMPTS), (6, 11, 0)
+    )
 
-    run = go_on(street, run_id)
+    run = drive_run(street, run_id)
 
     assert run.error is not None
     assert run.error["detail"].startswith("frames '00', '01' to '05' ended")
     assert run.done == FRAMES - 6
 
 
-def test_frames_side_by_side_are_those_of_one_dataset(services):
+def test_range_of_quarantined_frames_ignores_ids_of_other_datasets(services):
     """Frames of another dataset, stored at the same time, have the ids in between."""
     street, other = services.dataset(), services.dataset()
     for number in range(FRAMES):
         put(street, number)
         put(other, number)
-    run_id = cut_off(street, (0, 0, MOST_ATTEMPTS), (1, 5, MOST_ATTEMPTS), (6, 11, 0))
+    run_id = request_run_with_attempts(
+        street, (0, 0, MOST_ATTEMPTS), (1, 5, MOST_ATTEMPTS), (6, 11, 0)
+    )
 
-    run = go_on(street, run_id)
+    run = drive_run(street, run_id)
 
     assert run.error is not None
     assert run.error["detail"].startswith("frames '00', '01' to '05' ended")
 
 
-def test_a_measured_frame_between_two_is_noticed(street):
+def test_measured_frame_splits_the_range_of_quarantined_frames(street):
     """The first chunk is in quarantine, but all frames after its first are measured."""
-    run_id = cut_off(street, (1, 2, 0), (3, 5, MOST_ATTEMPTS), (6, 11, 0))
+    run_id = request_run_with_attempts(
+        street, (1, 2, 0), (3, 5, MOST_ATTEMPTS), (6, 11, 0)
+    )
     assert work_on_chunk(street.context, "run", run_id, 1) == DONE
     with street.context.database.write() as session:
         chunk = session.get_one(Chunk, ("run", run_id, 1))
         chunk.state, chunk.first_frame_id = "quarantined", frame_ids(street)[0]
 
-    run = go_on(street, run_id)
+    run = drive_run(street, run_id)
 
     assert run.error is not None
     assert run.error["detail"].startswith("frames '00', '03' ended the process")
 
 
-def test_frames_that_cannot_be_read_do_not_part_those_that_end_processes(street):
-    run_id = cut_off(street, (0, 0, MOST_ATTEMPTS), (1, 1, 0), (2, 5, MOST_ATTEMPTS))
+def test_unreadable_frames_are_reported_apart_from_killing_frames(street):
+    run_id = request_run_with_attempts(
+        street, (0, 0, MOST_ATTEMPTS), (1, 1, 0), (2, 5, MOST_ATTEMPTS)
+    )
     with street.context.database.write() as session:
         chunk = session.get_one(Chunk, ("run", run_id, 2))
         chunk.state, chunk.error = "quarantined", {"code": "so", "detail": "it is so"}
 
-    run = go_on(street, run_id)
+    run = drive_run(street, run_id)
 
     assert run.error is not None
     assert run.error["detail"].startswith("frames '00', '02' to '05' ended")
     assert run.error["detail"].endswith("frame '01' cannot be read: it is so")
 
 
-def test_a_frame_that_cannot_be_read_is_not_taken_for_one_that_ends_processes(services):
+def test_unreadable_frame_is_not_counted_as_killing_its_process(services):
     """The unreadable frame is first, and refused before the next ends the process."""
     street = services.dataset()
     put_large(street, "00")
     for number in range(1, FRAMES):
         put(street, number)
-    run_id = cut_off(street, (0, FRAMES - 1, MOST_ATTEMPTS - 1))
+    run_id = request_run_with_attempts(street, (0, FRAMES - 1, MOST_ATTEMPTS - 1))
     (large, deadly, *_) = frame_ids(street)
 
     def stop(engine, frame_id):
@@ -210,12 +218,12 @@ def test_a_frame_that_cannot_be_read_is_not_taken_for_one_that_ends_processes(se
             raise JobStopped(run_job(run_id))
 
     with closing(PixelPool(1, memory_bytes=32 * 2**20)) as pixels:
-        go_on(street, run_id, stop, pixels=pixels)
+        drive_run(street, run_id, stop, pixels=pixels)
         with street.context.database.write() as session:
             chunk = session.get_one(Chunk, ("run", run_id, 1))
             assert (chunk.first_frame_id, chunk.frames) == (large + 1, FRAMES - 1)
             chunk.attempts = MOST_ATTEMPTS
-        run = go_on(street, run_id, pixels=pixels)
+        run = drive_run(street, run_id, pixels=pixels)
 
     assert run.error is not None
     assert run.error["detail"].startswith("frame '01' ended the process that worked")
@@ -223,15 +231,15 @@ def test_a_frame_that_cannot_be_read_is_not_taken_for_one_that_ends_processes(se
     assert run.done == FRAMES - 2
 
 
-def test_a_last_frame_that_cannot_be_read_is_left_alone_frame_by_frame_too(services):
+def test_unreadable_last_frame_is_quarantined_when_measured_singly(services):
     street = services.dataset()
     for number in range(FRAMES - 1):
         put(street, number)
     put_large(street, "last")
-    run_id = cut_off(street, (0, FRAMES - 1, MOST_ATTEMPTS - 1))
+    run_id = request_run_with_attempts(street, (0, FRAMES - 1, MOST_ATTEMPTS - 1))
 
     with closing(PixelPool(1, memory_bytes=32 * 2**20)) as pixels:
-        run = go_on(street, run_id, pixels=pixels)
+        run = drive_run(street, run_id, pixels=pixels)
 
     assert run.error is not None
     assert run.error["detail"].startswith("frame 'last' cannot be read: ")
@@ -244,8 +252,8 @@ def put_large(street, key):
     street.put(key, annotation, segmentation=segmentation)
 
 
-def test_a_frame_that_was_left_alone_and_is_deleted_fails_no_run(street):
-    run_id = cut_off(street, (0, 5, MOST_ATTEMPTS), (6, 11, 0))
+def test_deleted_quarantined_frame_does_not_fail_the_run(street):
+    run_id = request_run_with_attempts(street, (0, 5, MOST_ATTEMPTS), (6, 11, 0))
     deleted: list[str] = []
 
     def look(_engine, _frame_id):
@@ -253,28 +261,28 @@ def test_a_frame_that_was_left_alone_and_is_deleted_fails_no_run(street):
             deleted.append("00")
             street.delete("00")
 
-    run = go_on(street, run_id, look)
+    run = drive_run(street, run_id, look)
 
     assert (run.state, run.error) == ("done", None)
     assert len(measured(street, run)) == FRAMES - 1
 
 
-def test_a_service_that_stops_is_not_to_blame(street):
-    run_id = cut_off(street, (0, FRAMES - 1, 1))
+def test_attempt_interrupted_by_shutdown_is_not_counted(street):
+    run_id = request_run_with_attempts(street, (0, FRAMES - 1, 1))
     seen = []
 
     def stop(engine, _frame_id):
         seen.append(attempts(street, run_id))
         engine.stopping.set()
 
-    run = go_on(street, run_id, stop)
+    run = drive_run(street, run_id, stop)
 
     assert run.state == "running"
     assert (seen[0], attempts(street, run_id)) == ({1: 2}, {1: 0})
-    check_run_is_complete(street, go_on(street, run_id))
+    check_run_is_complete(street, drive_run(street, run_id))
 
 
-class Deciding(LocalEngine):
+class ObservedDecisionEngine(LocalEngine):
     """The local engine; calls `look` when a decision reports its progress."""
 
     def __init__(self, look) -> None:
@@ -286,7 +294,7 @@ class Deciding(LocalEngine):
         self._look(self)
 
 
-def cut_off_deciding(street, ended):
+def request_run_with_decision_attempts(street, ended):
     """Prepare a run whose decision has ended so many processes; returns its id."""
     run_id = street.request(NOTHING_VISIBLE)
     with street.context.database.write() as session:
@@ -296,16 +304,16 @@ def cut_off_deciding(street, ended):
     return run_id
 
 
-def go_on_deciding(street, run_id, look=lambda _engine: None):
-    with context_with_engine(street, Deciding(look)) as context:
+def drive_decision(street, run_id, look=lambda _engine: None):
+    with context_with_engine(street, ObservedDecisionEngine(look)) as context:
         drive_job(context, run_job(run_id))
     return run_of(street, run_id)
 
 
-def test_an_attempt_to_decide_is_written_down_before_it_begins(street):
-    seen, run_id = [], cut_off_deciding(street, MOST_ATTEMPTS - 1)
+def test_decision_attempt_is_stored_before_it_begins(street):
+    seen, run_id = [], request_run_with_decision_attempts(street, MOST_ATTEMPTS - 1)
 
-    run = go_on_deciding(
+    run = drive_decision(
         street, run_id, lambda _: seen.append(attempts(street, run_id))
     )
 
@@ -315,10 +323,12 @@ def test_an_attempt_to_decide_is_written_down_before_it_begins(street):
     assert remaining_rows(street, Chunk, run) == []
 
 
-def test_a_decision_that_ends_its_processes_is_given_up_in_words(street):
+def test_decision_that_killed_processes_fails_as_quarantined(street):
     before = street.reasons()
 
-    run = go_on_deciding(street, cut_off_deciding(street, MOST_ATTEMPTS))
+    run = drive_decision(
+        street, request_run_with_decision_attempts(street, MOST_ATTEMPTS)
+    )
 
     assert run.state == "failed"
     assert run.error == {
@@ -330,9 +340,11 @@ def test_a_decision_that_ends_its_processes_is_given_up_in_words(street):
     assert street.run(NOTHING_VISIBLE).state == "done"
 
 
-def test_a_decision_that_was_given_up_is_not_withdrawn(street):
+def test_quarantined_decision_is_not_withdrawn(street):
     """It stays on record, also if a cancellation comes too late."""
-    run = go_on_deciding(street, cut_off_deciding(street, MOST_ATTEMPTS))
+    run = drive_decision(
+        street, request_run_with_decision_attempts(street, MOST_ATTEMPTS)
+    )
 
     with street.context.database.write() as session:
         ChunkRepository(session).withdraw_final_step(run_job(run.id))
@@ -342,30 +354,30 @@ def test_a_decision_that_was_given_up_is_not_withdrawn(street):
     ]
 
 
-def test_a_decision_that_is_interrupted_is_not_to_blame(street):
-    run_id = cut_off_deciding(street, 1)
+def test_decision_interrupted_by_shutdown_is_not_counted_as_an_attempt(street):
+    run_id = request_run_with_decision_attempts(street, 1)
 
-    run = go_on_deciding(street, run_id, lambda engine: engine.stopping.set())
+    run = drive_decision(street, run_id, lambda engine: engine.stopping.set())
 
     assert run.state == "running"
     assert attempts(street, run_id) == {FINAL_STEP: 0}
-    assert go_on_deciding(street, run_id).state == "done"
+    assert drive_decision(street, run_id).state == "done"
 
 
-def test_the_end_of_an_attempt_outlasts_a_database_that_is_away(street):
-    run_id = cut_off(street, (0, FRAMES - 1, 0))
+def test_end_of_an_attempt_is_retried_if_the_database_is_unavailable(street):
+    run_id = request_run_with_attempts(street, (0, FRAMES - 1, 0))
     attempt = Attempt(street.context, run_job(run_id), 1)
 
     begun = attempt.begin()
     noted = attempts(street, run_id)
-    with failing_once(street):
+    with fail_next_transaction(street):
         attempt.end()
 
     assert (begun, noted, attempts(street, run_id)) == (True, {1: 1}, {1: 0})
 
 
 @contextmanager
-def failing_once(street):
+def fail_next_transaction(street):
     """Let the next transaction of this thread fail for lack of a connection."""
     thread, failed = threading.get_ident(), list[bool]()
 

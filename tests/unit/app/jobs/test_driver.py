@@ -39,7 +39,7 @@ def run_with(street, engine):
     return run_of(street, run_id)
 
 
-def test_chunks_beside_each_other_are_as_one(street):
+def test_concurrent_chunks_measure_each_frame_once(street):
     engine = SmallChunks()
 
     run = run_with(street, engine)
@@ -51,7 +51,7 @@ def test_chunks_beside_each_other_are_as_one(street):
     )
 
 
-def test_an_engine_that_goes_away_is_waited_for_and_asked_again(street):
+def test_driver_reconnects_to_a_lost_engine_and_resubmits_chunks(street):
     engine = DisconnectingEngine()
 
     run = run_with(street, engine)
@@ -61,7 +61,7 @@ def test_an_engine_that_goes_away_is_waited_for_and_asked_again(street):
     assert len(engine.begun) > 4
 
 
-def test_a_chunk_that_kills_is_put_into_quarantine_and_no_other_one(street):
+def test_chunk_that_kills_its_worker_is_quarantined_and_no_other(street):
     engine = CrashingEngine(2)
 
     run = run_with(street, engine)
@@ -77,7 +77,7 @@ def test_a_chunk_that_kills_is_put_into_quarantine_and_no_other_one(street):
     assert run.done == FRAMES - 3
 
 
-def test_chunks_beside_a_dead_process_are_tried_alone(street):
+def test_chunks_beside_a_dead_process_are_retried_one_at_a_time(street):
     engine = CrashingEngine(2, times=2)
 
     run = run_with(street, engine)
@@ -88,7 +88,7 @@ def test_chunks_beside_a_dead_process_are_tried_alone(street):
     assert {len(beside) for beside in again} == {1}
 
 
-def test_a_chunk_that_is_given_back_is_tried_alone_again(street):
+def test_returned_chunk_is_retried_without_other_chunks(street):
     """The worker of the second attempt stops, so the cause is still unknown."""
 
     class Stopping(CrashingEngine):
@@ -107,7 +107,7 @@ def test_a_chunk_that_is_given_back_is_tried_alone_again(street):
     assert beside[2:] == [{2}]
 
 
-def test_a_new_run_measures_what_was_in_quarantine(street):
+def test_new_run_measures_quarantined_frames(street):
     failed = run_with(street, CrashingEngine(2))
 
     run = run_with(street, SmallChunks())
@@ -116,7 +116,7 @@ def test_a_new_run_measures_what_was_in_quarantine(street):
     check_run_is_complete(street, run)
 
 
-def test_a_chunk_that_is_done_twice_counts_once(street):
+def test_chunk_that_is_worked_on_twice_counts_once(street):
     class Twice(SmallChunks):
         def _work(self, here, job, number):
             with ThreadPoolExecutor(1) as beside:
@@ -150,17 +150,17 @@ def test_two_drivers_end_a_run_once(street):
     assert [entry["run"] for entry in entries].count(run_id) <= 1
 
 
-def test_a_driver_whose_lease_is_taken_stops_before_it_ends_the_run(street):
+def test_driver_that_lost_its_lease_does_not_end_the_run(street):
     run_id = street.request(FROM_PIXELS)
     before = street.reasons()
 
-    class Robbed(SmallChunks):
+    class LosesItsLease(SmallChunks):
         def _work(self, here, job, number):
             with street.context.database.write() as session:
                 give_lease(session, job, ANOTHER_MACHINE)
             return super()._work(here, job, number)
 
-    with context_with_engine(street, Robbed()) as context:
+    with context_with_engine(street, LosesItsLease()) as context:
         drive_job(context, run_job(run_id))
     run = run_of(street, run_id)
     assert run.state == "running"
@@ -172,7 +172,7 @@ def test_a_driver_whose_lease_is_taken_stops_before_it_ends_the_run(street):
     check_run_is_complete(street, run_of(street, run_id))
 
 
-def test_a_worker_of_another_installation_is_told(street):
+def test_worker_of_another_installation_fails_the_run(street):
     run_id = street.request(FROM_PIXELS)
     asked = ("run", run_id, 1)
 
@@ -189,13 +189,13 @@ def test_a_worker_of_another_installation_is_told(street):
     assert (run.state, run.error["code"]) == ("failed", "worker_elsewhere")
 
 
-def test_a_chunk_of_a_run_that_is_over_is_nobodys(street):
+def test_chunk_of_a_finished_run_is_unwanted(street):
     run = street.run({"threshold_small_box": 99})
 
     assert work_on_chunk(street.context, "run", run.id, 1) == "unwanted"
 
 
-def test_a_worker_that_cannot_reach_the_database_blames_no_frame(street):
+def test_worker_without_a_database_returns_its_chunk(street):
     nowhere = Database("postgresql+psycopg://postgres@127.0.0.1:1/nowhere")
     asked = ("run", 1, 1)
 

@@ -26,7 +26,7 @@ def street(services):
 
 
 @pytest.fixture
-def registered():
+def register_jobs():
     """Lets a test replace the kinds of jobs; afterwards the service's are restored."""
     yield register
     register(RUNS, EXPORTS)
@@ -53,7 +53,7 @@ def state_of(street, job):
 
 
 @pytest.mark.parametrize("kind", ["run", "export"])
-def test_an_abandoned_job_is_started_and_no_other_one_of_its_kind(services, kind):
+def test_abandoned_job_is_started_and_no_other_of_its_kind(services, kind):
     streets = services.dataset(), services.dataset()
     abandoned, other = (queued(street, kind) for street in streets)
     with services.context.database.write() as session:
@@ -66,7 +66,7 @@ def test_an_abandoned_job_is_started_and_no_other_one_of_its_kind(services, kind
 
 
 @pytest.mark.parametrize("kind", ["run", "export"])
-def test_the_end_of_any_job_starts_what_waits_in_its_dataset(services, street, kind):
+def test_end_of_a_job_starts_the_waiting_run_of_its_dataset(services, street, kind):
     job, waiting = queued(street, kind), queued(street, "run")
     elsewhere = queued(services.dataset(), "run")
 
@@ -77,7 +77,7 @@ def test_the_end_of_any_job_starts_what_waits_in_its_dataset(services, street, k
     assert state_of(street, elsewhere) == "queued"
 
 
-class _Fails:
+class _FailsAtBegin:
     """A part of a kind of job: to begin such a job raises this error."""
 
     def __init__(self, error):
@@ -87,11 +87,11 @@ class _Fails:
         raise self._error
 
 
-class FailingRun(_Fails, RunJobs):
+class FailingRun(_FailsAtBegin, RunJobs):
     pass
 
 
-class FailingExport(_Fails, ExportJobs):
+class FailingExport(_FailsAtBegin, ExportJobs):
     pass
 
 
@@ -101,10 +101,10 @@ class FailingExport(_Fails, ExportJobs):
     ids=["of the service", "of the library"],
 )
 @pytest.mark.parametrize("kind", [FailingRun, FailingExport])
-def test_a_job_of_any_kind_fails_with_the_words_of_an_error(
-    street, registered, kind, error
+def test_job_fails_with_the_code_and_detail_of_its_error(
+    street, register_jobs, kind, error
 ):
-    registered(kind(error))
+    register_jobs(kind(error))
     job = queued(street, kind.table.job_kind)
 
     assert drive_job(street.context, job)
@@ -115,10 +115,10 @@ def test_a_job_of_any_kind_fails_with_the_words_of_an_error(
     assert row.finished_at is not None
 
 
-def test_a_job_that_fails_of_a_fault_starts_what_waits_in_its_dataset(
-    services, street, registered
+def test_job_with_an_internal_error_starts_the_waiting_run_of_its_dataset(
+    services, street, register_jobs
 ):
-    registered(FailingExport(RuntimeError("a fault of the program")))
+    register_jobs(FailingExport(RuntimeError("a fault of the program")))
     job, waiting = queued(street, "export"), queued(street, "run")
 
     start(services.context, [job])
@@ -128,16 +128,16 @@ def test_a_job_that_fails_of_a_fault_starts_what_waits_in_its_dataset(
     assert street.wait(waiting.id).state == "done"
 
 
-def test_a_job_that_another_process_drives_has_not_ended_by_a_failure_here(
-    street, registered
+def test_failure_of_a_driver_that_lost_its_lease_does_not_end_the_job(
+    street, register_jobs
 ):
-    class Robbed(ExportJobs):
+    class LosesItsLease(ExportJobs):
         def work(self, task):
             with street.context.database.write() as session:
                 give_lease(session, task.job, ELSEWHERE)
             raise Conflict("it is so", code="so")
 
-    registered(Robbed())
+    register_jobs(LosesItsLease())
     job = queued(street, "export")
 
     assert not drive_job(street.context, job)
@@ -148,7 +148,7 @@ def test_a_job_that_another_process_drives_has_not_ended_by_a_failure_here(
 @pytest.mark.parametrize(
     ("end", "left"), [("done", []), ("cancelled", []), ("failed", ["quarantined"])]
 )
-def test_a_job_is_closed_once_and_its_chunks_with_it(street, kind, end, left):
+def test_job_is_closed_once_together_with_its_chunks(street, kind, end, left):
     job = queued(street, kind)
     with street.context.database.write() as session:
         chunks = ChunkRepository(session)

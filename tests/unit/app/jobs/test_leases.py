@@ -41,7 +41,7 @@ def job():
     return Job("run", next(_numbers))
 
 
-def taken(database, job, holder):
+def take_lease(database, job, holder):
     """Take the lease of a job under the name `holder`, and return it."""
     lease = JobLease(database, job, holder)
     with database.write() as session:
@@ -55,18 +55,18 @@ def holder_of(context, job):
         return None if lease is None else lease.holder
 
 
-def test_a_lease_has_one_holder_until_it_is_given_back(services, job):
+def test_lease_has_one_holder_until_it_is_released(services, job):
     context = services.context
-    one = taken(context.database, job, "one")
+    one = take_lease(context.database, job, "one")
 
     with pytest.raises(LeaseLost):
-        taken(context.database, job, "two")
+        take_lease(context.database, job, "two")
     with context.database.write() as session:
         one.take(session)
         one.require(session)
     one.release()
     given_back = holder_of(context, job)
-    two = taken(context.database, job, "two")
+    two = take_lease(context.database, job, "two")
     held = holder_of(context, job)
     two.release()
 
@@ -74,26 +74,26 @@ def test_a_lease_has_one_holder_until_it_is_given_back(services, job):
     assert (given_back, held, holder_of(context, job)) == (None, "two", None)
 
 
-def test_a_lease_that_ran_out_or_whose_holder_died_is_anybodys(services, write, job):
+def test_lease_that_expired_or_whose_holder_died_can_be_taken(services, write, job):
     database = services.context.database
     with write() as session:
         give_lease(session, job, ended_process())
         assert Leased.of(session).void >= {job}
-    other = taken(database, job, ELSEWHERE)
+    other = take_lease(database, job, ELSEWHERE)
 
     with pytest.raises(LeaseLost):
-        taken(database, job, "mine")
+        take_lease(database, job, "mine")
     with write() as session:
         row = session.get_one(Lease, job)
         assert timedelta(0) < row.until - utc_now() <= LEASE_LASTS
         assert Leased.of(session).valid >= {job}
         give_lease(session, job, "another-machine/4/5/6", timedelta(0))
 
-    taken(database, job, "mine").release()
+    take_lease(database, job, "mine").release()
     other.release()
 
 
-def test_a_driver_that_lost_its_lease_finds_out_before_it_writes(services, write, job):
+def test_driver_that_lost_its_lease_raises_before_it_writes(services, write, job):
     context = services.context
     with context.one(Leases).driving(context.database, job) as lease:
         with write() as session:
@@ -111,7 +111,7 @@ def test_a_driver_that_lost_its_lease_finds_out_before_it_writes(services, write
         delete_lease(session, job)
 
 
-def test_a_job_whose_driver_died_is_found_at_once(services, write):
+def test_job_whose_driver_died_is_abandoned_immediately(services, write):
     street = services.dataset()
     run_id = street.request({})
     job = run_job(run_id)
@@ -128,7 +128,7 @@ def test_a_job_whose_driver_died_is_found_at_once(services, write):
     street.wait(run_id)
 
 
-def test_a_job_that_its_driver_leaves_unfinished_is_found_at_once(services, write):
+def test_job_left_unfinished_by_its_driver_is_abandoned_immediately(services, write):
     context, street = services.context, services.dataset()
     run_id = street.request({})
     watch = Watchdog(context)
@@ -145,7 +145,7 @@ def test_a_job_that_its_driver_leaves_unfinished_is_found_at_once(services, writ
 
 
 @pytest.mark.parametrize("ahead", [timedelta(hours=1), timedelta(hours=-1)])
-def test_a_job_that_nobody_begins_is_found_whatever_the_clock_of_who_asked(
+def test_job_without_a_driver_is_abandoned_whatever_its_creation_time(
     services, write, ahead
 ):
     now = [100.0]
@@ -162,7 +162,7 @@ def test_a_job_that_nobody_begins_is_found_whatever_the_clock_of_who_asked(
     assert seen == [False, False, True]
 
 
-def test_a_job_waits_anew_once_somebody_has_driven_it(services, write):
+def test_waiting_time_restarts_after_a_job_was_driven(services, write):
     now = [100.0]
     watch = Watchdog(services.context, clock=lambda: now[0])
     run_id = services.dataset().request({})
@@ -178,7 +178,7 @@ def test_a_job_waits_anew_once_somebody_has_driven_it(services, write):
     assert run_job(run_id) not in driven + watch.abandoned()
 
 
-def test_leases_of_the_dead_go_with_their_jobs(services, write):
+def test_leases_of_dead_processes_are_deleted_with_their_jobs(services, write):
     holders = ended_process(), ELSEWHERE
     jobs = [run_job(services.dataset().request({})) for _ in holders]
     for job, holder in zip(jobs, holders, strict=True):
@@ -197,7 +197,7 @@ def test_leases_of_the_dead_go_with_their_jobs(services, write):
     assert left == [False, True]
 
 
-def test_a_process_knows_itself_and_the_dead_from_the_living():
+def test_process_has_ended_only_for_processes_that_ended():
     assert this_process() != this_process()
     assert not process_has_ended(this_process())
     assert process_has_ended(ended_process())
@@ -205,7 +205,7 @@ def test_a_process_knows_itself_and_the_dead_from_the_living():
     assert not process_has_ended("nonsense")
 
 
-def test_a_number_that_another_process_has_by_now_is_no_sign_of_life():
+def test_reused_process_id_counts_as_an_ended_process():
     machine, pid, started, rest = this_process().split("/")
 
     assert process_has_ended("/".join((machine, pid, str(int(started) - 1), rest)))

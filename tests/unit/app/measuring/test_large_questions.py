@@ -41,7 +41,7 @@ def street(services):
     street = services.dataset()
     for number in range(FRAMES):
         boxes = [cube("near", 10.0), cube("behind", 25.0 + number / 4)]
-        boxes += [beside(place, 12.0 + number / 4 + place) for place in range(3)]
+        boxes += [cube_beside(place, 12.0 + number / 4 + place) for place in range(3)]
         boxes[number % 5]["class"] = "truck"
         street.put(str(number), {**ANNOTATION, "boxes": boxes}, **sensors())
     with street.context.database.write() as session:
@@ -55,7 +55,7 @@ def street(services):
 
 
 @pytest.fixture(scope="module")
-def by_tags(services):
+def street_with_histograms(services):
     """Frames with a histogram of tags, so that a preview can accept other tags."""
     street = services.dataset()
     for number in range(FRAMES):
@@ -63,7 +63,7 @@ def by_tags(services):
     return street
 
 
-def beside(place, distance):
+def cube_beside(place, distance):
     box = cube(str(place), distance)
     box["box3d"]["transform"]["y"] = 1.0 + place
     return box
@@ -75,14 +75,14 @@ def asked(street, most_boxes, question):
         return question(context, session, street.row(session))
 
 
-def previewed(config):
+def preview_question(config):
     wanted = FilterConfig.from_mapping(config)
     limits = PreviewLimits(flips=4, bins=20)
     return partial(preview, config=wanted, limits=limits)
 
 
 QUESTIONS: Mapping[str, Callable[..., Any]] = {
-    "preview": previewed(STRICTER),
+    "preview": preview_question(STRICTER),
     "histogram": partial(current_histogram, bins=20),
     "evaluation by instances": partial(evaluation, truth="instances"),
     "evaluation by people": partial(evaluation, truth="people"),
@@ -92,21 +92,21 @@ QUESTIONS: Mapping[str, Callable[..., Any]] = {
 
 
 @pytest.mark.parametrize("question", QUESTIONS.values(), ids=list(QUESTIONS))
-def test_an_answer_in_parts_is_that_of_the_whole(street, question):
+def test_result_computed_in_parts_equals_the_result_at_once(street, question):
     whole = asked(street, 10**6, question)
 
     assert asked(street, MOST_BOXES, question) == whole
 
 
-def test_a_preview_that_counts_again_does_so_in_parts(by_tags):
-    question = previewed({"classes": {"car": {"accept": ["Sky"]}}})
-    whole = asked(by_tags, 10**6, question)
+def test_preview_with_other_accept_sets_is_equal_in_parts(street_with_histograms):
+    question = preview_question({"classes": {"car": {"accept": ["Sky"]}}})
+    whole = asked(street_with_histograms, 10**6, question)
 
     assert whole.flips.total == 2 * FRAMES
-    assert asked(by_tags, 16, question) == whole
+    assert asked(street_with_histograms, 16, question) == whole
 
 
-def test_every_question_of_these_tests_has_an_answer(street):
+def test_every_tested_question_has_a_nonempty_result(street):
     found = {
         name: asked(street, 10**6, question) for name, question in QUESTIONS.items()
     }
@@ -119,7 +119,7 @@ def test_every_question_of_these_tests_has_an_answer(street):
 
 
 @pytest.mark.parametrize("config", [STRICTER, {"profile": "carlasimu"}])
-def test_runs_differ_in_parts_as_in_the_whole_on_every_page(street, config):
+def test_run_diff_computed_in_parts_is_equal_on_every_page(street, config):
     """With the profile carlasimu, the second run is measured anew."""
     first = street.run({}, activate=False).id
     second = street.run({**config, "min_visible_pixels": 400}, activate=False).id
@@ -142,10 +142,10 @@ def test_runs_differ_in_parts_as_in_the_whole_on_every_page(street, config):
     assert asked(street, MOST_BOXES, pages) == whole
 
 
-def test_classes_of_a_comparison_stand_in_their_order_in_parts_as_well(services):
+def test_classes_of_a_run_diff_keep_their_order_in_parts(services):
     street = services.dataset()
     for number, seen in enumerate(("truck", "car")):
-        boxes = [beside(4, 10.0), cube("near", 10.0)]
+        boxes = [cube_beside(4, 10.0), cube("near", 10.0)]
         boxes[1]["class"] = seen
         street.put(str(number), {**ANNOTATION, "boxes": boxes}, **sensors())
     first = street.run({}, activate=False).id
@@ -160,7 +160,7 @@ def test_classes_of_a_comparison_stand_in_their_order_in_parts_as_well(services)
 
 
 @pytest.mark.parametrize("review", ["", "undecided", "none", "any"])
-def test_boxes_of_a_range_are_counted_without_holding_them(street, review):
+def test_boxes_of_a_match_range_are_counted_in_parts(street, review):
     def counted(context, session, dataset):
         wanted = BoxFilter(dataset.id, review=review, match_min=20, distance_max=30)
         return count_boxes(context, session, dataset, wanted)
@@ -170,7 +170,7 @@ def test_boxes_of_a_range_are_counted_without_holding_them(street, review):
     assert asked(street, MOST_BOXES, counted) == whole > 0
 
 
-def test_no_more_than_a_part_is_read_at_a_time(street):
+def test_at_most_one_part_is_read_at_a_time(street):
     def most_at_once(context, session, dataset):
         parts = context.one(ColumnCache).parts(
             session, dataset.id, dataset.active_measurement_id

@@ -29,7 +29,7 @@ def pool():
     found.close()
 
 
-def picture(wh=WH, suffix=".png"):
+def encoded_image(wh=WH, suffix=".png"):
     width, height = wh
     pixels = np.full((height, width, 3), (142, 0, 0), np.uint8)  # all Car
     return cv2.imencode(suffix, pixels)[1].tobytes()
@@ -40,14 +40,14 @@ def annotation(boxes=1):
     return parse_annotation({"carla_version": "0.9.15", "boxes": [box] * boxes})
 
 
-def with_a_note(png):
+def add_text_chunk(png):
     """The PNG with a chunk of text between its header and its pixels."""
     body = b"tEXtSoftware\0a painter"
     chunk = (len(body) - 4).to_bytes(4, "big") + body + crc32(body).to_bytes(4, "big")
     return png[:33] + chunk + png[33:]
 
 
-def measured(pool, png, *, wh=WH, boxes=1, plan=PLAN, **files):
+def measure_and_count_processes(pool, png, *, wh=WH, boxes=1, plan=PLAN, **files):
     """The percentage of matching pixels, and how many child processes were started."""
     before = processes()
     found = measure_files(pool, plan, annotation(boxes), FrameFiles(png, wh, **files))
@@ -59,32 +59,34 @@ def processes():
     return {process.pid for process in multiprocessing.active_children()}
 
 
-def test_an_ordinary_segmentation_is_measured_in_the_thread_that_asks(pool):
-    assert measured(pool, picture()) == (100, 0)
-    assert measured(pool, picture((1920, 1080)), wh=(1920, 1080)) == (100, 0)
+def test_simple_segmentation_is_measured_in_the_calling_thread(pool):
+    assert measure_and_count_processes(pool, encoded_image()) == (100, 0)
+    assert measure_and_count_processes(
+        pool, encoded_image((1920, 1080)), wh=(1920, 1080)
+    ) == (100, 0)
     assert pool.run_here(pool_tasks.own_pid) == os.getpid()
 
 
 @pytest.mark.parametrize(
     "asked",
     [
-        {"png": with_a_note(picture())},
-        {"png": picture((2048, 1025)), "wh": (2048, 1025)},
-        {"png": picture(), "boxes": SIMPLE_BOXES + 1},
-        {"png": picture(), "ignore_mask": picture()},
+        {"png": add_text_chunk(encoded_image())},
+        {"png": encoded_image((2048, 1025)), "wh": (2048, 1025)},
+        {"png": encoded_image(), "boxes": SIMPLE_BOXES + 1},
+        {"png": encoded_image(), "ignore_mask": encoded_image()},
         {
-            "png": picture(),
-            "plan": replace(PLAN, ignored={"png": b64encode(picture()).decode()}),
+            "png": encoded_image(),
+            "plan": replace(PLAN, ignored={"png": b64encode(encoded_image()).decode()}),
         },
         {
-            "png": picture(),
+            "png": encoded_image(),
             "plan": plan_for(DatasetReading("town"), FilterConfig(evidence="ordered")),
         },
     ],
     ids=["note", "large", "boxes", "mask", "dataset-mask", "channel"],
 )
-def test_a_picture_that_may_cost_more_is_left_to_a_process(pool, asked):
-    _, processes = measured(pool, **asked)
+def test_costly_image_is_measured_in_a_child_process(pool, asked):
+    _, processes = measure_and_count_processes(pool, **asked)
 
     assert processes == 1
 
@@ -94,16 +96,16 @@ def test_a_picture_that_may_cost_more_is_left_to_a_process(pool, asked):
     [(28, 1, "it is damaged"), (24, 16, "expected 8 bits per channel, found 16")],
     ids=["interlaced", "deep"],
 )
-def test_the_header_decides_whether_a_process_reads_a_picture(
+def test_interlaced_or_16_bit_header_is_read_in_a_child_process(
     pool, place, value, found
 ):
     """A child process finds out that the pixels contradict the header."""
-    png = bytearray(picture())
+    png = bytearray(encoded_image())
     png[place] = value
     png[29:33] = crc32(png[12:29]).to_bytes(4, "big")
     before = processes()
 
     with pytest.raises(FilterError, match=found):
-        measured(pool, bytes(png))
+        measure_and_count_processes(pool, bytes(png))
 
     assert len(processes() - before) == 1

@@ -43,17 +43,17 @@ def street(services):
     return ServiceDataset(one, "many", dataset_id)
 
 
-def seen_by(services, run_id):
+def state_and_progress(services, run_id):
     with services.context.database.read() as session:
         run = RunRepository(session).with_id(run_id)
         return run.state, run.done
 
 
-def part_way(services, run_id):
+def wait_for_progress(services, run_id):
     """Wait until a service sees progress of another one's run; returns its state."""
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline:
-        state, done = seen_by(services, run_id)
+        state, done = state_and_progress(services, run_id)
         if 0 < done < FRAMES:
             return state
         assert state in ("queued", "running")
@@ -62,7 +62,7 @@ def part_way(services, run_id):
 
 
 @contextmanager
-def deciding(services, run_id):
+def drive_in_thread(services, run_id):
     """Drive a run in a thread; at its end, the block waits for the run."""
     driver = Thread(target=drive_job, args=(services.context, run_job(run_id)))
     driver.start()
@@ -73,24 +73,26 @@ def deciding(services, run_id):
 
 
 @pytest.mark.long
-def test_a_decision_is_seen_and_ended_from_another_service(services, street):
+def test_run_being_decided_is_followed_and_cancelled_by_another_service(
+    services, street
+):
     one, other = services
     run_id = street.request(NOTHING_VISIBLE)
     before = street.reasons()
-    with deciding(one, run_id):
-        state = part_way(other, run_id)
+    with drive_in_thread(one, run_id):
+        state = wait_for_progress(other, run_id)
         with other.context.database.write() as session:
             cancelled = cancel(other.context, session, RUNS, run_id).state
 
     assert (state, cancelled) == ("running", "cancelled")
-    assert seen_by(one, run_id)[0] == "cancelled"
+    assert state_and_progress(one, run_id)[0] == "cancelled"
     assert street.reasons() == before
     # The same run again, which is not cancelled.
     assert street.run(NOTHING_VISIBLE).changed > 0
     # Deleting the dataset cancels a decision as well, instead of waiting for it.
     run_id = street.request({})
-    with deciding(one, run_id):
-        part_way(other, run_id)
+    with drive_in_thread(one, run_id):
+        wait_for_progress(other, run_id)
         with other.context.database.write() as session:
             remove_dataset(other.context, session, street.name, street.name)
     with one.context.database.read() as session:

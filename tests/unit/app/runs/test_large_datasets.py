@@ -21,7 +21,7 @@ CONFIGS = [
 ]
 
 
-def filled(services):
+def filled_dataset(services):
     """A dataset: frames with two boxes, one without, one replaced, and some answers."""
     street = services.dataset()
     for number in range(FRAMES):
@@ -40,7 +40,7 @@ def put(street, key, annotation):
     street.put(key, annotation, **files)
 
 
-def outcome(street, config, most_boxes, *, activate=True):
+def run_results(street, config, most_boxes, *, activate=True):
     """Drive a run; returns its results without ids, to compare datasets."""
     run_id = street.request(config, activate=activate)
     context = replace(street.context, owned={ColumnCache: ColumnCache(most_boxes)})
@@ -57,28 +57,28 @@ def outcome(street, config, most_boxes, *, activate=True):
 
 @pytest.mark.parametrize("config", CONFIGS)
 @pytest.mark.parametrize("most_boxes", [0, 3, 13])
-def test_a_run_in_ranges_is_as_one_in_memory(services, config, most_boxes):
-    ranges, whole = filled(services), filled(services)
+def test_run_in_ranges_equals_a_run_in_memory(services, config, most_boxes):
+    ranges, whole = filled_dataset(services), filled_dataset(services)
 
-    found = outcome(ranges, config, most_boxes)
+    found = run_results(ranges, config, most_boxes)
 
-    assert found == outcome(whole, config, 10**6)
+    assert found == run_results(whole, config, 10**6)
     assert found[0] > 0
 
 
-def test_a_trial_in_ranges_changes_nothing_that_is_current(services):
-    street = filled(services)
+def test_inactive_run_in_ranges_does_not_change_current_decisions(services):
+    street = filled_dataset(services)
     before = street.reasons(), street.tallies()
 
-    changed, *_ = outcome(street, {"min_visible_pixels": 10**6}, 3, activate=False)
+    changed, *_ = run_results(street, {"min_visible_pixels": 10**6}, 3, activate=False)
 
     assert changed == FRAMES
     assert (street.reasons(), street.tallies()) == before
 
 
 @pytest.mark.parametrize(("boxes", "ranges"), [(1, 7), (4, 4), (10**6, 1)])
-def test_ranges_are_all_frames_once(services, boxes, ranges):
-    street = filled(services)
+def test_frame_ranges_do_not_overlap(services, boxes, ranges):
+    street = filled_dataset(services)
     with street.context.database.read() as session:
         found = list(frame_ranges(session, street.id, boxes=boxes))
 

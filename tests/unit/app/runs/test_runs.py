@@ -39,9 +39,7 @@ def put(street, key, shift=0):
         pytest.param({"config": {"threshold_small_box": 99}}, id="decided again"),
     ],
 )
-def test_a_frame_that_comes_in_before_the_switch_is_part_of_the_run(
-    services, wanted, after
-):
+def test_frame_uploaded_during_a_run_is_part_of_the_run(services, wanted, after):
     """The run used to wait forever for numbers that were not going to be measured."""
     street = services.dataset()
     put(street, "first")
@@ -58,7 +56,7 @@ def test_a_frame_that_comes_in_before_the_switch_is_part_of_the_run(
     assert street.preview(wanted["config"])["flips"]["total"] == 0
 
 
-def test_a_decision_by_numbers_needs_no_file(tmp_path):
+def test_run_that_decides_by_stored_numbers_reads_no_file(tmp_path):
     blobs = tmp_path / "blobs"
     with running_services(tmp_path) as services:
         street = services.dataset()
@@ -98,7 +96,7 @@ def test_recounting_equals_measuring(services):
     assert found == [[UNSEEN, KEPT], [UNSEEN, KEPT]]
 
 
-def test_a_class_that_becomes_known_is_unmeasured_where_there_are_no_pixels(services):
+def test_newly_mapped_class_without_segmentation_is_unmeasured(services):
     """The old box used to keep unmapped_class, while a new one got no_segmentation."""
     dragon = {"classes": {"dragon": {"accept": ["Car"]}}}
     annotation = {"boxes": [{"class": "dragon", "xyxy": scene.ON_THE_CAR}]}
@@ -111,7 +109,7 @@ def test_a_class_that_becomes_known_is_unmeasured_where_there_are_no_pixels(serv
     assert list(street.reasons().values()) == [int(Reason.NO_SEGMENTATION)] * 2
 
 
-def test_settings_that_are_still_being_applied_are_not_lost(services):
+def test_settings_of_queued_runs_do_not_overwrite_each_other(services):
     """The second run used to restore the settings that the first had replaced."""
     street = services.dataset()
     put(street, "a")
@@ -130,7 +128,7 @@ def test_settings_that_are_still_being_applied_are_not_lost(services):
     assert street.active_config()["threshold_small_box"] == 99
 
 
-def test_a_run_that_cannot_read_a_frame_names_it_and_changes_nothing(services):
+def test_run_that_cannot_read_a_frame_fails_and_changes_nothing(services):
     street = services.dataset()
     put(street, "good/1")
     before = street.reasons()
@@ -145,7 +143,7 @@ def test_a_run_that_cannot_read_a_frame_names_it_and_changes_nothing(services):
     assert street.reasons() == before
 
 
-def test_an_interrupted_run_ends_once(services):
+def test_run_that_is_started_repeatedly_ends_once(services):
     street = services.dataset()
     put(street, "a")
     run_id = street.request({"threshold_small_box": 99, "min_visible_pixels": 10**6})
@@ -172,14 +170,14 @@ def test_a_run_of_an_empty_dataset_is_done(services):
 
 
 @pytest.mark.parametrize("config", [{}, CARS_ARE_SKY])
-def test_a_preview_of_an_empty_dataset_counts_nothing(services, config):
+def test_preview_of_an_empty_dataset_has_zero_counts(services, config):
     """With other accept sets it used to fail, since there was no evidence to join."""
     counts = services.dataset().preview(config)["counts"]
 
     assert counts == {"kept": 0, "rejected": 0, "unmeasured": 0}
 
 
-def test_a_frame_without_boxes_is_decided_again(services):
+def test_preview_and_run_accept_a_frame_without_boxes(services):
     street = services.dataset()
     street.put("empty", {"boxes": []}, image=scene.image())
 
@@ -189,7 +187,7 @@ def test_a_frame_without_boxes_is_decided_again(services):
 
 
 @pytest.mark.parametrize("config", [{"min_visible_pixels": 10**6}, CARS_ARE_SKY])
-def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services, config):
+def test_run_that_is_storing_its_results_can_be_cancelled(services, config):
     """The request to cancel waits for the turn to write, which the run holds."""
     street = services.dataset()
     put(street, "a")
@@ -203,24 +201,24 @@ def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services, co
     assert services.context.engine.interrupted() == set()
 
 
-def test_a_run_that_could_not_be_cancelled_goes_on(services):
+def test_run_continues_if_its_cancellation_is_rolled_back(services):
     street = services.dataset()
     put(street, "a")
     run_id = street.request({"min_visible_pixels": 10**6})
 
-    def fails_after_cancelling():
+    def cancel_and_fail():
         with services.context.database.write() as session:
             cancel(services.context, session, RUNS, run_id)
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        fails_after_cancelling()
+        cancel_and_fail()
 
     assert street.wait(run_id).state == "done"
     assert services.context.engine.interrupted() == set()
 
 
-def test_a_run_begins_at_once_when_the_one_before_it_is_cancelled(services):
+def test_run_starts_immediately_when_the_previous_run_is_cancelled(services):
     """`drive_job` has declined it already; the next check would be much later."""
     street = services.dataset()
     put(street, "a")
@@ -234,19 +232,21 @@ def test_a_run_begins_at_once_when_the_one_before_it_is_cancelled(services):
     assert street.wait(run_id).state == "done"
 
 
-def test_progress_is_seen_while_the_last_transaction_is_open(services):
+def test_progress_is_visible_while_the_last_transaction_is_open(services):
     street = services.dataset()
     put(street, "a")
     run_id = street.request({"min_visible_pixels": 10**6})
     seen = []
 
-    def look() -> None:
+    def report_and_read_progress() -> None:
         services.context.engine.report(run_job(run_id), 1)
         with services.context.database.read() as elsewhere:
             run = RunRepository(elsewhere).with_id(run_id)
             seen.append(described_run(services.context, elsewhere, run))
 
-    with interrupted_at(services.context.database.engine, FLIPS, look):
+    with interrupted_at(
+        services.context.database.engine, FLIPS, report_and_read_progress
+    ):
         drive_job(services.context, run_job(run_id))
 
     assert [(run.state, run.done) for run in seen] == [("running", 1)]
@@ -254,9 +254,7 @@ def test_progress_is_seen_while_the_last_transaction_is_open(services):
 
 
 @pytest.mark.parametrize("kind", ["segmentation", "ignore_mask"])
-def test_a_stored_image_that_is_no_image_any_more_leaves_its_frame_unmeasured(
-    services, kind
-):
+def test_invalid_stored_image_leaves_its_frame_unmeasured(services, kind):
     """Earlier versions checked images less before they stored them."""
     street = services.dataset()
     mask = {"ignore_mask": scene.segmentation()} if kind == "ignore_mask" else {}

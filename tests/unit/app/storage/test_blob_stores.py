@@ -20,7 +20,7 @@ OTHER = b"a segmentation"
 LARGE = random.Random(7).randbytes(2 * PIECE + 12_345)
 
 
-class Store:
+class DamageableStore:
     """A store, and methods that damage its files without its knowledge."""
 
     def __init__(self, folder: Path, bucket: TestBucket | None) -> None:
@@ -49,7 +49,7 @@ def place(request, tmp_path):
     bucket = None
     if request.param == "s3":
         bucket = request.getfixturevalue("s3").bucket()
-    opened = Store(tmp_path / "data", bucket)
+    opened = DamageableStore(tmp_path / "data", bucket)
     yield opened
     opened.store.close()
 
@@ -59,25 +59,25 @@ def store(place):
     return place.store
 
 
-def names(store):
+def stored_sizes(store):
     return {file.digest: file.size_bytes for file in store.files()}
 
 
-def test_a_blob_that_was_put_is_read_again(store):
+def test_stored_blob_is_read_and_listed(store):
     store.put({DIGEST: CONTENT, sha256_of(OTHER): OTHER})
 
     assert (store.read(DIGEST), store.read(sha256_of(OTHER))) == (CONTENT, OTHER)
-    assert names(store) == {DIGEST: len(CONTENT), sha256_of(OTHER): len(OTHER)}
+    assert stored_sizes(store) == {DIGEST: len(CONTENT), sha256_of(OTHER): len(OTHER)}
 
 
-def test_nothing_that_is_put_twice_is_there_twice(store):
+def test_blob_stored_twice_is_listed_once(store):
     for _ in range(2):
         store.put({DIGEST: CONTENT})
 
-    assert names(store) == {DIGEST: len(CONTENT)}
+    assert stored_sizes(store) == {DIGEST: len(CONTENT)}
 
 
-def test_a_file_was_stored_now(store):
+def test_modification_time_of_a_stored_blob_is_now(store):
     begun = time.time()
     store.put({DIGEST: CONTENT})
 
@@ -86,31 +86,31 @@ def test_a_file_was_stored_now(store):
     assert begun - 2 <= found.modified_at <= time.time() + 2
 
 
-def test_drafts_are_there_once_they_are_settled(store):
+def test_settled_drafts_are_stored(store):
     drafts = [store.draft({sha256_of(data): data}) for data in (CONTENT, OTHER)]
     store.settle(drafts)
 
     assert store.read(DIGEST) == CONTENT
-    assert len(names(store)) == 2
+    assert len(stored_sizes(store)) == 2
 
 
-def test_discarded_drafts_are_in_nobodys_way(store):
+def test_discarded_draft_does_not_prevent_storing_its_blob(store):
     store.discard([store.draft({DIGEST: CONTENT})])
     store.put({DIGEST: CONTENT})
 
     assert store.read(DIGEST) == CONTENT
 
 
-def test_many_drafts_at_once_are_all_stored(store):
+def test_many_drafts_settled_together_are_all_stored(store):
     contents = [f"image {number}".encode() for number in range(100)]
 
     store.settle([store.draft({sha256_of(data): data}) for data in contents])
 
-    assert set(names(store)) == {sha256_of(data) for data in contents}
+    assert set(stored_sizes(store)) == {sha256_of(data) for data in contents}
 
 
 @pytest.mark.parametrize("damage", [b"", b"an imagf", b"an image!"])
-def test_damage_is_found_when_a_blob_is_read(place, damage):
+def test_reading_a_damaged_blob_raises_damaged_file(place, damage):
     place.store.put({DIGEST: CONTENT})
     place.overwrite(DIGEST, damage)
 
@@ -120,7 +120,7 @@ def test_damage_is_found_when_a_blob_is_read(place, damage):
         place.store.open_verified(DIGEST, size_bytes=len(CONTENT))
 
 
-def test_a_blob_that_is_gone_is_told_of(place):
+def test_reading_a_missing_blob_raises_damaged_file(place):
     place.store.put({DIGEST: CONTENT})
     place.lose(DIGEST)
 
@@ -131,7 +131,7 @@ def test_a_blob_that_is_gone_is_told_of(place):
         place.store.read(DIGEST)
 
 
-def test_a_blob_of_another_size_is_not_given_out(place):
+def test_opening_a_blob_of_wrong_size_raises_damaged_file(place):
     place.store.put({DIGEST: CONTENT})
     place.overwrite(DIGEST, b"an")
 
@@ -139,7 +139,7 @@ def test_a_blob_of_another_size_is_not_given_out(place):
         place.store.open(DIGEST, size_bytes=len(CONTENT))
 
 
-def test_a_blob_that_was_damaged_is_put_again(place):
+def test_put_missing_replaces_a_damaged_blob(place):
     place.store.put({DIGEST: CONTENT})
     place.overwrite(DIGEST, b"half")
 
@@ -153,7 +153,7 @@ def test_a_blob_that_was_damaged_is_put_again(place):
     ("first", "end"),
     [(0, None), (0, 1), (7, 7), (PIECE - 1, PIECE + 1), (len(LARGE) - 5, len(LARGE))],
 )
-def test_parts_of_a_large_blob_are_read_piece_by_piece(store, first, end):
+def test_range_of_a_large_blob_is_read_in_pieces(store, first, end):
     name = sha256_of(LARGE)
     store.put({name: LARGE})
 
@@ -164,7 +164,7 @@ def test_parts_of_a_large_blob_are_read_piece_by_piece(store, first, end):
     assert all(len(piece) <= PIECE for piece in pieces)
 
 
-def test_a_small_blob_is_read_in_parts_too(store):
+def test_range_of_a_small_blob_is_read(store):
     store.put({DIGEST: CONTENT})
 
     for ask in (store.open, store.open_verified):
@@ -173,7 +173,7 @@ def test_a_small_blob_is_read_in_parts_too(store):
         assert b"".join(blob.pieces(3, 5)) == CONTENT[3:5]
 
 
-def test_a_blob_is_never_taken_when_it_was_put_since(store):
+def test_recently_stored_blob_is_not_removed_as_unused(store):
     store.put({DIGEST: CONTENT})
     (found,) = store.files()
 
@@ -185,21 +185,21 @@ def test_a_blob_is_never_taken_when_it_was_put_since(store):
     assert store.remove([DIGEST], unused_since=time.time() - 5) == {}
 
 
-def test_a_blob_that_was_removed_is_gone_and_asked_for_again(store):
+def test_removed_blob_is_missing_and_make_sure_raises_try_later(store):
     store.put({DIGEST: CONTENT, sha256_of(OTHER): OTHER})
 
     missing = sha256_of(b"never there")
     removed = store.remove([DIGEST, missing], unused_since=float("inf"))
 
     assert removed == {DIGEST: len(CONTENT)}
-    assert set(names(store)) == {sha256_of(OTHER)}
+    assert set(stored_sizes(store)) == {sha256_of(OTHER)}
     store.make_sure([sha256_of(OTHER)])
     with pytest.raises(TryLater, match="send the frame again"):
         store.make_sure([sha256_of(OTHER), DIGEST])
 
 
 @pytest.mark.parametrize("content", [CONTENT, LARGE], ids=["small", "in parts"])
-def test_a_finished_file_is_adopted_under_its_digest(store, content):
+def test_adopted_file_is_stored_under_its_digest(store, content):
     file = store.temporary_folder() / "export.zip"
     file.write_bytes(content)
 
@@ -209,26 +209,26 @@ def test_a_finished_file_is_adopted_under_its_digest(store, content):
     assert (store.read(name), file.exists()) == (content, False)
 
 
-def test_a_half_written_export_is_left_over_and_no_file(store):
+def test_incomplete_export_is_listed_as_a_leftover_and_not_as_a_file(store):
     (store.temporary_folder() / "export-3").mkdir()
 
     assert [path.name for path, _ in store.leftovers()] == ["export-3"]
-    assert names(store) == {}
+    assert stored_sizes(store) == {}
 
 
-def test_checking_leaves_no_blob(store):
+def test_check_of_a_store_leaves_no_blob(store):
     for _ in range(2):
         store.check()
 
-    assert names(store) == {}
+    assert stored_sizes(store) == {}
 
 
-def test_no_other_name_becomes_a_place(store):
+def test_name_that_is_not_a_digest_raises_value_error(store):
     for name in ("../../etc/passwd", "A" * 64, "", "0" * 63):
         with pytest.raises(ValueError, match="not a SHA-256 digest"):
             store.read(name)
 
 
-def test_drafts_of_another_store_are_refused(store):
+def test_drafts_of_another_store_raise_type_error(store):
     with pytest.raises(TypeError, match="another store"):
         store.settle([Drafts()])

@@ -23,16 +23,16 @@ def open_bucket(tmp_path):
     """A function that opens stores; each is closed after the test."""
     opened = []
 
-    def opening(place):
+    def open_store(place):
         opened.append(S3Storage(place, tmp_path / "blobs"))
         return opened[-1]
 
-    yield opening
+    yield open_store
     for store in opened:
         store.close()
 
 
-def test_nothing_is_asked_in_the_turn_of_a_writer(s3, open_bucket):
+def test_require_sends_no_request_and_raises_unsure_for_unknown_blobs(s3, open_bucket):
     bucket, another = s3.bucket(), sha256_of(b"another")
     with gate(bucket.url) as way:
         store = open_bucket(bucket.behind(way.url).place(timeout_s=1.0))
@@ -47,7 +47,7 @@ def test_nothing_is_asked_in_the_turn_of_a_writer(s3, open_bucket):
             store.make_sure([another])
 
 
-def test_a_blob_that_was_there_before_is_asked_for(s3, open_bucket):
+def test_blob_of_an_earlier_store_is_unsure_until_it_is_looked_up(s3, open_bucket):
     """A garbage collection may have found it unused, and be about to remove it."""
     bucket = s3.bucket()
     open_bucket(bucket.place()).put({DIGEST: CONTENT})
@@ -61,7 +61,7 @@ def test_a_blob_that_was_there_before_is_asked_for(s3, open_bucket):
     store.require([DIGEST])
 
 
-def test_a_blob_that_was_removed_before_is_put_again(s3, open_bucket):
+def test_blob_removed_before_its_lookup_raises_try_later(s3, open_bucket):
     bucket = s3.bucket()
     open_bucket(bucket.place()).put({DIGEST: CONTENT})
     store = open_bucket(bucket.place())
@@ -73,7 +73,7 @@ def test_a_blob_that_was_removed_before_is_put_again(s3, open_bucket):
         store.make_sure([DIGEST])
 
 
-def test_a_young_blob_is_not_removed_whatever_the_grace(s3, open_bucket):
+def test_young_blob_is_not_removed_for_any_grace_period(s3, open_bucket):
     bucket = s3.bucket()
     store = open_bucket(bucket.place())
     old, young = b"old", b"young"
@@ -88,7 +88,7 @@ def test_a_young_blob_is_not_removed_whatever_the_grace(s3, open_bucket):
     store.require([sha256_of(young)])
 
 
-def test_an_old_blob_that_is_put_again_is_young(s3, open_bucket):
+def test_old_blob_that_is_stored_again_is_not_removed(s3, open_bucket):
     store = open_bucket(s3.bucket().place())
     with s3.at_another_time(-2 * HOUR_S):
         store.put({DIGEST: CONTENT})
@@ -101,7 +101,9 @@ def test_an_old_blob_that_is_put_again_is_young(s3, open_bucket):
 @pytest.mark.parametrize(
     "status", [pytest.param(500, marks=pytest.mark.long), 503, 403, 404, 400]
 )
-def test_any_refusal_of_a_bucket_means_that_it_is_away(open_bucket, s3, status):
+def test_any_error_status_of_the_bucket_means_it_is_unavailable(
+    open_bucket, s3, status
+):
     """Clients cannot do anything about it, and are not told what the server said."""
     with server_answering_with(lambda _: (status, "<Code>Quoted</Code> secret")) as url:
         store = open_bucket(s3.bucket().behind(url).place(timeout_s=0.5))
@@ -119,21 +121,21 @@ def test_any_refusal_of_a_bucket_means_that_it_is_away(open_bucket, s3, status):
             assert away.value.reason.isidentifier()
 
 
-def test_a_server_that_fails_now_and_then_is_asked_again(open_bucket, s3):
+def test_request_is_retried_after_503_of_the_bucket(open_bucket, s3):
     asked = []
 
-    def answer(_):
+    def answer_503_twice(_):
         asked.append(1)
         return (503, "<Code>SlowDown</Code>") if len(asked) < 3 else (200, "")
 
-    with server_answering_with(answer) as url:
+    with server_answering_with(answer_503_twice) as url:
         store = open_bucket(s3.bucket().behind(url).place(timeout_s=5.0))
         store.put({DIGEST: CONTENT})
 
     assert len(asked) == 3
 
 
-def test_a_silent_server_is_waited_for_no_longer_than_was_said(open_bucket, s3):
+def test_silent_server_is_unavailable_after_the_timeout(open_bucket, s3):
     bucket = s3.bucket()
     with gate(bucket.url) as way:
         store = open_bucket(bucket.behind(way.url).place(timeout_s=0.5))
@@ -146,7 +148,7 @@ def test_a_silent_server_is_waited_for_no_longer_than_was_said(open_bucket, s3):
     assert time.monotonic() - begun < 5
 
 
-def test_memory_held_for_a_silent_server_is_bounded(open_bucket, s3):
+def test_draft_waits_while_sixteen_blobs_are_being_sent(open_bucket, s3):
     """Sixteen blobs are being sent; a draft of another one waits."""
     bucket = s3.bucket()
     blobs = {sha256_of(data): data for data in (b"%d" % each for each in range(16))}

@@ -30,21 +30,21 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
         path = Path(f"/proc/self/fd/{descriptor}").readlink()
         return "folder" if path.is_dir() else path.name[:5]
 
-    def noting_fsync(descriptor: int) -> None:
+    def recording_fsync(descriptor: int) -> None:
         noted.append(("fsync", name_of(descriptor)))
         fsync(descriptor)
 
-    def noting_replace(source: str, target: str) -> None:
+    def recording_replace(source: str, target: str) -> None:
         noted.append(("rename", f"{Path(source).name[:5]} to {Path(target).name[:5]}"))
         replace(source, target)
 
-    monkeypatch.setattr(os, "fsync", noting_fsync)
-    monkeypatch.setattr(os, "replace", noting_replace)
+    monkeypatch.setattr(os, "fsync", recording_fsync)
+    monkeypatch.setattr(os, "replace", recording_replace)
     return noted
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")
-def test_file_then_name_then_folder_reach_the_disk(tmp_path, calls):
+def test_put_flushes_the_file_then_renames_it_then_flushes_the_folder(tmp_path, calls):
     storage = FolderStorage(tmp_path / "blobs")
     calls.clear()
 
@@ -58,7 +58,7 @@ def test_file_then_name_then_folder_reach_the_disk(tmp_path, calls):
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")
-def test_all_folders_reach_the_disk_before_the_first_file(tmp_path, calls):
+def test_new_folders_are_flushed_before_the_first_file(tmp_path, calls):
     FolderStorage(tmp_path / "blobs").put({DIGEST: CONTENT})
 
     before = calls[: calls.index(("fsync", ".new-"))]
@@ -69,7 +69,7 @@ def test_all_folders_reach_the_disk_before_the_first_file(tmp_path, calls):
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")
-def test_a_new_folder_is_lost_with_nothing_that_was_put_into_it(tmp_path, calls):
+def test_make_folder_flushes_the_parent_of_each_new_folder(tmp_path, calls):
     """A new folder is durable only after the folder that contains it was flushed."""
     make_folder(tmp_path / "a" / "b")
     make_folder(tmp_path / "a" / "b")
@@ -78,9 +78,7 @@ def test_a_new_folder_is_lost_with_nothing_that_was_put_into_it(tmp_path, calls)
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")
-def test_a_blob_that_is_there_is_not_written_but_its_name_reaches_the_disk(
-    tmp_path, calls
-):
+def test_put_of_an_existing_blob_only_flushes_its_folder(tmp_path, calls):
     """The process that wrote it may not have flushed the folder yet."""
     storage = FolderStorage(tmp_path / "blobs")
     storage.put({DIGEST: CONTENT})
@@ -91,14 +89,14 @@ def test_a_blob_that_is_there_is_not_written_but_its_name_reaches_the_disk(
     assert calls == [("fsync", "folder")]
 
 
-def test_a_write_that_fails_leaves_no_trace(tmp_path, monkeypatch):
+def test_write_that_fails_leaves_no_file(tmp_path, monkeypatch):
     storage = FolderStorage(tmp_path / "blobs")
 
-    def full(_descriptor: int) -> None:
+    def raise_no_space(_descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(os, "fsync", full)
+        patch.setattr(os, "fsync", raise_no_space)
         with pytest.raises(OSError, match="No space"):
             storage.put({DIGEST: CONTENT})
 
@@ -109,7 +107,7 @@ def test_a_write_that_fails_leaves_no_trace(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("damage", [b"", CONTENT[:-1]])
-def test_half_a_file_is_written_anew_when_it_is_put_again(tmp_path, damage):
+def test_incomplete_file_is_rewritten_when_it_is_put_again(tmp_path, damage):
     """That a file of this name exists does not mean that it is complete."""
     storage = FolderStorage(tmp_path / "blobs")
     storage.put({DIGEST: CONTENT})
@@ -132,7 +130,7 @@ def test_a_file_that_is_put_again_is_not_removed_as_unused(tmp_path):
     storage.require([DIGEST])
 
 
-def test_each_attempt_at_an_export_belongs_to_it(tmp_path):
+def test_export_of_returns_the_export_of_a_temporary_folder(tmp_path):
     names = ("export-7", "export-7-0f3a", "export-77-0f3a")
 
     assert [export_of(tmp_path / name) for name in names] == [
@@ -155,6 +153,6 @@ def test_stored_files_are_listed_apart_from_leftovers(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["", "..", "../" * 21 + "x", "A" * 64, DIGEST[:-1]])
-def test_only_a_digest_is_a_name(tmp_path, name):
+def test_path_of_a_name_that_is_not_a_digest_raises_value_error(tmp_path, name):
     with pytest.raises(ValueError, match="not a SHA-256"):
         FolderStorage(tmp_path).path(name)

@@ -18,7 +18,7 @@ from app.settings import Settings
         ("s3://pic.tures-2/lab_7/unghost", ("pic.tures-2", "lab_7/unghost")),
     ],
 )
-def test_a_place_for_files_is_the_folder_or_a_bucket(text, bucket):
+def test_storage_setting_is_folder_or_an_s3_bucket(text, bucket):
     assert bucket_of(Settings(storage=text).storage) == bucket
 
 
@@ -36,7 +36,7 @@ def test_a_place_for_files_is_the_folder_or_a_bucket(text, bucket):
         "Folder",
     ],
 )
-def test_anything_else_is_no_place(text):
+def test_invalid_storage_setting_is_refused(text):
     with pytest.raises(ValidationError, match="expected folder, s3://BUCKET"):
         Settings(storage=text)
 
@@ -51,13 +51,13 @@ def test_anything_else_is_no_place(text):
         "http://localhost:9000/",
     ],
 )
-def test_an_endpoint_has_tls_or_is_this_machine(address):
+def test_endpoint_with_tls_or_on_this_machine_is_accepted(address):
     settings = Settings(storage_endpoint=address)
 
     assert settings.storage_endpoint == address.rstrip("/")
 
 
-def test_without_tls_only_who_says_so_reaches_another_machine():
+def test_remote_endpoint_without_tls_needs_allow_http():
     address = "http://10.0.0.7:9000"
 
     with pytest.raises(ValidationError, match="UNGHOST_STORAGE_ALLOW_HTTP"):
@@ -78,7 +78,7 @@ def test_without_tls_only_who_says_so_reaches_another_machine():
         "https://[hunter2",
     ],
 )
-def test_a_faulty_endpoint_is_refused_and_not_repeated(address, monkeypatch):
+def test_invalid_endpoint_is_refused_without_repeating_it(address, monkeypatch):
     monkeypatch.setenv("UNGHOST_STORAGE_ENDPOINT", address)
 
     with pytest.raises(ValidationError) as refused:

@@ -89,7 +89,7 @@ def box_faults(box, **frame):
         ),
     ],
 )
-def test_faults_of_a_rectangle(xyxy, pointer, code, words):
+def test_invalid_rectangle_reports_pointer_code_and_message(xyxy, pointer, code, words):
     assert box_faults({"xyxy": xyxy}) == [
         (f"/xyxy{pointer}", code, f", xyxy{words}"),
     ]
@@ -168,7 +168,7 @@ def test_faults_of_a_rectangle(xyxy, pointer, code, words):
         ),
     ],
 )
-def test_faults_of_the_other_geometries(box, pointer, code, words):
+def test_missing_several_or_invalid_geometries_are_reported(box, pointer, code, words):
     assert box_faults(box, camera=CAMERA) == [(pointer, code, words)]
 
 
@@ -214,7 +214,7 @@ def test_faults_of_the_other_geometries(box, pointer, code, words):
         ),
     ],
 )
-def test_faults_of_a_boxs_other_fields(keys, code, words):
+def test_invalid_box_field_is_reported_with_its_pointer(keys, code, words):
     (field,) = keys
 
     found = box_faults({"xyxy": [1, 2, 3, 4], **keys})
@@ -222,7 +222,7 @@ def test_faults_of_a_boxs_other_fields(keys, code, words):
     assert found == [(f"/{field}", code, f", {field}: {words}")]
 
 
-def test_a_box_needs_a_class_or_a_type():
+def test_box_without_class_and_type_id_is_a_fault():
     found = box_faults({"class": None, "xyxy": [1, 2, 3, 4]})
 
     words = ", class: expected a class or a type_id, found neither"
@@ -249,14 +249,14 @@ def test_a_box_needs_a_class_or_a_type():
         ),
     ],
 )
-def test_faults_of_an_id(given, label, code, words):
+def test_invalid_box_id_is_reported(given, label, code, words):
     found = faults_of({"boxes": [{"id": given, "class": "car", "xyxy": [1, 2, 3, 4]}]})
 
     assert found == [("/boxes/0/id", code, f"box 0 (id {label}), id: {words}")]
 
 
 @pytest.mark.parametrize("again", ["217", 217])
-def test_an_id_that_occurs_twice_is_a_fault(again):
+def test_duplicate_box_id_is_a_fault(again):
     box = {"class": "car", "xyxy": [1, 2, 3, 4]}
 
     found = faults_of({"boxes": [{**box, "id": "217"}, box, {**box, "id": again}]})
@@ -269,7 +269,7 @@ def test_an_id_that_occurs_twice_is_a_fault(again):
     )
 
 
-def test_an_index_that_somebody_else_has_as_id_is_a_fault():
+def test_default_id_equal_to_another_box_id_is_a_fault():
     box = {"class": "car", "xyxy": [1, 2, 3, 4]}
 
     found = faults_of({"boxes": [{**box, "id": "1"}, box]})
@@ -277,7 +277,7 @@ def test_an_index_that_somebody_else_has_as_id_is_a_fault():
     assert [fault[:2] for fault in found] == [("/boxes/1/id", "duplicate_id")]
 
 
-def test_a_long_text_is_cut_in_the_words():
+def test_long_text_is_truncated_in_the_message():
     ((_, _, detail),) = box_faults({"xyxy": "9" * 500})
 
     assert detail.endswith('found "' + "9" * 60 + '…"')

@@ -21,7 +21,7 @@ CAMERA = {
 FLAT = {"class": "car", "xywh": [10, 20, 30, 40]}
 
 
-def solid(x, y=0.0, **keys):
+def make_3d_box(x, y=0.0, **keys):
     place = {"x": x, "y": y, "z": 0}
     return {"class": "car", "box3d": {"transform": place, "extent": [1, 1, 1]}, **keys}
 
@@ -31,7 +31,7 @@ def geometry_of(*boxes, projection="clipped", **frame):
     return frame_boxes_2d(annotation, WH, projection)
 
 
-def test_rectangles_of_all_forms_come_in_the_order_of_the_boxes():
+def test_all_2d_forms_are_converted_to_xyxy_in_box_order():
     found = geometry_of(
         {"class": "a", "cxcywhn": [0.5, 0.5, 0.5, 0.5]},
         FLAT,
@@ -51,8 +51,8 @@ def test_rectangles_of_all_forms_come_in_the_order_of_the_boxes():
     assert np.isnan(found.visible_xyxy).all()
 
 
-def test_a_3d_box_is_measured_by_the_rectangle_of_its_visible_part():
-    found = geometry_of(FLAT, solid(10, y=10))
+def test_3d_box_xyxy_is_its_visible_rectangle():
+    found = geometry_of(FLAT, make_3d_box(10, y=10))
 
     np.testing.assert_array_equal(found.xyxy[1], found.visible_xyxy[1])
     assert found.amodal_xyxy[1, 2] > found.visible_xyxy[1, 2] == 1280
@@ -62,8 +62,8 @@ def test_a_3d_box_is_measured_by_the_rectangle_of_its_visible_part():
     assert np.isfinite(found.vertices[1]).all()
 
 
-def test_corners_and_box3d_of_the_same_box_agree():
-    by_box = geometry_of(solid(10))
+def test_vertices_and_box3d_of_same_box_give_same_rectangle():
+    by_box = geometry_of(make_3d_box(10))
     corners = by_box.vertices[0].tolist()
 
     by_corners = geometry_of({"class": "car", "vertices": corners})
@@ -71,9 +71,9 @@ def test_corners_and_box3d_of_the_same_box_agree():
     np.testing.assert_allclose(by_corners.xyxy, by_box.xyxy)
 
 
-@pytest.mark.parametrize("box", [solid(-10), solid(10, y=100)])
+@pytest.mark.parametrize("box", [make_3d_box(-10), make_3d_box(10, y=100)])
 @pytest.mark.parametrize("profile", ["paper", "carlasimu"])
-def test_a_box_that_the_camera_cannot_see_is_outside_of_the_image(box, profile):
+def test_box_behind_or_beside_camera_is_outside_image(box, profile):
     found = geometry_of(box)
 
     _, states = correct_xyxy(found.xyxy, WH, profile)
@@ -82,16 +82,16 @@ def test_a_box_that_the_camera_cannot_see_is_outside_of_the_image(box, profile):
     assert np.isnan(found.visible_xyxy).all()
 
 
-def test_naive_gives_algorithm_1_the_papers_own_rectangle():
-    found = geometry_of(solid(10, y=10), projection="naive")
+def test_naive_projection_uses_the_unclipped_amodal_rectangle():
+    found = geometry_of(make_3d_box(10, y=10), projection="naive")
 
     np.testing.assert_array_equal(found.xyxy, found.amodal_xyxy)
     assert found.xyxy[0, 2] > 1280
 
 
-def test_distances_are_as_given_else_measured_else_unknown():
+def test_distance_is_given_or_computed_from_3d_box_or_nan():
     found = geometry_of(
-        FLAT, {**FLAT, "distance": 3}, solid(3, y=4), solid(3, distance=9)
+        FLAT, {**FLAT, "distance": 3}, make_3d_box(3, y=4), make_3d_box(3, distance=9)
     )
 
     np.testing.assert_allclose(found.distance, [np.nan, 3, 5, 9])
@@ -107,7 +107,7 @@ def test_a_frame_without_boxes_has_empty_arrays():
     )
 
 
-def test_an_image_of_another_size_than_the_camera_is_refused():
+def test_image_size_different_from_camera_is_refused():
     annotation = parse_annotation({"boxes": [FLAT], "camera": CAMERA})
 
     words = "camera: expected 640 x 360 px, the image's size, found 1280 x 720 px"
@@ -115,7 +115,7 @@ def test_an_image_of_another_size_than_the_camera_is_refused():
         frame_boxes_2d(annotation, (640, 360))
 
 
-def test_a_3d_box_built_without_a_camera_is_refused():
+def test_3d_box_without_camera_raises_annotation_error():
     box = BoxAnnotation(
         id="7",
         index=0,

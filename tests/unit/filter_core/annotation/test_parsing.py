@@ -25,7 +25,7 @@ def frame(*boxes, **keys):
     return {"boxes": list(boxes), **keys}
 
 
-def only_box(**keys):
+def parse_one_box(**keys):
     (box,) = parse_annotation(frame(car(**keys))).boxes
     return box
 
@@ -49,7 +49,7 @@ EXAMPLE = frame(
 )
 
 
-def test_the_frame_of_the_contracts_example_is_read():
+def test_frame_fields_of_example_annotation_are_parsed():
     read = parse_annotation(EXAMPLE)
 
     assert (read.carla_version, read.map) == ("0.9.15", "Town10HD")
@@ -60,7 +60,7 @@ def test_the_frame_of_the_contracts_example_is_read():
     assert read.camera_wh == (1280, 720)
 
 
-def test_the_boxes_of_the_contracts_example_are_read():
+def test_boxes_of_example_annotation_are_parsed():
     boxes = parse_annotation(EXAMPLE).boxes
 
     assert [box.id for box in boxes] == ["217", "218", "219", "220"]
@@ -71,7 +71,7 @@ def test_the_boxes_of_the_contracts_example_are_read():
     assert [box.form in FORMS_3D for box in boxes] == [False, False, False, True]
 
 
-def test_bytes_text_and_mapping_say_the_same():
+def test_bytes_text_and_mapping_are_parsed_equally():
     raw = frame(car(id="ä"), carla_version="0.9.15")
     text = json.dumps(raw, ensure_ascii=False)
 
@@ -92,18 +92,20 @@ def test_bytes_text_and_mapping_say_the_same():
         (None, "0"),
     ],
 )
-def test_ids_are_texts_and_a_missing_one_is_the_index(given, expected):
-    assert only_box(id=given).id == expected
+def test_box_id_becomes_text_and_null_id_becomes_the_index(given, expected):
+    assert parse_one_box(id=given).id == expected
 
 
-def test_a_box_without_an_id_takes_its_index():
+def test_missing_box_id_defaults_to_its_index():
     read = parse_annotation(frame(car(), car(id="x"), car()))
 
     assert [(box.id, box.index) for box in read.boxes] == [("0", 0), ("x", 1), ("2", 2)]
 
 
-def test_null_is_an_absent_value():
-    box = only_box(id=None, type_id=None, distance=None, instance_id=None, extra=None)
+def test_null_values_are_treated_as_missing():
+    box = parse_one_box(
+        id=None, type_id=None, distance=None, instance_id=None, extra=None
+    )
 
     assert (box.id, box.type_id, box.distance, box.instance_id, box.extra) == (
         "0",
@@ -117,29 +119,29 @@ def test_null_is_an_absent_value():
     assert (read.camera, read.map, read.weather, read.sensors) == (None, None, {}, {})
 
 
-def test_unknown_keys_are_kept_and_merged_with_a_given_extra():
-    box = only_box(occluded=0.4, extra={"note": "parked"}, tags=["a", None])
+def test_unknown_keys_are_merged_into_extra():
+    box = parse_one_box(occluded=0.4, extra={"note": "parked"}, tags=["a", None])
     read = parse_annotation(frame(car(), extra={"a": 1}, scenario={"n": 7}))
 
     assert box.extra == {"note": "parked", "occluded": 0.4, "tags": ["a", None]}
     assert read.extra == {"a": 1, "scenario": {"n": 7}}
 
 
-def test_minus_zero_and_integral_floats_are_numbers():
-    assert only_box(xyxy=[-0.0, 0, 1e9, -1e9]).values == (0.0, 0.0, 1e9, -1e9)
-    assert only_box(distance=-0.0).distance == 0
+def test_negative_zero_and_integral_floats_are_accepted():
+    assert parse_one_box(xyxy=[-0.0, 0, 1e9, -1e9]).values == (0.0, 0.0, 1e9, -1e9)
+    assert parse_one_box(distance=-0.0).distance == 0
 
 
-def test_numpy_numbers_and_arrays_are_read():
-    box = only_box(
+def test_numpy_numbers_and_arrays_are_accepted():
+    box = parse_one_box(
         xyxy=np.array([1, 2, 3, 4], dtype=np.float32), distance=np.float32(2)
     )
 
     assert (box.values, box.distance) == ((1, 2, 3, 4), 2)
-    assert only_box(xyxy=(1, np.int64(2), 3, 4)).values == (1, 2, 3, 4)
+    assert parse_one_box(xyxy=(1, np.int64(2), 3, 4)).values == (1, 2, 3, 4)
 
 
-def test_corners_are_lists_or_objects():
+def test_vertices_may_be_lists_objects_or_arrays():
     objects = [dict(zip("xyz", corner, strict=True)) for corner in CORNERS]
     flat = tuple(float(number) for corner in CORNERS for number in corner)
 
@@ -165,11 +167,11 @@ def test_corners_are_lists_or_objects():
         },
     ],
 )
-def test_a_box_as_carla_gives_it_is_fifteen_numbers(box3d):
+def test_box3d_in_carla_notation_is_parsed_to_15_numbers(box3d):
     assert geometry("box3d", box3d) == ("box3d", tuple(range(1, 16)))
 
 
-def test_a_box_in_the_world_needs_no_transform():
+def test_box3d_without_transform_and_rotation_defaults_to_zero():
     form, values = geometry("box3d", {"location": [7, 8, 9], "extent": [1, 2, 0]})
 
     assert (form, values) == ("box3d", (0,) * 6 + (7, 8, 9, 1, 2, 0) + (0,) * 3)
@@ -194,7 +196,7 @@ def test_a_box_in_the_world_needs_no_transform():
         },
     ],
 )
-def test_a_camera_can_be_written_in_several_ways(camera):
+def test_equivalent_camera_notations_are_parsed_equally(camera):
     read = parse_annotation(frame(camera=camera)).camera
 
     assert read is not None
@@ -202,7 +204,7 @@ def test_a_camera_can_be_written_in_several_ways(camera):
     np.testing.assert_allclose(read.intrinsic[0], [640, 0, 640])
 
 
-def test_a_camera_without_a_pose_still_promises_a_size():
+def test_camera_without_pose_still_gives_the_image_size():
     read = parse_annotation(frame(car(), camera={"width": 1280, "height": 720}))
 
     assert (read.camera, read.camera_wh) == (None, (1280, 720))
@@ -231,7 +233,7 @@ def test_rfc_3339_times_are_kept_as_given(time):
     assert parse_annotation(frame(captured_at=time)).captured_at == time
 
 
-def test_reading_changes_nothing():
+def test_parsing_does_not_modify_its_input():
     raw = frame(car(mine=[1]), camera=CAMERA, extra={"a": {}}, sensors={"s": {}})
     before = copy.deepcopy(raw)
 
@@ -240,5 +242,5 @@ def test_reading_changes_nothing():
     assert raw == before
 
 
-def test_a_frame_without_boxes_is_a_frame():
+def test_frame_without_boxes_is_valid():
     assert parse_annotation({"boxes": []}).boxes == ()

@@ -35,11 +35,11 @@ sitting:
 @pytest.mark.parametrize(
     "text", ["", "# nothing\n", "classes:\n", "{}", b"\xef\xbb\xbf"]
 )
-def test_an_empty_file_is_the_default(text):
+def test_empty_file_gives_the_default_configuration(text):
     assert load_config(text).config == FilterConfig()
 
 
-def test_our_own_keys_load_from_yaml_and_from_json():
+def test_filter_config_keys_load_from_yaml_and_json():
     yaml = "threshold_small_box: 5\nclasses:\n  van: {accept: [Truck, Car]}\n"
     json = (
         '{"classes": {"van": {"accept": ["Car", "Truck"]}}, "threshold_small_box": 5}'
@@ -49,13 +49,13 @@ def test_our_own_keys_load_from_yaml_and_from_json():
     assert load_config(yaml).unused_keys == ()
 
 
-def test_json_may_have_tabs_and_exponents():
+def test_json_with_tabs_and_exponents_is_loaded():
     loaded = load_config('\n{\n\t"threshold_small_box": 2.5e1\n}')
 
     assert loaded.config == FilterConfig(threshold_small_box=25)
 
 
-def test_the_published_file_loads_as_it_is():
+def test_carlasimu_config_file_loads_and_lists_unused_keys():
     loaded = load_config(CARLASIMU)
 
     assert loaded.config == FilterConfig(
@@ -80,7 +80,7 @@ def test_the_published_file_loads_as_it_is():
     )
 
 
-def test_a_wrong_number_in_the_published_file_is_refused():
+def test_out_of_range_number_in_carlasimu_config_is_refused():
     with pytest.raises(ConfigError, match="threshold_small_box: expected a number"):
         load_config("sitting: {threshold_small_box: 120}")
 
@@ -119,14 +119,14 @@ def test_a_wrong_number_in_the_published_file_is_refused():
         ("--- {}\n--- {}", "another document"),
     ],
 )
-def test_a_file_that_is_not_a_configuration_is_refused(text, words):
+def test_invalid_configuration_file_is_refused(text, words):
     with pytest.raises(ConfigError) as caught:
         load_config(text)
 
     assert words in caught.value.detail
 
 
-def test_of_unused_keys_the_first_are_named_and_none_at_length():
+def test_unused_keys_are_truncated_and_limited_to_100():
     leaves = ", ".join(f"k{number}: 1" for number in range(2000))
     text = f"sitting: {{{'x' * 900}: {{{leaves}}}}}"
 

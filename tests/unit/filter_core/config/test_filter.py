@@ -35,14 +35,14 @@ NUMBERS = [
 ]
 
 
-def test_a_configuration_of_which_nothing_is_said_has_every_default():
+def test_empty_configuration_has_every_default():
     """The default values, and their order, are pinned in tests/pins."""
     defaults = {name: key.default for name, key in keys_of(FilterConfig).items()}
 
     assert FilterConfig().as_dict() == {**defaults, "classes": {}}
 
 
-def test_lists_of_keys_begin_with_the_profile_and_what_classes_can_override():
+def test_keys_start_with_profile_and_the_keys_of_classes():
     names = FilterConfig.keys()
     per_class = tuple(keys_of(ClassKeys))
 
@@ -50,7 +50,7 @@ def test_lists_of_keys_begin_with_the_profile_and_what_classes_can_override():
     assert names[-1] == "classes"
 
 
-def test_what_classes_can_override_is_numbers():
+def test_class_keys_all_allow_a_number_range():
     """Otherwise the arrays by class (`limits_by_class`) would lack a key."""
     allowed = {name: key.allowed for name, key in keys_of(ClassKeys).items()}
 
@@ -59,7 +59,7 @@ def test_what_classes_can_override_is_numbers():
     } == set()
 
 
-def test_the_annotation_of_a_key_is_the_kind_of_number_that_it_allows():
+def test_type_annotation_of_class_key_matches_its_allowed_numbers():
     for name, annotation in ClassKeys.__annotations__.items():
         allowed = keys_of(ClassKeys)[name].allowed
         assert isinstance(allowed, NumberRange)
@@ -68,7 +68,7 @@ def test_the_annotation_of_a_key_is_the_kind_of_number_that_it_allows():
         assert annotation == ("WholeNumberT" if allowed.whole else fraction), name
 
 
-def test_the_digest_never_changes_for_the_same_configuration():
+def test_digest_of_the_default_configuration_is_stable():
     """It is stored with every run: stored decisions would lose their configuration."""
     digest = "02b9fd0b"
 
@@ -86,14 +86,14 @@ class WithNewKey(FilterConfig):
 @pytest.mark.parametrize(
     "keys", [{}, {"max_distance": 80, "classes": {"van": {"min_visible_pixels": 2}}}]
 )
-def test_a_new_key_leaves_the_digests_of_stored_configurations_as_they_are(keys):
+def test_new_key_at_its_default_does_not_change_the_digest(keys):
     stored = FilterConfig.from_mapping(keys)
 
     assert WithNewKey.from_mapping(keys).digest == stored.digest
     assert WithNewKey.from_mapping({**keys, "min_side": 2.0}).digest == stored.digest
 
 
-def test_a_new_key_counts_in_the_digest_as_soon_as_it_is_not_its_default():
+def test_new_key_with_another_value_changes_the_digest():
     digests = {WithNewKey(min_side=side).digest for side in (2, 3, 4)}
 
     assert len(digests) == 3
@@ -131,11 +131,11 @@ DEFAULTS_OF_NEW_KEYS: dict[str, object] = {}
 """The defaults of all later keys. Such a default must never change again."""
 
 
-def test_a_digest_by_default_is_that_of_the_first_keys():
+def test_default_digest_is_the_sha256_of_the_first_keys():
     assert FilterConfig().digest == canonical_digest(FIRST_KEYS)
 
 
-def test_the_default_of_a_new_key_never_changes():
+def test_defaults_of_new_keys_are_pinned():
     """A digest leaves out a new key that has its default.
 
     If that default changed, the same digest would mean two configurations.
@@ -149,7 +149,7 @@ def test_the_default_of_a_new_key_never_changes():
     assert new == DEFAULTS_OF_NEW_KEYS, "add the new key to DEFAULTS_OF_NEW_KEYS"
 
 
-def test_ten_and_ten_point_zero_are_one_configuration():
+def test_integer_and_equal_float_give_the_same_digest():
     whole = FilterConfig.from_mapping({"threshold_small_box": 10})
     decimal = FilterConfig.from_mapping({"threshold_small_box": 10.0})
 
@@ -157,7 +157,7 @@ def test_ten_and_ten_point_zero_are_one_configuration():
     assert whole.digest == decimal.digest
 
 
-def test_spelling_order_and_aliases_do_not_make_another_configuration():
+def test_order_case_and_class_aliases_do_not_change_the_digest():
     one = {"van": {"accept": ["Truck", "Car"]}, "street_light": {"min_distance": 1}}
     two = {"traffic_light": {"min_distance": 1.0}, "van": {"accept": ["car", "TRUCK"]}}
 
@@ -168,7 +168,7 @@ def test_spelling_order_and_aliases_do_not_make_another_configuration():
     assert first.classes["van"].accept == ("Car", "Truck")
 
 
-def test_a_configuration_survives_json_pickle_and_hashing():
+def test_configuration_round_trips_json_and_pickle_and_is_hashable():
     config = FilterConfig.from_mapping(
         {"max_distance": 120.5, "classes": {"van": {"accept": ["Truck", 14]}}}
     )
@@ -179,7 +179,7 @@ def test_a_configuration_survives_json_pickle_and_hashing():
     assert {again, config} == {config}
 
 
-def test_an_empty_override_is_none():
+def test_empty_class_override_equals_no_override():
     config = FilterConfig.from_mapping({"classes": {"car": {}}})
 
     assert config == FilterConfig()
@@ -240,7 +240,7 @@ def test_an_empty_override_is_none():
         ([], "", "found a list of 0"),
     ],
 )
-def test_a_wrong_value_is_named_with_its_key_and_range(raw, pointer, words):
+def test_invalid_value_raises_config_error_with_pointer_and_range(raw, pointer, words):
     with pytest.raises(ConfigError) as caught:
         FilterConfig.from_mapping(raw)
 
@@ -251,16 +251,16 @@ def test_a_wrong_value_is_named_with_its_key_and_range(raw, pointer, words):
 @pytest.mark.parametrize(
     "channel", ["ordered", "depth", "depth_center", "instance", "lidar", "auto"]
 )
-def test_every_channel_can_be_asked_for(channel):
+def test_every_channel_is_accepted_as_evidence(channel):
     assert FilterConfig.from_mapping({"evidence": channel}).evidence == channel
 
 
-def test_an_unknown_channel_is_refused_with_the_nearest():
+def test_unknown_channel_is_refused_with_a_suggestion():
     with pytest.raises(ConfigError, match="did you mean 'lidar'"):
         FilterConfig.from_mapping({"evidence": "lidr"})
 
 
-def test_a_class_can_lift_a_limit_that_all_others_have():
+def test_null_in_a_class_override_removes_the_common_limit():
     config = FilterConfig.from_mapping(
         {"max_distance": 50, "classes": {"traffic_light": {"max_distance": None}}}
     )
@@ -271,7 +271,7 @@ def test_a_class_can_lift_a_limit_that_all_others_have():
     assert config.as_dict()["classes"] == {"traffic_light": {"max_distance": None}}
 
 
-def test_thresholds_are_a_class_s_own_or_the_common_ones():
+def test_class_limits_override_or_inherit_the_common_thresholds():
     config = FilterConfig.from_mapping(
         {"classes": {"van": {"threshold_small_box": 2, "min_visible_pixels": 7}}}
     )
@@ -289,9 +289,7 @@ def test_thresholds_are_a_class_s_own_or_the_common_ones():
 @pytest.mark.parametrize(
     ("profile", "needed"), [("paper", [50, 50]), ("carlasimu", [50, 60])]
 )
-def test_a_large_box_needs_the_higher_threshold_where_it_must_pass_both(
-    profile, needed
-):
+def test_large_box_needs_the_higher_threshold_in_profile_carlasimu(profile, needed):
     config = FilterConfig.from_mapping(
         {"profile": profile, "classes": {"van": {"threshold_small_box": 60}}}
     )
@@ -301,7 +299,7 @@ def test_a_large_box_needs_the_higher_threshold_where_it_must_pass_both(
     assert limits.threshold_kept_large_box.tolist() == needed
 
 
-def test_a_configuration_has_the_keys_of_both_parts_in_one_order():
+def test_filter_config_keys_keep_the_order_of_decide_config_keys():
     all_keys, deciding = FilterConfig.keys(), DecideConfig.keys()
 
     assert tuple(key for key in all_keys if key in deciding) == deciding
@@ -314,7 +312,7 @@ def test_a_configuration_has_the_keys_of_both_parts_in_one_order():
     }
 
 
-def test_the_part_that_decides_stands_alone():
+def test_decide_config_works_by_itself_and_refuses_other_keys():
     classes = {"van": {"threshold_small_box": 2}}
     part = DecideConfig.from_mapping({"min_visible_pixels": 3, "classes": classes})
 
@@ -325,7 +323,7 @@ def test_the_part_that_decides_stands_alone():
         DecideConfig.from_mapping({"palette": "auto"})
 
 
-def test_a_difference_names_every_key_that_changed():
+def test_diff_configs_lists_every_changed_key():
     before = FilterConfig.from_mapping({"classes": {"van": {"accept": ["Truck"]}}})
     after = FilterConfig.from_mapping(
         {"max_distance": 80, "classes": {"car": {"threshold_small_box": 5}}}
@@ -347,11 +345,11 @@ def test_a_difference_names_every_key_that_changed():
         ("auto", ("instance", "depth", "ordered")),
     ],
 )
-def test_a_configuration_says_which_channels_it_decides_by(evidence, channels):
+def test_evidence_key_determines_the_channels(evidence, channels):
     assert FilterConfig(evidence=evidence).channels == channels
 
 
-def other_than(default, allowed):
+def non_default_value(default, allowed):
     if isinstance(allowed, NumberRange):
         more = (default or 0) + 4
         return more if more <= allowed.high else default - 4
@@ -359,14 +357,14 @@ def other_than(default, allowed):
 
 
 OTHER = {
-    name: other_than(key.default, key.allowed)
+    name: non_default_value(key.default, key.allowed)
     for name, key in keys_of(FilterConfig).items()
 }
 """For every key, a valid value other than its default."""
 
 
 @pytest.mark.parametrize("name", keys_of(FilterConfig))
-def test_a_key_says_whether_images_may_have_to_be_read_again(name):
+def test_needs_pixels_is_true_iff_the_key_changes_the_pixel_digest(name):
     before = FilterConfig(evidence="depth")
     after = FilterConfig.from_mapping({**before.as_dict(), name: OTHER[name]})
 
@@ -375,7 +373,7 @@ def test_a_key_says_whether_images_may_have_to_be_read_again(name):
     assert keys_of(FilterConfig)[name].needs_pixels == needs_pixels
 
 
-def test_accept_says_that_images_may_have_to_be_read_again():
+def test_accept_key_needs_pixels():
     before = FilterConfig(evidence="depth")
     after = replace(before, classes={"van": ClassConfig(accept=("Car",))})
 
@@ -383,7 +381,7 @@ def test_accept_says_that_images_may_have_to_be_read_again():
     assert after.measuring().pixel_digest != before.measuring().pixel_digest
 
 
-def boxes_of_all_sorts():
+def random_evidence():
     """Evidence of 500 boxes with random numbers around the defaults of all channels."""
     random = np.random.default_rng(0)
     rows = range(500)
@@ -414,8 +412,8 @@ def boxes_of_all_sorts():
 @pytest.mark.parametrize(
     "name", [name for name, key in keys_of(FilterConfig).items() if key.evidence]
 )
-def test_a_key_says_which_channels_read_it(name, channel):
-    boxes = boxes_of_all_sorts()
+def test_evidence_of_a_key_lists_the_channels_that_it_changes(name, channel):
+    boxes = random_evidence()
     before = FilterConfig(evidence=channel)
     after = FilterConfig.from_mapping({**before.as_dict(), name: OTHER[name]})
 
@@ -443,7 +441,7 @@ EVERY_KEY = {
         {"max_distance": None, "classes": {"van": {"max_distance": None}}},
     ],
 )
-def test_the_schema_takes_what_is_a_configuration(raw):
+def test_valid_configuration_passes_the_json_schema(raw):
     FilterConfig.from_mapping(raw)
 
     assert Draft202012Validator(schema_of(FilterConfig)).is_valid(raw)
@@ -471,14 +469,14 @@ def test_the_schema_takes_what_is_a_configuration(raw):
         [],
     ],
 )
-def test_the_schema_refuses_what_is_none(raw):
+def test_invalid_configuration_fails_the_json_schema(raw):
     with pytest.raises(ConfigError):
         FilterConfig.from_mapping(raw)
 
     assert not Draft202012Validator(schema_of(FilterConfig)).is_valid(raw)
 
 
-def test_the_schema_names_the_kinds_of_evidence_whose_rules_read_a_key():
+def test_schema_x_evidence_lists_the_channels_that_use_a_key():
     properties = schema_of(FilterConfig)["properties"]
 
     assert properties["lidar_min_points"]["x-evidence"] == ["lidar"]
@@ -487,7 +485,7 @@ def test_the_schema_names_the_kinds_of_evidence_whose_rules_read_a_key():
     assert "x-evidence" not in properties["max_distance"]
 
 
-def test_the_schema_of_the_part_that_decides_has_no_other_keys():
+def test_schema_of_decide_config_has_only_its_keys():
     schema = schema_of(DecideConfig)
     properties = schema["properties"]
 
@@ -497,14 +495,14 @@ def test_the_schema_of_the_part_that_decides_has_no_other_keys():
     )
 
 
-def test_the_pointer_to_a_long_key_says_that_it_goes_on():
+def test_pointer_to_a_long_key_is_truncated_with_an_ellipsis():
     with pytest.raises(ConfigError) as caught:
         FilterConfig.from_mapping({"a/" + "x" * 100: 1})
 
     assert caught.value.pointer == "/a~1" + "x" * 78 + "…"
 
 
-def test_limits_of_several_classes_are_compared_by_identity():
+def test_limits_by_class_can_be_hashed_and_compared():
     limits = FilterConfig().limits_by_class(["car", "van"])
     others = FilterConfig(min_distance=3).limits_by_class(["car", "van"])
 

@@ -35,7 +35,7 @@ def stored(config):
         {"classes": {"van": {"threshold_big_box": 5}}},
     ],
 )
-def test_thresholds_measure_the_same_numbers(keys):
+def test_thresholds_do_not_change_the_measurement_digest(keys):
     assert measuring(**keys).digest == measuring().digest
 
 
@@ -48,11 +48,11 @@ def test_thresholds_measure_the_same_numbers(keys):
         {"profile": "carlasimu"},
     ],
 )
-def test_keys_that_need_pixels_measure_other_numbers(keys):
+def test_keys_that_need_pixels_change_the_pixel_digest(keys):
     assert measuring(**keys).pixel_digest != measuring().pixel_digest
 
 
-def test_accept_sets_need_pixels_only_where_one_color_is_counted():
+def test_accept_sets_change_the_pixel_digest_only_in_carlasimu():
     plain, other = measuring(), measuring(**ACCEPTING)
     assert plain.digest != other.digest
     assert plain.pixel_digest == other.pixel_digest
@@ -64,14 +64,14 @@ def test_accept_sets_need_pixels_only_where_one_color_is_counted():
     )
 
 
-def test_channels_are_measured_in_their_order_and_once():
+def test_with_channels_sorts_and_deduplicates_the_channels():
     config = measuring(evidence="depth").with_channels(["lidar", "depth", "ordered"])
 
     assert config.channels == ("ordered", "depth", "lidar")
     assert config.files == ("depth", "lidar")
 
 
-def test_a_measurement_covers_what_has_fewer_channels_and_the_same_tolerance():
+def test_measurement_covers_fewer_channels_with_the_same_tolerance():
     much = stored(measuring(evidence="auto").with_channels(["lidar"]))
 
     assert measuring().is_covered_by(much)
@@ -83,13 +83,13 @@ def test_a_measurement_covers_what_has_fewer_channels_and_the_same_tolerance():
 
 
 @pytest.mark.parametrize("keys", [{}, ACCEPTING])
-def test_a_measurement_of_profile_carlasimu_covers_the_same_without_channels(keys):
+def test_carlasimu_measurement_covers_the_same_without_channels(keys):
     config = measuring(profile="carlasimu", **keys)
 
     assert config.is_covered_by(stored(config.with_channels(["ordered"])))
 
 
-def test_a_stored_measurement_gives_its_configuration_back():
+def test_stored_measurement_restores_its_configuration():
     reading = SegmentationOptions.agreed(
         {"the dataset": SegmentationOptions(palette="carla-0.9.10")}
     )
@@ -102,7 +102,7 @@ def test_a_stored_measurement_gives_its_configuration_back():
     assert again.reading == reading
 
 
-def test_a_measurement_travels_to_other_processes():
+def test_measurement_configuration_can_be_pickled():
     config = measuring(evidence="auto", **ACCEPTING)
 
     assert pickle.loads(pickle.dumps(config)) == config
@@ -110,7 +110,7 @@ def test_a_measurement_travels_to_other_processes():
 
 @pytest.mark.parametrize("extra", [(), ("lidar",), ("ordered", "instance")])
 @pytest.mark.parametrize("evidence", ["auto", "depth", "depth_center", "instance"])
-def test_measurements_of_one_digest_refuse_the_same_depths(evidence, extra):
+def test_equal_measurement_digests_have_equal_depth_required(evidence, extra):
     """Configurations with different evidence can share one measurement's digest."""
     config = measuring(evidence=evidence).with_channels(extra)
     other = FilterConfig().measuring().as_measured(stored(config))

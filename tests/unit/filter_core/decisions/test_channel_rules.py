@@ -28,7 +28,7 @@ def measured(**columns):
 
 
 @pytest.mark.parametrize("channel", CHANNELS)
-def test_a_channel_without_a_number_decides_nothing(channel):
+def test_channel_without_a_measurement_does_not_decide(channel):
     evidence = replace(evidence_of([{}]), channels=ChannelNumbers.absent(1))
     config = FilterConfig(evidence=channel)
 
@@ -38,7 +38,7 @@ def test_a_channel_without_a_number_decides_nothing(channel):
     assert np.isnan(compared_by_channels(evidence, config, decisions)).all()
 
 
-def test_the_first_channel_with_a_number_decides():
+def test_first_channel_with_a_measurement_decides():
     evidence = measured(
         instance_pixels=[4, -1, -1, -1],
         depth_pixels=[9, 7, -1, -1],
@@ -61,7 +61,7 @@ def test_the_first_channel_with_a_number_decides():
     assert semantic.tolist() == [True] * 4
 
 
-def test_a_box_that_is_rejected_without_pixels_is_decided_by_no_channel():
+def test_box_rejected_by_an_earlier_rule_is_decided_by_no_channel():
     evidence = replace(
         measured(depth_pixels=[9, 9, 9, 9]),
         state=np.array([BoxState.OUTSIDE_IMAGE, 0, 0, 0], np.uint8),

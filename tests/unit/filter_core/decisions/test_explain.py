@@ -132,11 +132,11 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
         ),
     ],
 )
-def test_a_decision_in_one_sentence(box, sentence):
+def test_explain_returns_the_sentence_of_a_decision(box, sentence):
     assert explain(box) == sentence
 
 
-def said(channel, *, kept=False, **more):
+def channel_sentence(channel, *, kept=False, **more):
     reason = Reason.VISIBLE if kept else Reason.NO_VISIBLE_PIXELS
     accepted = ("Car", "Truck")
     sentence = explain(
@@ -149,94 +149,97 @@ def said(channel, *, kept=False, **more):
     ("sentence", "words"),
     [
         (
-            said("ordered", kept=True, number=1204, needed=3),
+            channel_sentence("ordered", kept=True, number=1204, needed=3),
             "1,204 of its Car or Truck pixels are not explained by nearer boxes",
         ),
         (
-            said("ordered", number=0, nearer="car 217"),
+            channel_sentence("ordered", number=0, nearer="car 217"),
             "explained by the nearer car 217",
         ),
         (
-            said("ordered", number=1, needed=3, nearer="car 217"),
+            channel_sentence("ordered", number=1, needed=3, nearer="car 217"),
             "explained by the nearer car 217; 1 of its pixels is left, 3 are needed",
         ),
-        (said("ordered", number=0), "none of its pixels are Car or Truck"),
+        (channel_sentence("ordered", number=0), "none of its pixels are Car or Truck"),
         (
-            said("ordered", number=2, needed=5),
+            channel_sentence("ordered", number=2, needed=5),
             "only 2 of its pixels are Car or Truck, 5 are needed",
         ),
         (
-            said("depth", kept=True, number=1),
+            channel_sentence("depth", kept=True, number=1),
             "1 of its Car or Truck pixels is at its own distance",
         ),
         (
-            said("depth", number=0, depth_gap=12.3),
+            channel_sentence("depth", number=0, depth_gap=12.3),
             "all Car or Truck pixels here are 12 m nearer than the box",
         ),
         (
-            said("depth", number=0, depth_gap=-2.34),
+            channel_sentence("depth", number=0, depth_gap=-2.34),
             "all Car or Truck pixels here are 2.3 m behind the box",
         ),
-        (said("depth", number=0), "none of its pixels are Car or Truck"),
+        (channel_sentence("depth", number=0), "none of its pixels are Car or Truck"),
         (
-            said("depth", number=2, needed=5, depth_gap=0.0),
+            channel_sentence("depth", number=2, needed=5, depth_gap=0.0),
             "only 2 of its Car or Truck pixels are at its own distance, 5 are needed",
         ),
         (
-            said("depth_center", number=8.0),
+            channel_sentence("depth_center", number=8.0),
             "what is seen at its centre is 8.0 m nearer than the box",
         ),
         (
-            said("depth_center", kept=True, number=-3.0),
+            channel_sentence("depth_center", kept=True, number=-3.0),
             "nothing nearer than the box is seen at its centre",
         ),
-        (said("instance", number=0), "no instance in the image belongs to it"),
         (
-            said("instance", number=2, needed=5),
+            channel_sentence("instance", number=0),
+            "no instance in the image belongs to it",
+        ),
+        (
+            channel_sentence("instance", number=2, needed=5),
             "only 2 of the pixels of its instance are seen, 5 are needed",
         ),
         (
-            said("instance", kept=True, number=412),
+            channel_sentence("instance", kept=True, number=412),
             "412 of the pixels of its own instance are seen",
         ),
         (
-            said("lidar", number=0, needed=1),
+            channel_sentence("lidar", number=0, needed=1),
             "no LiDAR points of Car or Truck lie inside it, 1 is needed",
         ),
         (
-            said("lidar", number=0, needed=5),
+            channel_sentence("lidar", number=0, needed=5),
             "no LiDAR points of Car or Truck lie inside it, 5 are needed",
         ),
         (
-            said("lidar", number=1, needed=5),
+            channel_sentence("lidar", number=1, needed=5),
             "only 1 LiDAR point of Car or Truck lies inside it, 5 are needed",
         ),
         (
-            said("lidar", kept=True, number=51, needed=5),
+            channel_sentence("lidar", kept=True, number=51, needed=5),
             "51 LiDAR points of Car or Truck lie inside it, 5 are needed",
         ),
         (
-            said("lidar", kept=True, number=0, needed=0),
+            channel_sentence("lidar", kept=True, number=0, needed=0),
             "0 LiDAR points of Car or Truck lie inside it, 0 are needed",
         ),
         (
-            said("ordered", number=1204, needed=3000),
+            channel_sentence("ordered", number=1204, needed=3000),
             "only 1204 of its pixels are Car or Truck, 3000 are needed",
         ),
     ],
 )
-def test_a_channels_decision_in_one_sentence(sentence, words):
+def test_explain_returns_the_sentence_of_a_channels_decision(sentence, words):
     assert sentence == words
 
 
 @pytest.mark.parametrize("channel", CHANNELS)
-def test_every_channel_has_a_sentence(channel):
-    assert said(channel, kept=True, number=0)
-    assert said(channel, number=0)
+def test_every_channel_has_an_explanation(channel):
+    assert channel_sentence(channel, kept=True, number=0)
+    assert channel_sentence(channel, number=0)
 
 
 @pytest.mark.parametrize("reason", list(Reason))
-def test_every_reason_has_a_sentence_that_begins_with_its_verdict(reason):
+def test_explanation_of_every_reason_starts_with_its_verdict(reason):
     sentence = explain(ExplainedBox(reason, "car", channel=CHANNEL_OF.get(reason)))
 
     assert sentence.startswith(f"{reason.verdict.value}: ")
@@ -260,7 +263,7 @@ def test_every_reason_has_a_sentence_that_begins_with_its_verdict(reason):
         (33.34, 33.3, "33.34 %"),
     ],
 )
-def test_a_percentage_is_rounded_only_as_far_as_it_stays_true(value, against, text):
+def test_percentage_is_not_rounded_to_or_across_the_threshold(value, against, text):
     assert rounded_percent(value, against) == text
 
 
@@ -271,7 +274,7 @@ def counts(**by_tag):
     return row
 
 
-def test_a_box_is_hidden_by_tags_that_its_class_does_not_accept():
+def test_hidden_by_lists_tags_that_the_class_does_not_accept():
     row = counts(t14=10, t9=50, t3=20, t6=15, t5=4, t1=1)
 
     assert hidden_by(row, 1 << 14, "carla-0.9.14") == [
@@ -281,14 +284,14 @@ def test_a_box_is_hidden_by_tags_that_its_class_does_not_accept():
     ]
 
 
-def test_ground_and_sky_around_a_box_do_not_hide_it():
+def test_hidden_by_omits_ground_and_sky():
     row = counts(t1=10, t2=10, t10=10, t11=10, t24=10, t25=10, t14=40)
 
     assert hidden_by(row, 1 << 14, "carla-0.9.14") == []
     assert hidden_by([0] * N_TAGS, 1 << 14, "carla-0.9.14") == []
 
 
-def test_unknown_pixels_are_named_and_ties_go_to_the_lower_tag():
+def test_hidden_by_names_unknown_pixels_and_sorts_ties_by_tag():
     row = counts(t30=5, t3=5)
 
     names = [one["name"] for one in hidden_by(row, 0, "carla-0.9.14")]

@@ -15,7 +15,7 @@ def reason_of(box, **config):
     return Reason(decide(evidence_of([box]), FilterConfig(**config)).reason[0]).label
 
 
-def test_the_first_rule_that_matches_gives_the_reason():
+def test_first_matching_rule_gives_the_reason():
     everything = {
         "state": BoxState.OUTSIDE_IMAGE,
         "distance": 500,
@@ -50,7 +50,7 @@ def test_the_first_rule_that_matches_gives_the_reason():
         (BoxState.DEGENERATE, "degenerate"),
     ],
 )
-def test_the_state_after_correction_comes_first(state, reason):
+def test_invalid_box_state_precedes_missing_segmentation(state, reason):
     assert reason_of({"state": state, "measured": False}) == reason
 
 
@@ -69,7 +69,9 @@ def test_the_state_after_correction_comes_first(state, reason):
         (50.01, 70, "carlasimu", "visible"),
     ],
 )
-def test_a_number_that_equals_its_threshold(match, area, profile, reason):
+def test_reason_of_match_or_area_at_its_threshold_by_profile(
+    match, area, profile, reason
+):
     box = {"match_percent": match, "area_percent": area}
 
     assert reason_of(box, profile=profile) == reason
@@ -83,7 +85,7 @@ def test_profile_carlasimu_tests_large_boxes_by_both_thresholds():
     assert reason_of(box, profile="carlasimu", **config) == "below_threshold"
 
 
-def test_profile_carlasimu_compares_more_than_all_before_it_is_capped():
+def test_carlasimu_match_over_100_percent_is_compared_before_capping():
     box = {"match_percent": 104.0}
     config = FilterConfig(profile="carlasimu", threshold_small_box=100)
 
@@ -103,14 +105,14 @@ def test_profile_carlasimu_compares_more_than_all_before_it_is_capped():
         (np.nan, "visible"),
     ],
 )
-def test_the_ends_of_the_range_of_distances_are_inside(distance, reason):
+def test_min_and_max_distance_are_inclusive(distance, reason):
     box = {"distance": distance}
 
     assert reason_of(box, min_distance=5, max_distance=80) == reason
 
 
 @pytest.mark.parametrize(("pixels", "reason"), [(2, "no_visible_pixels"), (3, None)])
-def test_as_many_pixels_as_are_needed_are_enough(pixels, reason):
+def test_min_visible_pixels_is_inclusive(pixels, reason):
     box = {"matched_pixels": pixels, "match_percent": 30}
 
     assert reason_of(box, min_visible_pixels=3) == (reason or "visible")
@@ -140,7 +142,7 @@ def test_each_class_has_its_own_thresholds():
     assert labels == ["below_threshold", "visible", "large_below_threshold"]
 
 
-def test_no_threshold_applied_where_an_earlier_rule_decided():
+def test_threshold_and_margin_are_nan_where_an_earlier_rule_decided():
     boxes = [
         {"state": BoxState.DEGENERATE},
         {"accept_mask": 0},
@@ -183,7 +185,7 @@ def test_no_boxes_give_no_decisions():
     assert decisions.count(Verdict.KEPT) == 0
 
 
-def test_deciding_needs_neither_rectangles_nor_histograms():
+def test_decide_needs_neither_rectangles_nor_histograms():
     evidence = evidence_of([{}, {"match_percent": 1}])
 
     assert evidence.xyxy is None

@@ -22,7 +22,7 @@ from filter_core.evaluation.agreement import agreement, cohen_kappa
         pytest.param([[3, 0], [0, 9]], 1.0, 0.0, id="always alike"),
     ],
 )
-def test_kappa_is_that_of_the_textbooks(table, kappa, error):
+def test_cohen_kappa_equals_published_values(table, kappa, error):
     found = cohen_kappa(np.array(table))
 
     assert found is not None
@@ -35,11 +35,11 @@ def test_kappa_is_that_of_the_textbooks(table, kappa, error):
 
 
 @pytest.mark.parametrize("table", [[[0, 0], [0, 0]], [[5, 0], [0, 0]]])
-def test_kappa_of_one_and_the_same_answer_is_not_defined(table):
+def test_cohen_kappa_is_none_if_all_answers_are_equal(table):
     assert cohen_kappa(np.array(table)) is None
 
 
-def test_only_boxes_of_several_people_count():
+def test_agreement_counts_only_boxes_answered_by_several_people():
     #                 ada eve  ada eve bob  ada
     box = np.array([1, 1, 2, 2, 2, 3])
     person = np.array([0, 1, 0, 1, 2, 0])
@@ -56,7 +56,7 @@ def test_only_boxes_of_several_people_count():
     assert found.pairs[0].table.tolist() == [[0, 0], [1, 1]]
 
 
-def test_without_answers_the_agreement_is_unknown():
+def test_agreement_without_answers_has_no_kappa():
     nothing = np.empty(0, np.int64)
 
     found = agreement(nothing, nothing, nothing.astype(bool))

@@ -13,7 +13,7 @@ POLE_IN_FRONT_OF_ONE = {"class_index": 0, "match_percent": 1.0}
 CAR = {"class_index": 1, "match_percent": 70.0}
 
 
-def gathered(config=None):
+def filled_collector(config=None):
     """A collector of two frames that list the same classes in different orders."""
     collector = TruthCollector(config or FilterConfig())
     poles = [POLE, POLE_IN_FRONT_OF_ONE, CAR]
@@ -24,14 +24,14 @@ def gathered(config=None):
     return collector
 
 
-def test_classes_are_told_apart_whatever_their_order_in_a_frame():
-    (found,) = gathered().suggestions(Goal())
+def test_classes_are_identified_by_name_in_any_order():
+    (found,) = filled_collector().suggestions(Goal())
 
     assert (found.class_name, found.current, found.boxes) == ("traffic_light", 10, 4)
     assert 1 < found.found.threshold < 6
 
 
-def test_the_suggested_configuration_keeps_everything_else():
+def test_with_thresholds_keeps_all_other_settings():
     config = FilterConfig(
         max_distance=80,
         evidence="depth",
@@ -40,7 +40,7 @@ def test_the_suggested_configuration_keeps_everything_else():
             "van": ClassConfig(accept=("Car",)),
         },
     )
-    collector = gathered(config)
+    collector = filled_collector(config)
     found = collector.suggestions(Goal())
 
     new = with_thresholds(collector.config, found)
@@ -53,5 +53,5 @@ def test_the_suggested_configuration_keeps_everything_else():
     assert new.of_class("van") == config.of_class("van")
 
 
-def test_nothing_is_suggested_from_nothing():
+def test_no_frames_give_no_suggestions():
     assert TruthCollector(FilterConfig()).suggestions(Goal()) == []

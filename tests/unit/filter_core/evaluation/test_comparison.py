@@ -22,7 +22,7 @@ def measured(*kinds):
     return read_and_measure(ANNOTATION, tags, config, options).evidence
 
 
-def test_every_channel_is_counted_on_the_same_boxes():
+def test_evaluation_scores_every_channel_on_the_same_boxes():
     evaluation = Evaluation(FilterConfig())
 
     for _ in range(3):
@@ -44,7 +44,7 @@ def test_every_channel_is_counted_on_the_same_boxes():
     assert f1["value"] == 1.0
 
 
-def test_a_channel_without_numbers_says_how_few_it_judged():
+def test_judged_is_zero_for_a_channel_without_measurements():
     evaluation = Evaluation(FilterConfig(), ("semantic", "depth", "ordered"))
 
     evaluation.add(measured(), TRUTH)
@@ -53,7 +53,7 @@ def test_a_channel_without_numbers_says_how_few_it_judged():
     assert judged == {"semantic": 2, "depth": 0, "ordered": 2}
 
 
-def test_classes_and_distances_are_told_apart():
+def test_scores_are_grouped_by_class_and_distance():
     evaluation = Evaluation(FilterConfig(), ("semantic",))
 
     evaluation.add(measured(), TRUTH)
@@ -63,7 +63,7 @@ def test_classes_and_distances_are_told_apart():
     assert [one["band"] for one in semantic["by_distance"]] == ["0-50"]
 
 
-def test_a_box_that_no_channel_can_judge_is_left_out():
+def test_box_that_no_channel_measured_is_not_counted():
     evaluation = Evaluation(FilterConfig(), ("semantic",))
     options = FrameOptions(image_wh=(160, 120))
     unseen = filter_frame(ANNOTATION, None, options=options).measured.evidence

@@ -20,18 +20,18 @@ from filter_core.evaluation.scores import (
     ("part", "whole", "low", "high"),
     [(0, 10, 0.0, 0.2775), (5, 10, 0.2366, 0.7634), (10, 10, 0.7225, 1.0)],
 )
-def test_wilsons_interval_is_that_of_the_textbooks(part, whole, low, high):
+def test_wilson_interval_equals_published_values(part, whole, low, high):
     assert wilson_interval(part, whole) == pytest.approx((low, high), abs=5e-5)
 
 
-def test_a_share_of_nothing_is_unknown():
+def test_scores_without_boxes_are_none():
     assert share(0, 0) is None
     empty = Confusion()
     assert (empty.precision, empty.recall, empty.f1) == (None, None, None)
 
 
 @given(*[st.integers(0, 200)] * 4)
-def test_scores_are_as_defined_and_lie_in_their_intervals(tp, fp, fn, tn):
+def test_precision_recall_and_f1_are_correct_and_in_their_intervals(tp, fp, fn, tn):
     scores = Confusion(tp, fp, fn, tn)
 
     assert scores.boxes == tp + fp + fn + tn
@@ -49,7 +49,7 @@ def test_scores_are_as_defined_and_lie_in_their_intervals(tp, fp, fn, tn):
 @given(
     st.lists(st.tuples(st.booleans(), st.booleans()), max_size=30), st.integers(0, 30)
 )
-def test_parts_add_up(boxes, cut):
+def test_confusions_of_parts_add_up_to_the_total(boxes, cut):
     kept, visible = np.array(boxes, bool).reshape(-1, 2).T
 
     parts = Confusion.of(kept[:cut], visible[:cut]) + Confusion.of(
@@ -60,7 +60,7 @@ def test_parts_add_up(boxes, cut):
     assert parts.kept_hidden == sum(k and not v for k, v in boxes)
 
 
-def test_a_band_begins_with_its_lower_end():
+def test_distance_band_includes_its_lower_bound():
     metres = np.array([0, 49.99, 50, 150, 200, 1e6, np.nan])
 
     bands = [BANDS[index] for index in band_index(metres)]

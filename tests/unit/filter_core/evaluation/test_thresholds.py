@@ -25,7 +25,7 @@ def answers(rejected, kept, **more):
         pytest.param([1, 2, 30], [20, 21, 40], 10, 10, id="what is in the way is less"),
     ],
 )
-def test_the_best_f1_parts_what_people_kept_and_rejected(
+def test_suggested_threshold_for_f1_separates_kept_from_rejected(
     rejected, kept, current, suggested
 ):
     found = suggest(answers(rejected, kept), current, Goal())
@@ -36,7 +36,7 @@ def test_the_best_f1_parts_what_people_kept_and_rejected(
     assert (found.at_suggested.f1 or 0) >= (found.at_current.f1 or 0)
 
 
-def test_a_recall_is_kept_with_the_highest_threshold_that_does():
+def test_recall_goal_gives_the_highest_threshold_that_reaches_it():
     kept = [5, *range(20, 119)]
     some = answers([1, 8, 15], [min(value, 100) for value in kept])
 
@@ -50,7 +50,7 @@ def test_a_recall_is_kept_with_the_highest_threshold_that_does():
     assert most.at_suggested.recall == 0.99
 
 
-def test_boxes_that_no_threshold_decides_count_in_every_score():
+def test_boxes_decided_without_a_threshold_count_in_every_score():
     some = answers([1], [20], others=Confusion(3, 1, 2, 5))
 
     found = suggest(some, 10, Goal())
@@ -61,7 +61,7 @@ def test_boxes_that_no_threshold_decides_count_in_every_score():
     assert found.at_current.recall == 4 / 6
 
 
-def test_a_match_on_the_threshold_is_kept_but_in_the_published_profile():
+def test_match_equal_to_the_threshold_is_kept_unless_strict():
     met = suggest(answers([1], [10]), 10, Goal())
     strict = suggest(answers([1], [10], strict=True), 10, Goal())
 
@@ -73,11 +73,11 @@ def test_a_match_on_the_threshold_is_kept_but_in_the_published_profile():
 
 
 @pytest.mark.parametrize(("rejected", "kept"), [([], []), ([1, 2], []), ([], [3])])
-def test_answers_of_one_kind_speak_for_no_threshold(rejected, kept):
+def test_answers_of_only_one_kind_give_no_suggestion(rejected, kept):
     assert suggest(answers(rejected, kept), 10, Goal()) is None
 
 
-def test_the_interval_narrows_with_answers_and_is_always_the_same():
+def test_interval_is_deterministic_and_narrows_with_more_answers():
     rng = np.random.default_rng(5)
     match = rng.uniform(0, 100, 5000)
     keep = rng.random(5000) < 1 / (1 + np.exp(-(match - 20) / 4))

@@ -19,7 +19,7 @@ def add(worst, boxes, outcomes):
     worst.add(evidence_of(boxes), kept, visible, lambda row: {"row": row})
 
 
-def test_a_ghost_counts_with_its_box_and_a_lost_object_with_what_is_seen():
+def test_ghost_counts_its_box_pixels_and_lost_object_its_matched_pixels():
     worst = Worst()
     boxes = [
         {"box_pixels": 500, "matched_pixels": 20},
@@ -32,7 +32,7 @@ def test_a_ghost_counts_with_its_box_and_a_lost_object_with_what_is_seen():
     assert listed(worst) == [(0, "kept_hidden", 500), (1, "rejected_visible", 70)]
 
 
-def test_the_largest_stay_however_many_come():
+def test_only_the_largest_errors_are_kept():
     worst = Worst()
     sizes = list(range(100, 100 + 3 * MOST))
     for start in (0, MOST, 2 * MOST):

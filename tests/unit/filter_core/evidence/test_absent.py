@@ -7,7 +7,7 @@ import numpy as np
 from filter_core.types import ChannelNumbers, Evidence, number_columns
 
 
-def test_absent_evidence_has_every_column_filled_with_what_means_nothing():
+def test_absent_fills_every_column_with_its_missing_value():
     evidence = Evidence.absent(("car",), np.zeros(2, np.int32))
     channels = ChannelNumbers.absent(2)
 

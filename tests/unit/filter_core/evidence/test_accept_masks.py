@@ -50,7 +50,7 @@ def segmentation():
 
 
 @pytest.mark.parametrize("histogram", [True, False])
-def test_pixels_of_a_segmentation(mask, expected, histogram):
+def test_measure_counts_only_pixels_of_accepted_tags(mask, expected, histogram):
     options = MeasureOptions(histogram=histogram)
 
     evidence = measure(segmentation(), one_box_per_tag(mask), options)
@@ -58,7 +58,7 @@ def test_pixels_of_a_segmentation(mask, expected, histogram):
     assert np.flatnonzero(evidence.matched_pixels).tolist() == expected
 
 
-def test_histograms_that_are_counted_again(mask, expected):
+def test_with_accept_masks_counts_only_accepted_tags(mask, expected):
     measured = measure(segmentation(), one_box_per_tag(0))
 
     evidence = with_accept_masks(measured, np.full(256, mask))
@@ -66,7 +66,7 @@ def test_histograms_that_are_counted_again(mask, expected):
     assert np.flatnonzero(evidence.matched_pixels).tolist() == expected
 
 
-def test_pixels_of_silhouettes(mask, expected):
+def test_accepted_pixels_of_silhouettes_have_accepted_tags(mask, expected):
     boxes = one_box_per_tag(mask)
     outlines = frame_silhouettes(
         boxes.xyxy, np.full((256, 8, 3), np.nan), None, (256, 1)
@@ -77,7 +77,7 @@ def test_pixels_of_silhouettes(mask, expected):
     assert [box.silhouette.row for box in found if box.mask.any()] == expected
 
 
-def test_pixels_of_instances(mask, expected):
+def test_instance_pixels_are_grouped_by_accepted_tags(mask, expected):
     image = InstanceImage(TAGS[None], np.arange(256, dtype=np.uint16)[None])
     everything = (1 << LAST_TAG + 1) - 1
 
@@ -89,7 +89,7 @@ def test_pixels_of_instances(mask, expected):
     assert pixels.ids[accepted].tolist() == expected
 
 
-def test_points_of_a_lidar(mask, expected):
+def test_lidar_points_inside_counts_only_accepted_tags(mask, expected):
     points = LidarPoints(
         np.full((1, 3), [10.0, 0.0, 0.0]), np.zeros(1, np.int64), np.zeros(1, np.int64)
     )

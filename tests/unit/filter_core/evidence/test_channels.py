@@ -42,7 +42,7 @@ def decided(evidence: EvidenceChoice, **contents: bytes) -> list[Decision]:
     ).decisions
 
 
-def test_the_segmentation_alone_keeps_the_car_behind_the_car():
+def test_semantic_evidence_keeps_the_car_hidden_behind_a_car():
     assert [one["verdict"] for one in decided("semantic")] == ["kept", "kept"]
 
 
@@ -73,7 +73,7 @@ def test_the_segmentation_alone_keeps_the_car_behind_the_car():
     ],
     ids=["ordered", "depth", "depth_center", "instance", "auto"],
 )
-def test_a_channel_sees_that_it_is_hidden(evidence, contents, explanation):
+def test_each_channel_rejects_the_hidden_car(evidence, contents, explanation):
     near, far = decided(evidence, **contents)
 
     assert near["verdict"] == "kept"
@@ -82,7 +82,7 @@ def test_a_channel_sees_that_it_is_hidden(evidence, contents, explanation):
     assert far["threshold"] is None
 
 
-def test_visible_pixels_of_a_box_have_a_tight_rectangle_and_levels():
+def test_instance_decision_has_tight_rectangle_and_visible_pixels():
     near, far = decided("instance", instances=instance_file())
 
     assert near["tight_xyxy"] == [61.0, 41.0, 99.0, 79.0]
@@ -91,27 +91,27 @@ def test_visible_pixels_of_a_box_have_a_tight_rectangle_and_levels():
     assert near["truncated"] == pytest.approx(0.0)
 
 
-def test_depth_gives_the_level_of_occlusion():
+def test_depth_decision_has_the_occlusion_level():
     near, far = decided("depth", depth=depth_file())
 
     assert (near["occluded"], far["occluded"]) == (0, 2)
     assert decided("semantic")[0]["occluded"] == 3
 
 
-def test_order_names_the_box_that_explains():
+def test_ordered_decision_names_the_explaining_box():
     near, far = decided("ordered")
 
     assert (near["explained_by"], far["explained_by"]) == (None, "217")
 
 
-def test_a_channel_without_its_file_leaves_the_box_to_the_segmentation():
+def test_channel_without_its_file_falls_back_to_the_segmentation():
     near, far = decided("depth")
 
     assert (near["evidence"], far["evidence"]) == ("semantic", "semantic")
     assert far["explanation"].startswith("kept: ")
 
 
-def test_instances_alone_are_enough():
+def test_instance_channel_decides_without_a_segmentation():
     options = FrameOptions(
         image_wh=(WIDTH, HEIGHT), sensors={"instances": instance_file()}
     )
@@ -121,7 +121,7 @@ def test_instances_alone_are_enough():
     assert [one["verdict"] for one in result.decisions] == ["kept", "rejected"]
 
 
-def test_depth_that_is_too_coarse_refuses_the_frame_that_asks_for_it():
+def test_too_coarse_depth_refuses_the_frame_except_in_auto():
 
     grey = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH), np.uint8))[1].tobytes()
 
@@ -130,7 +130,7 @@ def test_depth_that_is_too_coarse_refuses_the_frame_that_asks_for_it():
     assert decided("auto", depth=grey)[1]["evidence"] == "ordered"
 
 
-def test_a_file_that_no_channel_asks_for_is_not_read():
+def test_file_that_no_channel_needs_is_not_read():
     assert decided("semantic", depth=b"no image at all")[0]["verdict"] == "kept"
 
 
@@ -147,9 +147,7 @@ def test_a_file_that_no_channel_asks_for_is_not_read():
     ],
     ids=["nothing nearer", "more are asked for", "something nearer"],
 )
-def test_one_pixel_is_enough_where_nothing_nearer_explains_it(
-    config, boxes, explanation
-):
+def test_ordered_decision_of_a_box_with_one_visible_pixel(config, boxes, explanation):
     tags = np.full((HEIGHT, WIDTH), ROAD, np.uint8)
     tags[HEIGHT // 2, WIDTH // 2] = CAR
     cubes = [cube(str(place), distance) for place, distance in enumerate(boxes)]
@@ -161,7 +159,7 @@ def test_one_pixel_is_enough_where_nothing_nearer_explains_it(
     assert found.decisions[-1]["explanation"] == explanation
 
 
-def test_equal_digests_refuse_or_pass_over_the_same_depth_image():
+def test_configs_of_equal_digest_ignore_the_same_coarse_depth_image():
     grey = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH), np.uint8))[1].tobytes()
     options = FrameOptions(sensors={"depth": grey})
     first, second = (
@@ -210,7 +208,7 @@ def test_boxes_can_be_measured_without_an_annotation():
     assert found.depth_pixels.tolist() == [NOT_MEASURED] * 3
 
 
-def test_boxes_that_were_left_out_are_not_measured():
+def test_boxes_without_corners_have_no_depth_or_lidar_numbers():
     tags, _, _ = scene()
     boxes = FrameBoxes.of(
         [[60, 40, 100, 80]] * 2, ["car"] * 2, {"car": 1 << CAR}, (WIDTH, HEIGHT), [9, 9]
@@ -236,7 +234,7 @@ def test_boxes_that_were_left_out_are_not_measured():
     assert found.lidar_points.tolist() == [NOT_MEASURED] * 2
 
 
-def test_channels_look_at_a_rectangle_that_hangs_out_as_it_was_corrected():
+def test_channels_measure_the_rectangle_clipped_to_the_image():
     tags = np.full((HEIGHT, WIDTH), CAR, np.uint8)
     boxes = FrameBoxes.of(
         [[-40, -40, 20, 10]], ["car"], {"car": 1 << CAR}, (WIDTH, HEIGHT), distance=[9]
@@ -250,7 +248,7 @@ def test_channels_look_at_a_rectangle_that_hangs_out_as_it_was_corrected():
 
 
 @pytest.mark.parametrize("kind", ["segmentation", "depth", "instances"])
-def test_a_picture_larger_than_any_may_be_is_refused_unread(kind):
+def test_image_larger_than_max_side_is_refused(kind):
     tags, _, _ = scene()
     contents = {"depth": depth_file(), "instances": instance_file()}
     given = png(np.dstack([tags] * 3)) if kind == "segmentation" else tags

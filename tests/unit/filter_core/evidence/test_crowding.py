@@ -34,11 +34,11 @@ NOWHERE = (float("nan"),) * 4
         ),
     ],
 )
-def test_crowding_is_the_largest_share_that_one_other_covers(boxes, masks, expected):
+def test_crowding_is_the_largest_share_covered_by_one_other_box(boxes, masks, expected):
     percent = crowding_percent(np.array(boxes), np.array(masks))
 
     assert percent.tolist() == expected
 
 
-def test_without_boxes_there_is_no_crowding():
+def test_crowding_without_boxes_is_empty():
     assert crowding_percent(np.empty((0, 4)), np.empty(0, np.int64)).shape == (0,)

@@ -23,14 +23,14 @@ ALL = np.s_[:, :]
 
 
 @pytest.mark.parametrize("metres", [0.0, 0.06, 3.9, 12.5, 255.999, 1000.0])
-def test_metres_are_read_to_less_than_a_tenth_of_a_millimetre(metres):
+def test_depth_is_read_with_0_1_millimetre_accuracy(metres):
     image = read_depth(depth_png(np.full((2, 3), metres)))
 
     assert image.wh == (3, 2)
     np.testing.assert_allclose(image.metres(ALL), metres, atol=1e-4)
 
 
-def test_carlas_own_alpha_says_nothing():
+def test_alpha_channel_of_a_depth_image_is_ignored():
     rgb = cv2.imdecode(np.frombuffer(depth_png(np.full((2, 2), 7.0)), np.uint8), -1)
     assert rgb is not None
     rgba = cv2.cvtColor(rgb, cv2.COLOR_BGR2BGRA)
@@ -49,14 +49,14 @@ def test_carlas_own_alpha_says_nothing():
     ],
     ids=["converted for people", "sixteen bits", "jpeg"],
 )
-def test_depth_that_cannot_tell_cars_apart_is_refused(extension, pixels, code, words):
+def test_too_coarse_or_lossy_depth_is_refused(extension, pixels, code, words):
     with pytest.raises(ImageError, match=words) as refused:
         read_depth(cv2.imencode(extension, pixels)[1].tobytes())
 
     assert refused.value.kind == code
 
 
-def test_a_depth_image_of_another_size_is_refused():
+def test_depth_image_of_wrong_size_is_refused():
     with pytest.raises(ImageSizeMismatch, match="depth image is 3 x 2"):
         read_depth(depth_png(np.ones((2, 3))), expected_wh=(4, 2))
 
@@ -78,7 +78,7 @@ def test_only_accepted_pixels_at_the_boxs_own_depth_count():
     assert numbers.tight_xyxy.tolist() == [[1.0, 0.0, 3.0, 1.0]]
 
 
-def test_a_box_without_an_interval_is_not_measured():
+def test_box_without_a_depth_interval_is_not_measured():
     depth = read_depth(depth_png(np.ones((1, 1))))
     numbers = ChannelNumbers.absent(1)
 
@@ -92,7 +92,7 @@ def test_a_box_without_an_interval_is_not_measured():
     assert numbers.depth_pixels.tolist() == [-1]
 
 
-def test_the_interval_reaches_from_the_nearest_to_the_farthest_corner():
+def test_depth_interval_spans_the_corners_plus_tolerance():
     camera = Camera.from_fov(64, 48, 90.0, {"x": 0, "y": 0, "z": 0})
 
     interval = depth_interval(box_ahead(20.0, half=2.0)[None], camera, 0.15)
@@ -101,7 +101,7 @@ def test_the_interval_reaches_from_the_nearest_to_the_farthest_corner():
 
 
 @pytest.mark.parametrize(("surface", "gap"), [(10.0, 8.0), (18.5, -0.5), (40.0, -22.0)])
-def test_the_surface_at_the_centre_is_compared_with_the_nearest_corner(surface, gap):
+def test_center_gap_is_nearest_corner_minus_surface_at_the_centre(surface, gap):
     camera = Camera.from_fov(64, 48, 90.0, {"x": 0, "y": 0, "z": 0})
     depth = read_depth(depth_png(np.full((48, 64), surface)))
 
@@ -110,7 +110,7 @@ def test_the_surface_at_the_centre_is_compared_with_the_nearest_corner(surface, 
     np.testing.assert_allclose(gaps, [gap], atol=1e-3)
 
 
-def test_a_centre_outside_of_the_image_tells_nothing():
+def test_center_gap_is_nan_for_a_box_behind_the_camera():
     camera = Camera.from_fov(64, 48, 90.0, {"x": 0, "y": 0, "z": 0})
     depth = read_depth(depth_png(np.full((48, 64), 5.0)))
 
@@ -119,5 +119,5 @@ def test_a_centre_outside_of_the_image_tells_nothing():
     assert np.isnan(gaps).all()
 
 
-def test_nothing_has_no_tight_rectangle():
+def test_tight_rectangle_of_an_empty_mask_is_nan():
     assert np.isnan(tight_rectangle(np.zeros((3, 3), bool), 7, 9)).all()

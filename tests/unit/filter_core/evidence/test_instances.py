@@ -41,7 +41,7 @@ def two_cars() -> tuple[np.ndarray, np.ndarray]:
     return np.where(ids > 0, CAR, 0), ids
 
 
-def test_ids_have_sixteen_bits():
+def test_instance_ids_are_read_with_16_bits():
     image = read_instances(
         instance_png(np.array([[CAR, WALKER]]), np.array([[65_535, 256]]))
     )
@@ -51,7 +51,7 @@ def test_ids_have_sixteen_bits():
     assert not image.swapped
 
 
-def test_red_and_blue_that_were_exchanged_are_put_right():
+def test_swapped_red_and_blue_channels_are_corrected():
     tags, ids = np.full((2, 2), CAR), np.full((2, 2), 54_321)
 
     image = read_instances(instance_png(tags, ids, swapped=True))
@@ -61,7 +61,7 @@ def test_red_and_blue_that_were_exchanged_are_put_right():
     assert image.ids.tolist() == ids.tolist()
 
 
-def test_a_real_image_that_was_saved_swapped_is_put_right():
+def test_recorded_image_with_swapped_channels_is_corrected():
     path = shared("data/ee267-litian-gong/report/Part5_output")
 
     image = read_instances((path / "instance_segmentation.png").read_bytes())
@@ -79,7 +79,7 @@ def test_a_real_image_that_was_saved_swapped_is_put_right():
     ],
     ids=["jpeg", "grey", "no tags in any channel"],
 )
-def test_a_file_that_is_no_instance_image_is_refused(extension, pixels, code):
+def test_file_that_is_not_an_instance_image_is_refused(extension, pixels, code):
     with pytest.raises(ImageError) as refused:
         read_instances(cv2.imencode(extension, pixels)[1].tobytes())
 
@@ -93,14 +93,14 @@ def test_each_box_gets_its_own_instance():
     assert numbers.tight_xyxy.tolist() == [[8, 1, 11, 5], [1, 1, 7, 5]]
 
 
-def test_a_ghost_behind_a_car_gets_none():
+def test_ghost_behind_a_car_gets_no_instance():
     numbers = measured(*two_cars(), [[1, 1, 7, 5], [2, 2, 6, 4]], distance=[10.0, 40.0])
 
     assert numbers.instance_pixels.tolist() == [24, 0]
     assert np.isnan(numbers.tight_xyxy[1]).all()
 
 
-def test_a_fragment_belongs_to_the_nearer_box_not_to_the_one_of_its_size():
+def test_fragment_is_assigned_to_the_nearer_box_not_by_size():
     ids = np.zeros((20, 40), int)
     ids[8:10, 16:20] = 5
     hidden_car, far_ghost = [10, 2, 30, 14], [16, 8, 20, 10]
@@ -112,7 +112,7 @@ def test_a_fragment_belongs_to_the_nearer_box_not_to_the_one_of_its_size():
     assert numbers.instance_pixels.tolist() == [0, 8]
 
 
-def test_a_given_id_is_used_wherever_its_pixels_are():
+def test_given_instance_id_counts_pixels_outside_the_box():
     numbers = measured(
         *two_cars(), [[1, 1, 7, 5], [0, 0, 2, 2]], given=[-1, 0x1_0000 + 77]
     )
@@ -120,13 +120,13 @@ def test_a_given_id_is_used_wherever_its_pixels_are():
     assert numbers.instance_pixels.tolist() == [24, 12]
 
 
-def test_a_box_whose_own_instance_is_out_of_sight_gets_no_other_one():
+def test_given_instance_id_missing_in_the_image_has_no_pixels():
     numbers = measured(*two_cars(), [[1, 1, 7, 5]], given=[4])
 
     assert numbers.instance_pixels.tolist() == [0]
 
 
-def test_pixels_of_other_tags_do_not_count():
+def test_pixels_of_unaccepted_tags_do_not_count():
     tags, ids = two_cars()
 
     numbers = measured(tags, ids, [[1, 1, 7, 5]], accept=1 << WALKER)

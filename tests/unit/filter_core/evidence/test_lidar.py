@@ -31,7 +31,7 @@ from tests.support.sensors import CAR, box_ahead
     ],
     ids=["ascii", "little endian", "big endian", "structured npy", "plain npy"],
 )
-def test_every_form_gives_the_same_points(content):
+def test_ply_and_npy_forms_give_the_same_points(content):
     points = read_points(content)
 
     assert points.xyz.tolist() == [[1.5, -2.0, 0.25], [8.0, 9.0, 1.0]]
@@ -57,12 +57,12 @@ def test_every_form_gives_the_same_points(content):
         (npy(np.full((1, 6), np.nan)), "finite"),
     ],
 )
-def test_a_file_that_is_no_measurement_is_refused_in_words(content, words):
+def test_read_points_refuses_an_invalid_file(content, words):
     with pytest.raises(PointsError, match=words):
         read_points(content)
 
 
-def test_the_sensors_own_place_counts_not_the_cameras():
+def test_points_are_placed_by_the_sensors_own_transform():
     points = LidarPoints(
         np.array([[10.0, 0.0, 0.0], [0.0, 10.0, 0.0], [10.0, 0.0, 0.0]]),
         np.zeros(3, np.int64),
@@ -104,7 +104,7 @@ SOUND = [
 
 
 @pytest.mark.parametrize(("content", "sensor", "kind"), SOUND)
-def test_a_whole_file_is_known_by_its_content(content, sensor, kind):
+def test_check_points_detects_the_media_type_from_content(content, sensor, kind):
     assert check_points(content, sensor=sensor) == f"application/x-{kind}"
 
 
@@ -134,7 +134,7 @@ def test_a_whole_file_is_known_by_its_content(content, sensor, kind):
         ),
     ],
 )
-def test_a_file_that_is_not_what_its_header_says_is_refused(content, sensor, words):
+def test_check_points_refuses_an_invalid_or_truncated_file(content, sensor, words):
     with pytest.raises(PointsError, match=words) as refused:
         check_points(content, sensor=sensor)
 
@@ -144,7 +144,7 @@ def test_a_file_that_is_not_what_its_header_says_is_refused(content, sensor, wor
 
 @pytest.mark.parametrize("blank", [" ", "\n", "\r\n", "\t\t"])
 @pytest.mark.parametrize("size", [1, 2, 5])
-def test_words_are_counted_where_portions_meet_as_they_are_read(blank, size):
+def test_ascii_numbers_across_read_boundaries_are_counted_correctly(blank, size):
     """Words of several lengths, so that portions of the file end inside all of them."""
     points = 40_000 * size
     words = [f"{number % 10**size}" for number in range(points * 6)]
@@ -156,7 +156,7 @@ def test_words_are_counted_where_portions_meet_as_they_are_read(blank, size):
         check_points(text[: text.rindex(blank.encode())], sensor="lidar")
 
 
-def test_a_text_of_points_takes_little_more_memory_than_its_numbers():
+def test_reading_ascii_points_has_bounded_memory():
     points = 150_000
     text = header("ascii", points) + b"1 2 3 0 5 14\n" * points
     tracemalloc.start()
@@ -173,7 +173,7 @@ def test_a_text_of_points_takes_little_more_memory_than_its_numbers():
     assert read < 60 * 2**20 + 3 * 8 * 6 * points
 
 
-def test_a_word_without_an_end_is_no_number():
+def test_overlong_number_in_ascii_points_is_refused():
     text = header("ascii", 1) + b"1" * (3 << 20)
 
     with pytest.raises(PointsError, match=r"word of more than|truncated"):

@@ -29,32 +29,32 @@ def drawing(row, x0, y0, picture, centred=None):
     return AcceptedPixels(outline, mask, mask)
 
 
-def test_the_nearer_box_takes_what_both_could_have():
+def test_nearer_box_owns_the_shared_pixels():
     assert owned([box(0, 0, 10), box(1, 4, 14)], [30.0, 10.0]) == ([4, 10], [1, -1])
 
 
-def test_a_box_wholly_explained_owns_nothing_and_names_who_explains_it():
+def test_fully_explained_box_owns_no_pixels_and_names_the_nearer_box():
     assert owned([box(0, 2, 6), box(1, 0, 10)], [30.0, 10.0]) == ([0, 10], [1, -1])
 
 
-def test_a_ghost_in_front_takes_nothing_from_what_is_seen_through_it():
+def test_nearer_ghost_without_pixels_does_not_explain_the_box_behind():
     unseen = box(0, 0, 10, mask=[False] * 10)
 
     assert owned([unseen, box(1, 0, 10)], [5.0, 20.0]) == ([0, 10], [-1, -1])
 
 
-def test_an_unknown_distance_neither_explains_nor_is_tested():
+def test_box_of_unknown_distance_is_not_measured_and_explains_none():
     assert owned([box(0, 0, 10), box(1, 0, 10)], [np.nan, 20.0]) == ([-1, 10], [-1, -1])
 
 
-def test_equal_distances_go_by_id():
+def test_boxes_at_equal_distance_are_ordered_by_id():
     assert owned([box(0, 0, 4), box(1, 0, 4)], [9.0, 9.0], ["b", "a"]) == (
         [0, 4],
         [1, -1],
     )
 
 
-def test_the_box_that_explains_most_is_named():
+def test_explained_by_names_the_box_that_explains_most():
     boxes = [box(0, 0, 10), box(1, 0, 3), box(2, 3, 10)]
 
     assert owned(boxes, [50.0, 10.0, 20.0])[1] == [2, -1, -1]
@@ -72,7 +72,7 @@ CAR_WITH_A_VIEW_OVER_ITS_BONNET = [
 ]
 
 
-def test_pixels_above_a_bonnet_are_left_to_the_box_behind():
+def test_pixels_above_a_bonnet_belong_to_the_box_behind():
     near = drawing(0, 0, 0, CAR_WITH_A_VIEW_OVER_ITS_BONNET)
     behind = drawing(1, 6, 1, [line[6:10] for line in near_rows(1, 4)])
 
@@ -83,14 +83,14 @@ def near_rows(first, last):
     return CAR_WITH_A_VIEW_OVER_ITS_BONNET[first:last]
 
 
-def test_the_same_patch_is_the_nearer_ones_if_nobody_behind_holds_all_of_it():
+def test_patch_belongs_to_nearer_box_unless_box_behind_contains_it():
     near = drawing(0, 0, 0, CAR_WITH_A_VIEW_OVER_ITS_BONNET)
     behind = drawing(1, 8, 1, [line[8:10] for line in near_rows(1, 4)])
 
     assert owned([near, behind], [10.0, 40.0], wh=(12, 8)) == ([34, 0], [-1, 0])
 
 
-def test_halves_of_a_car_behind_a_tree_both_stay_its_own():
+def test_both_halves_of_a_car_behind_a_tree_belong_to_it():
     halves = [".........", ".###.###.", ".###.###.", "........."]
     near = drawing(0, 0, 0, halves)
     ghost = drawing(1, 4, 0, [line[4:9] for line in halves])
@@ -98,7 +98,7 @@ def test_halves_of_a_car_behind_a_tree_both_stay_its_own():
     assert owned([near, ghost], [10.0, 40.0], wh=(12, 8)) == ([12, 0], [-1, 0])
 
 
-def test_a_splinter_is_no_sign_of_a_large_box_behind():
+def test_small_patch_is_not_given_to_a_much_larger_box_behind():
     near = drawing(0, 0, 0, CAR_WITH_A_VIEW_OVER_ITS_BONNET)
     rows = ["." * 16] + [line[6:10] + "." * 12 for line in near_rows(1, 4)]
     behind = drawing(1, 6, 0, rows + ["." * 16] * 9)
@@ -106,14 +106,14 @@ def test_a_splinter_is_no_sign_of_a_large_box_behind():
     assert owned([near, behind], [10.0, 40.0], wh=(30, 20)) == ([34, 0], [-1, 0])
 
 
-def test_a_pixel_whose_centre_is_outside_of_the_nearer_outline_is_not_taken():
+def test_pixel_with_centre_outside_the_nearer_outline_is_not_taken():
     near = drawing(0, 0, 0, ["####"], centred=[[True, True, True, False]])
     far = drawing(1, 2, 0, ["##"])
 
     assert owned([near, far], [10.0, 40.0]) == ([4, 1], [-1, 0])
 
 
-def test_a_box_too_thin_for_any_centre_takes_what_it_touches():
+def test_box_without_pixel_centres_owns_the_pixels_it_touches():
     thin = drawing(0, 0, 0, ["##"], centred=[[False, False]])
 
     assert owned([thin, drawing(1, 0, 0, ["##"])], [10.0, 40.0]) == ([2, 0], [-1, 0])

@@ -55,7 +55,7 @@ def evidence(box, *, of="car", profile="paper", tags=PICTURE, ignore=None):
         pytest.param((0.9999, 1, 3, 3), 6, 4, id="a hair over the edge of a pixel"),
     ],
 )
-def test_a_box_has_every_pixel_that_it_touches(box, pixels, matched):
+def test_box_counts_every_pixel_that_it_touches(box, pixels, matched):
     found = evidence(box)
 
     assert found.state[0] == BoxState.MEASURABLE
@@ -74,7 +74,7 @@ def test_a_box_has_every_pixel_that_it_touches(box, pixels, matched):
         pytest.param((2, 2, 2, 3), BoxState.DEGENERATE, id="without width"),
     ],
 )
-def test_a_box_without_pixels_measures_nothing(box, state):
+def test_outside_or_degenerate_box_has_zero_pixels_and_match(box, state):
     found = evidence(box)
 
     assert found.state[0] == state
@@ -84,7 +84,7 @@ def test_a_box_without_pixels_measures_nothing(box, state):
     assert not found.tag_counts.any()
 
 
-def test_the_histogram_counts_every_tag_and_what_is_unknown():
+def test_histogram_counts_every_tag_and_unknown_pixels():
     found = evidence((0, 0, 6, 4), of="truck")
 
     counted = {int(tag): int(found.tag_counts[0, tag]) for tag in (1, 12, 14, 15)}
@@ -94,11 +94,11 @@ def test_the_histogram_counts_every_tag_and_what_is_unknown():
     assert found.image_pixels[0] == 24
 
 
-def test_the_area_is_that_of_the_float_box_and_not_of_its_pixels():
+def test_area_percent_is_of_the_float_box_not_of_its_pixels():
     assert evidence((1.5, 1.5, 3.5, 2.5)).area_percent[0] == 2.0 / 24 * 100
 
 
-def test_an_ignored_pixel_is_neither_matched_nor_the_boxes():
+def test_ignored_pixels_are_neither_box_pixels_nor_matched_pixels():
     ignore = np.zeros(PICTURE.shape, np.bool_)
     ignore[2:, :] = True
 
@@ -108,13 +108,13 @@ def test_an_ignored_pixel_is_neither_matched_nor_the_boxes():
     assert found.tag_counts[0].sum() == 4
 
 
-def test_a_box_of_ignored_pixels_alone_matches_nothing():
+def test_box_of_only_ignored_pixels_has_match_zero():
     found = evidence((1, 1, 3, 3), ignore=np.ones(PICTURE.shape, np.bool_))
 
     assert (found.box_pixels[0], found.match_percent[0]) == (0, 0.0)
 
 
-def test_a_class_without_an_accept_set_matches_nothing():
+def test_class_without_an_accept_set_matches_no_pixels():
     found = evidence((1, 1, 3, 3), of="unicorn")
 
     assert (found.accept_mask[0], found.matched_pixels[0]) == (0, 0)
@@ -129,7 +129,7 @@ def test_unknown_pixels_match_no_class():
     assert found.matched_pixels[0] == 0
 
 
-def test_without_a_segmentation_the_geometry_is_still_measured():
+def test_geometry_is_measured_without_a_segmentation():
     boxes = frame_boxes([(1, 1, 3, 3), (1, 1, 2, 3)], WH)
 
     found = measure(None, boxes)
@@ -151,7 +151,7 @@ def test_a_frame_without_boxes_has_empty_evidence():
     assert found.tag_counts.shape == (0, 31)
 
 
-def test_a_coordinate_that_is_not_finite_is_an_error_that_names_the_box():
+def test_non_finite_coordinate_raises_error_naming_the_box():
     boxes = frame_boxes([(1, 1, 3, 3), (1, NAN, 3, 3)], WH)
 
     with pytest.raises(AnnotationError, match="box 1: "):
@@ -159,7 +159,7 @@ def test_a_coordinate_that_is_not_finite_is_an_error_that_names_the_box():
 
 
 @pytest.mark.parametrize("what", ["segmentation", "ignore mask"])
-def test_another_size_is_an_error_that_says_which(what):
+def test_size_mismatch_error_names_segmentation_or_ignore_mask(what):
     segmentation = segmentation_from_tags(PICTURE, FAMILY)
     ignore = np.zeros((6, 4), np.bool_) if what == "ignore mask" else None
     wh = WH if what == "ignore mask" else (4, 6)
@@ -168,7 +168,7 @@ def test_another_size_is_an_error_that_says_which(what):
         measure(segmentation, frame_boxes([(0, 0, 1, 1)], wh), ignore=ignore)
 
 
-class TestPublishedCode:
+class TestProfileCarlasimu:
     """Profile `carlasimu` gives exactly the numbers of the paper's published code."""
 
     @pytest.mark.parametrize(
@@ -188,12 +188,12 @@ class TestPublishedCode:
         assert (found.box_pixels[0], found.matched_pixels[0]) == (pixels, matched)
         assert found.match_percent[0] == pytest.approx(percent, rel=1e-15)
 
-    def test_a_box_as_large_as_the_image_is_told(self):
+    def test_box_larger_than_the_image_has_state_covers_image(self):
         found = evidence((-1, -1, 7, 5), profile="carlasimu")
 
         assert found.state[0] == BoxState.COVERS_IMAGE
 
-    def test_counts_one_colour_even_if_the_family_does_not_have_it(self):
+    def test_counts_the_class_colour_that_the_palette_family_lacks(self):
         rgb = painted(np.full((8, 20), 1, np.uint8))
         rgb[0, 0] = (100, 40, 40)  # Fence in carlasimu's table and carla-0.9.10
         rgb[2:6, 2:6] = (0, 60, 100)  # Bus, a tag that carla-0.9.10 lacks
@@ -214,13 +214,13 @@ class TestPublishedCode:
         assert (segmentation.channel_order, found.match_percent[0]) == (order, 100.0)
 
 
-class TestAmbiguity:
+class TestAmbiguousPalette:
     """The image fits two families: (0, 0, 142) is Car in one, Vehicle in the other."""
 
     AMBIGUOUS = png(painted(tag_image("ssss", ".cc.")))
 
     @pytest.mark.parametrize("name", ["car", "walker"])
-    def test_a_class_that_means_the_same_in_both_is_measured(self, name):
+    def test_class_with_equal_accept_set_in_both_families_is_measured(self, name):
         masks = {"car": 1 << 14, "walker": 1 << 12}
         boxes = frame_boxes([(1, 1, 3, 2)], (4, 2), name, masks)
 
@@ -228,7 +228,7 @@ class TestAmbiguity:
 
         assert found.match_percent[0] == (100.0 if name == "car" else 0.0)
 
-    def test_a_class_that_does_not_is_refused_and_the_families_are_named(self):
+    def test_class_that_differs_between_the_families_is_refused(self):
         boxes = frame_boxes([(1, 1, 3, 2)], (4, 2), "bus", {"bus": 1 << 16})
 
         with pytest.raises(SegmentationError) as caught:
@@ -240,7 +240,7 @@ class TestAmbiguity:
             "what counts as bus; name the palette"
         )
 
-    def test_an_accept_set_that_was_chosen_is_not_doubted(self):
+    def test_configured_accept_set_is_measured_despite_ambiguity(self):
         boxes = frame_boxes([(1, 1, 3, 2)], (4, 2), "bus", {"bus": 1 << 14})
 
         found = measure(read_segmentation(self.AMBIGUOUS), boxes)
@@ -248,14 +248,14 @@ class TestAmbiguity:
         assert found.match_percent[0] == 100.0
 
 
-class TestOtherAcceptSets:
+class TestWithAcceptMasks:
     BOXES = ((1, 1, 3, 3), (1, 1, 5, 3), (7, 0, 9, 4))
 
     def measured(self, mask):
         boxes = frame_boxes(self.BOXES, WH, accept={"car": mask})
         return measure(segmentation_from_tags(PICTURE, FAMILY), boxes)
 
-    def test_need_no_pixels(self):
+    def test_new_accept_masks_equal_a_new_measurement(self):
         changed = with_accept_masks(self.measured(1 << 14), np.full(3, 1 << 12))
 
         expected = self.measured(1 << 12)
@@ -264,7 +264,7 @@ class TestOtherAcceptSets:
                 getattr(changed, name), getattr(expected, name)
             )
 
-    def test_leave_the_given_evidence_alone(self):
+    def test_given_evidence_is_not_modified(self):
         given = self.measured(1 << 14)
         before = given.matched_pixels.copy()
 
@@ -272,7 +272,7 @@ class TestOtherAcceptSets:
 
         np.testing.assert_array_equal(given.matched_pixels, before)
 
-    def test_without_a_segmentation_there_is_still_nothing_matched(self):
+    def test_match_percent_stays_nan_without_a_segmentation(self):
         unmeasured = measure(None, frame_boxes(self.BOXES, WH))
 
         changed = with_accept_masks(unmeasured, np.full(3, 1 << 12))
@@ -280,7 +280,7 @@ class TestOtherAcceptSets:
         assert np.isnan(changed.match_percent).all()
 
     @pytest.mark.parametrize("missing", ["tag_counts", "xyxy"])
-    def test_need_the_histogram_and_the_boxes(self, missing):
+    def test_missing_histogram_or_boxes_raises_error(self, missing):
         given = replace(self.measured(1 << 14), **{missing: None})
 
         with pytest.raises(FilterError, match="need the tag histogram") as caught:

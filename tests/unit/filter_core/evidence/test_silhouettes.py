@@ -33,7 +33,7 @@ def drawn(points, bounds, pixels=touched_pixels):
     ],
     ids=["diamond", "part of it", "rectangle", "line", "point"],
 )
-def test_every_pixel_that_an_outline_touches_belongs_to_it(points, bounds, expected):
+def test_touched_pixels_are_all_that_the_outline_touches(points, bounds, expected):
     assert drawn(points, bounds) == expected
 
 
@@ -47,13 +47,11 @@ def test_every_pixel_that_an_outline_touches_belongs_to_it(points, bounds, expec
     ],
     ids=["diamond", "rectangle", "line", "between the centres"],
 )
-def test_pixels_whose_centres_lie_within_an_outline_can_show_it(
-    points, bounds, expected
-):
+def test_centred_pixels_have_their_centre_inside_the_outline(points, bounds, expected):
     assert drawn(points, bounds, centred_pixels) == expected
 
 
-def test_centres_are_looked_at_in_rectangles_too_but_only_if_asked():
+def test_centred_pixels_of_rectangles_are_computed_only_on_request():
     boxes = np.array([[1.6, 0.2, 3.4, 1.0]])
     flat = np.full((1, 8, 3), np.nan)
 
@@ -65,5 +63,5 @@ def test_centres_are_looked_at_in_rectangles_too_but_only_if_asked():
     assert asked.centred.tolist() == [[False, True, False]]
 
 
-def test_nothing_is_drawn_of_nothing():
+def test_touched_pixels_without_outlines_is_empty():
     assert touched_pixels([], np.empty((0, 4), np.int64)) == []

@@ -30,7 +30,7 @@ def coco(images, annotations, **more):
     return json.dumps({**document, **more})
 
 
-def test_boxes_find_their_images_whatever_the_order(tmp_path):
+def test_annotations_are_joined_to_images_in_any_order(tmp_path):
     rows = [annotation(1, "b"), annotation(2, "a"), annotation(3, "b", category_id=7)]
     document = json.loads(coco([image("a", "x/1.png"), image("b", "x/2.png")], rows))
     backwards = json.dumps(dict(reversed(document.items())), indent=3)
@@ -59,7 +59,7 @@ def test_boxes_find_their_images_whatever_the_order(tmp_path):
     assert frames.unmatched == ()
 
 
-def test_unknown_keys_are_kept_and_never_taken_for_our_own(tmp_path):
+def test_unknown_coco_keys_are_kept_as_extra(tmp_path):
     strange = {"xyxy": "no", "distance": "far", "score": 0.5, "segmentation": [[1, 2]]}
     rows = [annotation(1, 1, **strange)]
     content = coco([image(1, "a.png", camera="left", license=4)], rows)
@@ -72,7 +72,7 @@ def test_unknown_keys_are_kept_and_never_taken_for_our_own(tmp_path):
     assert parsed.boxes[0].distance is None
 
 
-def test_ids_that_repeat_give_way_to_places(tmp_path):
+def test_duplicate_annotation_ids_are_replaced_by_indexes(tmp_path):
     rows = [annotation(5, 1), annotation(5, 1)]
     folder = write_files(tmp_path, {"a.json": coco([image(1, "a.png")], rows)})
 
@@ -90,7 +90,7 @@ def test_ids_that_repeat_give_way_to_places(tmp_path):
         ([image(1, "a.png"), image(1, "b.png")], [annotation(1, 1)], "the 1 boxes are"),
     ],
 )
-def test_an_ambiguous_entry_is_that_frame_s_problem(tmp_path, images, rows, words):
+def test_ambiguous_entry_is_a_problem_of_its_frame_only(tmp_path, images, rows, words):
     good = [*images, image("z", "z.png")]
     folder = write_files(tmp_path, {"a.json": coco(good, rows)})
 
@@ -101,7 +101,7 @@ def test_an_ambiguous_entry_is_that_frame_s_problem(tmp_path, images, rows, word
     assert (last.key, last.problem) == ("z", None)
 
 
-def test_boxes_of_no_image_and_images_of_no_file_are_listed(tmp_path):
+def test_unmatched_images_and_annotations_are_listed(tmp_path):
     content = coco([image(1, "a.png")], [annotation(1, 2), annotation(2, 3)])
     folder = write_files(tmp_path, {"a.json": content, "images/other.png": None})
 
@@ -144,7 +144,7 @@ def test_boxes_of_no_image_and_images_of_no_file_are_listed(tmp_path):
         ),
     ],
 )
-def test_a_file_that_is_not_coco_says_where(tmp_path, content, words):
+def test_invalid_coco_file_error_names_the_position(tmp_path, content, words):
     file = tmp_path / "x.json"
     file.write_text(content, "utf-8")
 
@@ -154,7 +154,7 @@ def test_a_file_that_is_not_coco_says_where(tmp_path, content, words):
     assert words in caught.value.detail
 
 
-def test_a_long_number_is_refused_before_it_is_read_wherever_a_piece_ends(tmp_path):
+def test_overlong_number_is_refused_for_any_piece_size(tmp_path):
     file = tmp_path / "x.json"
     file.write_text('{"é\\"": "' + "1" * 200 + '", "a": ' + "1" * 1_000_000)
 
@@ -166,7 +166,7 @@ def test_a_long_number_is_refused_before_it_is_read_wherever_a_piece_ends(tmp_pa
             list(coco_index.read_object(opened, "x.json", piece_bytes=size))
 
 
-def test_values_are_whole_wherever_a_piece_of_the_file_ends(tmp_path):
+def test_values_are_complete_for_any_piece_size(tmp_path):
     texts = ["é" * 5, '\\"]}', "\u2028", "x"]
     images = [image(n, f"{text}.png", n=-12345.678) for n, text in enumerate(texts)]
     content = json.dumps({"n": 123456, "images": images}, ensure_ascii=False)
@@ -183,7 +183,7 @@ def test_values_are_whole_wherever_a_piece_of_the_file_ends(tmp_path):
         assert found == [123456, *images]
 
 
-def test_a_real_file_with_real_dirt_is_survived_and_reported():
+def test_recorded_coco_file_with_errors_is_read_and_reported():
     """Of its 249 images 57 are called "_semantic": one bad frame, and 192 good ones."""
     folder = shared("data/DanielHfnr_Carla-Object-Detection-Dataset")
 

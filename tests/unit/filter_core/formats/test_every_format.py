@@ -27,7 +27,7 @@ from tests.support.exporting import HEAD, box, export, frame, sample_frames
 from tests.support.folders import write_files
 
 
-def test_every_module_of_a_format_is_in_the_list():
+def test_every_declared_format_is_registered():
     """A `Format` that is declared but not listed could never be used."""
     modules = [
         import_module(found.name)
@@ -44,14 +44,14 @@ def test_every_module_of_a_format_is_in_the_list():
 
 
 @pytest.mark.parametrize("one", FORMATS.values(), ids=FORMATS)
-def test_a_format_can_be_recognised_if_it_can_be_read(one):
+def test_format_has_a_recogniser_iff_it_has_a_reader(one):
     assert (one.read is None) == (one.recognise is None)
     assert one.read or one.write
     assert one.write or not one.options
 
 
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
-def test_the_same_frames_give_the_same_bytes_and_counts_that_add_up(name):
+def test_export_is_deterministic_and_its_counts_add_up(name):
     files = export(name, sample_frames(7))
 
     assert files == export(name, sample_frames(7))
@@ -61,13 +61,13 @@ def test_the_same_frames_give_the_same_bytes_and_counts_that_add_up(name):
 
 
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
-def test_a_count_that_does_not_add_up_fails_every_format(name):
+def test_wrong_expected_box_count_fails_every_format(name):
     with pytest.raises(ExportError, match="expected 71 boxes, found 70"):
         export(name, sample_frames(7), replace(HEAD, expected_boxes=71))
 
 
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
-def test_a_frame_without_boxes_is_in_every_format(name):
+def test_frame_without_boxes_is_exported_in_every_format(name):
     part = {"split": 1.0} if "split" in FORMATS[name].options else {}
     files = export(name, [frame("only/one")], **part)
 
@@ -80,7 +80,7 @@ def test_a_frame_without_boxes_is_in_every_format(name):
 
 
 @pytest.fixture(scope="module")
-def growth(tmp_path_factory):
+def memory_growth_per_frame(tmp_path_factory):
     """The bytes by which each format's peak memory grows with each frame."""
     measured = subprocess.run(
         [
@@ -97,9 +97,9 @@ def growth(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
-def test_memory_does_not_grow_with_the_dataset(name, growth):
+def test_memory_does_not_grow_with_the_dataset(name, memory_growth_per_frame):
     """Of a frame only a trace of its name stays in memory, nothing of its boxes."""
-    assert growth[name] < 300
+    assert memory_growth_per_frame[name] < 300
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_memory_does_not_grow_with_the_dataset(name, growth):
         ("decisions-csv", {"include": "all"}, "no option 'include'; it has none"),
     ],
 )
-def test_an_option_that_a_format_lacks_is_refused(name, options, words):
+def test_unknown_format_or_unsupported_option_is_refused(name, options, words):
     with pytest.raises(ExportError) as caught:
         format_of(name, ExportOptions.from_mapping(options))
 
@@ -131,7 +131,7 @@ def test_an_option_that_a_format_lacks_is_refused(name, options, words):
         ({"bands": list(range(1, 40))}, "bands: expected at most 16 distances"),
     ],
 )
-def test_an_option_that_makes_no_sense_is_named(options, words):
+def test_invalid_export_option_is_refused_with_its_pointer(options, words):
     with pytest.raises(ExportError, match="expected") as caught:
         ExportOptions.from_mapping(options)
 
@@ -139,11 +139,11 @@ def test_an_option_that_makes_no_sense_is_named(options, words):
     assert caught.value.pointer.startswith("/options")
 
 
-def test_bands_are_sorted_and_said_once():
+def test_bands_are_sorted_and_deduplicated():
     assert ExportOptions.from_mapping({"bands": [100, 50, 100]}).bands == (50, 100)
 
 
-def test_parquet_without_its_library_says_how_to_get_it(monkeypatch):
+def test_parquet_without_pyarrow_error_says_how_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
 
     with pytest.raises(NotAvailable, match=r"pip install 'unghost\[parquet\]'"):
@@ -164,7 +164,7 @@ ALIKE = [
 
 
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
-def test_no_two_names_are_the_same_to_some_systems(name, tmp_path):
+def test_exported_file_names_are_unique_ignoring_case(name, tmp_path):
     keys = sorted(ALIKE)
     files = export(name, [frame(key, box(0)) for key in keys])
 
@@ -175,7 +175,7 @@ def test_no_two_names_are_the_same_to_some_systems(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["coco", "yolo"], ids=["sub-folders", "flat names"])
-def test_the_first_of_names_that_are_alike_is_not_renamed(name):
+def test_first_of_case_colliding_names_is_not_renamed(name):
     files = export(name, [frame(key, box(0)) for key in sorted(ALIKE)])
 
     renamed = json.loads(files["manifest.json"])["renamed"]
@@ -185,7 +185,7 @@ def test_the_first_of_names_that_are_alike_is_not_renamed(name):
     assert len(digests) == 4
 
 
-def test_a_flat_name_that_is_taken_gives_way():
+def test_flat_name_collision_adds_a_suffix():
     names = FileNames(flat=True)
 
     first, second = names.stem("a/b"), names.stem("a__b")
@@ -194,11 +194,11 @@ def test_a_flat_name_that_is_taken_gives_way():
     assert second.startswith("a__b%~")
 
 
-def test_a_folder_is_never_called_like_a_file():
+def test_dot_in_a_folder_name_is_escaped():
     assert file_stem("a.png/b.png") == "a%2Epng/b.png"
 
 
-def test_a_folder_appears_whole_or_not_at_all(tmp_path):
+def test_export_folder_is_written_completely_or_not_at_all(tmp_path):
     target = tmp_path / "made" / "here"
 
     with pytest.raises(ExportError, match="found 1"):
@@ -217,7 +217,7 @@ def write_into(folder, head):
 
 
 @pytest.mark.parametrize("name", ["/etc/x", "../x", "a/../../x", "a\\b", ""])
-def test_nothing_is_written_outside_of_the_folder(tmp_path, name):
+def test_path_traversal_in_an_export_file_name_is_refused(tmp_path, name):
     with (
         pytest.raises(ExportError, match="no name of a file"),
         folder_sink(tmp_path / "out") as sink,
@@ -236,7 +236,7 @@ def test_nothing_is_written_outside_of_the_folder(tmp_path, name):
         ('{"file": "a.png", "key": "a"}\n' * 2, "line 2: expected each once"),
     ],
 )
-def test_a_list_of_keys_that_cannot_be_trusted_is_refused(tmp_path, lines, words):
+def test_invalid_frames_jsonl_is_refused(tmp_path, lines, words):
     folder = write_files(tmp_path, {"labels/a.txt": "", "classes.txt": "car"})
     write_files(folder, {"frames.jsonl": lines})
 

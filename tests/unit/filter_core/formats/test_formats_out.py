@@ -26,7 +26,7 @@ def elements(files, name):
     return ElementTree.fromstring(files[name].decode())
 
 
-def test_coco_ids_count_from_one_and_boxes_are_corner_and_size():
+def test_coco_export_has_ids_from_one_and_xywh_boxes():
     files = export(
         "coco",
         [frame("a/7", box(0), box(1, class_name="walker")), frame("b", CUT)],
@@ -55,7 +55,7 @@ def test_coco_ids_count_from_one_and_boxes_are_corner_and_size():
     assert document(files, "annotations/instances_val.json")["images"] == []
 
 
-def test_coco_keeps_what_a_coco_file_said_besides():
+def test_coco_export_keeps_coco_keys_of_the_input():
     given = {
         "area": 17.5,
         "ignore": 0,
@@ -72,7 +72,7 @@ def test_coco_keeps_what_a_coco_file_said_besides():
     assert one["attributes"] == {"id": "x", "distance": 12.5}
 
 
-def test_coco_carries_3d_boxes_and_cameras():
+def test_coco_export_contains_3d_vertices_and_camera():
     corners = [[float(n), 0.0, 1.0] for n in range(8)]
     camera = {"width": 100, "height": 80, "fov": 90.0, "transform": HERE}
     solid = box(0, given={"vertices": corners})
@@ -93,7 +93,7 @@ def test_coco_carries_3d_boxes_and_cameras():
         ("voc", "Annotations/a.xml", b"<difficult>1</difficult>"),
     ],
 )
-def test_rejected_boxes_can_be_regions_to_ignore(name, file, says):
+def test_rejected_boxes_are_exported_as_dontcare_regions(name, file, says):
     frames = [frame("a", box(0), GHOST)]
 
     ignored = export(name, frames, split=1.0, rejected="dontcare")
@@ -105,7 +105,7 @@ def test_rejected_boxes_can_be_regions_to_ignore(name, file, says):
     assert (counts["out"], counts["dontcare"], counts["dropped"]) == (1, 1, 0)
 
 
-def test_kitti_has_fifteen_columns_and_its_own_numbers_for_unknown():
+def test_kitti_export_has_15_columns_and_defaults_for_unknown_values():
     files = export("kitti", [frame("x/y z", box(0), CUT)], split=1.0)
 
     assert files["training/label_2/000000.txt"].decode().splitlines() == [
@@ -118,14 +118,14 @@ def test_kitti_has_fifteen_columns_and_its_own_numbers_for_unknown():
     assert json.loads(files["frames.jsonl"])["key"] == "x/y z"
 
 
-def test_kitti_takes_the_occlusion_that_depth_measured():
+def test_kitti_export_uses_the_measured_occlusion():
     files = export("kitti", [frame("a", box(0, occluded=2))], split=1.0)
 
     line = files["training/label_2/000000.txt"].decode().split()
     assert line[2] == "2"
 
 
-def test_kitti_ignores_what_others_keep_under_its_keys():
+def test_kitti_export_ignores_invalid_values_under_its_keys():
     """Any sender may use these keys, so their values need not be KITTI's."""
     given = {"kitti": {"alpha": "north", "dimensions": ["a", "b", "c"]}}
     beside = {"dontcare": [["left", "top", "right", "bottom"], [1, 2, 3, 4]]}
@@ -138,7 +138,7 @@ def test_kitti_ignores_what_others_keep_under_its_keys():
     assert region.startswith("DontCare -1 -1 -10.00 1.00 2.00 3.00 4.00 ")
 
 
-def test_kitti_types_are_words_of_their_own():
+def test_kitti_types_are_unique_and_without_spaces():
     words = kitti_types(("traffic light", "traffic_light", "dontcare", "Car", "car"))
 
     assert words == {
@@ -172,11 +172,11 @@ def test_kitti_numbers_have_two_decimals_at_least(value, text):
         ((50.2, 50.2, 50.3, 50.3), [51, 51, 51, 51]),
     ],
 )
-def test_voc_counts_whole_pixels_from_one(xyxy, voc):
+def test_voc_export_uses_integer_pixels_from_one(xyxy, voc):
     assert whole_pixels(xyxy, (100, 80)) == voc
 
 
-def test_voc_has_a_file_for_every_image_and_says_what_is_cut():
+def test_voc_export_has_a_file_per_image_and_truncated_flags():
     given = {"pose": "Left", "difficult": 1, "occluded": 1}
     files = export(
         "voc", [frame("a", box(0, given=given), CUT), frame("b/c")], split=1.0
@@ -194,7 +194,7 @@ def test_voc_has_a_file_for_every_image_and_says_what_is_cut():
     assert files["JPEGImages/b__c.png"].startswith(b"\x89PNG")
 
 
-def test_cvat_says_verdict_and_reason_of_each_box():
+def test_cvat_export_contains_verdict_and_reason_of_each_box():
     root = elements(
         export("cvat", [frame("a<b", CUT, GHOST)], include="all"), "annotations.xml"
     )
@@ -215,7 +215,7 @@ def test_cvat_says_verdict_and_reason_of_each_box():
     assert said == {"id": "ghost", "verdict": "rejected", "reason": "below_threshold"}
 
 
-def test_label_studio_tells_the_filter_from_people():
+def test_label_studio_separates_predictions_from_annotations():
     person = box("p", review={"verdict": "keep"}, effective_verdict="kept")
     files = export("label-studio", [frame("a b", box(0, match_percent=40.0), person)])
 
@@ -240,7 +240,7 @@ def test_label_studio_tells_the_filter_from_people():
     assert [one.attrib["value"] for one in labels] == list(HEAD.classes)
 
 
-def test_a_manifest_gives_back_what_came_but_the_rejected():
+def test_manifest_export_returns_the_input_without_rejected_boxes():
     given = {"id": "7", "cxcywhn": [0.5, 0.5, 0.1, 0.1], "mine": {"deep": [1]}}
     one = box("7", given=given)
     annotation = {"weather": {"fog_density": 2.0}, "mine": 1, "boxes": ["all of them"]}
@@ -258,7 +258,7 @@ def test_a_manifest_gives_back_what_came_but_the_rejected():
     assert files["images/a/b.png"].startswith(b"\x89PNG")
 
 
-def test_yolo_points_both_parts_to_the_one_that_has_frames():
+def test_yolo_data_yaml_replaces_an_empty_split_by_the_other():
     names = yaml.safe_load(export("yolo", [frame("a")], split=0.0)["data.yaml"])
 
     assert (names["train"], names["val"]) == ("images/val", "images/val")
@@ -272,7 +272,7 @@ def test_yolo_points_both_parts_to_the_one_that_has_frames():
         ("kitti", "training/{band}/000000.txt", b"\n"),
     ],
 )
-def test_bands_hold_what_is_near_and_what_may_be(name, file, mark):
+def test_distance_bands_contain_near_and_unknown_distance_boxes(name, file, mark):
     boxes = [box(0, distance=49.9), box(1, distance=50.1), box(2, distance=None)]
     files = export(name, [frame("a", *boxes)], split=1.0, bands=[100, 50])
 
@@ -291,7 +291,7 @@ def test_coco_has_a_file_for_each_band():
     assert [one["attributes"]["id"] for one in near] == ["0"]
 
 
-def test_tight_rectangles_fall_back_and_are_counted():
+def test_missing_tight_rectangle_falls_back_to_visible_and_is_counted():
     tight = box(0, tight_xyxy=[12, 22, 28, 58])
     files = export("coco", [frame("a", tight, box(1))], split=1.0, boxes="tight")
 
@@ -303,7 +303,7 @@ def test_tight_rectangles_fall_back_and_are_counted():
     assert counts["boxes"]["clipped"] == 0
 
 
-def test_a_crowd_is_no_object_where_a_format_has_no_crowds():
+def test_crowd_box_is_dropped_by_formats_without_crowds():
     crowd = box(0, given={"iscrowd": 1})
     made = {
         name: export(name, [frame("a", crowd)], split=1.0) for name in ("yolo", "coco")

@@ -38,7 +38,7 @@ def folder(tmp_path, label, calibration=f"P0: 1\n{P2}\n", wh=(1224, 370)):
     )
 
 
-def test_a_line_is_a_rectangle_with_what_kitti_says_besides(tmp_path):
+def test_kitti_line_is_read_as_rectangle_with_kitti_fields(tmp_path):
     source = folder(tmp_path, f"{PEDESTRIAN}\n{REGION}\n")
 
     frames = read_source(source)
@@ -64,7 +64,7 @@ def test_a_line_is_a_rectangle_with_what_kitti_says_besides(tmp_path):
     assert annotation_of(one)["dontcare"] == [[5.0, 6.0, 7.0, 9.0]]
 
 
-def test_a_kitti_file_comes_back_as_it_was(tmp_path):
+def test_kitti_label_file_round_trips(tmp_path):
     source = folder(tmp_path, f"{PEDESTRIAN}\n{REGION}\n")
 
     files = convert("kitti", source)
@@ -89,7 +89,7 @@ def test_a_line_with_only_a_3d_box_is_projected(tmp_path):
 
 
 @pytest.mark.parametrize("yaw", [0.0, 30.0, 90.0, 179.0, -120.0])
-def test_3d_boxes_are_the_same_in_kitti_s_words(yaw):
+def test_3d_box_round_trips_through_kitti_parameters(yaw):
     camera = Camera.from_fov(800, 600, 90.0, {"x": 3, "y": -2, "z": 1.5, "yaw": 20})
     turned = Transform(location=(20.0, 4.0, 0.8), rotation=(0.0, yaw, 0.0))
     corners = SIGNS * [2.2, 0.9, 0.8] @ turned.matrix[:3, :3].T + turned.matrix[:3, 3]
@@ -103,7 +103,7 @@ def test_3d_boxes_are_the_same_in_kitti_s_words(yaw):
     np.testing.assert_allclose(back, seen, atol=1e-9)
 
 
-def test_a_car_that_drives_ahead_has_kitti_s_heading():
+def test_car_driving_ahead_has_rotation_y_of_minus_half_pi():
     """KITTI's rotation_y is 0 to the right and -pi/2 straight ahead."""
     found = to_kitti_box(AHEAD, Camera.from_fov(800, 600, 90.0, HIGH))
 
@@ -112,7 +112,7 @@ def test_a_car_that_drives_ahead_has_kitti_s_heading():
     assert found.location == pytest.approx((0.0, 1.6, 10.0))
 
 
-def test_3d_columns_and_calibration_come_from_the_camera():
+def test_kitti_3d_columns_and_calibration_are_those_of_the_camera():
     camera = {"width": 100, "height": 80, "fov": 90.0, "transform": HIGH}
     solid = box(0, given={"vertices": AHEAD.tolist()})
     one = frame("a", solid, annotation={"camera": camera})
@@ -142,14 +142,16 @@ def test_3d_columns_and_calibration_come_from_the_camera():
         (PEDESTRIAN, f"P2: {'0 ' * 12}", "P2: not a camera"),
     ],
 )
-def test_a_bad_file_is_that_frame_s_problem(tmp_path, label, calibration, words):
+def test_invalid_label_or_calibration_is_a_problem_of_its_frame(
+    tmp_path, label, calibration, words
+):
     (one,) = read_source(folder(tmp_path, f"{label}\n", calibration))
 
     assert one.annotation is None
     assert words in str(one.problem)
 
 
-def test_calibrations_of_no_label_are_listed(tmp_path):
+def test_calibration_without_label_file_is_listed_as_unmatched(tmp_path):
     source = folder(tmp_path, "")
     write_files(tmp_path, {"training/calib/000009.txt": P2})
 

@@ -34,7 +34,7 @@ def keys(frames):
         (unicodedata.normalize("NFD", "straße/é.png"), "straße/é"),
     ],
 )
-def test_a_file_s_path_names_its_frame(name, key):
+def test_frame_key_is_derived_from_the_file_path(name, key):
     assert frame_key(name) == key
 
 
@@ -46,7 +46,7 @@ def test_a_file_s_path_names_its_frame(name, key):
         ("train/1.png", "train/1.txt"),
     ],
 )
-def test_yolo_in_any_of_its_nestings(tmp_path, images, labels):
+def test_yolo_is_read_from_any_folder_nesting(tmp_path, images, labels):
     write_files(tmp_path, {images: None, labels: YOLO_LINE, "data.yaml": NAMES})
 
     frames = read_source(tmp_path)
@@ -58,7 +58,7 @@ def test_yolo_in_any_of_its_nestings(tmp_path, images, labels):
     assert frames.unmatched == ()
 
 
-def test_names_with_dots_spaces_accents_and_apple_s_leftovers(tmp_path):
+def test_unicode_names_are_matched_and_macos_files_are_ignored(tmp_path):
     composed, apart = (
         unicodedata.normalize(form, "é 1.5 km") for form in ("NFC", "NFD")
     )
@@ -82,7 +82,7 @@ def test_names_with_dots_spaces_accents_and_apple_s_leftovers(tmp_path):
     assert frames.unmatched == ()
 
 
-def test_files_that_do_not_match_are_listed_with_the_reason(tmp_path):
+def test_unmatched_files_are_listed_with_the_reason(tmp_path):
     write_files(
         tmp_path,
         {
@@ -106,7 +106,7 @@ def test_files_that_do_not_match_are_listed_with_the_reason(tmp_path):
     assert keys(frames) == ["a", "no image"]
 
 
-def test_segmentations_in_a_flat_folder_are_told_by_their_names(tmp_path):
+def test_segmentations_in_a_flat_folder_are_matched_by_name(tmp_path):
     write_files(
         tmp_path,
         {
@@ -139,7 +139,7 @@ def test_segmentations_in_a_flat_folder_are_told_by_their_names(tmp_path):
         ("0 0 0 1 0 1 1 0 1", "found 9 columns"),
     ],
 )
-def test_a_bad_line_is_named_and_the_other_frames_go_on(tmp_path, line, words):
+def test_invalid_yolo_line_is_reported_and_other_frames_are_read(tmp_path, line, words):
     write_files(
         tmp_path,
         {
@@ -156,7 +156,7 @@ def test_a_bad_line_is_named_and_the_other_frames_go_on(tmp_path, line, words):
     assert (good.problem, good.annotation) == (None, {"boxes": [BOX]})
 
 
-def test_lists_and_notes_are_no_labels_and_a_frame_may_be_called_like_them(tmp_path):
+def test_list_and_readme_files_are_not_read_as_labels(tmp_path):
     write_files(
         tmp_path,
         {
@@ -173,7 +173,7 @@ def test_lists_and_notes_are_no_labels_and_a_frame_may_be_called_like_them(tmp_p
     assert frames.classes == ("car",)
 
 
-def test_a_sixth_column_is_the_confidence_and_line_ends_are_those_of_any_system(
+def test_sixth_column_is_confidence_and_any_line_ending_is_accepted(
     tmp_path,
 ):
     text = "\ufeff1 .5 .5 1e-1 .2 0.9\r\n\r\n0 0.5 0.5 0.1 0.2\r"
@@ -195,7 +195,7 @@ def test_a_sixth_column_is_the_confidence_and_line_ends_are_those_of_any_system(
         "names: [\n  car,\n  street light,\n]",
     ],
 )
-def test_class_names_in_every_form_that_tools_write(tmp_path, text):
+def test_class_names_are_read_from_every_form_of_data_yaml(tmp_path, text):
     write_files(tmp_path, {"labels/1.txt": YOLO_LINE, "data.yaml": text})
 
     assert read_source(tmp_path).classes == ("car", "street light")
@@ -218,7 +218,7 @@ def test_an_empty_label_file_is_a_frame_without_boxes(tmp_path):
         ("names: [a]\nnames: [b]", "given twice"),
     ],
 )
-def test_a_data_yaml_without_usable_names_is_refused(tmp_path, content, words):
+def test_data_yaml_with_invalid_names_is_refused(tmp_path, content, words):
     write_files(tmp_path, {"labels/1.txt": YOLO_LINE, "data.yaml": content})
 
     with pytest.raises(LayoutError) as caught:
@@ -227,14 +227,14 @@ def test_a_data_yaml_without_usable_names_is_refused(tmp_path, content, words):
     assert words in caught.value.detail
 
 
-def test_names_by_number_keep_their_order(tmp_path):
+def test_class_names_by_number_are_sorted_by_number(tmp_path):
     names = "names:\n  1: van\n  0: traffic light\n"
     write_files(tmp_path, {"labels/1.txt": YOLO_LINE, "data.yaml": names})
 
     assert read_source(tmp_path).classes == ("traffic light", "van")
 
 
-def test_yolo_without_class_names_says_what_is_missing(tmp_path):
+def test_yolo_without_class_names_is_refused_unless_they_are_given(tmp_path):
     write_files(tmp_path, {"labels/1.txt": YOLO_LINE})
 
     with pytest.raises(LayoutError, match=r"data\.yaml"):
@@ -243,7 +243,7 @@ def test_yolo_without_class_names_says_what_is_missing(tmp_path):
     assert [frame.annotation for frame in named] == [{"boxes": [BOX]}]
 
 
-def test_carlasimu_takes_the_widest_band_and_its_own_class_numbers(tmp_path):
+def test_carlasimu_layout_reads_widest_band_and_readme_class_numbers(tmp_path):
     write_files(
         tmp_path,
         {
@@ -270,7 +270,7 @@ def test_carlasimu_takes_the_widest_band_and_its_own_class_numbers(tmp_path):
 
 
 @pytest.mark.parametrize("readme", ["# My data", '{"author": "me"}', "[1, 2]"])
-def test_any_other_readme_leaves_carlasimu_s_own_class_numbers(tmp_path, readme):
+def test_readme_without_classes_keeps_default_carlasimu_classes(tmp_path, readme):
     write_files(tmp_path, {"label/1.txt": "4 0.5 0.5 0.1 0.2", "Readme.txt": readme})
 
     (frame,) = read_source(tmp_path)
@@ -278,7 +278,7 @@ def test_any_other_readme_leaves_carlasimu_s_own_class_numbers(tmp_path, readme)
     assert frame.annotation == {"boxes": [{**BOX, "class": "walker"}]}
 
 
-def test_raw_centre_pixels_have_no_class_of_their_own(tmp_path):
+def test_raw_cxcywh_boxes_have_class_unknown_or_the_default_class(tmp_path):
     write_files(tmp_path, {"label/1.txt": "10 20 4 6\n", "img/1.png": None})
 
     plain = list(read_source(tmp_path))
@@ -313,7 +313,7 @@ def test_a_layout_is_recognised_by_its_files(tmp_path, files, layout):
     assert detect_layout(write_files(tmp_path, files)) == layout
 
 
-def test_files_of_several_layouts_are_asked_about_in_one_order(tmp_path):
+def test_layout_detection_has_a_fixed_precedence(tmp_path):
     """A manifest comes first, then KITTI's folders, then carlasimu's."""
     undecided = {"a.xml": "", "a.txt": "", "data.yaml": NAMES, "a.json": EMPTY_COCO}
     write_files(tmp_path, undecided)
@@ -328,7 +328,7 @@ def test_files_of_several_layouts_are_asked_about_in_one_order(tmp_path):
         assert detect_layout(tmp_path) == layout
 
 
-def test_labels_that_nobody_can_read_are_not_left_out_in_silence(tmp_path):
+def test_yolo_labels_without_class_names_are_not_silently_ignored(tmp_path):
     """Images with YOLO labels but no class names have no layout unless it is named."""
     write_files(tmp_path, {"images/1.png": None, "labels/1.txt": YOLO_LINE})
 
@@ -338,7 +338,7 @@ def test_labels_that_nobody_can_read_are_not_left_out_in_silence(tmp_path):
     assert keys(read_source(tmp_path, "pairs")) == ["1"]
 
 
-def test_two_layouts_in_one_folder_are_never_guessed_between(tmp_path):
+def test_folder_with_two_possible_layouts_is_refused(tmp_path):
     write_files(tmp_path, {"a.xml": "", "labels/1.txt": "", "data.yaml": NAMES})
 
     with pytest.raises(LayoutError, match="could be voc or yolo; name the layout"):
@@ -356,14 +356,12 @@ def test_two_layouts_in_one_folder_are_never_guessed_between(tmp_path):
         ("carlasimu", LayoutError, "found neither"),
     ],
 )
-def test_a_folder_that_cannot_be_read_says_what_was_expected(
-    tmp_path, layout, error, words
-):
+def test_unreadable_folder_error_says_what_was_expected(tmp_path, layout, error, words):
     with pytest.raises(error, match=words):
         read_source(tmp_path, layout)
 
 
-def test_a_source_that_is_not_there_is_named_without_its_folder(tmp_path):
+def test_missing_source_is_named_without_its_parent_path(tmp_path):
     with pytest.raises(LayoutError) as caught:
         read_source(tmp_path / "nowhere")
 
@@ -371,7 +369,7 @@ def test_a_source_that_is_not_there_is_named_without_its_folder(tmp_path):
     assert str(tmp_path) not in caught.value.detail
 
 
-def test_a_label_that_is_not_text_is_that_frame_s_problem(tmp_path):
+def test_label_file_that_is_not_utf8_is_a_problem_of_its_frame(tmp_path):
     write_files(tmp_path, {"labels/1.txt": b"\xff\xfe0", "data.yaml": NAMES})
 
     (frame,) = read_source(tmp_path)

@@ -32,7 +32,7 @@ def test_paths_are_relative_to_the_manifest_or_absolute(tmp_path):
     assert frame.annotation == {"boxes": FRAME["boxes"], "map": "Town01"}
 
 
-def test_segmentations_can_be_named_apart(tmp_path):
+def test_segmentation_paths_are_relative_to_the_given_folder(tmp_path):
     path = write(tmp_path, json.dumps({**FRAME, "segmentation": "0.png"}))
 
     (frame,) = read_source(path, options=ReadOptions(segmentation=tmp_path / "seg"))
@@ -40,7 +40,7 @@ def test_segmentations_can_be_named_apart(tmp_path):
     assert frame.segmentation == tmp_path / "seg/0.png"
 
 
-def test_paths_that_were_written_on_windows_are_found(tmp_path):
+def test_windows_paths_are_resolved(tmp_path):
     write_files(tmp_path, {"rgb/0.png": None, "d/manifest.jsonl": ""})
     files = {"image": "..\\rgb\\0.png", "depth": "no\\0.png"}
     (tmp_path / "d/manifest.jsonl").write_text(json.dumps({**FRAME, **files}))
@@ -51,7 +51,7 @@ def test_paths_that_were_written_on_windows_are_found(tmp_path):
     assert frame.others == {"depth": tmp_path / "d/no/0.png"}
 
 
-def test_the_only_manifest_of_a_folder_may_have_any_name_and_place(tmp_path):
+def test_single_manifest_is_found_by_any_name_in_any_subfolder(tmp_path):
     lines = json.dumps({**FRAME, "image": "0.png"})
     write_files(tmp_path, {"run/town.jsonl": lines, "frames.jsonl": "{}"})
 
@@ -60,7 +60,7 @@ def test_the_only_manifest_of_a_folder_may_have_any_name_and_place(tmp_path):
     assert frame.image == tmp_path / "run/0.png"
 
 
-def test_a_mark_at_the_beginning_and_empty_lines_are_nothing(tmp_path):
+def test_byte_order_mark_and_empty_lines_are_ignored(tmp_path):
     path = write(tmp_path, "\ufeff" + json.dumps(FRAME), "", "  ", json.dumps(FRAME))
 
     assert [frame.problem for frame in read_source(path)] == [None, None]
@@ -79,7 +79,7 @@ def test_a_mark_at_the_beginning_and_empty_lines_are_nothing(tmp_path):
         ('{"key": "a", "image": 3}', "line 2, image: expected a path, found 3"),
     ],
 )
-def test_a_bad_line_is_named_and_the_next_is_read(tmp_path, line, words):
+def test_invalid_line_is_reported_and_the_next_is_read(tmp_path, line, words):
     path = write(tmp_path, json.dumps(FRAME), line, json.dumps(FRAME))
 
     first, bad, last = read_source(path)
@@ -89,7 +89,7 @@ def test_a_bad_line_is_named_and_the_next_is_read(tmp_path, line, words):
     assert first.problem is last.problem is None
 
 
-def test_a_line_without_end_does_not_fill_the_memory(tmp_path):
+def test_overlong_line_is_reported_and_the_next_is_read(tmp_path):
     line = '{"key": "' + "x" * (2 * MAX_LABEL_BYTES)
     path = write(tmp_path, line, json.dumps(FRAME))
 

@@ -43,7 +43,7 @@ def street(*, empty="empty"):
         yield frame(key, *boxes, map=f"Town0{number % 2}")
 
 
-def test_pycocotools_finds_a_perfect_detection_perfect(tmp_path, capsys):
+def test_pycocotools_scores_perfect_detections_with_1(tmp_path, capsys):
     files = export("coco", street(), images="none", split=1.0)
     truth = tmp_path / "truth.json"
     truth.write_bytes(files["annotations/instances_train.json"])
@@ -70,7 +70,7 @@ def test_pycocotools_finds_a_perfect_detection_perfect(tmp_path, capsys):
     assert len(loaded.getImgIds()) == len(KEYS)
 
 
-def test_pycocotools_does_not_count_what_is_to_be_ignored(tmp_path, capsys):
+def test_pycocotools_ignores_dontcare_boxes(tmp_path, capsys):
     ghost = box("ghost", (50, 10, 70, 30), "rejected")
     files = export("coco", [frame("a", box(0), ghost)], split=1.0, rejected="dontcare")
     truth = tmp_path / "truth.json"
@@ -118,7 +118,7 @@ def ultralytics_labels(root):
             yield part, image.stem, values
 
 
-def test_yolo_passes_ultralytics_own_rules(tmp_path):
+def test_yolo_export_passes_the_rules_of_ultralytics(tmp_path):
     root = write_exported_files(
         tmp_path / "my data", export("yolo", street(), split=0.5)
     )
@@ -133,7 +133,7 @@ def test_yolo_passes_ultralytics_own_rules(tmp_path):
     assert [len(values) for _, stem, values in read if stem == "empty"] == [0]
 
 
-def test_kitti_reads_like_the_development_kit_reads_it():
+def test_kitti_export_follows_the_development_kit_format():
     files = export("kitti", street(), split=0.5)
 
     listed = b"".join(files[f"ImageSets/{part}.txt"] for part in ("train", "val"))
@@ -164,7 +164,7 @@ def test_kitti_reads_like_the_development_kit_reads_it():
     assert count == 25
 
 
-def test_csv_has_a_row_per_box_and_no_formula():
+def test_csv_export_has_a_row_per_box_and_escapes_formulas():
     evil = box("=1+1", comment=None, class_name="car")
     said = {"verdict": "reject", "reviewer": "@me", "comment": '=HYPERLINK("x"),\n"y"'}
     odd = box(1, review=said, effective_verdict="rejected", margin=-3.5)
@@ -183,7 +183,7 @@ def test_csv_has_a_row_per_box_and_no_formula():
 
 
 @pytest.mark.parametrize("form", ["decisions-csv", "decisions-parquet"])
-def test_a_table_without_columns_of_decisions_is_refused_by_name(form):
+def test_table_export_without_decision_columns_is_refused(form):
     without = frame("town/7", box(1), columns=None)
     empty = frame("town/8", columns=None)
 
@@ -193,7 +193,7 @@ def test_a_table_without_columns_of_decisions_is_refused_by_name(form):
     assert export(form, [empty])
 
 
-def test_parquet_has_types_and_the_same_bytes_each_time():
+def test_parquet_export_is_typed_and_deterministic():
     frames = list(street())
 
     files = export("decisions-parquet", frames)

@@ -13,11 +13,11 @@ from tests.support.folders import write_files
 BOXES = {"boxes": [{"class": "car", "xyxy": [1, 2, 3, 4]}], "map": "Town01"}
 
 
-def outline(frame):
+def key_and_paths(frame):
     return frame.key, frame.image, frame.segmentation
 
 
-def test_a_folder_or_an_ending_says_which_is_the_segmentation(tmp_path):
+def test_segmentation_is_found_by_folder_or_name_suffix(tmp_path):
     files = {
         **dict.fromkeys(("1.png", "1_seg.png", "2.png", "seg/2.png", "9_seg.png")),
         "1.json": json.dumps(BOXES),
@@ -30,8 +30,8 @@ def test_a_folder_or_an_ending_says_which_is_the_segmentation(tmp_path):
     first, second = found
 
     assert (found.layout, found.count, found.classes) == ("pairs", 2, None)
-    assert outline(first) == ("1", tmp_path / "1.png", tmp_path / "1_seg.png")
-    assert outline(second) == ("2", tmp_path / "2.png", tmp_path / "seg/2.png")
+    assert key_and_paths(first) == ("1", tmp_path / "1.png", tmp_path / "1_seg.png")
+    assert key_and_paths(second) == ("2", tmp_path / "2.png", tmp_path / "seg/2.png")
     assert (first.annotation, second.annotation) == (BOXES, {"boxes": []})
     assert [(one.path, one.why) for one in found.unmatched] == [
         ("9_seg.png", "no image for this segmentation"),
@@ -40,7 +40,7 @@ def test_a_folder_or_an_ending_says_which_is_the_segmentation(tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["-seg", "_SEG", ".semantic", " segmentation"])
-def test_endings_that_tools_write(tmp_path, ending):
+def test_common_segmentation_suffixes_are_recognised(tmp_path, ending):
     write_files(tmp_path, dict.fromkeys((f"rgb/1{ending}.png", "rgb/1.jpg")))
 
     (frame,) = read_source(tmp_path)
@@ -48,7 +48,7 @@ def test_endings_that_tools_write(tmp_path, ending):
     assert frame.segmentation == tmp_path / f"rgb/1{ending}.png"
 
 
-def test_files_of_two_frames_that_end_alike_are_not_mixed_up(tmp_path):
+def test_ambiguous_segmentation_name_is_not_assigned(tmp_path):
     names = ("a/1.png", "b/1.png", "b/2.png", "seg/1.png", "seg/b/2.png")
     write_files(tmp_path, dict.fromkeys(names))
 
@@ -63,7 +63,7 @@ def test_files_of_two_frames_that_end_alike_are_not_mixed_up(tmp_path):
     assert [one.path for one in found.unmatched] == ["1.png"]
 
 
-def test_folders_can_be_named(tmp_path):
+def test_segmentation_and_label_folders_can_be_given(tmp_path):
     files = {"rgb/1.png": None, "tags/1.png": None, "boxes/1.json": json.dumps(BOXES)}
     write_files(tmp_path, files)
     options = ReadOptions(segmentation=tmp_path / "tags", labels=tmp_path / "boxes")
@@ -81,7 +81,7 @@ def test_folders_can_be_named(tmp_path):
         ("[]", "1.json: expected one JSON object, found a list of 0"),
     ],
 )
-def test_a_bad_annotation_is_its_frame_s_problem(tmp_path, text, words):
+def test_invalid_annotation_is_a_problem_of_its_frame(tmp_path, text, words):
     write_files(tmp_path, {"1.png": None, "1.json": text, "2.png": None})
 
     bad, good = read_source(tmp_path)
@@ -90,7 +90,7 @@ def test_a_bad_annotation_is_its_frame_s_problem(tmp_path, text, words):
     assert (bad.annotation, good.annotation) == (None, {"boxes": []})
 
 
-def test_labels_of_another_layout_are_listed_where_images_are_asked_for(tmp_path):
+def test_labels_of_other_layouts_are_listed_as_unmatched(tmp_path):
     write_files(tmp_path, {"1.png": None, "1.txt": "0 1 1 1 1", "a.xml": "<a/>"})
 
     found = read_source(tmp_path, "pairs")

@@ -15,13 +15,13 @@ CAR = (10.25, 10.5, 50, 40)
 LABELS = "0 0.3765625 0.42083333 0.496875 0.49166667\n1 0.8125 0.79 0.125 0.25\n"
 
 
-def filtered_folder(source):
+def filtered_frames(source):
     """The frames of a folder after filtering, ready for export."""
     frames = read_source(source)
     return export_sources(frames, FilterConfig(), measure=True)
 
 
-def test_kept_boxes_come_back_where_they_were(tmp_path):
+def test_kept_boxes_round_trip_through_a_yolo_export(tmp_path):
     files: dict[str, object] = {"data.yaml": "names: [car, walker]\n"}
     for key in ("a/1.5", "straße 7"):
         files[f"images/{key}.png"] = None
@@ -34,7 +34,7 @@ def test_kept_boxes_come_back_where_they_were(tmp_path):
         out[name] = b"".join(pieces)
 
     head = ExportHead(("car", "walker"), expected_boxes=4)
-    write_export("yolo", filtered_folder(source), sink, head, ExportOptions())
+    write_export("yolo", filtered_frames(source), sink, head, ExportOptions())
     again = read_source(write_files(tmp_path / "out", out))
 
     assert again.layout == "yolo"

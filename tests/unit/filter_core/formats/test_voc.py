@@ -19,7 +19,7 @@ def voc(corners=(1, 2, 30, 40), extra="", size="<width>80</width><height>60</hei
     ).encode()
 
 
-def test_whole_numbers_are_counted_from_one_and_inclusive():
+def test_integer_voc_coordinates_are_one_based_and_inclusive():
     annotation = read_voc(voc((1, 2, 30, 40), "<truncated>1</truncated>"), "a.xml")
 
     assert annotation == {
@@ -30,14 +30,14 @@ def test_whole_numbers_are_counted_from_one_and_inclusive():
     }
 
 
-def test_fractions_are_pixel_coordinates_as_they_are():
+def test_fractional_voc_coordinates_are_not_changed():
     annotation = read_voc(voc((1, 2.5, 30, 40)), "a.xml")
 
     expected = [{"class": "traffic light", "xyxy": [1, 2.5, 30, 40]}]
     assert annotation["boxes"] == expected
 
 
-def test_text_is_unescaped_and_comments_and_attributes_are_nothing():
+def test_xml_text_is_unescaped_and_comments_are_ignored():
     content = (
         b'<?xml version="1.0"?><!-- by hand --><annotation verified="yes"><object>'
         b"<name>car &amp; <![CDATA[van]]></name><pose>Left</pose><occluded/><bndbox>"
@@ -50,7 +50,7 @@ def test_text_is_unescaped_and_comments_and_attributes_are_nothing():
     }
 
 
-def test_a_size_of_zero_is_no_size():
+def test_image_size_of_zero_is_ignored():
     size = "<width>0</width><height>0</height>"
 
     assert "camera" not in read_voc(voc(size=size), "a.xml")
@@ -82,14 +82,14 @@ def test_a_size_of_zero_is_no_size():
         (b'<?xml version="1.0" encoding="nope"?><annotation/>', "unknown encoding"),
     ],
 )
-def test_a_bad_file_names_its_line_and_what_was_expected(content, words):
+def test_invalid_voc_file_error_names_line_and_expected_value(content, words):
     with pytest.raises(LayoutError) as caught:
         read_voc(content, "a.xml")
 
     assert words in caught.value.detail
 
 
-def test_a_folder_in_voc_s_own_layout(tmp_path):
+def test_voc_folder_is_read_and_an_invalid_file_is_reported(tmp_path):
     write_files(
         tmp_path,
         {

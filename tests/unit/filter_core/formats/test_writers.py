@@ -45,12 +45,12 @@ def manifest_of(files):
     return json.loads(files["manifest.json"])
 
 
-def fates(counts):
+def in_out_counts(counts):
     """Only the counts of what became of the boxes, without their verdicts."""
     return {name: counts[name] for name in ("in", "out", "dropped", "clipped")}
 
 
-def test_a_frame_becomes_an_image_and_a_label_of_the_same_name():
+def test_yolo_export_writes_image_and_label_of_the_same_name():
     files = export([frame("a/7", box(0), read_image=lambda: b"PNG")])
 
     part = split_of("a/7", "Town01", 0.8)
@@ -98,12 +98,17 @@ def test_boxes_are_clipped_before_they_are_normalised():
     ]
 
 
-def test_a_rectangle_that_was_cut_on_the_way_in_counts_as_clipped():
+def test_rectangle_clipped_on_import_counts_as_clipped():
     cut = box(0, xyxy=(0, 0, 30, 60), given={"xyxy": [-5, -5, 30, 60]})
 
     counts = manifest_of(export([frame("7", cut)], images="none"))["counts"]
 
-    assert fates(counts["boxes"]) == {"in": 1, "out": 1, "dropped": 0, "clipped": 1}
+    assert in_out_counts(counts["boxes"]) == {
+        "in": 1,
+        "out": 1,
+        "dropped": 0,
+        "clipped": 1,
+    }
 
 
 BY_PERSON = {"review": {"verdict": "reject"}, "effective_verdict": "rejected"}
@@ -119,7 +124,7 @@ RESCUED = {"review": {"verdict": "keep"}, "effective_verdict": "kept"}
         ({"include_unmeasured": True}, ["0", "3", "4"]),
     ],
 )
-def test_which_boxes_go_out(options, out):
+def test_include_options_select_the_exported_boxes(options, out):
     boxes = [
         box(0),
         box(1, "rejected"),
@@ -135,7 +140,7 @@ def test_which_boxes_go_out(options, out):
     assert files["labels/train/7.txt"].count(b"\n") == len(out)
 
 
-def test_every_dropped_box_has_its_reason():
+def test_dropped_boxes_are_counted_by_reason():
     boxes = [
         box(0, "rejected"),
         box(1, **BY_PERSON),
@@ -151,17 +156,17 @@ def test_every_dropped_box_has_its_reason():
         "rejected_by_person": 1,
     }
     car = counts["classes"]["car"]
-    assert fates(car) == {"in": 4, "out": 0, "dropped": 4, "clipped": 0}
+    assert in_out_counts(car) == {"in": 4, "out": 0, "dropped": 4, "clipped": 0}
     assert (car["kept"], car["rejected"]) == (2, 2)
 
 
-def test_the_same_frames_give_the_same_bytes():
+def test_yolo_export_is_deterministic():
     frames = [frame(f"{n}", box(n), box(n + 1, "rejected")) for n in range(50)]
 
     assert export(frames, images="none") == export(frames, images="none")
 
 
-def test_the_split_gives_every_map_its_share_and_never_reshuffles():
+def test_split_gives_each_map_its_share_and_is_stable():
     keys = [f"{number:06}" for number in range(4000)]
 
     for town in ("Town01", "Town02", None):
@@ -171,24 +176,24 @@ def test_the_split_gives_every_map_its_share_and_never_reshuffles():
     assert {key for key in keys if split_of(key, "Town01", 0.8) == "train"} <= wider
 
 
-def test_a_class_that_is_not_in_the_list_stops_the_export():
+def test_class_missing_in_the_class_list_fails_the_export():
     with pytest.raises(ExportError, match="class 'car' is not among"):
         export([frame("7", box(0))], ExportHead(("van",)))
 
 
-def test_a_count_that_does_not_add_up_stops_the_export():
+def test_wrong_expected_box_count_fails_the_export():
     with pytest.raises(ExportError, match="expected 2 boxes, found 1"):
         export([frame("7", box(0))], replace(HEAD, expected_boxes=2), images="none")
 
 
-def test_an_image_that_is_not_there_is_counted():
+def test_missing_image_is_counted():
     counts = manifest_of(export([frame("7", box(0))]))["counts"]
 
     assert counts["frames"]["without_image"] == 1
 
 
 @pytest.mark.parametrize("split", [-0.1, 1.1])
-def test_a_split_is_a_share(split):
+def test_split_outside_0_to_1_is_refused(split):
     with pytest.raises(ExportError, match="split"):
         ExportOptions(split=split)
 
@@ -217,7 +222,7 @@ HOSTILE = [
 ]
 
 
-def test_hostile_keys_are_names_and_never_paths():
+def test_hostile_keys_give_safe_unique_file_names():
     stems = [file_stem(key) for key in HOSTILE]
 
     for stem in stems:
@@ -230,11 +235,11 @@ def test_hostile_keys_are_names_and_never_paths():
 
 
 @pytest.mark.parametrize("key", ["Town05_1.5 km", "a/b/000007", "straße/é"])
-def test_ordinary_keys_stay_as_they_are(key):
+def test_ordinary_keys_are_not_changed_in_file_names(key):
     assert file_stem(key) == key
 
 
-def test_decisions_are_one_line_per_frame_in_order():
+def test_decisions_jsonl_has_one_line_per_frame_in_order():
     files = {}
     frames = [frame("b", box(0), palette="carla-0.9.14"), frame("a")]
 
@@ -253,10 +258,15 @@ def test_decisions_are_one_line_per_frame_in_order():
         {"key": "a", "palette": None, "decisions": []},
     ]
     counts = json.loads(files["manifest.json"])["counts"]
-    assert fates(counts["boxes"]) == {"in": 1, "out": 1, "dropped": 0, "clipped": 0}
+    assert in_out_counts(counts["boxes"]) == {
+        "in": 1,
+        "out": 1,
+        "dropped": 0,
+        "clipped": 0,
+    }
 
 
-def test_a_list_of_dropped_boxes_longer_than_memory_allows_is_whole():
+def test_long_list_of_dropped_boxes_in_the_manifest_is_complete():
     frames = [
         frame(f"{n:0200}", *[box(i, "rejected") for i in range(30)]) for n in range(600)
     ]

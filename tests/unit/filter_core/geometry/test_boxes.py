@@ -39,7 +39,7 @@ def test_every_form_of_the_same_rectangle_gives_the_same_xyxy(form, values):
     np.testing.assert_allclose(xyxy, [[20, 10, 60, 40]], rtol=1e-12)
 
 
-def test_an_unknown_form_is_refused_with_the_known_ones():
+def test_unknown_form_error_lists_the_known_forms():
     with pytest.raises(FilterError, match="expected one of xyxy, xyxyn, xywh") as fault:
         to_xyxy("ltrb", [[1, 2, 3, 4]], WH)
 
@@ -47,12 +47,12 @@ def test_an_unknown_form_is_refused_with_the_known_ones():
 
 
 @pytest.mark.parametrize("values", [[1, 2, 3, 4], [[1, 2, 3]], [[[1, 2, 3, 4]]]])
-def test_anything_but_four_columns_is_refused(values):
+def test_array_without_four_columns_is_refused(values):
     with pytest.raises(FilterError, match=r"expected an array of shape \(N, 4\)"):
         correct_xyxy(values, WH)
 
 
-def test_no_boxes_are_no_boxes():
+def test_no_boxes_give_empty_arrays():
     rows, states = correct_xyxy([], WH)
 
     assert (rows.shape, states.shape) == ((0, 4), (0,))
@@ -91,7 +91,7 @@ def test_no_boxes_are_no_boxes():
         ),
     ],
 )
-def test_algorithm_1_in_the_order_of_its_rules(box, expected, state):
+def test_correct_xyxy_follows_algorithm_1(box, expected, state):
     assert corrected(box) == (pytest.approx(expected, abs=0, nan_ok=True), state)
 
 
@@ -138,7 +138,7 @@ def test_all_1090_published_corrections_agree_exactly():
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), float("-inf")])
 @pytest.mark.parametrize("profile", ["paper", "carlasimu"])
-def test_a_number_that_is_not_finite_is_an_error_that_names_the_box(number, profile):
+def test_non_finite_number_raises_error_naming_the_box(number, profile):
     with pytest.raises(AnnotationError, match="box 1: expected four finite") as fault:
         correct_xyxy([[1, 2, 3, 4], [1, 2, number, 4]], WH, profile)
 
@@ -163,7 +163,7 @@ def test_an_unknown_profile_is_refused(profile):
         pytest.param(NOTHING, [0, 0, 0, 0], id="no box, no pixel"),
     ],
 )
-def test_a_box_has_every_pixel_it_touches(box, expected):
+def test_pixel_bounds_include_every_touched_pixel(box, expected):
     assert pixel_bounds([box], WH).tolist() == [expected]
 
 

@@ -18,14 +18,14 @@ K = [[640, 0, 640], [0, 640, 360], [0, 0, 1]]
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: str(case["id"]))
-def test_inverse_matrix_is_carlas(case):
+def test_inverse_matrix_equals_carlas_matrix(case):
     inverse = as_transform(case["camera"]).inverse_matrix
 
     carla = np.array(case["carla"]["camera_inverse_matrix"])
     np.testing.assert_allclose(inverse, carla, atol=1e-4)
 
 
-def test_matrices_and_fov_with_transform_are_the_same_camera():
+def test_camera_from_matrices_equals_camera_from_fov():
     pose = Transform((1, 2, 3), (4, 5, 6))
     by_fov = Camera.from_fov(1280, 720, 90, pose)
 
@@ -44,19 +44,19 @@ def test_matrices_and_fov_with_transform_are_the_same_camera():
         Transform((1, 2, 3), (4, 5, 6)),
     ],
 )
-def test_a_transform_can_be_written_in_four_ways(value):
+def test_transform_is_parsed_from_four_notations(value):
     assert as_transform(value) == Transform((1, 2, 3), (4, 5, 6))
     assert as_transform(value).as_dict() == POSE
 
 
-def test_an_angle_that_is_not_given_is_zero():
+def test_missing_rotation_angles_default_to_zero():
     turned = {"location": [1, 2, 3], "rotation": {"yaw": 90}}
     assert as_transform(turned).rotation == (0, 90, 0)
     assert as_transform({"x": 1, "y": 2, "z": 3}).rotation == (0, 0, 0)
     assert as_transform({"location": [1, 2, 3]}).rotation == (0, 0, 0)
 
 
-def test_a_vector_is_an_object_a_list_or_an_array():
+def test_vector_may_be_an_object_list_or_array():
     expected = (1, 2, 3)
 
     for vector in (
@@ -80,7 +80,7 @@ def test_a_vector_is_an_object_a_list_or_an_array():
         ([1, 2, 3], "transform: expected an object (a transform), found a list of 3"),
     ],
 )
-def test_a_transform_that_cannot_be_read_says_what_is_missing(value, words):
+def test_invalid_transform_error_says_what_was_expected(value, words):
     with pytest.raises(AnnotationErrors) as fault:
         as_transform(value)
 
@@ -88,7 +88,7 @@ def test_a_transform_that_cannot_be_read_says_what_is_missing(value, words):
 
 
 @pytest.mark.parametrize("fov", [0, -10, 180, 270, float("nan")])
-def test_an_impossible_field_of_view_is_refused(fov):
+def test_invalid_field_of_view_is_refused(fov):
     with pytest.raises(FilterError, match=r"camera\.fov: expected degrees") as fault:
         Camera.from_fov(1280, 720, fov, POSE)
 
@@ -96,7 +96,7 @@ def test_an_impossible_field_of_view_is_refused(fov):
 
 
 @pytest.mark.parametrize(("width", "height"), [(0, 720), (1280, -1)])
-def test_an_image_without_pixels_is_refused(width, height):
+def test_image_size_below_one_pixel_is_refused(width, height):
     with pytest.raises(FilterError, match="expected at least 1 px"):
         Camera.from_fov(width, height, 90, POSE)
 
@@ -116,6 +116,6 @@ OPENCV = [[0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
         (K, OPENCV, "expected CARLA's axes"),
     ],
 )
-def test_matrices_that_are_no_carla_camera_are_refused(intrinsic, motion, words):
+def test_invalid_camera_matrices_are_refused(intrinsic, motion, words):
     with pytest.raises(FilterError, match=words):
         Camera.from_matrices(1280, 720, intrinsic, motion)

@@ -24,7 +24,7 @@ from tests.support.shared_data import shared
 AHEAD = Camera.from_fov(1280, 720, 90, {"x": 0, "y": 0, "z": 0})
 
 
-def every_case():
+def load_all_cases():
     path: Path = shared("oracles/geometry.json")
     return json.loads(path.read_text())["cases"]
 
@@ -67,12 +67,12 @@ def test_clipped_rectangles_are_exact_in_any_order_of_the_corners(case):
 
 
 @pytest.mark.parametrize("case", SMALL, ids=lambda case: f"{case['id']}")
-def test_corners_and_pixels_are_carlas(case):
+def test_vertices_and_projected_pixels_equal_carlas(case):
     check_carla(case)
 
 
 def test_all_240_clipped_rectangles_are_exact_in_any_order_of_the_corners():
-    cases = every_case()
+    cases = load_all_cases()
     rng = np.random.default_rng(0)
 
     for case in cases:
@@ -82,21 +82,21 @@ def test_all_240_clipped_rectangles_are_exact_in_any_order_of_the_corners():
     assert len(cases) == 240
 
 
-def test_all_240_corners_and_pixels_are_carlas():
-    for case in every_case():
+def test_all_240_vertices_and_projected_pixels_equal_carlas():
+    for case in load_all_cases():
         check_carla(case)
 
 
-def test_naive_beams_of_all_240_cases_are_the_papers():
+def test_naive_rectangles_of_all_240_cases_equal_carlas_tutorial():
     """Near depth 0 CARLA's tutorial depends on its float32, hence the tolerance."""
-    for case in every_case():
+    for case in load_all_cases():
         beam = case["carla"]["tutorial_minmax_box"]
         found = project_boxes(vertices_of(case), camera_of(case), "naive").amodal_xyxy
 
         np.testing.assert_allclose(found, [beam], rtol=0.005, atol=0.75)
 
 
-def test_a_frame_of_boxes_gives_what_each_box_gives_alone():
+def test_project_boxes_equals_project_box_of_each_box():
     cases = SMALL
     camera = camera_of(cases[0])
     vertices = np.array([vertices_of(case) for case in cases])
@@ -111,7 +111,7 @@ def test_a_frame_of_boxes_gives_what_each_box_gives_alone():
         np.testing.assert_array_equal(many.edges[row], one.edges)
 
 
-def test_no_boxes_are_no_projections():
+def test_project_boxes_without_boxes_is_empty():
     seen = project_boxes([], AHEAD)
 
     assert (len(seen), seen.visible_xyxy.shape, seen.edges) == (0, (0, 4), [])
@@ -159,7 +159,7 @@ def unordered(edges):
     return sorted(sorted(edge) for edge in ends)
 
 
-def test_eight_points_that_are_no_box_keep_their_order_and_have_a_rectangle():
+def test_eight_points_that_are_not_a_box_keep_their_order():
     points = np.random.default_rng(5).uniform(9, 11, (8, 3)) - np.array([0, 10, 10])
 
     seen = project_box(points, AHEAD)
@@ -183,14 +183,14 @@ def test_a_point_has_a_rectangle_without_extent():
     np.testing.assert_array_equal(seen.visible_xyxy, [640, 360, 640, 360])
 
 
-def test_naive_survives_a_corner_in_the_plane_of_the_camera():
+def test_naive_projection_of_a_corner_in_the_camera_plane_is_finite():
     seen = project_boxes(unit_box(x=1, y=0.5), AHEAD, "naive")
 
     assert np.isfinite(seen.amodal_xyxy).all()
     assert seen.visible_xyxy[:, [0, 2]].tolist() == [[0, 1280]]
 
 
-def test_naive_is_clamped_to_the_image_or_nothing():
+def test_naive_projection_beside_the_image_has_no_visible_rectangle():
     beside = project_boxes(unit_box(y=100), AHEAD, "naive")
 
     assert np.isnan(beside.visible_xyxy).all()
@@ -208,6 +208,6 @@ def test_an_unknown_projection_is_refused(mode):
         project_box(unit_box(), AHEAD, mode)
 
 
-def test_points_that_are_not_eight_are_refused():
+def test_number_of_points_other_than_eight_is_refused():
     with pytest.raises(FilterError, match=r"shape \(N, 8, 3\), found \(7, 3\)"):
         project_box(unit_box()[:7], AHEAD)

@@ -128,7 +128,7 @@ def by_opencv(content, order):
 
 @pytest.mark.parametrize("order", ["rgb", "bgr"])
 @pytest.mark.parametrize("content", FILES.values(), ids=list(FILES))
-def test_a_file_has_the_same_pixels_whoever_decodes_it(content, order):
+def test_decode_color_gives_the_same_pixels_as_opencv(content, order):
     found = decoded(content, order)
 
     assert found.shape[2] == 3
@@ -138,7 +138,7 @@ def test_a_file_has_the_same_pixels_whoever_decodes_it(content, order):
 
 
 @contextmanager
-def watching_opencv():
+def record_opencv_input():
     """Collect the files that OpenCV is given to decode."""
     asked = list[bytes]()
 
@@ -152,8 +152,8 @@ def watching_opencv():
 
 
 @pytest.mark.parametrize("name", PLAIN)
-def test_files_of_carla_and_opencv_are_decoded_the_fast_way(name):
-    with watching_opencv() as asked:
+def test_common_png_files_use_the_fast_decoder(name):
+    with record_opencv_input() as asked:
         decoded(FILES[name], "rgb")
 
     # OpenCV gets uncompressed data: after zlib's header, stored blocks.
@@ -161,26 +161,26 @@ def test_files_of_carla_and_opencv_are_decoded_the_fast_way(name):
     assert [bool(one) for one in stored] == ([] if name in IN_STEPS else [True])
 
 
-def test_a_very_large_image_is_opencvs_alone_which_holds_it_once():
+def test_very_large_image_is_decoded_only_by_opencv():
     small, large = (
         cv2.imencode(".png", np.zeros((side, side, 3), np.uint8))[1].tobytes()
         for side in (100, 5000)
     )
 
-    with watching_opencv() as asked:
+    with record_opencv_input() as asked:
         shapes = [decoded(content, "rgb").shape for content in (small, large)]
 
     assert shapes == [(100, 100, 3), (5000, 5000, 3)]
     assert asked == [large]
 
 
-def test_pixels_are_those_that_were_written():
+def test_decoded_pixels_equal_the_written_pixels():
     np.testing.assert_array_equal(decoded(FILES["rgba"], "rgb"), PIXELS[..., :3])
     np.testing.assert_array_equal(decoded(FILES["rgb"], "bgr"), PIXELS[..., 2::-1])
 
 
 @pytest.mark.parametrize("seed", range(9 * 16))
-def test_a_damaged_file_is_judged_the_same_whoever_decodes_it(seed):
+def test_damaged_file_gives_the_same_result_as_opencv(seed):
     rng = np.random.default_rng(seed)
     content = bytearray(FILES[PLAIN[seed % len(PLAIN)]])
     for at in rng.integers(len(SIGNATURE), len(content), rng.integers(1, 4)):
@@ -221,7 +221,7 @@ UNSOUND = {
 
 
 @pytest.mark.parametrize("content", UNSOUND.values(), ids=list(UNSOUND))
-def test_an_unsound_file_is_judged_the_same_by_every_decoder(content):
+def test_malformed_png_gives_the_same_result_as_opencv(content):
     found, expected = decoded(content, "rgb"), by_opencv(content, "rgb")
 
     assert type(found) is type(expected)
@@ -240,7 +240,7 @@ BEHIND_THE_PIXELS = {
 
 
 @pytest.mark.parametrize("found", BEHIND_THE_PIXELS.values(), ids=[*BEHIND_THE_PIXELS])
-def test_a_fault_behind_the_pixels_is_found_by_every_decoder(found):
+def test_fault_after_the_pixels_is_found_by_every_decoder(found):
     content = FILES["rgb"].removesuffix(END) + found + END
 
     assert not isinstance(by_opencv(content, "rgb"), np.ndarray)
@@ -250,7 +250,7 @@ def test_a_fault_behind_the_pixels_is_found_by_every_decoder(found):
 @pytest.mark.parametrize("reduced", [1, 2, 4, 8])
 @pytest.mark.parametrize("wh", [(64, 48), (65, 49), (71, 55)])
 @pytest.mark.parametrize("encode", [pictures.png, pictures.jpeg])
-def test_a_reduced_picture_is_as_large_as_its_header_allows(reduced, wh, encode):
+def test_reduced_image_has_the_reduced_size_of_its_header(reduced, wh, encode):
     content = encode(np.zeros((wh[1], wh[0], 3), np.uint8))
     flags = 1 if reduced == 1 else 1 | reduced * 8
 
@@ -261,7 +261,7 @@ def test_a_reduced_picture_is_as_large_as_its_header_allows(reduced, wh, encode)
 
 
 @pytest.mark.parametrize("flags", [-1, 0, 1, cv2.IMREAD_REDUCED_COLOR_2])
-def test_a_picture_of_another_size_than_its_header_is_damaged(flags):
+def test_image_whose_size_differs_from_its_header_is_not_decoded(flags):
     content = pictures.png(np.zeros((48, 64, 3), np.uint8))
     other = read_image_header(pictures.png(np.zeros((48, 68, 3), np.uint8)))
 
@@ -269,7 +269,7 @@ def test_a_picture_of_another_size_than_its_header_is_damaged(flags):
     assert decode_image(content, other, flags) is None
 
 
-def test_a_rotation_in_exif_turns_no_decoded_picture():
+def test_exif_orientation_is_ignored_when_decoding():
     tiff = b"MM\x00*" + struct.pack(">IHHHIHHI", 8, 1, 0x0112, 3, 1, 6, 0, 0)
     body = b"Exif\x00\x00" + tiff
     content = pictures.jpeg(np.zeros((3, 5, 3), np.uint8))
@@ -308,7 +308,7 @@ KINDS += [(INDEXED, 4), (INDEXED, 8), (4, 8), (4, 16), (RGBA, 8), (RGBA, 16)]
 
 @pytest.mark.parametrize("interlaced", [0, 1])
 @pytest.mark.parametrize(("color_type", "depth"), KINDS)
-def test_no_more_is_inflated_than_the_header_says(color_type, depth, interlaced):
+def test_png_that_inflates_beyond_its_header_is_refused(color_type, depth, interlaced):
     """Decoders would also inflate what follows, to a thousand times its size."""
     for wh in ((WIDTH, HEIGHT), (1, 1), (3, 9)):
         whole = with_more_pixels(color_type, depth, interlaced, 0, wh)
@@ -325,7 +325,7 @@ def test_no_more_is_inflated_than_the_header_says(color_type, depth, interlaced)
                 decode_color(bomb, header, "rgb")
 
 
-def test_pixels_that_are_longer_than_uncompressed_ones_are_refused():
+def test_compressed_pixels_larger_than_uncompressed_are_refused():
     """No encoder writes more than the raw pixels: it is a bomb, or empty blocks."""
     bomb = with_more_pixels(RGB, 8, 0, 200_000_000)
 

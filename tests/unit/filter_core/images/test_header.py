@@ -56,7 +56,7 @@ PIXELS = chunk(b"IDAT", b"")
         ),
     ],
 )
-def test_the_header_is_read_from_the_content(content, expected):
+def test_image_header_is_read_from_png_and_jpeg(content, expected):
     assert read_image_header(content) == ImageHeader(*expected)
 
 
@@ -94,25 +94,25 @@ def test_the_header_is_read_from_the_content(content, expected):
         ),
     ],
 )
-def test_a_file_that_is_no_usable_image_is_refused(content, message):
+def test_invalid_or_truncated_image_is_refused(content, message):
     with pytest.raises(ImageError, match=message):
         read_image_header(content)
 
 
 @pytest.mark.parametrize("side", [70_000, 2**31 - 1])
-def test_a_header_that_asks_for_gigabytes_is_refused_before_decoding(side):
+def test_oversized_image_is_refused_by_its_header(side):
     bomb = png_of_chunks((side, 4, 8, 6), PIXELS)
 
     with pytest.raises(ImageTooLarge, match=f"{side} x 4 pixels, no side may exceed"):
         read_image_header(bomb)
 
 
-def test_the_limit_is_the_callers():
+def test_max_side_is_set_by_the_caller():
     with pytest.raises(ImageTooLarge, match="5 x 3 pixels, no side may exceed 4"):
         read_image_header(png(RGB), max_side=4)
 
 
-def test_another_size_is_an_error_that_says_both():
+def test_size_mismatch_error_states_both_sizes():
     header = read_image_header(png(RGB))
 
     with pytest.raises(ImageSizeMismatch) as caught:
@@ -123,14 +123,14 @@ def test_another_size_is_an_error_that_says_both():
     )
 
 
-def test_padding_before_a_marker_is_passed_over():
+def test_jpeg_padding_before_a_marker_is_skipped():
     content = jpeg(RGB)
     padded = content[:2] + b"\xff\xff\xff" + content[2:]
 
     assert read_image_header(padded) == read_image_header(content)
 
 
-def test_a_rotation_in_exif_does_not_turn_the_size():
+def test_exif_orientation_does_not_swap_the_size():
     # A TIFF header with one entry: orientation, a number, one of them, 6 (90 degrees).
     tiff = b"MM\x00*" + struct.pack(">IHHHIHHI", 8, 1, 0x0112, 3, 1, 6, 0, 0)
     body = b"Exif\x00\x00" + tiff
@@ -159,7 +159,7 @@ SOI, EOI = b"\xff\xd8", b"\xff\xd9"
 NOTE = segment(0xFE, b"a note")
 
 
-def test_a_decoder_is_never_led_past_what_the_header_reader_sees():
+def test_jpeg_with_a_hidden_larger_image_is_refused():
     """0xFF 0x00 is no marker: libjpeg searches on, inside what looks like a segment."""
     hidden = cv2.imencode(".jpg", np.zeros((1000, 1000, 3), np.uint8))[1].tobytes()
     start, pixels = hidden.index(b"\xff\xdb"), hidden.index(b"\xff\xda")
@@ -236,12 +236,12 @@ def test_a_decoder_is_never_led_past_what_the_header_reader_sees():
         ),
     ],
 )
-def test_a_jpeg_has_nothing_that_no_camera_writes(content, message):
+def test_jpeg_with_unusual_structure_is_refused(content, message):
     with pytest.raises(ImageError, match=f"^JPEG: .*{message}"):
         read_image_header(content)
 
 
-def test_a_jpeg_whose_end_is_only_in_a_note_ends_too_early():
+def test_jpeg_with_end_marker_only_in_its_metadata_is_refused():
     content = jpeg(RGB)
     cut = content[:2] + segment(0xE1, b"Exif\0\0" + content) + content[2:-2]
 
@@ -249,7 +249,7 @@ def test_a_jpeg_whose_end_is_only_in_a_note_ends_too_early():
         read_image_header(cut)
 
 
-def test_a_note_may_hold_a_picture_and_more_may_follow_the_end():
+def test_jpeg_with_embedded_image_and_trailing_data_is_accepted():
     content = jpeg(RGB)
     within = content[:2] + segment(0xE1, b"Exif\0\0" + content) + content[2:]
 
@@ -257,7 +257,7 @@ def test_a_note_may_hold_a_picture_and_more_may_follow_the_end():
 
 
 @pytest.mark.parametrize("offset", [-2, -1, 0, 1])
-def test_the_end_is_found_where_two_portions_of_a_search_meet(offset):
+def test_jpeg_end_marker_across_a_search_boundary_is_found(offset):
     head = SOI + frame() + scan(data=b"")
     data = bytes((1 << 20) + offset)
 
@@ -341,7 +341,7 @@ HEADER = (5, 3, 8, 2)
         pytest.param([chunk(b"IEND", b"x")], "end has 1 bytes", id="IEND that is long"),
     ],
 )
-def test_a_png_has_nothing_that_no_program_writes(chunks, message):
+def test_png_with_unusual_chunks_is_refused(chunks, message):
     with pytest.raises(ImageError, match=message):
         read_image_header(png_of_chunks(HEADER, *chunks))
 
@@ -358,7 +358,7 @@ def test_a_png_has_nothing_that_no_program_writes(chunks, message):
         pytest.param((5, 3, 8, 3), "expected a palette", id="indexed without palette"),
     ],
 )
-def test_a_header_of_a_png_that_no_decoder_takes_is_refused(header, message):
+def test_png_with_invalid_colour_type_or_depth_is_refused(header, message):
     with pytest.raises(ImageError, match=message):
         read_image_header(png_of_chunks(header, SOUND))
 
@@ -373,7 +373,7 @@ def test_metadata_beside_the_pixels_is_accepted():
         read_image_header(content + bytes(4089))
 
 
-def test_only_the_ends_of_a_file_are_read_if_that_is_enough():
+def test_partial_check_accepts_faults_in_the_middle_of_a_file():
     damaged = png_of_chunks(HEADER, SOUND, chunk(b"tEXt"), SOUND)
     scans = SOI + frame() + scan() * 9 + EOI
 
@@ -396,7 +396,7 @@ def test_only_the_ends_of_a_file_are_read_if_that_is_enough():
         ),
     ],
 )
-def test_reading_a_header_costs_far_less_than_decoding(content):
+def test_reading_a_header_is_much_faster_than_decoding(content):
     def seconds_of(work):
         def once():
             begun = time.process_time()
@@ -419,7 +419,7 @@ def test_reading_a_header_costs_far_less_than_decoding(content):
         pytest.param(jpeg(RGB)[:-2], (5, 3), id="JPEG without its end"),
     ],
 )
-def test_the_first_bytes_say_how_large_an_image_is(start, wh):
+def test_image_size_is_read_from_the_first_bytes(start, wh):
     assert read_image_size(start) == wh
 
 
@@ -440,6 +440,6 @@ def test_the_first_bytes_say_how_large_an_image_is(start, wh):
         ),
     ],
 )
-def test_bytes_that_do_not_say_how_large_an_image_is_are_refused(start, message):
+def test_first_bytes_without_a_valid_size_are_refused(start, message):
     with pytest.raises(ImageError, match=message):
         read_image_size(start)

@@ -19,7 +19,7 @@ BOTTOM = np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 9, 9, 0]], np.uint8)
         pytest.param(png((BOTTOM > 0).astype(np.uint16) * 300), id="16 bits"),
     ],
 )
-def test_pixels_that_are_not_black_are_ignored(content):
+def test_non_black_pixels_of_a_mask_are_ignored(content):
     mask = read_ignore_mask(content, (4, 3))
 
     np.testing.assert_array_equal(mask, BOTTOM > 0)
@@ -71,14 +71,14 @@ def test_several_polygons_are_joined():
         ([[[0, 0], [float("nan"), 1], [2, 2]]], "polygon 0: expected finite corners"),
     ],
 )
-def test_a_polygon_that_cannot_be_drawn_is_named(polygons, message):
+def test_invalid_polygon_is_refused_with_its_pointer(polygons, message):
     with pytest.raises(IgnoreMaskError, match=message) as caught:
         read_ignore_mask(polygons, (4, 3))
 
     assert caught.value.pointer == "/ignore_mask/0"
 
 
-def test_a_mask_of_another_size_is_refused():
+def test_mask_of_wrong_size_is_refused():
     with pytest.raises(ImageSizeMismatch, match="the ignore mask is 4 x 3 pixels"):
         read_ignore_mask(png(BOTTOM), (3, 4))
 

@@ -19,7 +19,7 @@ ORACLE = json.loads((CHECKOUT / "tests" / "data" / "carla_palettes.json").read_t
 
 
 @pytest.mark.parametrize("family", ORACLE["families"])
-def test_a_family_has_the_tags_names_and_colours_of_carla(family):
+def test_palette_family_has_carlas_tags_names_and_colours(family):
     rows = [
         {"tag": tag.tag, "name": tag.name, "rgb": list(tag.rgb)}
         for tag in FAMILIES[family].tags
@@ -28,12 +28,12 @@ def test_a_family_has_the_tags_names_and_colours_of_carla(family):
     assert rows == ORACLE["families"][family]
 
 
-def test_there_are_no_other_families():
+def test_palette_families_are_exactly_carlas():
     assert set(FAMILIES) == set(ORACLE["families"])
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_decoding_what_was_painted_gives_the_tags_back(family):
+def test_paint_and_decode_round_trip_the_tags(family):
     tags = np.arange(len(FAMILIES[family].tags), dtype=np.uint8).reshape(1, -1)
 
     decoded = FAMILIES[family].decode(FAMILIES[family].paint(tags))
@@ -71,17 +71,17 @@ def test_unknown_is_painted_with_a_colour_that_no_family_has():
         ("0.10.0", "carla-0.9.14"),
     ],
 )
-def test_a_version_renders_a_family(version, family):
+def test_carla_version_maps_to_its_palette_family(version, family):
     assert family_of_version(version) == family
 
 
 @pytest.mark.parametrize("version", ["", "nightly", "0.8.4", "0.11.0", "1.0", "9"])
-def test_a_version_whose_tags_are_not_known_is_named_in_the_error(version):
+def test_unknown_carla_version_raises_error_naming_it(version):
     with pytest.raises(UnknownVersion, match=f"found '{version}'"):
         family_of_version(version)
 
 
-def test_a_tag_has_a_name_even_if_the_family_gives_it_none():
+def test_name_of_a_tag_outside_the_family_is_its_number_or_unknown():
     palette = FAMILIES["carla-0.9.10"]
 
     assert [palette.name_of(tag) for tag in (10, 23, 255)] == [
@@ -91,15 +91,15 @@ def test_a_tag_has_a_name_even_if_the_family_gives_it_none():
     ]
 
 
-def test_tags_are_found_by_name_in_any_case():
+def test_tag_names_are_case_insensitive():
     assert FAMILIES["carla-0.9.14"].tag_of("trafficlight") == 7
 
 
-def test_a_name_that_a_family_lacks_is_an_error_that_lists_what_it_has():
+def test_unknown_tag_name_error_lists_the_tags_of_the_family():
     with pytest.raises(UnknownTag, match=r"carla-0\.9\.10 has no tag 'Car'; .*Vehicle"):
         FAMILIES["carla-0.9.10"].tag_of("Car")
 
 
-def test_an_unknown_family_is_an_error_that_lists_the_known():
+def test_unknown_palette_error_lists_the_known_families():
     with pytest.raises(UnknownPalette, match=r"carla-0\.9\.14.*found 'carla-1'"):
         palette_of("carla-1")

@@ -59,7 +59,7 @@ FORMS = {
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("family", FAMILIES)
-def test_a_painted_family_is_recognised_and_decoded_exactly(family, form):
+def test_palette_image_is_recognised_and_decoded_exactly(family, form):
     tags = np.repeat(every_tag(family), 3, axis=0)
 
     segmentation = read_segmentation(FORMS[form](tags, family))
@@ -81,7 +81,7 @@ RAW = {
 
 
 @pytest.mark.parametrize("form", RAW)
-def test_raw_tags_are_read_where_the_version_names_the_family(form):
+def test_raw_tags_are_read_with_the_family_of_carla_version(form):
     options = SegmentationOptions(carla_version="0.9.15")
 
     segmentation = read_segmentation(RAW[form](STREET), options)
@@ -93,7 +93,7 @@ def test_raw_tags_are_read_where_the_version_names_the_family(form):
 
 
 @pytest.mark.parametrize("form", RAW)
-def test_raw_tags_do_not_tell_their_family(form):
+def test_raw_tags_without_palette_or_version_are_refused(form):
     with pytest.raises(SegmentationError, match="Name the palette") as caught:
         read_segmentation(RAW[form](STREET))
 
@@ -108,7 +108,7 @@ def test_raw_tags_from_23_on_prove_the_newest_family(tag):
     assert read_segmentation(png(tags)).family == "carla-0.9.14"
 
 
-def test_an_instance_image_is_read_by_its_red_channel_if_raw_is_named():
+def test_instance_image_is_read_as_raw_tags_of_its_red_channel():
     identity = np.arange(STREET.size, dtype=np.uint8).reshape(STREET.shape)
     instances = np.dstack([STREET, identity, identity])
     options = SegmentationOptions(encoding="raw", palette=FAMILY)
@@ -156,7 +156,7 @@ def test_colours_of_no_family_are_unknown_up_to_one_percent():
     assert "1.00 % of the pixels have colours of no family" in segmentation.notes[-1]
 
 
-def test_more_colours_of_no_family_refuse_the_image_and_are_named():
+def test_over_one_percent_of_colours_of_no_family_is_refused():
     rgb = painted(np.full((10, 10), 15, np.uint8))
     rgb[3, :2] = (1, 2, 3)
 
@@ -170,7 +170,7 @@ def test_more_colours_of_no_family_refuse_the_image_and_are_named():
     )
 
 
-def test_a_colour_that_is_known_only_swapped_belongs_to_no_family():
+def test_colour_known_only_with_swapped_channels_is_of_no_family():
     rgb = rows(*[(0, 0, 142), (0, 0, 70), (255, 0, 0)] * 7, (142, 0, 0))
 
     with pytest.raises(SegmentationError, match=r"most often \(142, 0, 0\)"):
@@ -180,13 +180,13 @@ def test_a_colour_that_is_known_only_swapped_belongs_to_no_family():
 class TestLossy:
     NEAREST = SegmentationOptions(lossy="nearest")
 
-    def test_a_jpeg_is_refused_by_default_and_the_way_out_is_named(self):
+    def test_jpeg_is_refused_by_default_with_a_hint(self):
         with pytest.raises(SegmentationError, match="lossy_segmentation: nearest") as e:
             read_segmentation(jpeg(painted(STREET)))
 
         assert e.value.kind == "lossy_segmentation"
 
-    def test_a_jpeg_is_read_by_the_nearest_colour_if_asked_for(self):
+    def test_jpeg_is_read_by_the_nearest_colour_if_configured(self):
         tags = np.kron(STREET, np.ones((16, 16), np.uint8))
 
         segmentation = read_segmentation(jpeg(painted(tags)), self.NEAREST)
@@ -216,7 +216,7 @@ class TestLossy:
         assert (segmentation.tags[-1] == tag).all()
         assert segmentation.unknown_pixels == (10 if tag == 255 else 0)
 
-    def test_an_exact_png_is_not_lossy_even_if_lossy_ones_are_allowed(self):
+    def test_exact_png_is_not_lossy_even_with_option_nearest(self):
         assert not read_segmentation(png(painted(STREET)), self.NEAREST).lossy
 
     def test_a_photograph_without_any_palette_colour_is_refused(self):
@@ -230,7 +230,7 @@ class TestLossy:
         [(painted(STREET), "raw"), (np.dstack([STREET] * 3), "raw")],
         ids=["coloured", "grey in three channels"],
     )
-    def test_raw_tags_cannot_be_lossy(self, picture, encoding):
+    def test_lossy_raw_tags_are_refused(self, picture, encoding):
         options = SegmentationOptions(lossy="nearest", encoding=encoding)
 
         with pytest.raises(SegmentationError, match="one level off is another tag"):
@@ -252,22 +252,22 @@ class TestLossy:
         ),
     ],
 )
-def test_a_file_that_is_no_segmentation_is_refused(content, error, message):
+def test_invalid_segmentation_file_is_refused(content, error, message):
     with pytest.raises(error, match=message):
         read_segmentation(content)
 
 
-def test_the_size_must_be_that_of_the_image():
+def test_segmentation_of_wrong_size_is_refused():
     with pytest.raises(ImageSizeMismatch, match="is 8 x 5 pixels, the image is 5 x 8"):
         read_segmentation(png(painted(STREET)), expected_wh=(5, 8))
 
 
-def test_the_limit_of_a_side_holds_before_decoding():
+def test_segmentation_larger_than_max_side_is_refused():
     with pytest.raises(ImageTooLarge, match="no side may exceed 7"):
         read_segmentation(png(painted(STREET)), max_side=7)
 
 
-def test_an_unknown_palette_is_an_error_that_lists_the_known():
+def test_unknown_palette_is_refused():
     with pytest.raises(UnknownPalette, match=r"found 'carla-0\.9\.15'"):
         read_segmentation(
             png(painted(STREET)), SegmentationOptions(palette="carla-0.9.15")
@@ -275,7 +275,7 @@ def test_an_unknown_palette_is_an_error_that_lists_the_known():
 
 
 class TestTags:
-    def test_a_crop_has_the_tags_of_the_whole(self):
+    def test_tags_in_returns_the_tags_of_a_crop(self):
         segmentation = read_segmentation(png(painted(STREET)))
 
         crop = segmentation.tags_in(1, 2, 6, 4)
@@ -305,6 +305,6 @@ class TestTags:
         ],
         ids=["another dtype", "colours", "nothing"],
     )
-    def test_an_array_that_is_no_tag_image_is_refused(self, tags):
+    def test_array_that_is_not_a_tag_image_is_refused(self, tags):
         with pytest.raises(FilterError, match=r"expected an array \(H, W\) of uint8"):
             segmentation_from_tags(tags, FAMILY)

@@ -20,7 +20,7 @@ def content(path: str) -> bytes:
     return shared(path).read_bytes()
 
 
-def test_raw_tags_in_the_blue_channel_are_recognised_and_prove_their_family():
+def test_raw_tags_in_the_blue_channel_are_recognised():
     found = read_segmentation(content(f"{SWAPPED}/semantic_id_r.png"))
 
     recognised = (found.family, found.encoding, found.channel_order)
@@ -35,7 +35,7 @@ def test_raw_tags_in_the_blue_channel_are_recognised_and_prove_their_family():
     assert found.notes == ("the raw tags are in the blue channel",)
 
 
-def test_raw_tags_that_prove_a_family_contradict_another_that_is_named():
+def test_raw_tags_that_contradict_carla_version_are_refused():
     options = SegmentationOptions(carla_version="0.9.13")
 
     with pytest.raises(
@@ -94,7 +94,7 @@ def test_palette_images_written_as_jpeg_are_read_by_the_nearest_colour():
     assert int((found.tags == 255).sum()) == found.unknown_pixels
 
 
-def test_the_ego_vehicles_bonnet_does_not_count_if_it_is_ignored():
+def test_bonnet_under_an_ignore_mask_is_not_counted():
     segmentation = read_segmentation(
         content(JPEG), SegmentationOptions(lossy="nearest")
     )

@@ -27,7 +27,7 @@ def street(*colors, order="rgb"):
 
 @pytest.mark.parametrize("order", ["rgb", "bgr"])
 @pytest.mark.parametrize("family", FAMILIES)
-def test_an_image_with_every_colour_of_a_family_is_of_that_family(family, order):
+def test_image_with_all_colours_of_a_family_is_recognised(family, order):
     codes = [CODE_OF[packed(tag.rgb, order)] for tag in FAMILIES[family].tags]
 
     found = recognize(codes, Named())
@@ -46,11 +46,11 @@ def test_an_image_with_every_colour_of_a_family_is_of_that_family(family, order)
         ((250, 170, 160), "carla-0.9.0"),
     ],
 )
-def test_one_colour_that_only_one_family_has_decides(color, family):
+def test_colour_unique_to_one_family_determines_the_family(color, family):
     assert recognize(street(color), Named()).family == family
 
 
-def test_families_that_name_the_colours_alike_are_no_rivals_and_are_noted():
+def test_families_with_equal_names_for_the_colours_are_not_rivals():
     found = recognize(street(), Named())
 
     assert (found.family, found.rivals) == ("carla-0.9.14", ())
@@ -70,7 +70,7 @@ def test_families_that_name_a_colour_differently_are_rivals_and_are_noted():
     )
 
 
-def test_the_papers_table_is_only_recognised_by_a_mixture_that_no_carla_renders():
+def test_paper_table1_is_recognised_only_by_a_mixture_of_colours():
     by_truck = recognize(street(TRUCK), Named())
     by_both = recognize(street(TRUCK, FENCE_BEFORE_0_9_14), Named())
 
@@ -96,7 +96,7 @@ def test_more_colours_of_one_family_outweigh_a_stray_one_of_another():
     assert found.missing == {CODE_OF[packed(TERRAIN_BEFORE_0_9_14)]}
 
 
-def test_a_named_family_stands_where_the_colours_prove_neither():
+def test_named_family_is_used_where_the_colours_are_ambiguous():
     codes = street(TERRAIN, TERRAIN_BEFORE_0_9_14)
 
     found = recognize(codes, Named(family="carla-0.9.10"))
@@ -129,7 +129,9 @@ def test_a_named_family_stands_where_the_colours_prove_neither():
         ),
     ],
 )
-def test_a_named_family_must_not_contradict_the_colours(named, codes, message):
+def test_named_family_or_order_that_contradicts_colours_is_refused(
+    named, codes, message
+):
     with pytest.raises(SegmentationError, match=message) as caught:
         recognize(codes, named)
 
@@ -156,7 +158,7 @@ def test_rock_is_not_taken_for_swapped_sky():
     assert (found.family, found.order) == ("carla-0.9.14", "rgb")
 
 
-def test_colours_that_are_the_same_swapped_do_not_tell_the_order():
+def test_undetermined_channel_order_is_read_as_rgb_with_a_note():
     greys = [(0, 0, 0), (70, 70, 70), SKY]
 
     found = recognize([CODE_OF[packed(color)] for color in greys], Named())

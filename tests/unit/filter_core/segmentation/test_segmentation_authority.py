@@ -10,7 +10,7 @@ from tests.support.pictures import FAMILY, painted, png, tag_image
 STREET = tag_image("sss", ".cc", "tt.")
 
 
-def test_layers_that_agree_are_joined():
+def test_agreeing_option_sources_are_merged():
     joined = SegmentationOptions.agreed(
         {
             "the dataset": SegmentationOptions(palette=FAMILY),
@@ -23,7 +23,7 @@ def test_layers_that_agree_are_joined():
     assert (joined.channel_order, joined.carla_version) == ("auto", "0.9.15")
 
 
-def test_layers_that_contradict_each_other_are_both_named():
+def test_contradicting_option_sources_raise_error_naming_both():
     layers = {
         "the dataset": SegmentationOptions(channel_order="rgb"),
         "the config": SegmentationOptions(channel_order="bgr"),
@@ -78,7 +78,9 @@ def test_layers_that_contradict_each_other_are_both_named():
         ),
     ],
 )
-def test_a_contradiction_names_both(content, options, message):
+def test_contradicting_options_or_image_raise_error_naming_both(
+    content, options, message
+):
     with pytest.raises(SegmentationError, match=message) as caught:
         read_segmentation(content, options)
 
@@ -93,7 +95,7 @@ def test_the_papers_table_may_be_named_for_any_version():
     assert segmentation.family == "paper-table1"
 
 
-def test_a_version_that_is_not_known_is_noted_and_not_used():
+def test_unknown_carla_version_is_ignored_with_a_note():
     options = SegmentationOptions(carla_version="nightly")
 
     segmentation = read_segmentation(png(painted(STREET)), options)

@@ -31,12 +31,12 @@ CAR = LocalBox((0.0, 0.0, 0.75), (2.4, 1.0, 0.75))
         pytest.param(LocalBox(ORIGIN, (math.nan, 1, 1)), False, id="no number"),
     ],
 )
-def test_boxes_that_cannot_be_are_recognised(box, sane):
+def test_box_with_impossible_size_or_location_is_not_sane(box, sane):
     assert is_sane(box) is sane
 
 
 @pytest.mark.parametrize("kind", ["bicycle", "motorcycle"])
-def test_a_two_wheeler_without_width_is_repaired_or_left_out(kind):
+def test_two_wheeler_without_width_is_repaired_or_omitted(kind):
     flat = LocalBox((0, 40, 0), (0.8, 0.0, 0.8), (0, 30, 0))
 
     repaired = checked_vehicle(flat, kind, repair=True)
@@ -51,11 +51,11 @@ def test_a_two_wheeler_without_width_is_repaired_or_left_out(kind):
     assert checked_vehicle(flat, "car", repair=True) is None
 
 
-def test_a_sane_vehicle_is_left_as_it_is():
+def test_sane_vehicle_box_is_unchanged():
     assert checked_vehicle(CAR, "bicycle", repair=True) is CAR
 
 
-def test_a_capsule_is_marked_and_widened_sideways():
+def test_walker_capsule_is_flagged_and_widened_sideways():
     capsule = LocalBox(ORIGIN, (0.188, 0.188, 0.93))
 
     box = checked_walker(capsule, 0.15)
@@ -68,14 +68,14 @@ def test_a_capsule_is_marked_and_widened_sideways():
     assert (unwidened.flags, unwidened.extent) == (("capsule",), capsule.extent)
 
 
-def test_a_walker_with_a_box_of_its_own_is_left_as_it_is():
+def test_walker_box_that_is_not_a_capsule_is_unchanged():
     own = LocalBox((0.0, 0.05, 0.0), (0.3, 0.25, 0.9))
 
     assert checked_walker(own, 0.15) is own
     assert checked_walker(LocalBox(ORIGIN, ORIGIN), 0.15) is None
 
 
-def test_a_mirrored_mesh_becomes_a_box_turned_round():
+def test_parked_vehicle_with_mirrored_mesh_is_rotated_180_degrees():
     mirrored = LocalBox((50, 60, 0.75), (-2.4, 1.0, 0.75), (0, 10, 0))
 
     box = checked_parked(mirrored, "car")
@@ -96,11 +96,11 @@ def test_a_mirrored_mesh_becomes_a_box_turned_round():
         ((80, 1.0, 0.75), "car", False),
     ],
 )
-def test_parts_of_vehicles_are_no_vehicles(half, kind, kept):
+def test_parked_vehicle_parts_and_too_large_boxes_are_omitted(half, kind, kept):
     assert (checked_parked(LocalBox((50, 60, 0), half), kind) is not None) is kept
 
 
-def test_a_parked_prop_loses_its_turn_and_an_impossible_size():
+def test_prop_rotation_is_reset_and_impossible_size_replaced():
     good = checked_prop(LocalBox((0, 0, 0.7), (2.2, 0.9, 0.7), (0, 40, 0)))
     bad = checked_prop(LocalBox((0, 0, 0.7), (2.2, 0.01, 0.7), (0, 40, 0)))
 
@@ -119,7 +119,7 @@ def test_a_parked_prop_loses_its_turn_and_an_impossible_size():
         ((0.05, 0.02, 0.5), (0.2, 0.2, 0.5), ("thickened",)),
     ],
 )
-def test_slim_heads_of_lights_are_thickened(half, expected, flags):
+def test_thin_traffic_light_heads_are_thickened(half, expected, flags):
     box = checked_light(LocalBox((22, 8, 4.5), half))
 
     assert box is not None
@@ -127,5 +127,5 @@ def test_slim_heads_of_lights_are_thickened(half, expected, flags):
 
 
 @pytest.mark.parametrize("half", [(0.1, 0.1, 0.19), (20, 0.2, 0.5), (math.inf, 1, 1)])
-def test_parts_that_are_no_head_of_a_light_are_left_out(half):
+def test_boxes_too_small_or_large_for_light_heads_are_omitted(half):
     assert checked_light(LocalBox((22, 8, 1), half)) is None

@@ -56,15 +56,15 @@ FILES: dict[str, dict[str, Any]] = {
 def folder(tmp_path):
     """A folder with the seven configuration files of carlasimu."""
     for name, content in FILES.items():
-        write(tmp_path, name, content)
+        write_config_file(tmp_path, name, content)
     return tmp_path
 
 
-def write(folder, name, content):
+def write_config_file(folder, name, content):
     (folder / name).write_text(yaml.safe_dump({"sitting": content}))
 
 
-def test_the_seven_files_become_one_scenario(folder):
+def test_seven_carlasimu_files_are_converted_to_one_scenario(folder):
     converted = convert_carlasimu(folder)
 
     scenario = parse_scenario(yaml.safe_load(converted.as_yaml()), "x")
@@ -85,7 +85,7 @@ def test_the_seven_files_become_one_scenario(folder):
     assert scenario.classes == {"vehicle.carlamotors.carlacola": "lorry"}
 
 
-def test_sensors_keep_their_attributes_and_their_places(folder):
+def test_converted_sensors_keep_attributes_and_mounts(folder):
     scenario = parse_scenario(convert_carlasimu(folder).scenario, "x")
 
     camera, sensors = scenario.camera, scenario.sensors
@@ -100,7 +100,7 @@ def test_sensors_keep_their_attributes_and_their_places(folder):
     assert sensors.radar is None  # not saved there either
 
 
-def test_settings_that_are_not_converted_are_named_in_comments(folder):
+def test_unconverted_settings_are_listed_in_yaml_comments(folder):
     text = convert_carlasimu(folder).as_yaml()
 
     comments = [line for line in text.splitlines() if line.startswith("#")]
@@ -109,17 +109,17 @@ def test_settings_that_are_not_converted_are_named_in_comments(folder):
     assert any("not used here: wait_for_tick" in line for line in comments)
 
 
-def test_cameras_that_differ_are_told(folder):
+def test_differing_camera_attributes_are_reported_in_notes(folder):
     other = {**FILES["sensors.yaml"], "depth_camera": {**CAMERA, "fov": 60}}
-    write(folder, "sensors.yaml", other)
+    write_config_file(folder, "sensors.yaml", other)
 
     notes = convert_carlasimu(folder).notes
 
     assert any("depth_camera differs" in note for note in notes)
 
 
-def test_some_of_the_files_are_enough(tmp_path):
-    write(tmp_path, "weather.yaml", {"fog_density": 3})
+def test_incomplete_set_of_files_is_converted(tmp_path):
+    write_config_file(tmp_path, "weather.yaml", {"fog_density": 3})
 
     converted = convert_carlasimu(tmp_path)
 
@@ -151,27 +151,31 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("name", "content", "words"), WRONG)
-def test_a_mistake_is_named(tmp_path, name, content, words):
-    write(tmp_path, name, content)
+def test_invalid_setting_raises_scenario_error_that_names_it(
+    tmp_path, name, content, words
+):
+    write_config_file(tmp_path, name, content)
 
     with pytest.raises(ScenarioError, match=f"(?i){words}"):
         convert_carlasimu(tmp_path)
 
 
-def test_a_sensor_without_attributes_is_as_by_default(tmp_path):
-    write(tmp_path, "sensors.yaml", {"rgb_camera": None, "radar_sensor": None})
+def test_sensor_without_attributes_has_default_values(tmp_path):
+    write_config_file(
+        tmp_path, "sensors.yaml", {"rgb_camera": None, "radar_sensor": None}
+    )
 
     scenario = parse_scenario(convert_carlasimu(tmp_path).scenario, "x")
 
     assert (scenario.camera.width, scenario.sensors.radar is None) == (1280, False)
 
 
-def test_a_folder_without_any_of_them_is_refused(tmp_path):
+def test_folder_without_carlasimu_files_raises_scenario_error(tmp_path):
     with pytest.raises(ScenarioError, match=r"none of data\.yaml"):
         convert_carlasimu(tmp_path)
 
 
-def test_a_file_without_their_top_key_is_refused(tmp_path):
+def test_file_without_sitting_key_raises_scenario_error(tmp_path):
     (tmp_path / "data.yaml").write_text("host: 127.0.0.1")
 
     with pytest.raises(ScenarioError, match="expected keys under 'sitting'"):

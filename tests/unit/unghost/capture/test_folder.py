@@ -28,15 +28,15 @@ def folder(tmp_path):
     return made
 
 
-def lines(folder):
+def manifest_lines(folder):
     text = (folder.path / "manifest.jsonl").read_text("utf-8")
     return [json.loads(line) for line in text.splitlines()]
 
 
-def test_a_frame_is_its_files_and_a_line(folder):
+def test_adding_a_frame_writes_its_files_and_a_manifest_line(folder):
     folder.add("Town01/000000", FILES, {"boxes": [], "extra": {}})
 
-    assert lines(folder) == [
+    assert manifest_lines(folder) == [
         {
             "key": "Town01/000000",
             "image": "rgb/000000.png",
@@ -49,7 +49,7 @@ def test_a_frame_is_its_files_and_a_line(folder):
     assert list(folder.path.rglob("*.part")) == []
 
 
-def test_a_folder_goes_on_behind_its_last_whole_line(folder):
+def test_capture_resumes_after_last_complete_manifest_line(folder):
     folder.add("Town01/000000", FILES, {"extra": {}})
     with (folder.path / "manifest.jsonl").open("ab") as file:
         file.write(b'{"key": "Town01/0000')
@@ -58,11 +58,14 @@ def test_a_folder_goes_on_behind_its_last_whole_line(folder):
     again.open(ABOUT)
     again.add("Town01/000001", FILES, FRAME)
 
-    assert [line["key"] for line in lines(again)] == ["Town01/000000", "Town01/000001"]
+    assert [line["key"] for line in manifest_lines(again)] == [
+        "Town01/000000",
+        "Town01/000001",
+    ]
 
 
 @pytest.mark.parametrize("name", ABOUT)
-def test_another_capture_does_not_go_on(folder, name):
+def test_resuming_with_another_scenario_version_or_map_raises(folder, name):
     word = "scenario" if name == "scenario_digest" else name
     folder.add("Town01/000000", FILES, {"extra": {}})
 
@@ -70,7 +73,7 @@ def test_another_capture_does_not_go_on(folder, name):
         CaptureFolder(folder.path).open({**ABOUT, name: "other"})
 
 
-def test_without_a_frame_there_is_nothing_to_differ_from(folder):
+def test_folder_without_frames_accepts_a_changed_scenario(folder):
     mended = {**ABOUT, "scenario_digest": "other"}
 
     CaptureFolder(folder.path).open(mended)
@@ -79,7 +82,7 @@ def test_without_a_frame_there_is_nothing_to_differ_from(folder):
 
 
 @pytest.mark.parametrize("content", ["[]", '{"lens": "50 mm"}'])
-def test_somebody_elses_capture_json_is_left_alone(tmp_path, content):
+def test_foreign_capture_json_raises_and_is_not_overwritten(tmp_path, content):
     (tmp_path / "capture.json").write_text(content)
 
     with pytest.raises(CaptureError, match="holds no capture"):
@@ -88,7 +91,7 @@ def test_somebody_elses_capture_json_is_left_alone(tmp_path, content):
     assert (tmp_path / "capture.json").read_text() == content
 
 
-def test_a_folder_of_something_else_is_refused(tmp_path):
+def test_folder_with_other_files_raises_capture_error(tmp_path):
     (tmp_path / "thesis.tex").write_text("x")
 
     with pytest.raises(CaptureError, match="holds no capture"):
@@ -97,7 +100,7 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
-def test_numbers_that_json_does_not_have_are_not_written(folder):
+def test_frame_with_nan_raises_and_is_not_written(folder):
     with pytest.raises(ValueError, match="JSON"):
         folder.add("k", {}, {"extra": {}, "x": float("nan")})
 

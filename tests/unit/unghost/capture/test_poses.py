@@ -18,7 +18,7 @@ from unghost.capture.simulator import has_wrong_metadata, version_numbers
         ("unknown", (), False),
     ],
 )
-def test_versions_with_wrong_metadata_are_known(version, numbers, wrong):
+def test_carla_versions_with_wrong_metadata_are_recognised(version, numbers, wrong):
     assert version_numbers(version) == numbers
     assert has_wrong_metadata(version) is wrong
 
@@ -34,5 +34,5 @@ def test_versions_with_wrong_metadata_are_known(version, numbers, wrong):
         (Transform((0, 0, 0), (0, -360, 0)), False),
     ],
 )
-def test_poses_differ_from_a_centimetre_or_a_tenth_of_a_degree_on(other, expected):
+def test_poses_differ_above_a_centimetre_or_a_tenth_of_a_degree(other, expected):
     assert differs(Transform(), other) is expected

@@ -68,7 +68,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("text", "words"), WRONG, ids=[text for text, _ in WRONG])
-def test_a_mistake_is_named_with_file_key_and_nearest_key(tmp_path, text, words):
+def test_invalid_scenario_raises_error_with_file_name_and_key(tmp_path, text, words):
     path = tmp_path / "street.yaml"
     path.write_text(text)
 
@@ -78,7 +78,7 @@ def test_a_mistake_is_named_with_file_key_and_nearest_key(tmp_path, text, words)
     assert str(told.value).startswith("street.yaml: ")
 
 
-def test_a_part_may_be_used_again(tmp_path):
+def test_yaml_anchors_and_merge_keys_are_supported(tmp_path):
     path = tmp_path / "street.yaml"
     path.write_text("""
         camera: {mount: &roof {x: 1, z: 2}}
@@ -92,7 +92,7 @@ def test_a_part_may_be_used_again(tmp_path):
     assert (sensors.radar.mount.z, sensors.lidar.mount.z) == (2, 3)
 
 
-def test_all_mistakes_are_told_at_once():
+def test_scenario_error_lists_all_faults():
     wrong = {"frames": 0, "vehicles": {"cuont": 1}, "sensors": {"lidra": True}}
 
     with pytest.raises(ScenarioError) as told:
@@ -101,14 +101,14 @@ def test_all_mistakes_are_told_at_once():
     assert len(str(told.value).splitlines()) == 3
 
 
-def test_an_empty_file_is_a_scenario_of_defaults(tmp_path):
+def test_empty_file_gives_the_default_scenario(tmp_path):
     path = tmp_path / "street.yaml"
     path.write_text("")
 
     assert read_scenario(path) == Scenario()
 
 
-def test_yes_no_and_details_say_which_sensors_there_are():
+def test_sensors_are_enabled_by_true_or_by_settings():
     given = {"depth": True, "segmentation": False, "radar": {"mount": {"x": 2}}}
 
     sensors = parse_scenario({"sensors": given}, "x").sensors
@@ -121,7 +121,7 @@ def test_yes_no_and_details_say_which_sensors_there_are():
     assert sensors.radar.mount.x == 2
 
 
-def test_a_light_effect_of_one_camera_is_no_lens():
+def test_lens_flare_attribute_of_a_single_camera_is_allowed():
     given = {"rgb": {"attributes": {"lens_flare_intensity": 0.1}}}
 
     assert parse_scenario({"sensors": given}, "x").sensors.rgb is not None
@@ -130,11 +130,11 @@ def test_a_light_effect_of_one_camera_is_no_lens():
 @pytest.mark.parametrize(
     ("interval", "ticks"), [(0.05, 1), (0.1, 2), (1.0, 20), (0.12, 2)]
 )
-def test_frames_come_every_so_many_ticks(interval, ticks):
+def test_ticks_per_frame_follow_from_the_interval(interval, ticks):
     assert parse_scenario({"interval_s": interval}, "x").ticks_per_frame == ticks
 
 
-def test_the_digest_is_of_what_frames_depend_on():
+def test_digest_covers_only_keys_that_recorded_frames_depend_on():
     plain = Scenario().digest
 
     assert parse_scenario({"host": "10.0.0.5", "frames": 9}, "x").digest == plain

@@ -11,7 +11,7 @@ from unghost.cli.serve import DemoOptions, rendered_street
 
 
 @pytest.mark.long
-def test_the_folder_of_a_demo_is_for_its_owner_alone(tmp_path):
+def test_demo_data_folder_has_permissions_0700(tmp_path):
     data = tmp_path / "data"
 
     street = rendered_street(data, DemoOptions(frames=1), Screen())

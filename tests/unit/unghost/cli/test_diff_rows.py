@@ -16,7 +16,7 @@ ANSWER = {
 }
 
 
-def test_each_class_has_its_ways():
+def test_diff_rows_have_flips_per_class_in_both_directions():
     sides = {"car": {"kept_to_rejected": 2, "rejected_to_kept": 0}}
 
     rows = rows_of(Diff.read({**ANSWER, "sides_by_class": sides}))
@@ -24,7 +24,7 @@ def test_each_class_has_its_ways():
     assert rows == [("car", 2, 2, 0), ("bus", 1, 0, 0), ("all", 3, 2, 0)]
 
 
-def test_a_server_that_does_not_tell_the_ways_leaves_them_open():
+def test_diff_rows_without_flips_per_class_have_empty_directions():
     rows = rows_of(Diff.read(ANSWER))
 
     assert rows == [("car", 2, None, None), ("bus", 1, None, None), ("all", 3, 2, 0)]

@@ -39,30 +39,30 @@ PROBLEM = {
         pytest.param(KeyError("x"), None, id="a bug"),
     ],
 )
-def test_each_error_has_its_code(error, code):
+def test_each_expected_error_has_an_exit_code(error, code):
     assert exit_code(error) == code
 
 
-def test_no_answer_names_the_server_and_what_to_do():
+def test_connection_error_message_names_server_and_serve_command():
     lines = list(error_lines(httpx.ConnectError("refused", request=REQUEST)))
 
     assert lines[0] == "no answer from http://127.0.0.1:8000: refused"
     assert "unghost serve" in lines[1]
 
 
-def test_a_refusal_lists_every_fault():
+def test_message_of_refused_request_lists_all_faults():
     lines = list(error_lines(errors.Invalid(422, PROBLEM)))
 
     assert lines == ["two faults (bad_annotation)", "  /boxes/0: is wrong"]
 
 
-def test_faults_that_are_not_listed_are_counted():
+def test_message_has_the_number_of_unlisted_faults():
     problem = {**PROBLEM, "more_errors": 2400}
 
     assert list(error_lines(errors.Invalid(422, problem)))[-1] == "  and 2400 more"
 
 
-def test_a_single_fault_is_not_said_twice():
+def test_message_does_not_repeat_a_single_fault():
     fault = {"pointer": "/name", "code": "x", "detail": "expected a text"}
     problem = {**PROBLEM, "detail": "/name: expected a text", "errors": [fault]}
 
@@ -71,11 +71,11 @@ def test_a_single_fault_is_not_said_twice():
     ]
 
 
-def test_a_fault_of_the_server_names_the_request():
+def test_message_of_server_error_has_the_request_id():
     assert "r1" in list(error_lines(errors.ServerFault(500, PROBLEM)))[-1]
 
 
-def test_the_help_names_every_exit_code():
+def test_help_lists_all_exit_codes():
     shown = CliRunner().invoke(app, ["--help"], env={"COLUMNS": "300"}).output
 
     _, _, told = shown.partition("Exit codes: ")

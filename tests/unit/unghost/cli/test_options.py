@@ -43,7 +43,7 @@ def allowed(key):
         (["token", "create", "ada"], "--role", get_args(Role)),
     ],
 )
-def test_an_option_takes_the_words_of_the_table_that_owns_them(command, option, words):
+def test_option_accepts_exactly_the_values_of_its_table(command, option, words):
     shown = run(*command, "--help")
     refused = run(*command, option, "nonsense")
 
@@ -65,7 +65,7 @@ def test_an_option_takes_the_words_of_the_table_that_owns_them(command, option, 
         ("export", EXPORT_FORMATS),
     ],
 )
-def test_help_lists_every_layout_and_format(command, words):
+def test_help_lists_all_layouts_and_formats(command, words):
     listed = f"{', '.join(words[:-1])} or {words[-1]}."
 
     # Compared without white space: help breaks lines anywhere, even within a name.
@@ -82,7 +82,7 @@ def test_help_lists_every_layout_and_format(command, words):
         "export street --format yolo --output a.zip",
     ],
 )
-def test_a_command_that_measures_nothing_starts_without_the_library(words, tmp_path):
+def test_help_and_remote_commands_do_not_load_heavy_modules(words, tmp_path):
     program = (
         "import sys; from typer.testing import CliRunner; "
         "from unghost.cli.program import app; "
@@ -102,7 +102,7 @@ def test_a_command_that_measures_nothing_starts_without_the_library(words, tmp_p
     assert set(answer.stdout.split()).isdisjoint({*HEAVY} - {"pydantic"})
 
 
-def test_only_what_was_given_is_passed_on():
+def test_only_given_segmentation_options_are_passed_on():
     given = SegmentationReading(palette="carla-0.9.14", lossy_segmentation=None)
 
     assert given.reading == {"palette": "carla-0.9.14"}
@@ -124,7 +124,7 @@ def test_class_names_are_separated_by_commas():
         ("stats", "--server", "ftp://a", "--", "--help"),
     ],
 )
-def test_help_as_the_value_of_an_option_or_argument_is_that_value(words):
+def test_help_flag_as_option_or_argument_value_is_not_help(words):
     result = run(*words)
 
     assert "Usage:" not in result.output
@@ -141,14 +141,14 @@ def test_help_as_the_value_of_an_option_or_argument_is_that_value(words):
         ("--help", "stats"),
     ],
 )
-def test_help_is_shown_to_whoever_asks_for_it(words):
+def test_help_flag_shows_usage(words):
     result = run(*words)
 
     assert result.output.startswith("Usage:")
     assert result.exit_code == 0
 
 
-def test_an_option_that_there_is_not_is_told_also_to_who_asks_for_help():
+def test_unknown_option_with_help_flag_is_a_usage_error():
     result = run("stats", "--nonsense", "--help")
 
     assert (result.exit_code, "--nonsense" in result.output) == (2, True)

@@ -9,7 +9,7 @@ import pytest
 from unghost.cli.screen import Screen
 
 
-def test_records_are_json_lines_on_request(capsys):
+def test_records_are_json_lines_with_json_option(capsys):
     Screen(as_json=True).record({"key": "ü", "line": "a\nb"}, "for people")
 
     out, err = capsys.readouterr()
@@ -18,7 +18,7 @@ def test_records_are_json_lines_on_request(capsys):
     assert err == ""
 
 
-def test_without_json_people_read_the_text(capsys):
+def test_record_without_json_option_prints_only_its_text(capsys):
     screen = Screen()
     screen.record({"key": "a"}, "for people")
     screen.record({"key": "b"})
@@ -26,7 +26,7 @@ def test_without_json_people_read_the_text(capsys):
     assert capsys.readouterr().out == "for people\n"
 
 
-def test_with_json_there_is_no_text(capsys):
+def test_text_and_table_print_nothing_with_json_option(capsys):
     screen = Screen(as_json=True)
     screen.text("for people")
     screen.table(("a",), [(1,)])
@@ -34,19 +34,19 @@ def test_with_json_there_is_no_text(capsys):
     assert capsys.readouterr().out == ""
 
 
-def test_off_a_terminal_a_row_is_a_line_with_tabs(capsys):
+def test_table_off_terminal_is_tab_separated_lines(capsys):
     Screen().table(("name", "number"), [("a\tb\nc", 1), (None, 2)])
 
     assert capsys.readouterr().out == "a b c\t1\n\t2\n"
 
 
-def test_notes_are_not_data(capsys):
+def test_note_is_written_to_stderr(capsys):
     Screen(as_json=True).note("by the way")
 
     assert capsys.readouterr() == ("", "by the way\n")
 
 
-def test_off_a_terminal_progress_is_a_line_at_the_end(capsys):
+def test_progress_off_terminal_is_one_final_line(capsys):
     with Screen().progress("push", "frames") as advance:
         for done in range(1, 1001):
             advance(done, 1000)
@@ -58,7 +58,7 @@ def test_off_a_terminal_progress_is_a_line_at_the_end(capsys):
 
 
 @pytest.mark.parametrize("total", [None, 3])
-def test_on_a_terminal_progress_is_a_bar(capsys, monkeypatch, total):
+def test_progress_on_terminal_is_a_bar(capsys, monkeypatch, total):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm")
 

@@ -14,7 +14,7 @@ METHODS = [name for name in dir(Client) if not name.startswith("_")]
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_each_method_says_what_it_does_and_what_it_returns(name):
+def test_client_methods_have_docstring_and_return_annotation(name):
     method = getattr(Client, name)
     result = str(inspect.signature(method).return_annotation)
 
@@ -24,13 +24,13 @@ def test_each_method_says_what_it_does_and_what_it_returns(name):
     assert not result.startswith(("Call[", "Listing["))
 
 
-def test_a_description_sends_nothing(scripted, client):
+def test_listing_sends_no_request_before_iteration(scripted, client):
     client.boxes("town")
 
     assert scripted.received_requests == []
 
 
-def test_parameters_are_written_as_the_api_reads_them(scripted, client):
+def test_query_parameters_are_encoded_for_the_api(scripted, client):
     scripted.answer(json_reply({"items": []}), json_reply({"items": []}))
 
     list(client.boxes("town", cursor="here", limit=2))
@@ -43,7 +43,7 @@ def test_parameters_are_written_as_the_api_reads_them(scripted, client):
     )
 
 
-def test_a_page_is_asked_for_when_the_one_before_it_was_read(scripted, client):
+def test_pagination_requests_next_page_after_the_previous_one(scripted, client):
     a, b, c = [{**DATASET, "name": name} for name in "abc"]
     page = {"items": [a, b], "next_cursor": "after b"}
     scripted.answer(json_reply(page), json_reply({"items": [c]}))
@@ -79,7 +79,7 @@ def test_a_page_is_asked_for_when_the_one_before_it_was_read(scripted, client):
         ),
     ],
 )
-def test_an_answer_that_cannot_be_read_is_unexpected(scripted, client, ask, answer):
+def test_unreadable_response_raises_unexpected_answer(scripted, client, ask, answer):
     scripted.answer(json_reply(answer))
 
     with pytest.raises(UnexpectedAnswer, match=f"the answer of {scripted.url}/"):

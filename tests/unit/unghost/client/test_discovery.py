@@ -38,13 +38,13 @@ def note(home: Path, url: str, token_file: Path) -> None:
     file.write_text(json.dumps({"url": url, "token_file": str(token_file), "pid": 1}))
 
 
-def test_without_anything_it_is_this_machine_and_no_token(home):
+def test_default_is_localhost_without_token(home):
     found = find_server(environ=env_of(home))
 
     assert (found.url, found.token) == (LOCAL, None)
 
 
-def test_an_argument_wins_over_the_environment(home):
+def test_arguments_override_environment_variables(home):
     environ = env_of(home, UNGHOST_SERVER="http://a:1", UNGHOST_TOKEN="env")
 
     said = find_server("http://b:2/", "mine", environ=environ)
@@ -54,7 +54,7 @@ def test_an_argument_wins_over_the_environment(home):
     assert (from_environ.url, from_environ.token) == ("http://a:1", "env")
 
 
-def test_tokens_are_looked_for_in_order(home):
+def test_token_lookup_order_is_unghost_data_then_note_then_default(home):
     write_token(home / "unghost-data", "guess")
     assert find_server(environ=env_of(home)).token == "guess"
 
@@ -66,27 +66,27 @@ def test_tokens_are_looked_for_in_order(home):
     assert find_server(environ=chosen).token == "chosen"
 
 
-def test_a_note_is_for_its_address_only(home):
+def test_note_applies_only_to_its_host_and_port(home):
     note(home, "http://127.0.0.1:9000", write_token(home / "elsewhere", "noted"))
 
     assert find_server("http://127.0.0.1:9000", environ=env_of(home)).token == "noted"
     assert find_server("http://127.0.0.1:9001", environ=env_of(home)).token is None
 
 
-def test_a_token_of_this_machine_is_not_shown_to_another(home):
+def test_local_token_is_not_used_for_a_remote_server(home):
     write_token(home / "unghost-data", "guess")
 
     assert find_server("http://labels.example", environ=env_of(home)).token is None
 
 
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "127.9.9.9", "[::1]"])
-def test_this_machine_has_many_names(home, host):
+def test_local_token_is_used_for_all_loopback_addresses(home, host):
     write_token(home / "unghost-data", "guess")
 
     assert find_server(f"http://{host}:8000", environ=env_of(home)).token == "guess"
 
 
-def test_a_note_that_cannot_be_read_is_passed_over(home):
+def test_unreadable_note_is_ignored(home):
     file = note_path(LOCAL, env_of(home))
     file.parent.mkdir(parents=True)
     file.write_text("{half a no")
@@ -94,7 +94,7 @@ def test_a_note_that_cannot_be_read_is_passed_over(home):
     assert find_server(environ=env_of(home)).token is None
 
 
-def test_notes_follow_the_state_folder_of_the_desktop_standard(home):
+def test_note_path_follows_xdg_state_home(home):
     environ = env_of(home, XDG_STATE_HOME=str(home / "state"))
 
     expected = home / "state" / "unghost" / "servers" / "127.0.0.1_8000.json"
@@ -102,6 +102,6 @@ def test_notes_follow_the_state_folder_of_the_desktop_standard(home):
 
 
 @pytest.mark.parametrize("url", ["127.0.0.1:8000", "ftp://a", "http://", "http://a:x"])
-def test_an_address_that_is_none_is_refused(home, url):
+def test_invalid_server_url_raises_bad_server_url(home, url):
     with pytest.raises(BadServerUrl, match="not the address of a server"):
         find_server(url, environ=env_of(home))

@@ -33,12 +33,12 @@ EXPORT = Export(
 )
 
 
-def rest(start: int) -> Reply:
+def partial_content_reply(start: int) -> Reply:
     span = f"bytes {start}-{len(CONTENT) - 1}/{len(CONTENT)}"
     return Reply(206, CONTENT[start:], {"Content-Range": span})
 
 
-def test_the_file_is_written_and_nothing_else(scripted, client, tmp_path):
+def test_download_writes_only_the_file(scripted, client, tmp_path):
     scripted.answer(Reply(body=CONTENT))
     seen = []
 
@@ -52,8 +52,8 @@ def test_the_file_is_written_and_nothing_else(scripted, client, tmp_path):
     assert scripted.received_requests[0].path == "/api/v1/exports/5/download"
 
 
-def test_a_connection_that_breaks_is_taken_up_again(scripted, client, tmp_path):
-    scripted.answer(Reply(body=CONTENT, hang_up=5000), rest(5000))
+def test_interrupted_download_resumes_with_range_request(scripted, client, tmp_path):
+    scripted.answer(Reply(body=CONTENT, hang_up=5000), partial_content_reply(5000))
 
     client.download(EXPORT, tmp_path / "x.zip")
 
@@ -61,9 +61,11 @@ def test_a_connection_that_breaks_is_taken_up_again(scripted, client, tmp_path):
     assert scripted.received_requests[1].headers["Range"] == "bytes=5000-"
 
 
-def test_bytes_are_a_new_start_and_silence_is_not(scripted, client, tmp_path):
+def test_download_retries_are_reset_only_by_received_bytes(scripted, client, tmp_path):
     starts = range(0, len(CONTENT), 999)
-    scripted.answer(*[replace(rest(start), hang_up=999) for start in starts])
+    scripted.answer(
+        *[replace(partial_content_reply(start), hang_up=999) for start in starts]
+    )
     client.download(EXPORT, tmp_path / "x.zip")
     assert (tmp_path / "x.zip").read_bytes() == CONTENT
 
@@ -73,29 +75,31 @@ def test_bytes_are_a_new_start_and_silence_is_not(scripted, client, tmp_path):
     assert scripted.replies
 
 
-def test_a_server_that_starts_anew_meanwhile_is_waited_for(scripted, client, tmp_path):
+def test_download_waits_for_a_server_restart(scripted, client, tmp_path):
     away = Reply(503, b"{}", {"Retry-After": "0"})
-    scripted.answer(Reply(body=CONTENT, hang_up=5000), away, away, rest(5000))
+    scripted.answer(
+        Reply(body=CONTENT, hang_up=5000), away, away, partial_content_reply(5000)
+    )
 
     client.download(EXPORT, tmp_path / "x.zip")
 
     assert (tmp_path / "x.zip").read_bytes() == CONTENT
 
 
-def test_a_later_download_takes_up_what_is_there(scripted, client, tmp_path):
+def test_later_download_resumes_from_the_part_file(scripted, client, tmp_path):
     scripted.answer(*[Reply(body=CONTENT, hang_up=0)] * PATIENCE * QUICK.attempts)
     with pytest.raises(httpx.RemoteProtocolError):
         client.download(EXPORT, tmp_path / "x.zip")
     (part,) = tmp_path.iterdir()
     part.write_bytes(CONTENT[:7000])
 
-    scripted.answer(rest(7000))
+    scripted.answer(partial_content_reply(7000))
     client.download(EXPORT, tmp_path / "x.zip")
 
     assert (tmp_path / "x.zip").read_bytes() == CONTENT
 
 
-def test_a_server_that_sends_all_again_is_understood(scripted, client, tmp_path):
+def test_download_restarts_if_server_ignores_range(scripted, client, tmp_path):
     scripted.answer(Reply(body=CONTENT, hang_up=5000), Reply(body=CONTENT))
 
     client.download(EXPORT, tmp_path / "x.zip")
@@ -103,7 +107,9 @@ def test_a_server_that_sends_all_again_is_understood(scripted, client, tmp_path)
     assert (tmp_path / "x.zip").read_bytes() == CONTENT
 
 
-def test_other_bytes_than_promised_never_become_the_file(scripted, client, tmp_path):
+def test_download_with_wrong_digest_raises_and_keeps_old_file(
+    scripted, client, tmp_path
+):
     (tmp_path / "x.zip").write_bytes(b"the one before")
     scripted.answer(Reply(body=CONTENT[::-1]))
 

@@ -24,7 +24,7 @@ from tests.support.scripted_server import Reply, json_reply, problem
         (418, unghost.ApiError),
     ],
 )
-def test_each_status_has_its_exception(scripted, client, status, kind):
+def test_each_http_status_raises_its_exception(scripted, client, status, kind):
     scripted.answer(problem(status, "some_code", request_id="r1"))
 
     with pytest.raises(unghost.ApiError) as caught:
@@ -36,7 +36,7 @@ def test_each_status_has_its_exception(scripted, client, status, kind):
     assert str(error) == error.detail == "it is some_code"
 
 
-def test_every_fault_of_a_request_is_listed(scripted, client):
+def test_exception_lists_the_faults_of_the_request(scripted, client):
     faults = [{"pointer": "/boxes/3/xyxy", "code": "not_finite", "detail": "is NaN"}]
     scripted.answer(problem(422, "bad_annotation", errors=faults))
 
@@ -48,7 +48,7 @@ def test_every_fault_of_a_request_is_listed(scripted, client):
     assert str(fault) == "/boxes/3/xyxy: is NaN"
 
 
-def test_a_stale_review_carries_the_current_decision(scripted, client):
+def test_stale_review_error_has_the_current_decision(scripted, client):
     scripted.answer(problem(412, "stale_review", current={"id": "7", "box_id": 3}))
 
     with pytest.raises(unghost.Conflict) as caught:
@@ -69,12 +69,14 @@ def test_a_stale_review_carries_the_current_decision(scripted, client):
         pytest.param(Reply(302, b"", {"Location": "/login"}), id="a redirect"),
     ],
 )
-def test_an_answer_that_is_not_unghosts_is_named_so(scripted, client, reply):
+def test_response_that_is_not_from_unghost_raises_unexpected_answer(
+    scripted, client, reply
+):
     scripted.answer(reply)
 
     with pytest.raises(unghost.UnexpectedAnswer, match=scripted.url):
         client.version()
 
 
-def test_the_token_is_not_in_the_representation(client):
+def test_client_repr_does_not_contain_the_token(client):
     assert "secret" not in repr(client)

@@ -60,11 +60,11 @@ class Listener:
         return heard
 
 
-Listen = Callable[..., Listener]
+StartListener = Callable[..., Listener]
 
 
 @pytest.fixture
-def listen() -> Iterator[Listen]:
+def start_listener() -> Iterator[StartListener]:
     """A function that starts a listener as a user, by default on a free port."""
     started: list[subprocess.Popen[str]] = []
 
@@ -105,32 +105,34 @@ def token_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return file
 
 
-def noted(url: str, token_file: Path) -> None:
+def write_note(url: str, token_file: Path) -> None:
     note = note_path(url, os.environ)
     note.parent.mkdir(parents=True)
     note.write_text(json.dumps({"url": url, "token_file": str(token_file), "pid": 1}))
     os.chown(note, OWNER, OWNER)
 
 
-def connected(url: str, token: str | None = None) -> closing[Transport]:
+def open_transport(url: str, token: str | None = None) -> closing[Transport]:
     """The transport of a client of this server, with the token that it finds."""
     retry = RetryPolicy(attempts=1)
     return closing(Transport(find_server(url, token), timeout=60, retry=retry))
 
 
-def ask(url: str, token: str | None = None) -> None:
-    with connected(url, token) as transport:
+def send_request(url: str, token: str | None = None) -> None:
+    with open_transport(url, token) as transport:
         transport.send(Call("GET", "/", nothing))
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0", "::"])
-def test_a_found_token_is_not_sent_to_another_users_listener(token_file, listen, host):
-    other = listen(NOBODY, host)
+def test_found_token_is_not_sent_to_another_users_listener(
+    token_file, start_listener, host
+):
+    other = start_listener(NOBODY, host)
     url = f"http://127.0.0.1:{other.port}"
-    noted(url, token_file)
+    write_note(url, token_file)
 
     with pytest.raises(ForeignServer) as refused:
-        ask(url)
+        send_request(url)
 
     said = str(refused.value)
     assert f"user {NOBODY} listens at {url}" in said
@@ -140,83 +142,89 @@ def test_a_found_token_is_not_sent_to_another_users_listener(token_file, listen,
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
-def test_localhost_is_every_address_that_it_may_become(token_file, listen, host):
-    other = listen(NOBODY, host)
+def test_found_token_is_not_sent_to_foreign_listener_on_localhost(
+    token_file, start_listener, host
+):
+    other = start_listener(NOBODY, host)
     url = f"http://localhost:{other.port}"
-    noted(url, token_file)
+    write_note(url, token_file)
 
     with pytest.raises(ForeignServer):
-        ask(url)
+        send_request(url)
 
     assert other.heard() == []
 
 
 @pytest.mark.parametrize("folder", ["chosen by UNGHOST_DATA", "unghost-data"])
-def test_a_found_token_is_withheld_wherever_it_was_found(
-    token_file, listen, monkeypatch, folder
+def test_token_found_in_data_folder_is_not_sent_to_another_user(
+    token_file, start_listener, monkeypatch, folder
 ):
     token_file.parent.rename(token_file.parent.parent / folder)
     if folder != "unghost-data":
         monkeypatch.setenv("UNGHOST_DATA", folder)
-    other = listen(NOBODY)
+    other = start_listener(NOBODY)
 
     with pytest.raises(ForeignServer):
-        ask(f"http://127.0.0.1:{other.port}")
+        send_request(f"http://127.0.0.1:{other.port}")
 
     assert other.heard() == []
 
 
 @pytest.mark.parametrize("uid", [OWNER, 0], ids=["its owner", "root"])
-def test_a_found_token_is_sent_to_a_listener_of(token_file, listen, uid):
-    own = listen(uid)
+def test_found_token_is_sent_to_listener_of_its_owner_or_root(
+    token_file, start_listener, uid
+):
+    own = start_listener(uid)
     url = f"http://127.0.0.1:{own.port}"
-    noted(url, token_file)
+    write_note(url, token_file)
 
-    ask(url)
+    send_request(url)
 
     assert own.heard() == ["Bearer secret"]
 
 
-def test_a_token_that_was_given_is_sent_as_before(token_file, listen, monkeypatch):
-    other = listen(NOBODY)
+def test_explicit_token_is_sent_to_another_users_listener(
+    token_file, start_listener, monkeypatch
+):
+    other = start_listener(NOBODY)
     url = f"http://127.0.0.1:{other.port}"
-    noted(url, token_file)
+    write_note(url, token_file)
 
-    ask(url, "given")
+    send_request(url, "given")
     monkeypatch.setenv("UNGHOST_TOKEN", "of the environment")
-    ask(url)
+    send_request(url)
 
     assert other.heard() == ["Bearer given", "Bearer of the environment"]
 
 
-def test_where_nobody_listens_the_token_is_found(token_file, listen):
-    gone = listen(NOBODY)
+def test_token_is_found_when_no_program_listens(token_file, start_listener):
+    gone = start_listener(NOBODY)
     gone.heard()
     url = f"http://127.0.0.1:{gone.port}"
-    noted(url, token_file)
+    write_note(url, token_file)
 
     with Client(url) as client:
         assert client.token == "secret"
 
 
-def test_a_listener_at_another_address_is_no_matter(token_file, listen):
-    other = listen(NOBODY, "127.0.0.2")
+def test_foreign_listener_at_another_address_is_ignored(token_file, start_listener):
+    other = start_listener(NOBODY, "127.0.0.2")
     url = f"http://127.0.0.1:{other.port}"
-    noted(url, token_file)
+    write_note(url, token_file)
 
     with Client(url) as client:
         assert client.token == "secret"
 
 
-def test_a_client_that_goes_on_looks_again_when_it_connects(token_file, listen):
-    own = listen(OWNER)
+def test_listener_owner_is_checked_again_on_reconnect(token_file, start_listener):
+    own = start_listener(OWNER)
     url = f"http://127.0.0.1:{own.port}"
-    noted(url, token_file)
+    write_note(url, token_file)
 
-    with connected(url) as transport:
+    with open_transport(url) as transport:
         transport.send(Call("GET", "/", nothing))
         assert own.heard() == ["Bearer secret"]
-        other = listen(NOBODY, port=own.port)
+        other = start_listener(NOBODY, port=own.port)
         with pytest.raises(ForeignServer):
             transport.send(Call("GET", "/", nothing))
         with pytest.raises(ForeignServer):

@@ -17,20 +17,20 @@ RUN |= {"activate": False, "total": 9, "done": 0, "changed": 0, "created_by": "a
 RUN |= {"created_at": "2026-01-01T00:00:00Z"}
 
 
-def test_an_answer_that_is_busy_is_asked_again(scripted, client):
+def test_busy_server_is_retried(scripted, client):
     scripted.answer(problem(503, "database_busy"), json_reply({"version": "1"}))
 
     assert client.version().version == "1"
 
 
-def test_a_lost_answer_is_asked_again(scripted, client):
+def test_lost_response_is_retried(scripted, client):
     lost = Reply(body=b'{"version": "1"}', hang_up=4)
     scripted.answer(lost, json_reply({"version": "1"}))
 
     assert client.version().version == "1"
 
 
-def test_retries_are_bounded_and_the_last_answer_is_raised(scripted, client):
+def test_retries_are_limited_and_last_error_is_raised(scripted, client):
     scripted.answer(*[problem(503, "database_busy")] * QUICK.attempts)
 
     with pytest.raises(Unavailable, match="it is database_busy"):
@@ -38,7 +38,7 @@ def test_retries_are_bounded_and_the_last_answer_is_raised(scripted, client):
     assert len(scripted.received_requests) == QUICK.attempts
 
 
-def test_a_post_is_repeated_under_the_same_idempotency_key(scripted, client):
+def test_retried_post_has_the_same_idempotency_key(scripted, client):
     scripted.answer(problem(503, "database_busy"), json_reply(RUN, 202))
 
     client.start_run("town", {}, activate=False)
@@ -48,7 +48,7 @@ def test_a_post_is_repeated_under_the_same_idempotency_key(scripted, client):
     assert len(set(keys)) == 1
 
 
-def test_two_posts_have_two_idempotency_keys(scripted, client):
+def test_separate_posts_have_different_idempotency_keys(scripted, client):
     scripted.answer(json_reply(RUN, 202), json_reply(RUN, 202))
 
     client.start_run("town", {})
@@ -60,7 +60,7 @@ def test_two_posts_have_two_idempotency_keys(scripted, client):
     )
 
 
-def test_a_refusal_is_not_asked_again(scripted, client):
+def test_internal_server_error_is_not_retried(scripted, client):
     scripted.answer(problem(500, "internal"))
 
     with pytest.raises(Exception, match="it is internal"):
@@ -68,7 +68,7 @@ def test_a_refusal_is_not_asked_again(scripted, client):
     assert len(scripted.received_requests) == 1
 
 
-def test_the_wait_that_the_server_asks_for_is_kept(scripted):
+def test_retry_waits_for_the_retry_after_header(scripted):
     scripted.answer(
         Reply(503, b"{}", {"Retry-After": "1"}), json_reply({"version": "1"})
     )
@@ -80,7 +80,7 @@ def test_the_wait_that_the_server_asks_for_is_kept(scripted):
     assert time.monotonic() - started >= 1
 
 
-def test_no_server_is_the_transports_own_error(closed_port):
+def test_unreachable_server_raises_httpx_connect_error(closed_port):
     with (
         Client(f"http://127.0.0.1:{closed_port}", retry=QUICK) as client,
         pytest.raises(httpx.ConnectError),
@@ -88,7 +88,7 @@ def test_no_server_is_the_transports_own_error(closed_port):
         client.version()
 
 
-def test_readiness_is_asked_once(scripted, client):
+def test_readiness_check_is_not_retried(scripted, client):
     scripted.answer(problem(503, "not_ready"))
 
     assert client.ready() is False
@@ -105,28 +105,28 @@ def test_readiness_is_asked_once(scripted, client):
         pytest.param(None, None, id="absent"),
     ],
 )
-def test_retry_after_is_read_in_both_forms(header, seconds):
+def test_retry_after_header_is_parsed_as_seconds_or_date(header, seconds):
     now = datetime(2026, 1, 1, tzinfo=timezone.utc)
 
     assert retry_after_s(header, now) == seconds
 
 
-def test_delays_grow_are_jittered_and_capped():
+def test_retry_delays_grow_with_jitter_up_to_a_maximum():
     policy = RetryPolicy(base_s=1.0, longest_s=4.0)
 
-    delays = {attempt: _delays(policy, attempt) for attempt in (1, 3, 9)}
+    delays = {attempt: _sample_delays(policy, attempt) for attempt in (1, 3, 9)}
 
     assert max(delays[1]) <= 1.0 < max(delays[3]) <= 4.0
     assert max(delays[9]) <= 4.0
     assert len(set(delays[9])) > 100
 
 
-def test_retry_after_is_the_shortest_wait_and_is_capped():
+def test_retry_after_is_a_minimum_delay_and_is_capped():
     policy = RetryPolicy(base_s=1.0, longest_s=20.0)
 
     assert 5.0 <= policy.delay_s(1, 5.0) <= 6.0
     assert policy.delay_s(1, 3600.0) == 20.0
 
 
-def _delays(policy: RetryPolicy, attempt: int) -> list[float]:
+def _sample_delays(policy: RetryPolicy, attempt: int) -> list[float]:
     return [policy.delay_s(attempt) for _ in range(200)]

@@ -35,19 +35,19 @@ def client(batches: BatchServer) -> Iterator[Client]:
         yield client
 
 
-def outgoing(key: str, **files: bytes) -> OutgoingFrame:
+def outgoing_frame(key: str, **files: bytes) -> OutgoingFrame:
     return OutgoingFrame(key, {"boxes": [BOX]}, files)
 
 
 def many(count: int) -> list[OutgoingFrame]:
-    return [outgoing(f"{number}") for number in range(count)]
+    return [outgoing_frame(f"{number}") for number in range(count)]
 
 
-def words(outcomes) -> dict[str, str]:
+def outcomes_by_key(outcomes) -> dict[str, str]:
     return {outcome.key: outcome.word for outcome in outcomes}
 
 
-def test_a_frame_travels_with_its_files(batches, client, tmp_path):
+def test_push_sends_frame_with_annotation_and_files(batches, client, tmp_path):
     (tmp_path / "a.png").write_bytes(b"pixels" * 200_000)
     files = {"image": tmp_path / "a.png", "depth": b"metres"}
     frame = OutgoingFrame("a b/ü?#%2F", {"map": "ü", "boxes": [BOX]}, files)
@@ -64,42 +64,42 @@ def test_a_frame_travels_with_its_files(batches, client, tmp_path):
     assert head["authorization"] == "Bearer secret"
 
 
-def test_a_frame_with_the_same_content_is_not_sent(batches, client, tmp_path):
+def test_push_skips_frame_with_unchanged_content(batches, client, tmp_path):
     (tmp_path / "a.png").write_bytes(b"pixels")
     frame = OutgoingFrame("a", {"boxes": [BOX]}, {"image": tmp_path / "a.png"})
     batches.known["a"] = frame.digest()
 
-    assert words(client.push("town", [frame])) == {"a": "already_there"}
+    assert outcomes_by_key(client.push("town", [frame])) == {"a": "already_there"}
     assert batches.taken == []
 
 
 @pytest.mark.parametrize(
     "changed",
     [
-        pytest.param(outgoing("a", image=b"j"), id="as many other bytes"),
-        pytest.param(outgoing("a", depth=b"i"), id="another kind of file"),
+        pytest.param(outgoing_frame("a", image=b"j"), id="as many other bytes"),
+        pytest.param(outgoing_frame("a", depth=b"i"), id="another kind of file"),
         pytest.param(
             OutgoingFrame("a", {"boxes": [{**BOX, "id": "7"}]}, {"image": b"i"}),
             id="another box",
         ),
     ],
 )
-def test_a_frame_with_other_content_is_sent(batches, client, changed):
-    batches.known["a"] = outgoing("a", image=b"i").digest()
+def test_push_sends_frame_with_changed_content(batches, client, changed):
+    batches.known["a"] = outgoing_frame("a", image=b"i").digest()
 
-    assert words(client.push("town", [changed])) == {"a": "stored"}
+    assert outcomes_by_key(client.push("town", [changed])) == {"a": "stored"}
 
 
-def test_a_cut_connection_costs_only_what_was_not_answered(batches, client):
+def test_push_resends_only_unanswered_frames_after_disconnect(batches, client):
     batches.replies = [BatchReply(lines=4), BatchReply(lines=3), BatchReply()]
 
     outcomes = list(client.push("town", many(12)))
 
-    assert words(outcomes) == {frame.key: "stored" for frame in many(12)}
+    assert outcomes_by_key(outcomes) == {frame.key: "stored" for frame in many(12)}
     assert batches.keys == [frame.key for frame in many(12)]
 
 
-def test_answers_are_a_new_start_and_silence_is_not(batches, client):
+def test_push_retries_are_reset_only_by_answered_frames(batches, client):
     batches.replies = [BatchReply(lines=1)] * 9
     assert len(list(client.push("town", many(9)))) == 9
 
@@ -109,34 +109,37 @@ def test_answers_are_a_new_start_and_silence_is_not(batches, client):
     assert batches.replies == []
 
 
-def test_a_busy_server_is_asked_again(batches, client):
+def test_push_retries_a_busy_server(batches, client):
     batches.replies = [BatchReply(refusal=(503, "busy", {"Retry-After": "0"}))]
 
-    assert words(client.push("town", many(2))) == {"0": "stored", "1": "stored"}
+    assert outcomes_by_key(client.push("town", many(2))) == {
+        "0": "stored",
+        "1": "stored",
+    }
 
 
-def test_a_server_without_batches_gets_one_request_per_frame(batches, client):
+def test_push_to_server_without_batches_sends_single_frames(batches, client):
     batches.replies = [BatchReply(refusal=(404, "not_found", {}))] * 2
 
-    outcomes = list(client.push("town", [outgoing("a b"), outgoing("c")]))
+    outcomes = list(client.push("town", [outgoing_frame("a b"), outgoing_frame("c")]))
 
-    assert words(outcomes) == {"a b": "stored", "c": "stored"}
+    assert outcomes_by_key(outcomes) == {"a b": "stored", "c": "stored"}
     assert batches.put == [
         "/api/v1/datasets/town/frames/a%20b",
         "/api/v1/datasets/town/frames/c",
     ]
 
 
-def test_a_proxy_would_hold_answers_back(batches, client, monkeypatch):
+def test_push_through_a_proxy_sends_single_frames(batches, client, monkeypatch):
     monkeypatch.setenv("http_proxy", batches.url)
     with Client("http://far.example", "secret", retry=QUICK) as far:
-        list(far.push("town", [outgoing("a")]))
+        list(far.push("town", [outgoing_frame("a")]))
 
     assert batches.put == ["http://far.example/api/v1/datasets/town/frames/a"]
     assert batches.heads == []
 
 
-def test_a_refusal_of_every_frame_stops_the_push(batches, client):
+def test_push_stops_when_unauthorized(batches, client):
     batches.replies = [BatchReply(refusal=(401, "unauthorised", {}))]
 
     with pytest.raises(Unauthorized):
@@ -144,7 +147,7 @@ def test_a_refusal_of_every_frame_stops_the_push(batches, client):
     assert batches.taken == []
 
 
-def test_a_batch_that_ends_with_a_problem_raises_it(batches, client):
+def test_problem_at_the_end_of_a_batch_raises(batches, client):
     batches.replies = [BatchReply(end={"problem": {"status": 409, "code": "odd"}})]
 
     with pytest.raises(Conflict):
@@ -152,26 +155,31 @@ def test_a_batch_that_ends_with_a_problem_raises_it(batches, client):
 
 
 @pytest.mark.parametrize("decisions", [None, {}, "many"])
-def test_a_line_that_cannot_be_read_is_no_answer_of_the_service(
-    batches, client, decisions
-):
+def test_unreadable_line_of_batch_raises_unexpected_answer(batches, client, decisions):
     batches.replies = [BatchReply(decisions=decisions)]
 
     with pytest.raises(UnexpectedAnswer, match="has a line that cannot be read"):
         list(client.push("town", many(1)))
 
 
-def test_a_refusal_of_one_frame_does_not_stop_the_others(batches, client, tmp_path):
+def test_push_continues_after_refused_frames(batches, client, tmp_path):
     missing = OutgoingFrame("b", {"boxes": []}, {"image": tmp_path / "b.png"})
     folder = OutgoingFrame("d", {"boxes": []}, {"image": tmp_path})
     unreadable = NotSent("e", ValueError("line 3"))
 
     outcomes = client.push(
         "town",
-        [outgoing("a"), missing, outgoing("\udcff"), outgoing("c"), folder, unreadable],
+        [
+            outgoing_frame("a"),
+            missing,
+            outgoing_frame("\udcff"),
+            outgoing_frame("c"),
+            folder,
+            unreadable,
+        ],
     )
 
-    assert words(outcomes) == {
+    assert outcomes_by_key(outcomes) == {
         "a": "stored",
         "b": "refused",
         "\udcff": "refused",
@@ -181,19 +189,21 @@ def test_a_refusal_of_one_frame_does_not_stop_the_others(batches, client, tmp_pa
     }
 
 
-def test_a_file_that_shrinks_under_way_costs_its_frame_alone(batches, client, tmp_path):
+def test_only_frame_with_file_that_shrinks_during_push_is_refused(
+    batches, client, tmp_path
+):
     image = tmp_path / "a.png"
     image.write_bytes(b"pixels")
 
     def frames() -> Iterator[OutgoingFrame]:
         yield from many(240)
         yield OutgoingFrame("a", {"boxes": []}, {"image": image})
-        yield from (outgoing(f"after {number}") for number in range(9))
+        yield from (outgoing_frame(f"after {number}") for number in range(9))
         # 250 frames were taken; the last fifty wait until their batch is full.
         image.write_bytes(b"pix")
-        yield outgoing("last")
+        yield outgoing_frame("last")
 
-    outcomes = words(client.push("town", frames()))
+    outcomes = outcomes_by_key(client.push("town", frames()))
 
     assert outcomes.pop("a") == "refused"
     assert set(outcomes.values()) == {"stored"}
@@ -201,7 +211,7 @@ def test_a_file_that_shrinks_under_way_costs_its_frame_alone(batches, client, tm
     assert set(batches.keys) == set(outcomes)
 
 
-def test_frames_are_taken_no_faster_than_they_are_sent(batches, client):
+def test_push_reads_frames_lazily(batches, client):
     taken = 0
 
     def frames() -> Iterator[OutgoingFrame]:
@@ -219,19 +229,22 @@ def test_frames_are_taken_no_faster_than_they_are_sent(batches, client):
     assert len(batches.taken) < 2000
 
 
-def test_nothing_is_asked_for_more_keys_than_a_request_may_have(batches, client):
+def test_push_limits_keys_per_request_for_known_frames(batches, client):
     list(client.push("town", many(600)))
 
     assert sum(map(len, batches.asked_about)) == 600
     assert max(map(len, batches.asked_about)) <= 1000
 
 
-def test_a_server_may_start_anew_while_it_is_asked_what_it_has(batches, client):
+def test_push_survives_server_restart_while_requesting_known_frames(batches, client):
     batches.dropped_requests = 2 * QUICK.attempts - 1
 
-    assert words(client.push("town", many(2))) == {"0": "stored", "1": "stored"}
+    assert outcomes_by_key(client.push("town", many(2))) == {
+        "0": "stored",
+        "1": "stored",
+    }
 
 
-def test_a_file_that_no_frame_has_is_a_mistake_of_the_caller(client):
+def test_put_frame_with_unknown_file_kind_raises_type_error(client):
     with pytest.raises(TypeError, match="'seg' is not a file of a frame"):
         client.put_frame("town", "a", {"boxes": []}, seg=b"")

@@ -21,7 +21,7 @@ RUN = {**JOB, "id": 21, "state": "running", "done": 3, "kind": "decide"}
 RUN |= {"config": "", "activate": False, "changed": 0, "created_by": "ada"}
 
 
-class Impatient(Screen):
+class InterruptingScreen(Screen):
     """A screen whose user presses Ctrl-C at the first progress."""
 
     @contextmanager
@@ -32,7 +32,7 @@ class Impatient(Screen):
         yield interrupt
 
 
-def test_a_run_whose_server_is_away_goes_on_and_can_be_followed(closed_port, capsys):
+def test_lost_server_while_waiting_for_a_run_prints_wait_command(closed_port, capsys):
     address = f"http://127.0.0.1:{closed_port}"
 
     with (
@@ -53,18 +53,20 @@ def test_a_run_whose_server_is_away_goes_on_and_can_be_followed(closed_port, cap
         (problem(403, "forbidden"), "goes on at the server, and the same"),
     ],
 )
-def test_an_interrupted_export_is_ended_and_says_so(scripted, client, answer, words):
+def test_interrupting_wait_for_export_cancels_it_with_a_message(
+    scripted, client, answer, words
+):
     told = json.dumps({**EXPORT, "state": "running"})
     events = f"event: progress\nid: 1\ndata: {told}\n\n"
     scripted.answer(Reply(body=events.encode()), answer)
 
     with pytest.raises(KeyboardInterrupt, match=f"export 4 {words} command makes it"):
-        wait_for_export(client, Export.read(EXPORT), Impatient())
+        wait_for_export(client, Export.read(EXPORT), InterruptingScreen())
 
     assert scripted.received_requests[-1].path == "/api/v1/exports/4/cancel"
 
 
-def test_waiting_for_a_run_outlasts_a_restart_of_the_server(scripted, client):
+def test_waiting_for_a_run_survives_a_server_restart(scripted, client):
     silence = [Reply(hang_up=0)] * (PATIENCE * QUICK.attempts - 1)
     done = {**RUN, "state": "done", "done": 9}
     scripted.answer(json_reply(RUN), *silence, json_reply(done))
@@ -74,7 +76,7 @@ def test_waiting_for_a_run_outlasts_a_restart_of_the_server(scripted, client):
     assert (run.state, scripted.replies) == ("done", [])
 
 
-def test_waiting_for_an_export_outlasts_a_restart_of_the_server(scripted, client):
+def test_waiting_for_an_export_survives_a_server_restart(scripted, client):
     silence = [Reply(hang_up=0)] * (PATIENCE * QUICK.attempts - 1)
     scripted.answer(*silence, json_reply(EXPORT))
 

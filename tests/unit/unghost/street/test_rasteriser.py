@@ -12,13 +12,13 @@ from unghost.street.raster import Canvas, draw
 WIDTH, HEIGHT = 24, 18
 
 
-def drawn(triangles):
+def draw_triangles(triangles):
     canvas = Canvas.blank(WIDTH, HEIGHT)
     draw(canvas, np.array(triangles, float), np.arange(len(triangles)))
     return canvas
 
 
-def slow_nearness(triangles):
+def reference_nearness(triangles):
     """The definition, pixel by pixel: three areas' signs tell if a centre is inside."""
     nearest = np.zeros((HEIGHT, WIDTH))
     for corners in np.array(triangles, float):
@@ -49,23 +49,26 @@ triangle = st.tuples(corner, corner, corner).filter(lambda t: abs(area(*t)) > 1)
 
 
 @given(st.lists(triangle, min_size=1, max_size=4))
-def test_the_nearest_surface_wins_as_the_definition_says(triangles):
-    expected, canvas = slow_nearness(triangles), drawn(triangles)
+def test_nearest_triangle_per_pixel_equals_reference(triangles):
+    expected, canvas = reference_nearness(triangles), draw_triangles(triangles)
 
     assert canvas.nearness == pytest.approx(expected, rel=1e-4, abs=1e-6)
     assert np.array_equal(canvas.winner >= 0, expected > 0)
 
 
-def test_two_halves_of_a_square_leave_no_gap_and_no_overlap():
+def test_adjacent_triangles_have_no_gap_and_no_overlap():
     a, b, c, d = (2.5, 2.5, 1), (20.5, 2.5, 1), (20.5, 15.5, 1), (2.5, 15.5, 1)
 
-    first, second = drawn([(a, b, c)]).winner == 0, drawn([(a, c, d)]).winner == 0
+    first, second = (
+        draw_triangles([(a, b, c)]).winner == 0,
+        draw_triangles([(a, c, d)]).winner == 0,
+    )
 
     assert not (first & second).any()
     assert (first | second).sum() == 18 * 13
 
 
-def test_a_large_triangle_is_drawn_like_a_small_one():
+def test_triangle_pixels_do_not_depend_on_canvas_size():
     corners = np.array([(-40.0, -30.0, 1.0), (300.0, 10.0, 2.0), (20.0, 260.0, 3.0)])
     large, small = Canvas.blank(200, 150), Canvas.blank(20, 15)
 
@@ -76,7 +79,7 @@ def test_a_large_triangle_is_drawn_like_a_small_one():
     assert large.nearness[50:65, 60:80] == pytest.approx(small.nearness, rel=1e-5)
 
 
-def test_nothing_to_draw_leaves_the_canvas_blank():
+def test_drawing_no_triangles_leaves_canvas_blank():
     canvas = Canvas.blank(4, 3)
 
     draw(canvas, np.zeros((0, 3, 3)), np.zeros(0, dtype=np.int64))

@@ -39,41 +39,41 @@ def test_same_seed_gives_the_same_bytes(demo_frames, raw_frame):
     assert differing == ["segmentation_png"]
 
 
-def test_raw_segmentation_has_the_tags_in_red(demo_frames, raw_frame):
+def test_raw_segmentation_has_tags_in_red_channel(demo_frames, raw_frame):
     raw = DecodedFrame(raw_frame).segmentation
 
     assert np.array_equal(raw[..., 0], demo_frames[0].instances[0])
     assert not raw[..., 1:].any()
 
 
-def test_another_seed_gives_another_street(demo_frames):
+def test_different_seed_gives_different_image_and_boxes(demo_frames):
     other = StreetScene(1).render_frame(0)
 
     assert other.image_png != demo_frames[0].frame.image_png
     assert other.annotation["boxes"] != demo_frames[0].frame.annotation["boxes"]
 
 
-def test_towns_take_turns(demo_frames):
+def test_frames_alternate_between_the_towns(demo_frames):
     keys = [decoded.frame.key for decoded in demo_frames[:4]]
 
     assert keys == ["town-a/000000", "town-b/000000", "town-c/000000", "town-a/000001"]
 
 
-def test_every_image_is_as_large_as_the_camera_says(demo_frames):
+def test_image_sizes_equal_camera_size(demo_frames):
     for decoded in demo_frames:
         camera = decoded.frame.annotation["camera"]
         assert decoded.image.shape == (camera["height"], camera["width"], 3)
         assert decoded.segmentation.shape == decoded.image.shape
 
 
-def test_segmentation_and_instances_carry_the_same_tags(demo_frames):
+def test_segmentation_and_instance_image_have_the_same_tags(demo_frames):
     palette = palette_of("carla-0.9.14")
     for decoded in demo_frames:
         tags, _ = decoded.instances
         assert np.array_equal(palette.decode(decoded.segmentation), tags)
 
 
-def test_depth_is_finite_and_the_sky_is_a_kilometre_away(demo_frames):
+def test_depth_of_sky_is_1000_m_and_other_depth_is_less(demo_frames):
     sky = palette_of("carla-0.9.14").tag_of("Sky")
     for decoded in demo_frames:
         is_sky = decoded.instances[0] == sky
@@ -82,19 +82,19 @@ def test_depth_is_finite_and_the_sky_is_a_kilometre_away(demo_frames):
         assert decoded.depth[~is_sky].max() < 1000.0
 
 
-def test_truth_is_what_a_recount_of_the_instance_image_gives(demo_frames):
+def test_truth_visible_pixels_equal_count_in_instance_image(demo_frames):
     for decoded in demo_frames:
         recount = [len(decoded.own_pixels(line)[0]) for line in decoded.frame.truth]
         assert recount == [line["visible_pixels"] for line in decoded.frame.truth]
 
 
-def test_boxes_name_their_instances(demo_frames):
+def test_instance_ids_of_boxes_equal_those_of_truth(demo_frames):
     for decoded in demo_frames:
         named = [box["instance_id"] for box in decoded.frame.annotation["boxes"]]
         assert named == [line["instance"] for line in decoded.frame.truth]
 
 
-def test_fewer_actors_leave_the_houses_and_many_of_the_boxes_away():
+def test_fewer_actors_reduce_boxes_but_not_scenery():
     full, thin = (build_town(STYLES[1], 0, share) for share in (1.0, 0.2))
 
     boxes = [sum(thing.has_box for thing in town.things) for town in (full, thin)]
@@ -107,7 +107,7 @@ def test_fewer_actors_leave_the_houses_and_many_of_the_boxes_away():
     assert scenery[0] == scenery[1]
 
 
-def test_truth_has_one_line_per_box_and_a_kind_for_each_ghost(demo_frames):
+def test_truth_has_one_line_per_box_and_a_ghost_kind_if_hidden(demo_frames):
     for decoded in demo_frames:
         truth = decoded.frame.truth
         assert [line["id"] for line in truth] == [
@@ -124,7 +124,7 @@ def test_every_kind_of_ghost_occurs(demo_frames):
     assert kinds == {None, *GHOST_KINDS}
 
 
-def test_every_class_occurs_seen_and_unseen(demo_frames):
+def test_every_class_has_visible_and_hidden_boxes(demo_frames):
     seen: set[str] = set()
     unseen: set[str] = set()
     for decoded in demo_frames:
@@ -135,7 +135,7 @@ def test_every_class_occurs_seen_and_unseen(demo_frames):
     assert unseen == TRAFFIC_CLASSES
 
 
-def test_boxes_come_in_3d_and_in_every_fourth_frame_of_a_town_as_naive_rectangles(
+def test_boxes_are_box3d_and_in_fourth_frame_of_a_town_xyxy(
     demo_frames,
 ):
     forms = {
@@ -150,13 +150,13 @@ def test_boxes_come_in_3d_and_in_every_fourth_frame_of_a_town_as_naive_rectangle
     assert forms["town-a/000003"] == {"xyxy"}
 
 
-def test_tight_visible_boxes_are_filled_as_in_real_recordings(demo_frames):
+def test_filled_share_of_visible_boxes_is_realistic(demo_frames):
     fill: dict[str, list[float]] = defaultdict(list)
     for decoded in demo_frames:
         for line, box in zip(decoded.frame.truth, decoded.geometry.xyxy, strict=True):
             own = decoded.own_pixels(line)
             if len(own[0]) > 150 and not np.isnan(box).any():
-                share = _fill_if_unhidden(
+                share = _fill_share_unless_hidden(
                     own, box, whole=line["class"] == "traffic_light"
                 )
                 fill[line["class"]] += share
@@ -167,7 +167,7 @@ def test_tight_visible_boxes_are_filled_as_in_real_recordings(demo_frames):
     assert 0.02 < medians["traffic_light"] < 0.14
 
 
-def _fill_if_unhidden(own, box, *, whole):
+def _fill_share_unless_hidden(own, box, *, whole):
     """The filled share of the tight rectangle, or of the `whole` box; a list.
 
     The list is empty for things that something hides: their pixels do not reach almost
@@ -184,7 +184,7 @@ def _fill_if_unhidden(own, box, *, whole):
     return [len(rows) / (width * height)]
 
 
-def test_pixels_of_a_thing_lie_inside_its_3d_box(demo_frames):
+def test_pixels_of_an_object_are_inside_its_3d_box(demo_frames):
     for decoded in demo_frames:
         camera = Camera.from_fov(
             1280, 720, 90, decoded.frame.annotation["camera"]["transform"]
@@ -194,10 +194,12 @@ def test_pixels_of_a_thing_lie_inside_its_3d_box(demo_frames):
         ):
             if "box3d" in box and line["visible"]:
                 own = decoded.pixels_of(line["instance"])
-                assert _outside_m(decoded, camera, own, box["box3d"]) < 0.05, line
+                assert (
+                    _max_distance_outside_m(decoded, camera, own, box["box3d"]) < 0.05
+                ), line
 
 
-def _outside_m(decoded, camera, own, box3d):
+def _max_distance_outside_m(decoded, camera, own, box3d):
     """How many metres the farthest of these pixels lies outside a box."""
     row, column = own
     depth = decoded.depth[row, column]
@@ -215,7 +217,7 @@ def _outside_m(decoded, camera, own, box3d):
     return worst
 
 
-def test_lidar_points_name_the_actors_whose_pixels_they_hit(demo_frames):
+def test_lidar_points_hit_only_visible_objects(demo_frames):
     for decoded in demo_frames[:3]:
         points = np.load(BytesIO(decoded.frame.lidar_npy))
         visible = {int(line["id"]) for line in decoded.frame.truth if line["visible"]}
@@ -226,7 +228,7 @@ def test_lidar_points_name_the_actors_whose_pixels_they_hit(demo_frames):
         assert np.all((points["CosAngle"] >= 0) & (points["CosAngle"] <= 1.001))
 
 
-def test_the_filter_reads_the_frames_and_finds_most_ghosts(demo_frames):
+def test_filter_rejects_most_ghost_boxes_of_the_demo(demo_frames):
     found, ghosts = 0, 0
     for decoded in demo_frames[:3]:
         frame = decoded.frame

@@ -31,13 +31,13 @@ def project(mesh, two_sided=False):
         pytest.param((1, 5, -1), (2, 6, 1), 0, id="beside the view shows nothing"),
     ],
 )
-def test_only_faces_that_look_at_the_camera_are_drawn(low, high, faces):
+def test_only_faces_towards_the_camera_are_projected(low, high, faces):
     _, source = project(block(low, high, CONCRETE, Tag.WALL))
 
     assert len(source) == 2 * faces
 
 
-def test_triangles_are_cut_at_the_near_plane():
+def test_triangles_are_clipped_at_the_near_plane():
     corners = np.array([[(-5.0, 0.0, -1.0), (5.0, -1.0, -1.0), (5.0, 1.0, -1.0)]])
     normals = np.zeros_like(corners) + np.array([0.0, 0.0, 1.0])
 
@@ -80,7 +80,7 @@ def test_solids_are_closed_and_face_outwards(mesh):
     assert np.sum(oriented * (a - a.mean(axis=0))) > 0
 
 
-def test_dyed_paint_changes_and_other_paint_does_not():
+def test_dyeing_changes_only_dyeable_paint():
     mesh = join(
         [
             block((0, 0, 0), (1, 1, 1), Paint.dye(1), 1),

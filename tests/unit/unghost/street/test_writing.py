@@ -12,21 +12,21 @@ from unghost.street.street import write_street
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory):
+def written_dataset(tmp_path_factory):
     """The manifest of a dataset of one frame, and the progress that was reported."""
     folder, said = tmp_path_factory.mktemp("demo") / "street", []
     manifest = write_street(folder, 1, progress=lambda *step: said.append(step))
     return manifest, said
 
 
-def lines_of(path):
+def read_json_lines(path):
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
 @pytest.mark.long
-def test_a_written_street_is_a_manifest_and_its_files(written, demo_frames):
-    manifest, _ = written
-    frame, (line,) = demo_frames[0].frame, lines_of(manifest)
+def test_written_street_has_manifest_line_and_data_files(written_dataset, demo_frames):
+    manifest, _ = written_dataset
+    frame, (line,) = demo_frames[0].frame, read_json_lines(manifest)
 
     assert {name: line[name] for name in frame.annotation} == frame.annotation
     assert line["image"] == "rgb/town-a/000000.png"
@@ -37,25 +37,25 @@ def test_a_written_street_is_a_manifest_and_its_files(written, demo_frames):
 
 
 @pytest.mark.long
-def test_truth_lies_beside_the_manifest_and_in_no_input(written, demo_frames):
-    manifest, _ = written
+def test_truth_is_a_separate_file_and_not_in_the_manifest(written_dataset, demo_frames):
+    manifest, _ = written_dataset
     frame = demo_frames[0].frame
 
-    truth = lines_of(manifest.parent / "truth.jsonl")
+    truth = read_json_lines(manifest.parent / "truth.jsonl")
 
     assert truth == [{"key": frame.key, **row} for row in frame.truth]
     assert not {"ghost", "visible"} & set(frame.annotation["boxes"][0])
     assert "ghost" not in manifest.read_text()
 
 
-def test_progress_is_told_and_nothing_unfinished_is_left(written):
-    manifest, said = written
+def test_writing_reports_progress_and_leaves_no_part_files(written_dataset):
+    manifest, said = written_dataset
 
     assert said == [(1, 1)]
     assert not list(manifest.parent.rglob("*.part"))
 
 
-def test_the_manifest_reads_back_without_a_problem(written):
-    (source,) = read_manifest(written[0], ReadOptions()).frames()
+def test_written_manifest_can_be_read_without_problems(written_dataset):
+    (source,) = read_manifest(written_dataset[0], ReadOptions()).frames()
 
     assert (source.key, source.problem) == ("town-a/000000", None)

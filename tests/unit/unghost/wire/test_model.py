@@ -50,44 +50,44 @@ CAR = {"id": 7, "class": "bus"}
 EMPTY: dict[str, object] = {"built_at": None, "wheels": (), "by_name": {}}
 
 
-def test_objects_inside_an_answer_become_models():
+def test_nested_objects_of_a_response_are_read_as_models():
     car = Car.read({**CAR, "wheels": [{"side": "left"}], "by_name": {"a": {"side": 1}}})
 
     assert car.wheels == (Wheel(side="left"),)
     assert isinstance(car.by_name["a"], Wheel)
 
 
-def test_a_page_reads_its_items():
+def test_page_items_are_read_as_models():
     page = Page[Car].read({"items": [CAR], "next_cursor": "x"})
 
     assert page.items[0].class_name == "bus"
     assert page.next_cursor == "x"
 
 
-def test_null_is_the_same_as_absent():
+def test_null_equals_absent_key():
     assert Car.read({**CAR, **EMPTY}) == Car.read(CAR)
     assert Car.read({**CAR, "wheels": None, "by_name": None}) == Car.read(CAR)
     assert Car.read(CAR).by_name is not Car.read(CAR).by_name
 
 
 @pytest.mark.parametrize("key", ["id", "class"])
-def test_a_key_that_is_needed_is_named(key):
+def test_missing_required_key_raises_missing_key(key):
     raw = {name: value for name, value in CAR.items() if name != key}
 
     with pytest.raises(MissingKey, match=f"Car lacks '{key}'"):
         Car.read(raw)
 
 
-def test_null_is_no_value_of_a_key_that_is_needed():
+def test_null_for_a_required_key_raises_missing_key():
     with pytest.raises(MissingKey, match="Car lacks 'id'"):
         Car.read({**CAR, "id": None})
 
 
-def test_words_of_a_newer_service_pass():
+def test_reading_accepts_unknown_values_of_a_newer_server():
     assert Wheel.read({"side": "spare"}).side == "spare"  # type: ignore[comparison-overlap]  # mypy believes the words
 
 
-def test_unknown_keys_stay_in_raw_and_do_not_count():
+def test_unknown_keys_are_kept_in_raw_and_ignored_by_equality():
     newer = Car.read({**CAR, "colour": "red"})
 
     assert newer.raw["colour"] == "red"
@@ -96,7 +96,7 @@ def test_unknown_keys_stay_in_raw_and_do_not_count():
     assert "colour" not in repr(newer)
 
 
-def test_answers_without_mappings_can_be_members_of_sets():
+def test_response_models_without_mappings_are_hashable():
     first, second = Wheel.read({"side": "left", "size": 3}), Wheel(side="left")
 
     assert {first, second} == {first}
@@ -106,23 +106,23 @@ def test_answers_without_mappings_can_be_members_of_sets():
     "text",
     ["2026-01-01T00:00:00.5Z", "2026-01-01t00:00:00.5z", "2026-01-01T01:00:00.5+01:00"],
 )
-def test_times_are_read_in_every_form_of_the_rfc(text):
+def test_rfc_3339_times_are_parsed(text):
     noon = datetime(2026, 1, 1, tzinfo=timezone.utc)
 
     assert Car.read({**CAR, "built_at": text}).built_at == noon + timedelta(seconds=0.5)
 
 
-def test_a_text_that_is_no_time_is_named():
+def test_invalid_time_raises_value_error():
     with pytest.raises(ValueError, match="expected a time of RFC 3339, found 'soon'"):
         Car.read({**CAR, "built_at": "soon"})
 
 
-def test_answers_are_frozen():
+def test_response_models_are_frozen():
     with pytest.raises(ValidationError, match="frozen"):
         Car.read(CAR).id = 8  # type: ignore[misc]  # that is what is tested
 
 
-def test_the_service_builds_by_names_and_is_checked():
+def test_building_a_response_by_field_names_is_validated():
     built = Car(id=7, class_name="bus", built_at=None, wheels=(), by_name={})
     assert built == Car.read(CAR)
     with pytest.raises(ValidationError):
@@ -130,7 +130,7 @@ def test_the_service_builds_by_names_and_is_checked():
 
 
 @pytest.mark.parametrize("missing", ["class_name", *EMPTY])
-def test_the_service_sets_every_field(missing):
+def test_building_a_response_without_a_field_raises(missing):
     values = {"id": 7, "class_name": "bus", **EMPTY}
     del values[missing]
 
@@ -138,12 +138,12 @@ def test_the_service_sets_every_field(missing):
         Car(**values)
 
 
-def test_the_service_sends_no_key_that_is_not_described():
+def test_validating_a_response_with_an_unknown_key_raises():
     with pytest.raises(ValidationError, match="Extra inputs are not permitted"):
         Car.model_validate({**CAR, **EMPTY, "colour": "red"})
 
 
-def test_no_field_of_an_answer_has_a_default():
+def test_response_model_fields_have_no_defaults():
     told = [getattr(wire, name) for name in dir(wire)]
     answers = [
         kind
@@ -161,11 +161,11 @@ def test_no_field_of_an_answer_has_a_default():
     ] == []
 
 
-def test_answers_are_written_under_the_keys_of_the_wire():
+def test_response_models_are_serialised_by_alias():
     assert Car.read(CAR).model_dump() == {**CAR, **EMPTY}
 
 
-def test_the_schema_says_that_every_key_is_there_and_no_defaults():
+def test_response_schema_requires_all_keys_and_has_no_defaults():
     schema = Car.model_json_schema(mode="serialization")
 
     assert schema["required"] == [*CAR, *EMPTY]
@@ -173,12 +173,12 @@ def test_the_schema_says_that_every_key_is_there_and_no_defaults():
     assert "additionalProperties" not in schema
 
 
-def test_unknown_keys_of_a_request_are_refused():
+def test_request_with_unknown_key_is_refused():
     with pytest.raises(ValidationError, match="bikes"):
         Order.model_validate({"cars": 1, "bikes": 2})
 
 
-def test_a_problem_has_its_faults():
+def test_problem_is_read_and_serialised_with_its_faults():
     fault = {"pointer": "/a", "code": "missing", "detail": "expected a value"}
     raw = {"code": "invalid_request", "detail": "d", "errors": [fault]}
 
@@ -195,7 +195,7 @@ def test_a_problem_has_its_faults():
     assert str(Fault(pointer="", code="c", detail="d")) == "d"
 
 
-def test_a_problem_can_repeat_what_utf_8_cannot_write():
+def test_problem_escapes_lone_surrogates():
     fault = Fault(pointer="/a\ud800", code="missing", detail="\udfff there")
 
     assert fault.model_dump_json() == (
@@ -203,7 +203,7 @@ def test_a_problem_can_repeat_what_utf_8_cannot_write():
     )
 
 
-def test_a_problem_is_described_by_the_keys_of_every_answer_and_of_some():
+def test_problem_schema_has_required_and_optional_keys():
     schema = Problem.model_json_schema(mode="serialization")
 
     assert schema["properties"].keys() - set(schema["required"]) == {
@@ -214,5 +214,5 @@ def test_a_problem_is_described_by_the_keys_of_every_answer_and_of_some():
     assert schema["properties"]["status"]["type"] == "integer"
 
 
-def test_as_many_faults_are_listed_as_the_library_finds():
+def test_max_faults_equals_that_of_filter_core():
     assert MAX_FAULTS == values.MAX_FAULTS

@@ -36,7 +36,7 @@ FRAME = {
 FILE = {"url": "/x", "sha256": "ab", "media_type": "image/png", "size_bytes": 9}
 
 
-def test_nested_objects_become_typed_values():
+def test_nested_objects_are_read_as_typed_values():
     decision = Decision.read(DECISION)
 
     assert decision.class_name == "car"
@@ -46,32 +46,32 @@ def test_nested_objects_become_typed_values():
     assert decision.edges is None
 
 
-def test_mappings_of_objects_become_mappings_of_typed_values():
+def test_mappings_of_objects_are_read_as_typed_values():
     frame = Frame.read({**FRAME, "files": {"image": FILE}})
 
     assert frame.files["image"].sha256 == "ab"
 
 
-def test_unknown_keys_are_no_error_and_are_kept_in_raw():
+def test_unknown_keys_are_accepted_and_kept_in_raw():
     dataset = Dataset.read({**DATASET, "colour_of_the_sky": "blue"})
 
     assert dataset.name == "town"
     assert dataset.raw["colour_of_the_sky"] == "blue"
 
 
-def test_null_means_the_default():
+def test_null_is_read_as_the_default():
     decision = Decision.read({**DECISION, "hidden_by": None, "revision": None})
 
     assert decision.hidden_by == ()
     assert decision.revision == 0
 
 
-def test_a_key_that_must_be_there_is_named():
+def test_missing_required_key_raises_missing_key():
     with pytest.raises(MissingKey, match="Dataset lacks 'name'"):
         Dataset.read({})
 
 
-def test_times_are_aware():
+def test_times_are_timezone_aware():
     dataset = Dataset.read(DATASET)
 
     assert dataset.created_at == datetime(2026, 1, 1, tzinfo=timezone.utc)
@@ -86,7 +86,7 @@ def test_times_are_aware():
         ("2026-01-01T02:00:00.123456789+02:00", 0.123456),
     ],
 )
-def test_a_frame_was_captured_when_its_sender_says(text, seconds):
+def test_captured_at_is_parsed_and_its_text_is_kept(text, seconds):
     frame = Frame.read({**FRAME, "captured_at": text})
 
     midnight = datetime(2026, 1, 1, tzinfo=timezone.utc)
@@ -95,7 +95,7 @@ def test_a_frame_was_captured_when_its_sender_says(text, seconds):
 
 
 @pytest.mark.parametrize("text", [None, "2026-W01-4T00:00Z", "long ago"])
-def test_a_frame_is_read_whatever_its_sender_says(text):
+def test_frame_with_missing_or_invalid_captured_at_is_read(text):
     frame = Frame.read({**FRAME, "captured_at": text})
 
     assert (frame.captured_at, frame.captured_text) == (None, text)
@@ -109,7 +109,7 @@ def test_results_are_frozen_and_equal_by_value():
         del first.verdict
 
 
-def test_a_decision_whose_numbers_are_gone_has_a_place_in_a_history():
+def test_history_entry_of_decision_without_verdict_is_read():
     raw = {"kind": "decision", "at": "2026-01-01T00:00:00Z", "run": 3, "verdict": None}
 
     entry = HistoryEntry.read(raw)

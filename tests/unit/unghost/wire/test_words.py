@@ -49,7 +49,7 @@ IN_FORCE = [answer for answer in get_args(words.Answer) if answer != "clear"]
         (words.ThresholdTarget, get_args(thresholds.Target)),
     ],
 )
-def test_words_are_those_of_the_table(hint, table):
+def test_allowed_values_equal_those_of_library_and_server(hint, table):
     assert get_args(hint) == tuple(table)
 
 
@@ -64,7 +64,7 @@ def test_words_are_those_of_the_table(hint, table):
         (tables.Decision, "review", IN_FORCE),
     ],
 )
-def test_words_are_those_that_the_database_takes(table, column, taken):
+def test_allowed_values_equal_those_of_database_constraints(table, column, taken):
     checks = {
         str(check.name).rpartition("_")[2]: str(check.sqltext)
         for check in table.__table__.constraints
@@ -74,5 +74,5 @@ def test_words_are_those_that_the_database_takes(table, column, taken):
     assert re.findall(r"'(\w+)'", checks[column]) == list(taken)
 
 
-def test_an_export_has_as_many_bands_as_the_library_takes():
+def test_limits_of_export_bands_equal_those_of_the_library():
     assert (runs.MAX_BAND, runs.MAX_BANDS) == (export.MAX_BAND, export.MAX_BANDS)
