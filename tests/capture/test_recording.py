@@ -218,10 +218,19 @@ def test_traffic_lights_missing_from_the_map_come_from_the_level(stage):
     assert boxes[1]["extra"]["flags"] == ["thickened"]
 
 
-def test_weather_layers_and_classes_follow_the_scenario(stage):
+def lights_of_vehicles(server):
+    """The state of the lights of each vehicle of the simulator."""
+    return [
+        actor.get_light_state()
+        for actor in server.actors.values()
+        if actor.type_id.startswith("vehicle.")
+    ]
+
+
+def test_weather_lights_layers_and_classes_follow_the_scenario(stage):
     seen = []
     stage.simulator.faults.on_tick = lambda server, _: seen.append(
-        (list(server.layers_off), server.weather.fog_density)
+        (list(server.layers_off), lights_of_vehicles(server))
     )
 
     stage.capture(
@@ -239,6 +248,7 @@ def test_weather_layers_and_classes_follow_the_scenario(stage):
     assert [frame["weather"]["fog_density"] for frame in frames] == [0, 25, 50]
     assert {frame["weather"]["precipitation"] for frame in frames} == {100}
     assert {layers[0] for layers, _ in seen} == {"ParkedVehicles"}
+    assert all(carla.VehicleLightState.LowBeam in lights for _, lights in seen)
     classes = {box["class"] for box in frames[0]["boxes"]}
     assert {"taxi", "walker"} <= classes
     assert stage.left_behind() == {}

@@ -52,3 +52,12 @@ def test_audit_log_entry_has_actor_action_and_details(client):
     assert (entry.actor, entry.action) == ("admin", "token.created")
     assert entry.details["token_id"] == made.id
     assert entry.created_at is not None
+
+
+def test_audit_log_has_the_newest_entries_first(client):
+    for name in ("earlier", "later"):
+        client.create_token(name, "viewer")
+
+    subjects = [one.subject for one in client.audit()]
+
+    assert subjects.index("later") < subjects.index("earlier")

@@ -38,7 +38,7 @@ LIMITS = {
     "max_folder_files": 3,
 }
 TOO_MUCH = (
-    "tests/api/boxes/test_expensive_pictures.py::"
+    "tests/api/boxes/test_expensive_images.py::"
     "test_frame_over_pixel_time_or_memory_limit_is_refused"
 )
 OPEN_BYTES = (

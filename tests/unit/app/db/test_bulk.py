@@ -20,7 +20,7 @@ from app.db.bulk import (
 )
 from app.db.engine import Database
 from app.db.migrate import migrate
-from app.db.tables import Blob, Dataset, Frame
+from app.db.tables import Blob, Dataset, Frame, FrameEvidence, Measurement
 from app.package import migrations_dir
 from tests.support.databases import migrated_postgres
 
@@ -125,6 +125,39 @@ def test_integers_and_times_are_inserted_unchanged(session, dataset):
 
     found = session.execute(select(Blob.size_bytes, Blob.created_at)).all()
     assert sorted(map(tuple, found)) == [(n, now) for n in range(MANY)]
+
+
+def test_bytes_booleans_and_nulls_are_inserted_unchanged(session, dataset):
+    insert_rows(session, Frame, frames(dataset, MANY))
+    measurement = Measurement(
+        dataset_id=dataset,
+        digest="0" * 64,
+        pixel_digest="0" * 64,
+        options={},
+        filter_core_version="1",
+    )
+    session.add(measurement)
+    session.flush()
+    rows = [
+        {
+            "id": 1000 + number,
+            "frame_id": 1000 + number,
+            "measurement_id": measurement.id,
+            "numbers": bytes(range(256))[number:],
+            "tag_counts": b"\\N\t\n\0",
+            "geometry": b"",
+            "channels": None if number % 2 else b"\0",
+            "segmentation": None,
+            "lossy": number % 3 == 0,
+        }
+        for number in range(MANY)
+    ]
+
+    insert_rows(session, FrameEvidence, rows)
+
+    columns = [getattr(FrameEvidence, name) for name in rows[0]]
+    found = session.execute(select(*columns).order_by(FrameEvidence.id))
+    assert list(map(tuple, found)) == [tuple(row.values()) for row in rows]
 
 
 @pytest.mark.parametrize("count", [2, MANY])

@@ -15,7 +15,7 @@ from app.db.base import utc_now
 from app.db.tables import Chunk, Frame
 from app.engine import JobStopped, LocalEngine
 from app.engine.children import PixelPool
-from app.engine.chunk import DONE
+from app.engine.chunk import DONE, RETURNED
 from app.jobs.attempts import MOST_ATTEMPTS, Attempt
 from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
 from app.jobs.driver import drive_job
@@ -229,6 +229,35 @@ def test_unreadable_frame_is_not_counted_as_killing_its_process(services):
     assert run.error["detail"].startswith("frame '01' ended the process that worked")
     assert "; frame '00' cannot be read: " in run.error["detail"]
     assert run.done == FRAMES - 2
+
+
+def test_worker_quarantines_an_unreadable_frame_before_it_measures_the_next(services):
+    """So the unreadable frame is not taken for the cause if the next one kills it."""
+    street = services.dataset()
+    put_large(street, "00")
+    for number in range(1, FRAMES):
+        put(street, number)
+    run_id = request_run_with_attempts(street, (0, FRAMES - 1, MOST_ATTEMPTS - 1))
+    (large, second, *_) = frame_ids(street)
+
+    def stop(engine, frame_id):
+        if frame_id == second:
+            engine.stopping.set()
+            raise JobStopped(run_job(run_id))
+
+    with (
+        closing(PixelPool(1, memory_bytes=32 * 2**20)) as pixels,
+        context_with_engine(street, ObservedEngine(stop)) as context,
+    ):
+        outcome = work_on_chunk(replace(context, pixels=pixels), "run", run_id, 1)
+
+    assert outcome == RETURNED
+    chunks = {
+        chunk.state: (chunk.first_frame_id, chunk.frames, chunk.attempts)
+        for chunk in remaining_rows(street, Chunk, run_of(street, run_id))
+    }
+    assert chunks["quarantined"][:2] == (large, 1)
+    assert chunks["waiting"] == (large + 1, FRAMES - 1, MOST_ATTEMPTS - 1)
 
 
 def test_unreadable_last_frame_is_quarantined_when_measured_singly(services):

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from sqlalchemy import select
 
+from app.db.tables import Frame
 from app.jobs.driver import drive_job
 from app.measuring.columns import ColumnCache
 from app.measuring.queries import frame_ranges
@@ -77,11 +79,14 @@ def test_inactive_run_in_ranges_does_not_change_current_decisions(services):
 
 
 @pytest.mark.parametrize(("boxes", "ranges"), [(1, 7), (4, 4), (10**6, 1)])
-def test_frame_ranges_do_not_overlap(services, boxes, ranges):
+def test_frame_ranges_cover_all_frames_without_overlap(services, boxes, ranges):
     street = filled_dataset(services)
     with street.context.database.read() as session:
         found = list(frame_ranges(session, street.id, boxes=boxes))
+        of_dataset = select(Frame.id).where(Frame.dataset_id == street.id)
+        frames = session.scalars(of_dataset.where(Frame.superseded_at.is_(None))).all()
 
     ends = [end for pair in found for end in pair]
     assert ends == sorted(ends)
     assert len(found) == ranges
+    assert all(any(a <= frame <= b for a, b in found) for frame in frames)

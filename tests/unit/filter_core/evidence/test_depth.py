@@ -110,11 +110,18 @@ def test_center_gap_is_nearest_corner_minus_surface_at_the_centre(surface, gap):
     np.testing.assert_allclose(gaps, [gap], atol=1e-3)
 
 
-def test_center_gap_is_nan_for_a_box_behind_the_camera():
+@pytest.mark.parametrize(
+    "box",
+    [
+        pytest.param(box_ahead(-20.0, half=2.0), id="behind the camera"),
+        pytest.param(box_ahead(20.0, half=2.0, right=21.0), id="beside the image"),
+    ],
+)
+def test_center_gap_is_nan_where_the_centre_is_not_in_the_image(box):
     camera = Camera.from_fov(64, 48, 90.0, {"x": 0, "y": 0, "z": 0})
     depth = read_depth(depth_png(np.full((48, 64), 5.0)))
 
-    gaps = center_gaps(box_ahead(-20.0, half=2.0)[None], camera, depth)
+    gaps = center_gaps(box[None], camera, depth)
 
     assert np.isnan(gaps).all()
 
