@@ -491,8 +491,9 @@ class Reason(IntEnum):
         Its name on the wire, such as ``below_threshold``.
     verdict : Verdict
     before_channels : bool
-        No channel overwrites it, as it follows from the box alone. (For NO_SEGMENTATION
-        it is False: a channel, such as ``lidar``, may still decide.)
+        No channel overwrites it: it follows from the box and the configuration, and
+        needs no pixels. (For NO_SEGMENTATION it is False: a channel, such as ``lidar``,
+        may still decide.)
     in_image : bool
         Something of the box is in the image, so that a person can judge it. The page's
         queue lists the reasons of others by name: `static/js/queue/session.js`.

@@ -20,8 +20,9 @@ anew.
   `reset`, as `Task.reset_attempts`. The next driver finds in the row how many processes
   in succession have died and stored nothing.
 
-**How the next attempt differs.** In brackets: `Chunk.attempts` during the attempt. A
-driver counts its own attempt beforehand; a worker is counted when it has died.
+**How the next attempt differs.** The numbers in brackets are `Chunk.attempts` during
+the attempt. A driver counts its own attempt beforehand, a worker is counted when it has
+died; so the driver's numbers are higher by one.
 
 | attempt | by a worker | by the driver |
 |---|---|---|
@@ -39,10 +40,10 @@ the cause. Each of them is submitted again while no other one is in progress
 
 *Frame by frame* (`is_one_by_one`): each result is stored before the next frame begins.
 So the first frame without a result is the cause. Without workers it becomes a chunk of
-its own, in quarantine, and the rest of the chunk is tried again. If the frame before it
-in the dataset is in quarantine for the same reason (frames that cannot be read are not
-counted), the rest is put there together with it: otherwise each of many such frames in
-a row would end three processes.
+its own, in quarantine, and the rest of the chunk is tried again. But each of many such
+frames in a row would end three processes. So if the frame before it in the dataset has
+ended processes, too, and is in quarantine for that, the rest of the chunk is put there
+together with it. (Frames in between that cannot be read make no difference.)
 
 A frame whose images cannot be read, since they crash the child processes that decode
 them or need too much time or memory, ends no process. `refuse` puts its chunk into
@@ -249,17 +250,17 @@ def _quarantine_cause(session: Session, job: Job, chunk: Chunk) -> None:
     kind, chunks = kind_of(job), ChunkRepository(session)
     row = open_job(session, kind.table, job.id)
     unfinished = kind.unfinished(session, row, chunk)
-    is_refused = {
-        frame_id: one.error is not None
-        for one in chunks.quarantined(job)
-        for frame_id in kind.unfinished(session, row, one)
-    }
+    unreadable: set[int] = set()
+    deadly: set[int] = set()
+    for one in chunks.quarantined(job):
+        frames = unreadable if one.error else deadly
+        frames.update(kind.unfinished(session, row, one))
     cause = chunk
     if unfinished:
         before = frame_before(session, row.dataset_id, unfinished[0])
-        while is_refused.get(before):
+        while before in unreadable:
             before = frame_before(session, row.dataset_id, before)
-        if before not in is_refused:
+        if before not in deadly:
             cause = _split_first(session, job, chunk, unfinished)
     if cause is not chunk:
         cause.attempts, chunk.attempts = chunk.attempts, 0

@@ -180,9 +180,10 @@ class JobDriver:
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
-            # `plan` knows which frames have results, not which are in a chunk. So if a
-            # chunk waits or is in quarantine, planning goes on after the last planned
-            # frame. Else it starts at the first one, and finds those without results.
+            # `plan` chooses frames without results. Frames of chunks that wait or are
+            # in quarantine have none, but must not be planned twice: so if there are
+            # such chunks, planning continues after the last planned frame. If not, it
+            # starts at the first frame.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:

@@ -100,9 +100,9 @@ class JobLease:
             Another process drives the job.
         """
         now = _now(session)
-        # LeaseLost also if another process is just ending the job, without waiting for
-        # it. That process holds a lock on the row: `skip_locked` then finds no row, and
-        # `_add` inserts none, as there is one.
+        # This does not wait for a process that is just ending the job, and has locked
+        # the row for that: `skip_locked` finds no row, `_add` inserts none, since there
+        # is one, and LeaseLost is raised.
         lease = _locked(session, self.job, skip_locked=True)
         if lease is not None:
             if lease.holder != self._holder and not _is_void(lease, now):

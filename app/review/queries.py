@@ -362,11 +362,13 @@ class ReviewBatches:
 
 
 def _standing(batch_id: int) -> CTE:
-    """Each box of the batch, with every revision that is equal to its latest answer.
+    """Each box of a batch with the revisions that have the same answer as it has now.
 
-    An undo repeats the answer from before the batch that it undoes, so it is equal to
-    that earlier revision. Thus several batches on the same boxes can be undone one by
-    one, the newest first.
+    `answered` is the revision that the batch gave the box. `revision` is that of the
+    box's latest answer. If that is an undo, it has repeated the answer from before the
+    batch that it undid: there is another row, with the revision of that answer, and so
+    on. If `answered` is among these revisions, the batch's answer is in force. So
+    several batches on the same boxes can be undone one by one, the newest first.
     """
     standing = (
         select(

@@ -2,7 +2,8 @@
 
 1. `create_review` (`routes`) passes the request to `review_box`.
 2. `review_box` reads the current state of the box (`ReviewRepository.state`). This is
-   the first SQL statement: it begins the transaction, and waits for its turn to write.
+   the first SQL statement: it begins the transaction, and waits until no other one
+   writes (`app.db.turns`).
 3. `ReviewRepository.answer_box` inserts the answer as a row of `reviews`, if the box
    still has the revision that the person saw; if not, `review_box` raises StaleReview,
    and the client gets the status 412.

@@ -2,8 +2,8 @@
 
 A configuration names channels to try in order (`DecideConfig.channels`). The first one
 with a number for a box decides, and overwrites what the rules of the segmentation
-decided, except for reasons that follow from the box alone (`Reason.before_channels`). A
-box that no channel has a number for keeps its decision. `_CHANNELS` has one row per
+decided, except for reasons that need no pixels (`Reason.before_channels`). A box that
+no channel has a number for keeps its decision. `_CHANNELS` has one row per
 channel: the number that it compares, the number that is needed, and the reason of the
 boxes that it rejects. Its sentences are in `explain`.
 """
@@ -155,11 +155,11 @@ class _Channel:
     column : str
         The field of `ChannelNumbers` that it compares.
     needed : callable
-        The least number that keeps each box, as (N,) or one for all.
+        The limit of that number, as (N,) or one for all: a box is kept if its number is
+        at least this, or with `at_most`, if it is not more.
     rejected : callable
         The reason of boxes that are not kept, as (N,) or one for all.
     at_most : bool
-        `needed` is the greatest number that keeps a box, not the least.
     """
 
     column: str

@@ -104,7 +104,8 @@ def _decide_block(
     size = _per_box(limits.size_big_box, class_index)
     large = area >= size if _as_carlasimu(limits) else area > size
     reason = _first_reason(_rules(evidence, rows, limits, large))
-    # The same as thresholds[large, class_index, reason], in a third of the time.
+    # thresholds[large, class_index, reason], with `large` as 0 or 1, in a third of the
+    # time.
     _, classes, reasons = thresholds.shape
     place = (large * np.int32(classes) + class_index) * np.int32(reasons) + reason
     threshold = thresholds.take(place)
@@ -133,14 +134,15 @@ def _rules(
 ) -> Sequence[_Rule]:
     """The rules in the order of Algorithm 2; a box for which none holds is visible.
 
-    For a rejected box, the page's label repeats whether its match had to reach or to
-    exceed the threshold (`measureText` in `static/js/boxes/wording.js`).
+    Whoever changes how the match is compared changes the page's labels, too: they say
+    whether it had to reach or to exceed the threshold (`measureText` in
+    `static/js/boxes/wording.js`).
     """
     class_index, match = evidence.class_index[rows], evidence.match_percent[rows]
     small = _per_box(limits.threshold_small_box, class_index)
     big = _per_box(limits.threshold_big_box, class_index)
     needed = _per_box(limits.min_visible_pixels, class_index)
-    if _as_carlasimu(limits):
+    if _as_carlasimu(limits):  # Here, large boxes have to pass both thresholds.
         fails_big, fails_small = (match <= big) & large, match <= small
     else:
         fails_big, fails_small = (match < big) & large, (match < small) & ~large
@@ -180,8 +182,9 @@ def _first_reason(rules: Sequence[_Rule]) -> NDArray[np.uint8]:
     """(N,) uint8: the reason of the first rule that holds for a box, else VISIBLE."""
     # (R, N): 1 where a rule holds, else 0. (`np.select` takes ten times as long.)
     ranks = np.array([holds for _, holds in rules]).view(np.uint8)
-    # Now R where the first rule holds, ... 1 where the last does. The highest number of
-    # a box belongs to the first rule that holds; it is 0 if none does.
+    # Now the row of the first rule has R where the rule holds, the next one R - 1, and
+    # the last one 1. So the largest number of a box belongs to the first rule that
+    # holds for it; 0: none does.
     ranks *= np.arange(len(rules), 0, -1, dtype=np.uint8)[:, np.newaxis]
     by_rank = [Reason.VISIBLE, *(reason for reason, _ in reversed(rules))]
     reason: NDArray[np.uint8] = np.array(by_rank, np.uint8).take(ranks.max(axis=0))

@@ -5,20 +5,19 @@
 // An item of the outbox is an answer on one box, a bulk answer (one answer on many boxes), or the undo of a bulk
 // answer. (The undo of an answer on one box is one more answer on it.) Each tab sends its own items, in their order.
 //
-// For each of its boxes, an item has the *seen revision*: the one that the box had when the person saw it. Two rules keep
-// these right while items wait. The first is about the items of all tabs, since every tab shows the answers of all tabs;
-// the second about those of this tab.
+// Every answer that the server stores gives its box the next revision. For each of its boxes, an item has the *seen
+// revision*: that of the box as the person saw it. If the box has a newer one when the item arrives, somebody else has
+// answered it meanwhile, and the server refuses the item. Two rules keep seen revisions right while items wait:
 //
-// 1. While an item waits, the page shows its answer on its boxes, so the person does not see what others have answered
-//    meanwhile. So an item that is added behind it on the same box gets the same seen revision, although the page may
-//    have loaded the box at a newer one (`add`). For example, an answer on a box at revision 3 waits. Somebody else
-//    answers the box, and the page loads it again, at revision 4. Another answer on it has seen 3, not 4:
-//    the server is to refuse it, so that the person learns what somebody else has answered.
-// 2. When an item is stored, its boxes are at the next revision. The items behind it get that one (`finish`), except
-//    those that may have reached the server: they must be sent again exactly as they were.
-//
-// Rule 2 does not reach across tabs: when an item of another tab is stored, an item behind it here keeps its seen revision.
-// The server then refuses it, and the person chooses.
+// 1. When an item is added (`add`), and an earlier item on the same box waits in any tab, the new item gets the seen
+//    revision of that one, even if the page has loaded a newer revision since. The page shows the waiting answer in
+//    place of what others have answered, so the person cannot have seen theirs. For example, an answer on a box at
+//    revision 3 waits. Somebody else answers the box, and the page loads it at revision 4. The person answers it once
+//    more. This answer gets revision 3, too: the server refuses it, and the person learns of the other answer.
+// 2. When an item is stored (`finish`), its boxes have the next revision. This is the person's own answer, so the later
+//    items of this tab on these boxes get that revision. One that may have reached the server does not: it must be
+//    sent again exactly as it was. Later items of other tabs do not either: the server refuses them, and the person
+//    chooses.
 
 import { randomId } from "../core/tab.js";
 
@@ -110,7 +109,7 @@ function mayAnswer(item, boxId) {
 }
 
 /**
- * The revision of each box of an item that the person saw. None for a bulk item on a filter.
+ * The seen revision of each box of an item. None for a bulk item on a filter.
  * @param {OutboxItem} item @returns {[boxId: number, revision: number][]}
  */
 function seenRevisionsOf(item) {
@@ -119,7 +118,7 @@ function seenRevisionsOf(item) {
 }
 
 /**
- * The item as if the person had seen these revisions of its boxes.
+ * The item with these seen revisions.
  * @template {OutboxItem} T
  * @param {T} item @param {ReadonlyMap<number, number>} revisions  by box; boxes that are missing stay as they are
  * @returns {T}  the same item if it has none of these boxes
@@ -157,7 +156,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   const nextOrder = () =>
     Math.max(Date.now(), ...storedItems(storage).flatMap((item) => (isOfThisTab(item) ? item.order + 1 : [])));
 
-  /** Of each box the revision that the last item on it has seen. */
+  /** By box: the seen revision of the last item on it. */
   const lastSeen = () => new Map(itemsOfAllTabs().flatMap(seenRevisionsOf));
 
   /** Add an item. Where another one waits on the same box, it gets that one's seen revision (rule 1). @param {OutboxItem} item */
@@ -226,7 +225,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     markAttempted: (item) => write({ ...item, attempted: true }),
 
     /**
-     * Remove an item that is stored now. The items behind it have seen the revisions that it has made: see rule 2.
+     * Remove an item that is stored now, and give its boxes' new revisions to the items behind it: see rule 2.
      * @param {OutboxItem} stored @param {readonly number[]} [leftOut]  boxes that a bulk item did not change
      */
     finish(stored, leftOut = []) {
@@ -241,7 +240,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     },
 
     /**
-     * Make an answer a new one, which has seen this revision. The server has not stored it as it was.
+     * Make an answer a new one, with this seen revision. The server has not stored it as it was.
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {

@@ -99,7 +99,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   let sending = null;
   /** Why the items wait; empty if the last one was stored or refused. */
   let waitingBecause = "";
-  /** `resume` was called during the request that is under way: if that fails, the item is sent again at once. */
+  /** `resume` was called while a request was under way: if that request fails, the item is sent again at once. */
   let isRetryDue = false;
   /**
    * The bulk answers that were refused since the page was loaded, by their keys.
@@ -282,7 +282,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
 
   /** Try now: the network is back, or somebody has signed in. */
   function resume() {
-    isRetryDue = sending !== null;
+    isRetryDue = sending !== null; // `drain` does nothing then: the request under way has to end first
     retries.reset();
     return drain();
   }
