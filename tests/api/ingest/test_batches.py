@@ -307,17 +307,18 @@ def send_until_blocked(connection, archive):
 
 
 def test_unread_batch_response_applies_backpressure_to_the_upload(api, server):
-    bad = b"".join(
-        tar_without_end([(f"{number:05}.json", b"{")]) for number in range(40_000)
-    )
+    # Many errors make long lines, so few frames fill the buffers of the connection.
+    boxes = [{"id": str(number)} for number in range(100)]
+    faulty = json.dumps({"boxes": boxes}).encode()
+    bad = tar_without_end([(f"{number:05}.json", faulty) for number in range(4000)])
 
     with closing(Connection(server, api.dataset(), timeout=60)) as connection:
         connection.socket.settimeout(2)
         assert send_until_blocked(connection, bad) < len(bad)
         connection.socket.settimeout(60)
-        lines = [connection.line()["key"] for _ in range(1000)]
+        lines = [connection.line()["key"] for _ in range(200)]
 
-    assert lines == [f"{number:05}" for number in range(1000)]
+    assert lines == [f"{number:05}" for number in range(200)]
 
 
 def test_metrics_count_batch_frames_by_status(start_api):
