@@ -130,7 +130,7 @@ function FrameDetails({ app, frame, boxes, onStart }) {
   return html`
     <header class="inspector__head"><h2>This frame</h2></header>
     <p class="inspector__sentence">${unanswered ? `${countText(unanswered)} of ${countText(boxes.length)} boxes have no answer yet.` : "Every box here has an answer."}</p>
-    ${unanswered > 0 && html`<button class="button button--primary" onClick=${onStart}>Go to the next box without an answer<${Keys} app=${app} keys=${keys} /></button>`}
+    ${unanswered > 0 && html`<button class="button button--primary" onClick=${onStart}>Next box without an answer<${Keys} app=${app} keys=${keys} /></button>`}
     <dl class="facts">${facts.map(([name, value]) => value && html`<div><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
     ${segmentation?.notes?.map((note) => html`<p class="faint">${note}</p>`)}`;
 }
