@@ -145,8 +145,8 @@ def _make_private(file: Path) -> bool:
         return False
     file.chmod(_PRIVATE)
     server_log.warning(
-        "others could read the token file (mode %o): it is for its owner alone again, "
-        "and its token is replaced",
+        "the token file could be read by others (mode %o): its permissions are now "
+        "restricted to its owner, and its token is replaced",
         mode,
     )
     return True

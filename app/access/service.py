@@ -40,7 +40,7 @@ MOST_LINKS: Final = 100
 that logging in always works."""
 MOST_NAMED: Final = 3
 """How many names of people an error lists; the others are counted."""
-_NO_ENTRY: Final = "show a valid token, or log in with one"
+_NO_ENTRY: Final = "a valid token or session is required"
 
 
 def by_secret(session: Session, secret: str) -> Principal:
@@ -121,7 +121,7 @@ def issue(
         raise Unprocessable(f"expires_at {expires_at.isoformat()} is in the past")
     tokens = Tokens(audit.session)
     if tokens.by_name(name) is not None:
-        raise Conflict(f"there is a token named {name!r}, perhaps a revoked one")
+        raise Conflict(f"a token named {name!r} exists already; it may be revoked")
     secret = new_token()
     token = Token(name=name, role=role, hash=hash_secret(secret), expires_at=expires_at)
     tokens.add(token)

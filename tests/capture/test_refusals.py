@@ -98,8 +98,8 @@ def test_another_scenario_in_the_same_folder_is_refused(stage):
 @pytest.mark.parametrize(
     ("ego", "words"),
     [
-        ({"autopilot": True}, "no vehicle: it cannot drive"),
-        ({"autopilot": False, "lights": ["Fog"]}, "no vehicle: it has no lights"),
+        ({"autopilot": True}, "not a vehicle: it cannot drive"),
+        ({"autopilot": False, "lights": ["Fog"]}, "not a vehicle: it has no lights"),
     ],
 )
 def test_vehicle_options_are_refused_for_other_blueprints(stage, ego, words):

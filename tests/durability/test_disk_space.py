@@ -22,7 +22,7 @@ pytestmark = pytest.mark.sqlite_files("its database shares the small disk")
 DISK_MIB, MIN_FREE_MIB = 128, 16
 NAME = "large"
 MIB = 1024**2
-WAITS = "deleted datasets are not removed yet"
+WAITS = "cannot remove the rows of deleted datasets yet"
 SETTINGS = {"UNGHOST_MIN_FREE_BYTES": f"{MIN_FREE_MIB}MiB"}
 
 

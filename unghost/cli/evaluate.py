@@ -60,8 +60,9 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="The truth: a line of JSON with key, id and visible for each box. "
-            "Default: the frames' instance images; an object with a pixel is visible.",
+            help="The ground truth: a line of JSON with key, id and visible for each "
+            "box. Default: the frames' instance images, in which objects with a pixel "
+            "are visible.",
             exists=True,
             dir_okay=False,
         ),
@@ -217,7 +218,7 @@ class _Thresholds:
             goal = Goal() if options.recall is None else Goal("recall", options.recall)
             return cls(TruthCollector(config), goal, options.config_out)
         if options.recall is not None or options.config_out is not None:
-            raise typer.BadParameter("--recall and --config-out belong to --suggest")
+            raise typer.BadParameter("--recall and --config-out need --suggest")
         return None
 
     def add(self, boxes: KnownBoxes) -> None:
@@ -234,7 +235,10 @@ class _Thresholds:
         rows = map(_threshold_row, self.suggested)
         screen.table(_THRESHOLD_COLUMNS, rows, tag="threshold")
         if not self.suggested:
-            screen.note("no class has both visible and hidden boxes to suggest from")
+            screen.note(
+                "no threshold can be suggested: no class has both visible and "
+                "hidden boxes"
+            )
         if self.file is not None:
             self.file.write_text(_yaml(self.collector.config, self.suggested), "utf-8")
             screen.note(f"wrote {self.file}")

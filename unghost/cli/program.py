@@ -290,7 +290,7 @@ def error_lines(error: Exception) -> Iterator[str]:
         if isinstance(error, Unauthorized):
             yield _TOKEN_HINT
         if error.status >= 500 and error.request_id:
-            yield f"The server's log has more under request id {error.request_id}."
+            yield f"The server's log has details under request id {error.request_id}."
     else:
         yield str(error) or type(error).__name__
 

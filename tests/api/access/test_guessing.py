@@ -77,7 +77,8 @@ def test_wrong_credentials_give_one_log_line_and_no_database_write(service, capl
         if record.levelno >= logging.WARNING and record.module != "loop_watch"
     ]
     assert warnings == [
-        f"within a minute {MANY} wrong tokens, sessions, codes or keys: "
+        f"requests refused within a minute: {MANY} with a wrong token, session, code "
+        "or key: "
         f"{MANY} from 127.0.0.1"
     ]
     assert everything_in(service.settings.data) == before
@@ -126,7 +127,7 @@ def test_counting_wrong_tokens_of_many_addresses_uses_little_memory():
 
     assert held < 40 * 5000  # keeping all addresses would take twice as much
     assert wrong.take() == (
-        "10000 wrong tokens, sessions, codes or keys: 4999 from 192.0.2.1, "
-        "1 from 10.0.0.0, 1 from 192.0.2.9, 4999 from elsewhere"
+        "10000 with a wrong token, session, code or key: 4999 from 192.0.2.1, "
+        "1 from 10.0.0.0, 1 from 192.0.2.9, 4999 from other addresses"
     )
     assert wrong.take() == ""

@@ -309,7 +309,9 @@ HEADER = (5, 3, 8, 2)
             [chunk(b"PLTE", bytes(3))[:-1] + b"x", SOUND], "checksum", id="CRC"
         ),
         pytest.param(
-            [SOUND, chunk(b"tEXt", b"k\0v"), SOUND], "between the pixels", id="apart"
+            [SOUND, chunk(b"tEXt", b"k\0v"), SOUND],
+            "between the chunks of pixels",
+            id="apart",
         ),
         pytest.param(
             [SOUND, chunk(b"fcTL", bytes(26))], "animated", id="animated later"
