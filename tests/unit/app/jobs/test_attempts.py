@@ -152,7 +152,7 @@ def test_adjacent_quarantined_frames_are_reported_as_a_range(street):
     run = drive_run(street, run_id)
 
     assert run.error is not None
-    assert run.error["detail"].startswith("frames '00', '01' to '05' ended")
+    assert run.error["detail"].startswith("frames '00', '01' to '05' crashed")
     assert run.done == FRAMES - 6
 
 
@@ -169,7 +169,7 @@ def test_range_of_quarantined_frames_ignores_ids_of_other_datasets(services):
     run = drive_run(street, run_id)
 
     assert run.error is not None
-    assert run.error["detail"].startswith("frames '00', '01' to '05' ended")
+    assert run.error["detail"].startswith("frames '00', '01' to '05' crashed")
 
 
 def test_measured_frame_splits_the_range_of_quarantined_frames(street):
@@ -199,7 +199,7 @@ def test_unreadable_frames_are_reported_apart_from_killing_frames(street):
     run = drive_run(street, run_id)
 
     assert run.error is not None
-    assert run.error["detail"].startswith("frames '00', '02' to '05' ended")
+    assert run.error["detail"].startswith("frames '00', '02' to '05' crashed")
     assert run.error["detail"].endswith("frame '01' cannot be read: it is so")
 
 

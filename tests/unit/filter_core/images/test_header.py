@@ -299,7 +299,7 @@ HEADER = (5, 3, 8, 2)
         pytest.param([chunk(b"IHDR", bytes(13)), SOUND], "one header", id="IHDR again"),
         pytest.param([chunk(b"QRST"), SOUND], "b'QRST'", id="critical, unknown"),
         pytest.param(
-            [chunk(b"a\xffst"), SOUND], "no decoder", id="a name of no letters"
+            [chunk(b"a\xffst"), SOUND], "not be ignored", id="a name of no letters"
         ),
         pytest.param(
             [SOUND, chunk(b"PLTE", bytes(3))], "before the pixels", id="PLTE too late"
