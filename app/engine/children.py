@@ -180,7 +180,7 @@ class PixelPool:
             return cast("_Result", self._ask(message, given_up))
         except _ChildDied as died:
             raise PixelsRefused(
-                f"reading {self._subject.name} crashed two processes: the last one {died}"
+                f"reading {self._subject.name} crashed two processes: the last {died}"
             ) from died
 
     def run_here(self, work: Callable[..., _Result], *args: object) -> _Result:

@@ -66,7 +66,7 @@ def test_folder_without_a_capture_is_refused_and_unchanged(stage):
     stage.folder.mkdir()
     (stage.folder / "thesis.tex").write_text("x")
 
-    with pytest.raises(CaptureError, match="is not empty and holds no capture"):
+    with pytest.raises(CaptureError, match="is not empty and contains no capture"):
         stage.capture(**CALM)
 
     assert [path.name for path in stage.folder.iterdir()] == ["thesis.tex"]
@@ -79,7 +79,7 @@ def test_damaged_manifest_is_refused_and_unchanged(stage):
     damaged = b'{"key": 1\n' + path.read_bytes()
     path.write_bytes(damaged)
 
-    with pytest.raises(CaptureError, match=r"manifest\.jsonl: damaged"):
+    with pytest.raises(CaptureError, match=r"manifest\.jsonl is damaged"):
         stage.capture(**CALM)
 
     assert path.read_bytes() == damaged

@@ -120,7 +120,7 @@ class CertificatesOptions(OutputOptions):
 
 
 def worker(options: WorkerOptions) -> None:
-    """Work on the runs and exports of a service, until its scheduler is gone.
+    """Execute runs and exports of a service, until the scheduler has ended.
 
     Give it the same settings of database and storage as the service. Exit code 69 if
     no scheduler accepts it, or no database answers.
