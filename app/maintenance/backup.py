@@ -324,7 +324,7 @@ def _source(settings: Settings) -> Path:
         raise CannotMaintain(
             "the database is on a PostgreSQL server: save it with `pg_dump "
             f"--format=custom`, and after that {files}; run no `unghost gc` in "
-            "between. `pg_restore` and the files put back restore both"
+            "between. To restore both, use `pg_restore` and copy the files back"
         )
     if not file.is_file():
         raise CannotMaintain(no_database(settings))

@@ -170,7 +170,7 @@ def scheduler(options: SchedulerOptions) -> None:
 def certificates(options: CertificatesOptions) -> None:
     """Create an authority, and certificates for scheduler, workers and services.
 
-    Anybody who has ca.key can admit more nodes: keep it on a machine that is no node.
+    Anybody who has ca.key can admit more nodes: keep it off the nodes.
     """
     from app.engine import UnusableEngine
     from app.engine.certificates import make_certificates

@@ -83,7 +83,7 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
         bool,
         typer.Option(
             "--suggest",
-            help="Suggest a threshold for each class from the same truth: the one with "
+            help="Suggest a threshold for each class by the ground truth: the one with "
             "the best F1, or with --recall the highest that reaches this recall.",
         ),
     ] = False
@@ -106,7 +106,7 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
 
 
 def evaluate(options: EvaluateOptions) -> None:
-    """Compare the filter's channels with the truth, on a folder of frames.
+    """Compare the filter's channels with the ground truth, on a folder of frames.
 
     Precision, recall and F1 with 95 % intervals, ghosts kept and visible objects lost,
     for each channel; by class and by distance too; with --json the worst boxes, and

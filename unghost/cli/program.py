@@ -189,7 +189,7 @@ _EXIT_CODES: Final = "; ".join(
 app = typer.Typer(
     cls=Program,
     name="unghost",
-    help="Finds the boxes that CARLA's camera cannot see, and says why.",
+    help="Finds the boxes that CARLA's camera cannot see, and explains why.",
     epilog=f"Exit codes: {_EXIT_CODES}.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -217,7 +217,7 @@ def unghost(
         ),
     ] = False,
 ) -> None:
-    """Finds the boxes that CARLA's camera cannot see, and says why."""
+    """Finds the boxes that CARLA's camera cannot see, and explains why."""
 
 
 def main() -> NoReturn:
