@@ -74,7 +74,7 @@ class BadCursor(BadRequest):
     code = "bad_cursor"
 
     def __init__(self, cursor: str) -> None:
-        super().__init__(f"cursor {cursor[:80]!r} is not one of ours")
+        super().__init__(f"cursor {cursor[:80]!r} is not a cursor of this list")
 
 
 class UnknownParameter(BadRequest):
@@ -135,7 +135,7 @@ class CountChanged(Conflict):
     code = "count_changed"
 
     def __init__(self, what: str, *, found: int, expected: int) -> None:
-        super().__init__(f"{what} {found} boxes, you expected {expected}")
+        super().__init__(f"{what} {found} boxes, expected {expected}")
         self.found = found
 
 
@@ -180,7 +180,7 @@ class StaleSnapshot(StaleRevision):
         self, *, expected: int, found: int, changed: int, current: Mapping[str, object]
     ) -> None:
         super().__init__(
-            f"the filter selects {found} boxes, {expected} when you looked; {changed} "
+            f"the filter selects {found} boxes, expected {expected}; {changed} "
             "of them were added, decided again or answered since",
             current=current,
         )

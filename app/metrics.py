@@ -42,28 +42,35 @@ WORK: Final = CollectorRegistry()
 """Work of this process since its start; what is stored counts once committed."""
 
 FRAMES: Final = Counter(
-    "unghost_frames_stored_total", "Frames stored, revisions too.", registry=WORK
+    "unghost_frames_stored_total",
+    "Frames stored, new revisions included.",
+    registry=WORK,
 )
 BOXES: Final = Counter(
-    "unghost_boxes_stored_total", "Boxes of frames that were stored.", registry=WORK
+    "unghost_boxes_stored_total", "Boxes of stored frames.", registry=WORK
 )
 FRAME_BYTES: Final = Counter(
     "unghost_frame_bytes_stored_total",
-    "Bytes of files of frames stored.",
+    "Bytes of the files of stored frames.",
     ("kind",),
     registry=WORK,
 )
 REFUSED: Final = Counter(
-    "unghost_frames_refused_total", "Frames with a fault.", registry=WORK
+    "unghost_frames_refused_total",
+    "Frames refused because of an error in them.",
+    registry=WORK,
 )
 DECISIONS: Final = Counter(
     "unghost_decisions_total",
-    "Decisions on boxes that came in.",
+    "Decisions on uploaded boxes.",
     ("verdict", "reason"),
     registry=WORK,
 )
 REVIEWS: Final = Counter(
-    "unghost_reviews_total", "Answers of people.", ("verdict",), registry=WORK
+    "unghost_reviews_total",
+    "People's answers; undo: answers undone.",
+    ("verdict",),
+    registry=WORK,
 )
 DECODE_SECONDS: Final = Histogram(
     "unghost_decode_seconds",
@@ -79,17 +86,17 @@ MEASURE_SECONDS: Final = Histogram(
 )
 LOOP_STALLS: Final = Counter(
     "unghost_loop_stalls_total",
-    "How often the event loop stood still for more than a second.",
+    "How often the event loop was blocked for more than a second.",
     registry=WORK,
 )
 LOOP_STALL_SECONDS: Final = Counter(
     "unghost_loop_stall_seconds_total",
-    "Seconds for which the event loop has stood still, stalls that have ended.",
+    "Total seconds for which the event loop was blocked, in stalls that have ended.",
     registry=WORK,
 )
 PIXEL_PROCESSES_ENDED: Final = Counter(
     "unghost_pixel_processes_ended_total",
-    "Processes that read pictures and were ended, by a limit or by a picture.",
+    "Ended processes that read images, by the reason for the end.",
     ("reason",),
     registry=WORK,
 )
@@ -109,7 +116,10 @@ class RequestMetrics:
         )
         info.info({"version": version, "python": platform.python_version()})
         self._requests = Counter(
-            "unghost_requests_total", "Requests answered.", _ROUTE, registry=registry
+            "unghost_requests_total",
+            "Responses to requests.",
+            _ROUTE,
+            registry=registry,
         )
         self._seconds = Histogram(
             "unghost_request_seconds",
@@ -119,12 +129,14 @@ class RequestMetrics:
             registry=registry,
         )
         started = Gauge(
-            "process_start_time_seconds", "Start, in Unix time.", registry=registry
+            "process_start_time_seconds",
+            "Start of the process, in Unix time.",
+            registry=registry,
         )
         started.set_to_current_time()
         self._batch_frames = Counter(
             "unghost_batch_frames_total",
-            "Frames of batches answered.",
+            "Frames sent in batches, by the status of their line.",
             ("status",),
             registry=registry,
         )
@@ -151,7 +163,9 @@ def process_facts() -> Iterator[Metric]:
         return
     pages = int((_SELF / "statm").read_text("ascii").split()[_RESIDENT_PAGES])
     size = pages * os.sysconf("SC_PAGE_SIZE")
-    yield GaugeMetricFamily("process_resident_memory_bytes", "Memory in use.", size)
+    yield GaugeMetricFamily(
+        "process_resident_memory_bytes", "Resident memory of the process.", size
+    )
     files = sum(1 for _ in (_SELF / "fd").iterdir())
     yield GaugeMetricFamily("process_open_fds", "Open files and connections.", files)
 

@@ -248,7 +248,7 @@ class Settings(BaseSettings):
         default=ByteSize(256 * 1024**2),
         ge=1024,
         description="Largest archive that the page sends of a dropped folder: file "
-        "names and text files, without pictures.",
+        "names and text files, without images.",
     )
     max_folder_files: int = Field(
         default=100_000,
@@ -271,13 +271,13 @@ class Settings(BaseSettings):
         default=30,
         gt=0,
         le=3600,
-        description="Seconds that reading the pictures of one frame, or drawing one, "
+        description="Seconds that reading the images of one frame, or drawing one, "
         "may take.",
     )
     max_pixel_memory_bytes: ByteSize = Field(
         default=ByteSize(2 * 1024**3),
         ge=64 * 1024**2,
-        description="Memory that reading the pictures of one frame, drawing one, or "
+        description="Memory that reading the images of one frame, drawing one, or "
         "reading a dropped folder may take.",
     )
     max_boxes_per_frame: int = Field(

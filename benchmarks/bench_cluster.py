@@ -2,11 +2,11 @@
 
     python -m benchmarks.bench_cluster [--frames 1600] [--rounds 4] [--json]
 
-Two services have the same frames (`street`'s segmentation and 30 boxes). One
-measures them in its own threads; the other sends chunks over mutual TLS to a worker
-with as many threads. In turns, each measures all frames under settings that nothing was
-measured with; the processor time of every process that takes part counts: service,
-scheduler, worker.
+Two services have the same frames (`street`'s segmentation and 30 boxes). One measures
+them in its own threads; the other sends chunks over mutual TLS to a worker with as many
+threads. Alternately, each measures all frames under settings that none was measured
+with before. The figures are the processor time of all processes involved: service,
+scheduler and worker.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from tests.support.servers import RunningServer, running_server
 from tests.support.slow_datasets import OTHER_PIXELS
 
 DATASET = "bench"
-ASKED = 1.10
-LOOK_EVERY_S = 1.0
+AIM_CPU_RATIO = 1.10
+POLL_EVERY_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,8 @@ class Service:
         before = sum(map(cpu_seconds, pids))
         run = self.api.post(f"/datasets/{DATASET}/runs", {"config": config}).json()
         while run["state"] in ("queued", "running"):
-            time.sleep(LOOK_EVERY_S)  # asking more often is what would be measured
+            # Polling more often would add to the measured time.
+            time.sleep(POLL_EVERY_S)
             run = self.api.json(f"/runs/{run['id']}")
         assert run["state"] == "done", run
         return sum(map(cpu_seconds, pids)) - before
@@ -61,7 +62,10 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=4, choices=range(1, 7))
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder, both(Path(folder)) as services:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        both_services(Path(folder)) as services,
+    ):
         figures = compared(*services, options.frames, options.rounds)
     if options.json:
         print(json.dumps(figures, indent=1))
@@ -77,7 +81,7 @@ def compared(
     frames: int,
     rounds: int,
 ) -> dict[str, float]:
-    """Processor time per frame of both, in turns."""
+    """Processor time per frame of both, alternately."""
     scene = Scene(street(), b"")
     for server, service in (local, spread):
         service.api.post("/datasets", {"name": DATASET}).raise_for_status()
@@ -95,15 +99,15 @@ def compared(
         "in the service's own threads [ms per frame]": 1000 * here_s,
         "by a worker over mutual TLS [ms per frame]": 1000 * there_s,
         "the second / the first: measured": there_s / here_s,
-        "the second / the first: asked, at most": ASKED,
+        "the second / the first: aim, at most": AIM_CPU_RATIO,
     }
 
 
 @contextmanager
-def both(
+def both_services(
     folder: Path,
 ) -> Iterator[tuple[tuple[RunningServer, Service], tuple[RunningServer, Service]]]:
-    """A service that works alone, and one with a scheduler and a worker."""
+    """A service without a cluster, and one with a scheduler and a worker."""
     quiet = {"UNGHOST_LOG_LEVEL": "warning"}
     with (
         cluster(folder, anew=True) as made,
@@ -114,14 +118,14 @@ def both(
         with own.http, made.server(**quiet) as (server, api):
             worker = made.worker(UNGHOST_WORKERS=str(cpu_count() or 1))
 
-            def taking_part() -> list[int]:
+            def involved() -> list[int]:
                 parent = worker.process.pid
                 nodes = [server.process.pid, scheduler.process.pid, parent]
                 return [*nodes, *children(parent)]
 
             yield (
                 (alone, Service(own, lambda: [alone.process.pid])),
-                (server, Service(api, taking_part)),
+                (server, Service(api, involved)),
             )
 
 

@@ -1,14 +1,15 @@
-"""Writing the labels of 300,000 boxes: how long, and does memory grow meanwhile.
+"""How long does writing the labels of 300,000 boxes take, and does memory grow?
 
     python -m benchmarks.bench_exports [--json]
     python -m benchmarks.bench_exports --frames 1000 --format coco
 
 The second makes one export of so many frames in this process and prints its figures; it
-is there to compare two commits, in turns.
+serves to compare two commits alternately.
 
-The export is made in a process of its own, whose memory is looked at every fiftieth of
-a second: after a tenth of the time, which is about a tenth of the frames, and at its
-most. The dataset is made as rows, once, and kept in ``benchmarks/.data``.
+The export is made in a process of its own, whose memory is sampled fifty times a
+second. The figures are its peak in the first tenth of the time, which is about a tenth
+of the frames, and its peak overall. The dataset is made as rows, once, and kept in
+``benchmarks/.data``.
 """
 
 from __future__ import annotations
@@ -30,12 +31,12 @@ from app.exports.queries import ExportRepository
 from app.exports.service import ExportRequest, request_export
 from app.measuring.queries import DatasetRepository
 from benchmarks.bench_runs import opened
-from benchmarks.million import Wanted, make
+from benchmarks.million import DatasetSpec, make_dataset
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS
 
 FRAMES, BOXES = 10_000, 30
-LOOK_EVERY_S = 0.02
-MOST_MEMORY = 1.1
+SAMPLE_EVERY_S = 0.02
+AIM_MEMORY_RATIO = 1.1
 
 
 def main() -> int:
@@ -74,7 +75,7 @@ def summary(found: dict[str, float]) -> dict[str, float]:
         "memory after a tenth of it [MiB]": found["early"],
         "memory at most [MiB]": found["peak"],
         "the second / the first: measured": found["peak"] / found["early"],
-        "the second / the first: asked, at most": MOST_MEMORY,
+        "the second / the first: aim, at most": AIM_MEMORY_RATIO,
     }
 
 
@@ -84,19 +85,19 @@ class Memory:
     def __init__(self) -> None:
         self.mib: list[float] = []
         self._over = threading.Event()
-        self._looking = threading.Thread(target=self._look)
-        self._looking.start()
+        self._sampler = threading.Thread(target=self._sample)
+        self._sampler.start()
 
-    def _look(self) -> None:
+    def _sample(self) -> None:
         page = resource.getpagesize() / (1 << 20)
-        while not self._over.wait(LOOK_EVERY_S):
+        while not self._over.wait(SAMPLE_EVERY_S):
             pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
             self.mib.append(pages * page)
 
     def end(self) -> None:
         """Stop sampling."""
         self._over.set()
-        self._looking.join()
+        self._sampler.join()
 
 
 def exported(data: Path, frames: int, form: str) -> dict[str, float]:
@@ -110,8 +111,8 @@ def exported(data: Path, frames: int, form: str) -> dict[str, float]:
             dataset = DatasetRepository(session).with_id(dataset_id)
             labels = "images" in FORMATS[form].options
             options = {"images": "none"} if labels else {}
-            wanted = ExportRequest(form, options, "benchmark")
-            export_id = request_export(context, session, dataset, wanted).id
+            request = ExportRequest(form, options, "benchmark")
+            export_id = request_export(context, session, dataset, request).id
         # Jobs are done one after the other: this one when the export is over.
         context.engine.submit(over.set)
         over.wait()
@@ -129,13 +130,13 @@ def exported(data: Path, frames: int, form: str) -> dict[str, float]:
 
 
 def filled(context: ServiceContext, frames: int) -> int:
-    """The dataset, made if it is not there; its id."""
+    """The dataset, made if it does not exist; its id."""
     with context.database.read() as session:
         known = session.scalar(select(Dataset.id).where(Dataset.name == "exported"))
     if known is not None:
         return known
-    wanted = Wanted("exported", frames, BOXES, annotated=True, seed=20240402)
-    return make(context, wanted, lambda _: None)
+    spec = DatasetSpec("exported", frames, BOXES, annotated=True, seed=20240402)
+    return make_dataset(context, spec, lambda _: None)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""How fast the filter's pixel work is, as ratios measured in one run.
+"""How long does it take to read and measure a frame? Ratios, measured in one run.
 
     python -m benchmarks.bench_filter [--json] [--repeat N] [--check]
 
 A synthetic street stands for a real segmentation (`benchmarks/street.py`). Milliseconds
-depend on the machine, ratios hardly do. `--check` exits with 1 if a promise is broken.
+depend on the machine, ratios hardly do. `--check` exits with 1 if an aim is missed.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass, replace
 import cv2
 import numpy as np
 
+from benchmarks.opencv_decoding import decoding_by_opencv
 from benchmarks.street import (
     CLASSES,
     HEIGHT,
@@ -29,7 +30,6 @@ from benchmarks.street import (
     frame_boxes,
     street,
 )
-from benchmarks.yardstick import decoding_by_opencv
 from filter_core.evidence.counting import Regions, count_matches
 from filter_core.evidence.semantic import measure
 from filter_core.geometry.boxes import pixel_bounds
@@ -40,20 +40,20 @@ from filter_core.types import FrameBoxes
 
 @dataclass(frozen=True)
 class Result:
-    """One line of the table: a measured ratio and the promise it is held to."""
+    """One line of the table: a measured ratio and its aim."""
 
     name: str
     milliseconds: float
     ratio: float
-    promise: float
+    aim: float
     at_least: bool
 
     @property
-    def kept(self) -> bool:
-        """Whether the promise holds."""
+    def met(self) -> bool:
+        """Whether the aim is met."""
         if self.at_least:
-            return self.ratio >= self.promise
-        return self.ratio <= self.promise
+            return self.ratio >= self.aim
+        return self.ratio <= self.aim
 
 
 def published_loop(
@@ -62,10 +62,10 @@ def published_loop(
     """The counting of the paper's code: every pixel of the box, as lists."""
     counts = []
     for index, (x0, y0, x1, y1) in enumerate(boxes.xyxy.clip(0).astype(int).tolist()):
-        crop, wanted, count = image[y0:y1, x0:x1], colors[index], 0
+        crop, expected, count = image[y0:y1, x0:x1], colors[index], 0
         for row in range(crop.shape[0]):
             for column in range(crop.shape[1]):
-                if list(crop[row, column]) == list(wanted):
+                if list(crop[row, column]) == list(expected):
                     count += 1
         counts.append(count)
     return counts
@@ -101,15 +101,14 @@ def milliseconds(action: Callable[[], object]) -> float:
 
 
 def fastest(repeat: int, action: Callable[[], object]) -> float:
-    """Milliseconds of the quickest of several: what others on the machine cost is not
-    the action's."""
+    """Milliseconds of the fastest of several runs, which other work disturbed least."""
     return min(milliseconds(action) for _ in range(repeat))
 
 
 def against(
     repeat: int, action: Callable[[], object], base: Callable[[], object]
 ) -> tuple[float, float]:
-    """Fastest milliseconds of an action and of what it is compared with, in turns.
+    """Fastest milliseconds of an action and of the base, run alternately.
 
     The base runs twice and counts once, so that it does not pay for what the action
     left in the caches.
@@ -148,12 +147,14 @@ def results_by_opencv(
 
     loop = fastest(3, lambda: published_loop(image, boxes, colors))
     counts = fastest(repeat * 3, lambda: counting.count(image))
-    whole = fastest(repeat * 3, lambda: measure(segmentation, boxes))
+    evidence_ms = fastest(repeat * 3, lambda: measure(segmentation, boxes))
     lines = [
         Result("counts, against the loop", counts, loop / counts, 600, True),
-        Result("evidence, against the loop", whole, loop / whole, 150, True),
+        Result(
+            "evidence, against the loop", evidence_ms, loop / evidence_ms, 150, True
+        ),
     ]
-    for name, promise, action in (
+    for name, aim, action in (
         (
             "decode and counts",
             1.08,
@@ -164,7 +165,7 @@ def results_by_opencv(
         ("... 10,000 boxes of any size", 8.0, lambda: evidence(most)),
     ):
         own, alone = against(repeat, action, lambda: decode(frame.png))
-        lines.append(Result(name, own, own / alone, promise, False))
+        lines.append(Result(name, own, own / alone, aim, False))
     about: dict[str, object] = {
         "png_bytes": len(frame.png),
         "boxes": len(boxes),
@@ -182,13 +183,13 @@ def print_table(about: dict[str, object], lines: list[Result]) -> None:
             if isinstance(value, float)
             else f"{name:<22}{value:>12,}"
         )
-    print(f"\n{'':<32}{'ms':>9}{'ratio':>9}   promised")
+    print(f"\n{'':<32}{'ms':>9}{'ratio':>9}   aim")
     for line in lines:
         sign = ">=" if line.at_least else "<="
-        kept = "" if line.kept else "   BROKEN"
+        missed = "" if line.met else "   MISSED"
         print(
             f"{line.name:<32}{line.milliseconds:>9.2f}{line.ratio:>8.2f}x"
-            f"   {sign} {line.promise:g}{kept}"
+            f"   {sign} {line.aim:g}{missed}"
         )
 
 
@@ -196,15 +197,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true", help="print JSON instead")
     parser.add_argument("--repeat", type=int, default=60)
-    parser.add_argument("--check", action="store_true", help="fail if one is broken")
+    parser.add_argument("--check", action="store_true", help="fail if an aim is missed")
     arguments = parser.parse_args()
     about, lines = results(arguments.repeat)
     if arguments.json:
-        rows = [{**asdict(line), "kept": line.kept} for line in lines]
+        rows = [{**asdict(line), "met": line.met} for line in lines]
         print(json.dumps({**about, "results": rows}, indent=2))
     else:
         print_table(about, lines)
-    return int(arguments.check and not all(line.kept for line in lines))
+    return int(arguments.check and not all(line.met for line in lines))
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Every format that labels are written in: time per box, memory for 300,000 boxes.
+"""How long does each export format take per box, and how much memory does it need?
 
     python -m benchmarks.bench_formats [--json]
 
-Each format is written twice, 30,000 boxes and ten times as many, each in a process of
-its own, into nothing: what is measured is the writing and not the disk.
+Each format is written twice, with 30,000 boxes and with ten times as many, each in a
+process of its own. What is written is discarded, so that the disk is not measured.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ BOXES = 30
 WH = (1280, 720)
 CLASSES = ("car", "van", "walker")
 MIB = 1024
-MOST_MEMORY = 1.1
+AIM_MEMORY_RATIO = 1.1
 
 
 def main() -> None:
@@ -54,7 +54,7 @@ def main() -> None:
         figures[f"{name}, peak against a tenth of them: measured"] = (
             many["peak_mib"] / few["peak_mib"]
         )
-    figures["the same for each format: asked, at most"] = MOST_MEMORY
+    figures["the same for each format: aim, at most"] = AIM_MEMORY_RATIO
     if options.json:
         print(json.dumps(figures, indent=1))
     else:
@@ -75,18 +75,18 @@ def in_a_process(name: str, frames: int) -> dict[str, float]:
 
 
 def written(name: str, frames: int) -> dict[str, float]:
-    """One export into nothing; the figures of this process."""
+    """Write an export and discard it; the figures of this process."""
     images = {"images": "none"} if "images" in FORMATS[name].options else {}
     head = ExportHead(CLASSES, expected_boxes=frames * BOXES)
     options = ExportOptions.from_mapping(images)
     started = time.process_time()
-    write_export(name, street(frames, FORMATS[name].needs), swallow, head, options)
+    write_export(name, street(frames, FORMATS[name].needs), discard, head, options)
     spent = time.process_time() - started
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {"us_per_box": spent * 1e6 / (frames * BOXES), "peak_mib": peak / MIB}
 
 
-def swallow(_file: str, pieces: Iterable[bytes]) -> None:
+def discard(_file: str, pieces: Iterable[bytes]) -> None:
     for _ in pieces:
         pass
 

@@ -2,9 +2,9 @@
 
     python -m benchmarks.bench_import [--json]
 
-They take turns, so that they meet the same machine. The first turn reads files that are
-not in memory yet, so it is not counted. `filter_core` is compared with what it needs of
-other people, numpy and OpenCV: no import of it can take less.
+The imports alternate, so that other work on the machine affects all of them. The first
+round is not counted, because it reads files that are not in memory yet. `filter_core`
+is compared with the packages that it needs, numpy and OpenCV: it cannot take less time.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    _, *turns = ([took_ms(one) for one in STATEMENTS] for _ in range(TIMES + 1))
-    taken = dict(zip(STATEMENTS, zip(*turns, strict=True), strict=True))
+    _, *rounds = ([import_ms(one) for one in STATEMENTS] for _ in range(TIMES + 1))
+    taken = dict(zip(STATEMENTS, zip(*rounds, strict=True), strict=True))
     figures = {f"{one}, ms": statistics.median(taken[one]) for one in STATEMENTS}
     ratios = (
         mine / least for mine, least in zip(taken[LIBRARY], taken[NEEDED], strict=True)
@@ -45,7 +45,7 @@ def main() -> None:
             print(f"{label:40} {value:8.2f}")
 
 
-def took_ms(statement: str) -> float:
+def import_ms(statement: str) -> float:
     command = [sys.executable, "-c", _PROGRAM.format(statement=statement)]
     return float(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
 

@@ -1,14 +1,13 @@
-"""Many clients at once: how fast answers, uploads and lists are, and who waits longest.
+"""With many clients at once: how fast are answers, uploads and lists?
 
     python -m benchmarks.bench_load [--clients 8,16,32] [--seconds 8] [--json]
 
 A real server on a loopback port has a dataset of 300,000 boxes. Clients in other
-processes ask it without a pause, each over one connection: first all of them answer on
-boxes, then all store frames (a segmentation and 30 boxes), then all turn pages of
-lists, then a third of them does each. A time is from a request to the end of its
-answer.
-Memory is the proportional share (PSS) of the server and its children: at rest after the
-start, at its most while it was asked, and at rest again.
+processes send requests without a pause, each over one connection: first all of them
+answer boxes, then all store frames (a segmentation and 30 boxes), then all read pages
+of lists, then a third of them does each. A time is from a request to the end of its
+response. Memory is the proportional set size (PSS) of the server and its children: idle
+after the start, at its peak under load, and idle again.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ VERDICTS = ("keep", "reject", "unsure")
 WORK = ("answers", "uploads", "lists")
 PROCESSES = 2
 BOXES_OF_A_CLIENT = 400
-REST_S = 10.0
+IDLE_S = 10.0
 BOUNDARY = "frame"
 JSON = {"Content-Type": "application/json"}
 LISTS = (
@@ -65,7 +64,7 @@ class Share:
 
 
 @dataclass(frozen=True)
-class Took:
+class Latencies:
     """Seconds of each request of one kind, and how many were refused, by status."""
 
     seconds: list[float]
@@ -101,14 +100,14 @@ def main() -> int:
 def measured(
     server: RunningServer, counts: list[int], seconds: float
 ) -> Iterator[tuple[str, float]]:
-    """Name and figure, one after the other."""
+    """Each figure with its name."""
     boxes = iter(box_ids(server, 2 * sum(counts) * BOXES_OF_A_CLIENT))
     client = httpx.Client(base_url=server.url, headers=server.headers)
     client.post("/api/v1/datasets", json={"name": UPLOADS}).raise_for_status()
-    time.sleep(REST_S)
-    yield "memory at rest, before [MiB]", pss_mib(server.process.pid)
+    time.sleep(IDLE_S)
+    yield "memory when idle, before [MiB]", pss_mib(server.process.pid)
     with (
-        WatchedMemory(server.process.pid) as most,
+        WatchedMemory(server.process.pid) as samples,
         ProcessPoolExecutor(
             PROCESSES, mp_context=multiprocessing.get_context("spawn")
         ) as pool,
@@ -116,26 +115,26 @@ def measured(
         for clients in counts:
             for work in (*((each,) for each in WORK), WORK):
                 shares = list(shares_of(server, clients, work, boxes, seconds))
-                took = together(pool.map(ask, shares))
+                latencies = together(pool.map(run_clients, shares))
                 mixed = ", mixed" if len(work) > 1 else ""
                 for kind in work:
                     name = f"{clients} clients{mixed}: {kind}"
-                    yield from described(name, took[kind], seconds)
-    yield "memory at its most [MiB]", max(most)
-    time.sleep(REST_S)
-    yield "memory at rest, afterwards [MiB]", pss_mib(server.process.pid)
+                    yield from described(name, latencies[kind], seconds)
+    yield "peak memory [MiB]", max(samples)
+    time.sleep(IDLE_S)
+    yield "memory when idle, afterwards [MiB]", pss_mib(server.process.pid)
 
 
-def box_ids(server: RunningServer, wanted: int) -> list[int]:
-    """Ids of stored boxes, as a list gives them."""
+def box_ids(server: RunningServer, count: int) -> list[int]:
+    """The ids of `count` stored boxes."""
     found: list[int] = []
     query = {"dataset": NAME, "sort": "id", "limit": "1000"}
     with httpx.Client(base_url=server.url, headers=server.headers) as client:
-        while len(found) < wanted:
+        while len(found) < count:
             page = client.get("/api/v1/boxes", params=query).json()
             found += [item["box_id"] for item in page["items"]]
             query["cursor"] = page["next_cursor"]
-    return found[:wanted]
+    return found[:count]
 
 
 def shares_of(
@@ -145,7 +144,7 @@ def shares_of(
     boxes: Iterator[int],
     seconds: float,
 ) -> Iterator[Share]:
-    """The clients, dealt out to processes; nobody has answered on their boxes yet."""
+    """The clients of each process; their boxes are unanswered."""
     name = f"{clients}-{len(work)}"
     for process in range(PROCESSES):
         mine = range(process, clients, PROCESSES)
@@ -161,13 +160,13 @@ def shares_of(
         )
 
 
-def ask(share: Share) -> list[tuple[str, Took]]:
-    """What the clients of this process waited for, each in a thread."""
+def run_clients(share: Share) -> list[tuple[str, Latencies]]:
+    """Run the clients of this process, each in a thread; the latencies of each."""
     until = time.monotonic() + share.seconds
 
-    def one(number: int) -> tuple[str, Took]:
+    def run_client(number: int) -> tuple[str, Latencies]:
         kind = share.work[number]
-        client = Asker(share)
+        client = LoadClient(share)
         requests: dict[str, Callable[[], Iterator[int]]] = {
             "answers": lambda: client.answers(share.boxes[number]),
             "uploads": lambda: client.uploads(share.names[number]),
@@ -181,14 +180,14 @@ def ask(share: Share) -> list[tuple[str, Took]]:
             times.append(time.perf_counter() - begun)
             if status >= 300:
                 refused[status] += 1
-        return kind, Took(times, refused)
+        return kind, Latencies(times, refused)
 
     with ThreadPoolExecutor(len(share.work)) as pool:
-        return list(pool.map(one, range(len(share.work))))
+        return list(pool.map(run_client, range(len(share.work))))
 
 
-class Asker:
-    """One connection; what it asks for without end, a status at a time."""
+class LoadClient:
+    """One connection; each method sends requests endlessly and yields their status."""
 
     def __init__(self, share: Share) -> None:
         self._connection = http.client.HTTPConnection(
@@ -197,35 +196,37 @@ class Asker:
         self._headers = {"Authorization": f"Bearer {share.token}"}
 
     def answers(self, boxes: tuple[int, ...]) -> Iterator[int]:
-        """Another box each time; the next round answers on top of the last."""
+        """Answer one box after the other, round after round."""
         seen = dict.fromkeys(boxes, 0)
         for box, verdict in zip(cycle(boxes), cycle(VERDICTS), strict=False):
             body = json.dumps({"verdict": verdict, "seen_revision": seen[box]})
             path = f"/api/v1/boxes/{box}/reviews"
-            status, _ = self._ask("POST", path, body.encode(), JSON)
+            status, _ = self._send("POST", path, body.encode(), JSON)
             if status == http.HTTPStatus.CREATED:
                 seen[box] += 1
             yield status
 
     def uploads(self, name: str) -> Iterator[int]:
-        """A new frame each time."""
+        """Store one new frame after the other."""
         body, number = frame_body(), 0
         kind = {"Content-Type": f"multipart/form-data; boundary={BOUNDARY}"}
         while True:
             path = f"/api/v1/datasets/{UPLOADS}/frames/{name}/{number}"
-            yield self._ask("PUT", path, body, kind)[0]
+            yield self._send("PUT", path, body, kind)[0]
             number += 1
 
     def lists(self) -> Iterator[int]:
-        """Pages of one list after the other, ten of each."""
+        """Read ten pages of one list after the other."""
         for query in cycle(LISTS):
-            asked = {"dataset": NAME, **query}
+            parameters = {"dataset": NAME, **query}
             for _ in range(10):
-                status, body = self._ask("GET", f"/api/v1/boxes?{urlencode(asked)}")
+                status, body = self._send(
+                    "GET", f"/api/v1/boxes?{urlencode(parameters)}"
+                )
                 yield status
-                asked["cursor"] = json.loads(body)["next_cursor"]
+                parameters["cursor"] = json.loads(body)["next_cursor"]
 
-    def _ask(
+    def _send(
         self,
         method: str,
         path: str,
@@ -257,34 +258,36 @@ def frame_body() -> bytes:
     ) + line + b"--\r\n"  # fmt: skip
 
 
-def together(found: Iterator[list[tuple[str, Took]]]) -> dict[str, Took]:
-    """What all processes measured, by kind of work."""
-    took = {kind: Took([], Counter()) for kind in WORK}
+def together(found: Iterator[list[tuple[str, Latencies]]]) -> dict[str, Latencies]:
+    """The latencies of all processes, by kind of work."""
+    latencies = {kind: Latencies([], Counter()) for kind in WORK}
     for kind, one in (each for process in found for each in process):
-        took[kind].seconds.extend(one.seconds)
-        took[kind].refused.update(one.refused)
-    return took
+        latencies[kind].seconds.extend(one.seconds)
+        latencies[kind].refused.update(one.refused)
+    return latencies
 
 
-def described(name: str, took: Took, seconds: float) -> Iterator[tuple[str, float]]:
-    yield f"{name} [1/s]", len(took.seconds) / seconds
+def described(
+    name: str, latencies: Latencies, seconds: float
+) -> Iterator[tuple[str, float]]:
+    yield f"{name} [1/s]", len(latencies.seconds) / seconds
     for share in (0.5, 0.95, 0.99, 1.0):
         word = "max" if share == 1 else f"p{100 * share:.0f}"
-        yield f"{name}, {word} [ms]", 1000 * quantile(took.seconds, share)
-    if took.refused:
-        yield f"{name}, refused", float(took.refused.total())
+        yield f"{name}, {word} [ms]", 1000 * quantile(latencies.seconds, share)
+    if latencies.refused:
+        yield f"{name}, refused", float(latencies.refused.total())
 
 
 class WatchedMemory:
-    """Looks every half second, until the block ends."""
+    """Samples the memory of a process twice a second, until the block ends."""
 
     def __init__(self, pid: int) -> None:
-        self._pid, self._over, self._most = pid, Event(), [0.0]
+        self._pid, self._over, self._samples = pid, Event(), [0.0]
         self._thread = Thread(target=self._watch)
 
     def __enter__(self) -> list[float]:
         self._thread.start()
-        return self._most
+        return self._samples
 
     def __exit__(self, *_: object) -> None:
         self._over.set()
@@ -292,7 +295,7 @@ class WatchedMemory:
 
     def _watch(self) -> None:
         while not self._over.wait(0.5):
-            self._most.append(pss_mib(self._pid))
+            self._samples.append(pss_mib(self._pid))
 
 
 def pss_mib(pid: int) -> float:

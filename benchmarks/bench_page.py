@@ -1,11 +1,11 @@
-"""The review page under load: 500 boxes panned and zoomed, 10,000 frames opened.
+"""How fast is the review page with 500 boxes in a frame, and with 10,000 frames?
 
-    python benchmarks/bench_page.py [--boxes 500] [--frames 10000] [--json]
+    python -m benchmarks.bench_page [--boxes 500] [--frames 10000] [--json]
 
 A real server and a real Chromium without a graphics card, 1440 x 900. Panning and
 zooming are done with the mouse; their figure is processor time of the page's main
-thread per animation frame, from Chromium's own trace. The list of frames is opened in
-a browser that has nothing of the page yet.
+thread per animation frame, from Chromium's own trace. The list of frames is opened in a
+browser without any cached part of the page.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from benchmarks.street import HEIGHT, WIDTH, street
 from tests.support.page.windows import launched
 from tests.support.servers import RunningServer, running_server
 
-PICTURES: Final = 24
+IMAGES: Final = 24
 MOVES: Final = 90
 REPEATS: Final = 5
 SIZE: Final[ViewportSize] = {"width": 1440, "height": 900}
@@ -47,7 +47,7 @@ READY = """() => document.querySelector(".stage")?.dataset.picture === "shown"
 CARDS = (
     """() => document.querySelectorAll("a.thumb").length >= 60 && performance.now()"""
 )
-PICTURES_IN_SIGHT = """() => {
+IMAGES_IN_VIEW = """() => {
   const shown = [...document.querySelectorAll("a.thumb img")].filter((image) =>
     image.getBoundingClientRect().top < innerHeight);
   const isThere = shown.length > 0 && shown.every((image) => image.complete);
@@ -66,8 +66,8 @@ def main() -> int:
         with running_server(
             data, {"UNGHOST_LOG_LEVEL": "warning"}, anew=True
         ) as server:
-            crowd, pictures = upload_pictures(server, options.boxes)
-            fill_with_pictures(data, options.frames, pictures)
+            crowd, digests = upload_images(server, options.boxes)
+            fill_with_images(data, options.frames, digests)
             figures = measured(server, crowd)
     if options.json:
         print(json.dumps(figures, indent=1))
@@ -77,12 +77,12 @@ def main() -> int:
     return 0
 
 
-def upload_pictures(server: RunningServer, boxes: int) -> tuple[int, list[str]]:
-    """A frame full of boxes, and pictures that are all different: its id, digests."""
+def upload_images(server: RunningServer, boxes: int) -> tuple[int, list[str]]:
+    """Store a frame full of boxes, and different images: its id, and their digests."""
     base = f"{server.url}/api/v1"
     with httpx.Client(base_url=base, headers=server.headers, timeout=60) as client:
         client.post("/datasets", json={"name": "crowd"}).raise_for_status()
-        ids = [_put(client, n, boxes if n == 0 else 1) for n in range(PICTURES)]
+        ids = [_put(client, n, boxes if n == 0 else 1) for n in range(IMAGES)]
         frames = [client.get(f"/frames/{one}").json() for one in ids]
     return ids[0], [frame["files"]["image"]["sha256"] for frame in frames]
 
@@ -119,15 +119,15 @@ def _photograph(number: int) -> bytes:
     return cv2.imencode(".png", noisy.clip(0, 255).astype(np.uint8))[1].tobytes()
 
 
-def fill_with_pictures(data: Path, frames: int, pictures: list[str]) -> None:
-    """A dataset of many frames, which share the pictures."""
+def fill_with_images(data: Path, frames: int, digests: list[str]) -> None:
+    """Make a dataset of many frames that share the images."""
     context = opened(data)
     fill(context, frames * BOXES_PER_FRAME, lambda _: None)
     with context.database.write() as session:
         dataset = DatasetRepository(session).named(NAME)
         ids = session.scalars(select(Frame.id).where(Frame.dataset_id == dataset.id))
         rows = [
-            {"frame_id": id_, "kind": "image", "sha256": pictures[n % len(pictures)]}
+            {"frame_id": id_, "kind": "image", "sha256": digests[n % len(digests)]}
             for n, id_ in enumerate(ids)
         ]
         session.execute(insert(FrameFile), rows)
@@ -144,7 +144,7 @@ def measured(server: RunningServer, crowd: int) -> dict[str, float]:
 
 
 def visit(browser: Browser, server: RunningServer) -> Page:
-    """A window of somebody who is signed in and has loaded nothing yet."""
+    """A new window that is signed in and has no cached files."""
     state = cast("StorageState", server.signed_in())
     context = browser.new_context(
         viewport=SIZE, reduced_motion="reduce", storage_state=state
@@ -153,7 +153,7 @@ def visit(browser: Browser, server: RunningServer) -> Page:
 
 
 def moved(page: Page, url: str) -> dict[str, float]:
-    """Panned and zoomed: with nothing selected, with a box, with the mask."""
+    """Pan and zoom: with nothing selected, with a box, with the mask."""
     page.goto(url)
     page.wait_for_function(READY)
     figures: dict[str, float] = {}
@@ -161,8 +161,8 @@ def moved(page: Page, url: str) -> dict[str, float]:
         if key:
             page.keyboard.press(key)
             page.wait_for_timeout(500)
-        for what, act in (("pan", pan), ("zoom", zoom)):
-            times = milliseconds_per_frame(page, partial(act, page))
+        for what, gesture in (("pan", pan), ("zoom", zoom)):
+            times = milliseconds_per_frame(page, partial(gesture, page))
             figures[f"{what}{name}, main thread per frame, median [ms]"] = float(
                 np.median(times)
             )
@@ -194,24 +194,24 @@ def _over_the_stage(page: Page) -> None:
 
 
 def first_views(browser: Browser, server: RunningServer) -> dict[str, float]:
-    """From nothing to the list of frames, thumbnails cold at first and then stored."""
+    """Open the list of frames without a cache; at first there are no thumbnails."""
     link = f"{server.url}/#/datasets/{NAME}/frames"
     cold, *warm = [first_view(visit(browser, server), link) for _ in range(REPEATS)]
     return {
         "first view of the frames, cards [ms]": float(np.median([w[0] for w in warm])),
-        "first view, with the thumbnails in sight [ms]": float(
+        "first view, with the visible thumbnails [ms]": float(
             np.median([w[1] for w in warm])
         ),
-        "the very first one, which makes the thumbnails [ms]": cold[1],
+        "the first one, which makes the thumbnails [ms]": cold[1],
     }
 
 
 def first_view(page: Page, link: str) -> tuple[float, float]:
     page.goto(link, wait_until="commit")
     cards = _when(page, CARDS)
-    pictures = _when(page, PICTURES_IN_SIGHT)
+    images = _when(page, IMAGES_IN_VIEW)
     page.context.close()
-    return cards, pictures
+    return cards, images
 
 
 def _when(page: Page, condition: str) -> float:

@@ -1,10 +1,10 @@
-"""How long counts lag behind a threshold that is dragged, over a million boxes.
+"""How far do counts lag behind a threshold that is dragged, over a million boxes?
 
     python -m benchmarks.bench_page_thresholds [--boxes 1000000] [--json]
 
 A real server shows the dataset of `bench_runs.py` to a real browser. The handle is
-dragged to and fro; for every value that it takes, the time runs from the event of the
-pointer until the page says the counts of that value, or of a later one.
+dragged back and forth. For each of its values, the time is from the pointer's event
+until the page shows the counts of that value, or of a later one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tests.support.servers import RunningServer, running_server
 SWEEPS = 4
 STEPS = 120
 FROM, TO = 4, 60
-"""Percent: where thresholds are looked for."""
+"""The range in which the threshold is dragged, in percent."""
 
 HANDLE = '[role=slider][aria-label="Threshold of all classes"]'
 
@@ -50,7 +50,7 @@ WATCH = """(selector) => {
   window.waiting = () => open.length;
 }"""
 
-ASK = """async ({ url, times }) => {
+PREVIEW = """async ({ url, times }) => {
   const config = (await (await fetch(url + "/config")).json()).config;
   const took = [];
   for (let i = 0; i < times; i++) {
@@ -64,7 +64,7 @@ ASK = """async ({ url, times }) => {
   }
   return took;
 }"""
-ASKED_ALONE = 40
+SINGLE_PREVIEWS = 40
 
 
 def main() -> int:
@@ -85,7 +85,7 @@ def main() -> int:
 
 
 def stored(folder: Path, boxes: int) -> None:
-    """Make the dataset, unless it is there."""
+    """Make the dataset, unless it exists."""
     context = opened(folder)
     try:
         prepare(context, boxes)
@@ -109,8 +109,8 @@ def measured(server: RunningServer) -> dict[str, float]:
             sweep(page, handle)
         while page.evaluate("window.waiting()"):
             page.wait_for_timeout(50)
-        asked = {"url": f"/api/v1/datasets/{NAME}", "times": ASKED_ALONE}
-        alone: list[float] = page.evaluate(ASK, asked)
+        parameters = {"url": f"/api/v1/datasets/{NAME}", "times": SINGLE_PREVIEWS}
+        alone: list[float] = page.evaluate(PREVIEW, parameters)
         lags: list[float] = page.evaluate("window.lags")
         answers: int = page.evaluate("window.answers")
     return {
@@ -119,7 +119,7 @@ def measured(server: RunningServer) -> dict[str, float]:
         "pointer to counts, median [ms]": statistics.median(lags),
         "pointer to counts, p95 [ms]": quantile(lags, 0.95),
         "pointer to counts, longest [ms]": max(lags),
-        "one preview asked for alone, median [ms]": statistics.median(alone),
+        "one preview alone, median [ms]": statistics.median(alone),
         "pointer to counts, median / one preview": (
             statistics.median(lags) / statistics.median(alone)
         ),
@@ -127,10 +127,10 @@ def measured(server: RunningServer) -> dict[str, float]:
 
 
 def sweep(page: Page, handle: Locator) -> None:
-    """Drag the handle up and down again, as fast as events are taken."""
+    """Drag the handle up and down again, as fast as the page handles events."""
     own, track = handle.bounding_box(), handle.locator("..").bounding_box()
     if own is None or track is None:
-        raise RuntimeError("the handle is not on show")
+        raise RuntimeError("the handle is not visible")
     y = own["y"] + own["height"] / 2
     page.mouse.move(own["x"] + own["width"] / 2, y)
     page.mouse.down()

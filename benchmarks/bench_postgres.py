@@ -2,8 +2,8 @@
 
     python -m benchmarks.bench_postgres [--boxes 1000000] [--server URL] [--json]
 
-A database of its own is made on the server, filled, measured and dropped. Ways to do
-the same are measured in turn, on the real tables with their keys and indexes.
+A new database is made on the server, filled, measured and dropped. Different ways to do
+the same are measured alternately, on the real tables with their keys and indexes.
 """
 
 from __future__ import annotations
@@ -38,7 +38,13 @@ from app.process.lifespan import running
 from app.runs.queries import BOXES_PER_ROW, pack_flips
 from app.security import Principal
 from app.settings import Settings
-from benchmarks.million import BOXES_PER_FRAME, MadeRows, Wanted, make, rows_of
+from benchmarks.million import (
+    BOXES_PER_FRAME,
+    DatasetSpec,
+    MadeRows,
+    make_dataset,
+    rows_of,
+)
 from filter_core.config.filter import FilterConfig
 from filter_core.segmentation.palettes import FAMILIES
 
@@ -63,7 +69,7 @@ def main() -> int:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     with own_service(options.server) as context:
-        # What is rolled back leaves room behind: sizes come first.
+        # Rolled back rows still take space, so sizes are measured first.
         figures = {**sizes(context, options.boxes), **measured(context, options.boxes)}
     if options.json:
         print(json.dumps(figures, indent=1))
@@ -102,7 +108,7 @@ WAYS: dict[str, Insert] = {"executemany": one_by_one, "COPY": copy_in}
 
 
 def measured(context: ServiceContext, boxes: int) -> Figures:
-    make(context, Wanted("rows", 4), shown)
+    make_dataset(context, DatasetSpec("rows", 4), shown)
     figures: Figures = {}
     for size in SIZES:
         figures |= inserting(context, size, ROWS_PER_SIZE, REPEATS)
@@ -137,7 +143,7 @@ def rolled_back(context: ServiceContext) -> Iterator[Session]:
 
 
 def frames_without_boxes(session: Session, boxes: int) -> tuple[Rows, Rows]:
-    """Rows of boxes and decisions to be inserted; their frames are there."""
+    """Rows of boxes and decisions to be inserted; their frames are stored."""
     made = new_rows(session, -(-boxes // BOXES_PER_FRAME))
     return made.boxes[:boxes], made.decisions[:boxes]
 
@@ -146,7 +152,7 @@ def new_rows(session: Session, frames: int) -> MadeRows:
     """Rows of frames, of which those of the frames themselves are inserted."""
     (dataset,) = DatasetRepository(session).page(after="", limit=1)
     rng = np.random.default_rng(3)
-    made = rows_of(session, dataset.id, Wanted("", frames), rng)
+    made = rows_of(session, dataset.id, DatasetSpec("", frames), rng)
     copy_in(session, Frame, made.frames)
     return made
 
@@ -217,7 +223,9 @@ def sizes(context: ServiceContext, boxes: int) -> Figures:
     upload(context)
     figures = bytes_of(context, UPLOADED, "uploaded")
     emptied(context)
-    make(context, Wanted("full", boxes // BOXES_PER_FRAME, annotated=True), shown)
+    make_dataset(
+        context, DatasetSpec("full", boxes // BOXES_PER_FRAME, annotated=True), shown
+    )
     sys.stderr.write("\n")
     figures |= bytes_of(context, boxes // BOXES_PER_FRAME, "made")
     emptied(context)
@@ -260,7 +268,7 @@ def annotation(rng: np.random.Generator, number: int) -> dict[str, Any]:
 
 
 def segmentation(rng: np.random.Generator) -> bytes:
-    """A picture of 200 rectangles of any tag, as PNG."""
+    """An image of 200 rectangles of any tag, as PNG."""
     tags = np.zeros((HEIGHT, WIDTH), np.uint8)
     for _ in range(200):
         x, y = rng.integers(0, (WIDTH, HEIGHT))
@@ -274,8 +282,8 @@ def segmentation(rng: np.random.Generator) -> bytes:
 
 
 def bytes_of(context: ServiceContext, frames: int, what: str) -> Figures:
-    """Of each table that grows with the frames: its rows, and its indexes."""
-    asked = text(
+    """The size of each table that grows with the frames, and of its indexes."""
+    statement = text(
         "SELECT pg_table_size(c.oid), pg_indexes_size(c.oid) FROM pg_class c "
         "WHERE c.oid = CAST(:name AS regclass)"
     )
@@ -283,7 +291,7 @@ def bytes_of(context: ServiceContext, frames: int, what: str) -> Figures:
     every = 0.0
     with context.database.engine.connect() as connection:
         for name in GROWING:
-            rows, indexes = connection.execute(asked, {"name": name}).one()
+            rows, indexes = connection.execute(statement, {"name": name}).one()
             figures[f"{what}: {name}, rows [B/frame]"] = rows / frames
             figures[f"{what}: {name}, indexes [B/frame]"] = indexes / frames
             every += rows + indexes

@@ -1,10 +1,10 @@
-"""What does `unghost push` cost its own side: memory, and processor time per frame?
+"""How much memory and processor time per frame does `unghost push` need?
 
     python -m benchmarks.bench_push [--frames 1000 10000] [--json] [--check]
 
 Frames that share a few files, but have keys and boxes of their own, are pushed to a
 real server by a real `unghost push`. Its peak memory and processor time come from the
-system. Then the same once more: everything is there, and nothing is sent.
+system. Then the same frames are pushed again: all are stored, and none is sent.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from benchmarks.street import street
 from tests.support import frames as tiny
 from tests.support.servers import RunningServer, running_server
 
-MOST_GROWTH = 1.1
-LOOK_EVERY_S = 0.02
+AIM_MEMORY_RATIO = 1.1
+SAMPLE_EVERY_S = 0.02
 
 
 def main() -> int:
@@ -45,7 +45,7 @@ def main() -> int:
             values = "".join(f"{result[name]:12.2f}" for result in results)
             print(f"{name:36}{values}")
         print(f"{'memory, last against first':36}{growth:12.2f}")
-    return int(options.check and growth > MOST_GROWTH)
+    return int(options.check and growth > AIM_MEMORY_RATIO)
 
 
 def measured(frames: int, *, small: bool) -> dict[str, float]:
@@ -96,7 +96,7 @@ def push(server: RunningServer, folder: Path) -> tuple[float, float, float]:
         # Not ru_maxrss: that of a child begins with what its parent had.
         while not (ended := os.wait4(child.pid, os.WNOHANG))[0]:
             peak = max(peak, high_water_mb(child.pid))
-            time.sleep(LOOK_EVERY_S)
+            time.sleep(SAMPLE_EVERY_S)
         _, status, used = ended
         child.returncode = os.waitstatus_to_exitcode(status)
     assert child.returncode == 0
@@ -104,7 +104,7 @@ def push(server: RunningServer, folder: Path) -> tuple[float, float, float]:
 
 
 def high_water_mb(pid: int) -> float:
-    """The most memory that a process had until now, as Linux counts it."""
+    """Peak memory of a process until now, as Linux reports it."""
     status = Path(f"/proc/{pid}/status").read_text()
     return next(
         (int(line.split()[1]) / 1e3 for line in status.splitlines() if "VmHWM" in line),

@@ -1,10 +1,10 @@
-"""A million stored boxes over HTTP: the queue, totals, previews, answers on many.
+"""How fast are the queue, totals, previews and bulk answers with a million boxes?
 
     python -m benchmarks.bench_queue [--requests 100] [--json]
 
 A real server on a port serves a copy of the dataset that ``bench_runs`` makes. Times
-are from a request to the end of its answer, one at a time; the history of one box tells
-what asking costs at all. The most doubtful ten thousand boxes were answered before.
+are from a request to the end of its answer, one at a time; the history of one box shows
+what any request costs. The most doubtful ten thousand boxes are answered first.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from tests.support.servers import RunningServer, running_server
 
 ANSWERED = {"margin_max": 0.65, "review": "none"}
 BULK = {"class": "car", "distance_max": 155, "review": "none"}
-"""A little less than the hundred thousand boxes that one act may change."""
-ASKED = {"queue by": 50, "total": 50, "preview": 100, "quality": 200}
-"""Milliseconds that the figures of these names may have at most."""
+"""A little less than the hundred thousand boxes that one bulk answer may change."""
+AIMS_MS = {"queue by": 50, "total": 50, "preview": 100, "quality": 200}
+"""The aims, at most, for figures whose names contain these words."""
 ORDERS = ("doubt", "random", "class", "audit")
 FILTERS: dict[str, dict[str, Any]] = {
     "": {},
@@ -62,28 +62,28 @@ def main() -> int:
         print(json.dumps(figures, indent=1))
     else:
         for name, value in figures.items():
-            asked = next((most for part, most in ASKED.items() if part in name), None)
-            note = f"   asked: at most {asked}" if asked else ""
+            aim = next((aim for part, aim in AIMS_MS.items() if part in name), None)
+            note = f"   aim: at most {aim}" if aim else ""
             print(f"{name:58} {value:10.2f}{note}")
     return 0
 
 
 def measured(server: RunningServer, requests: int) -> Iterator[tuple[str, float]]:
-    """Name and figure, one after the other."""
+    """Each figure with its name."""
     client = httpx.Client(
         base_url=f"{server.url}/api/v1", headers=server.headers, timeout=600
     )
     _, answers, _ = answer_all(client, ANSWERED)
-    yield "boxes that were answered before", answers
+    yield "boxes answered before", answers
     box_id = client.get("/boxes", params={"dataset": NAME, "limit": 1}).json()
     path = f"/boxes/{box_id['items'][0]['box_id']}/history"
-    yield "one small answer, p95 [ms]", p95(requests, lambda _: client.get(path))
+    yield "one small response, p95 [ms]", p95(requests, lambda _: client.get(path))
     for order in ORDERS:
         for name, filters in FILTERS.items():
             if order == "audit" and name:
                 continue
             body = {"order": order, "filters": filters}
-            took = p95(requests, queue_asker(client, body))
+            took = p95(requests, queue_requests(client, body))
             yield f"queue by {order}{name}, p95 [ms]", took
     yield from totals(client, requests)
     yield from previews(client, requests)
@@ -91,31 +91,29 @@ def measured(server: RunningServer, requests: int) -> Iterator[tuple[str, float]
     yield from bulk(client)
 
 
-def p95(requests: int, ask: Callable[[int], httpx.Response]) -> float:
+def p95(requests: int, request: Callable[[int], httpx.Response]) -> float:
     """Milliseconds, after one request that fills what is kept in memory."""
-    ask(0).raise_for_status()
+    request(0).raise_for_status()
     times = []
     for number in range(requests):
         begun = time.perf_counter()
-        ask(number).raise_for_status()
+        request(number).raise_for_status()
         times.append(1000 * (time.perf_counter() - begun))
     return quantile(times, 0.95)
 
 
-def queue_asker(
+def queue_requests(
     client: httpx.Client, body: dict[str, Any]
 ) -> Callable[[int], httpx.Response]:
-    """Asks as a page does: the next ten, beside the ten that are at hand."""
-    at_hand: list[int] = []
+    """Request the next ten boxes as the page does, excluding the ten that it has."""
+    loaded: list[int] = []
 
-    def ask(_: int) -> httpx.Response:
-        answer = client.post(
-            f"/datasets/{NAME}/queue", json=body | {"exclude": at_hand}
-        )
-        at_hand[:] = [item["box_id"] for item in answer.json()["items"]]
+    def request(_: int) -> httpx.Response:
+        answer = client.post(f"/datasets/{NAME}/queue", json=body | {"exclude": loaded})
+        loaded[:] = [item["box_id"] for item in answer.json()["items"]]
         return answer
 
-    return ask
+    return request
 
 
 def totals(client: httpx.Client, requests: int) -> Iterator[tuple[str, float]]:
@@ -148,15 +146,15 @@ def quality(client: httpx.Client) -> Iterator[tuple[str, float]]:
 
 def bulk(client: httpx.Client) -> Iterator[tuple[str, float]]:
     batch, boxes, took = answer_all(client, BULK)
-    yield "boxes answered in one act", boxes
-    yield "one answer on them [s]", took
+    yield "boxes of one bulk answer", boxes
+    yield "the bulk answer [s]", took
     begun = time.perf_counter()
     client.post(f"/review-batches/{batch}/undo").raise_for_status()
     yield "undoing it [s]", time.perf_counter() - begun
 
 
 def answer_all(client: httpx.Client, filters: dict[str, Any]) -> tuple[int, int, float]:
-    """One answer on all boxes of a filter: the batch, how many, and the seconds."""
+    """Answer all boxes of a filter: id of the bulk answer, its boxes, the seconds."""
     query = {"dataset": NAME, "limit": 1, "count": "true", **filters}
     seen = client.get("/boxes", params=query).json()
     body = {"dataset": NAME, "filter": filters, "verdict": "keep"}

@@ -1,6 +1,6 @@
-"""A million stored boxes: decided again, previewed, and listed.
+"""How fast are runs, previews and lists with a million stored boxes?
 
-    python benchmarks/bench_runs.py [--boxes 1000000] [--json]
+    python -m benchmarks.bench_runs [--boxes 1000000] [--json]
 
 The dataset is made once and kept in ``benchmarks/.data``.
 """
@@ -101,9 +101,9 @@ def decided(context: ServiceContext, config: FilterConfig) -> tuple[float, int]:
     begun = time.perf_counter()
     with context.database.write() as session:
         dataset = DatasetRepository(session).named(NAME)
-        wanted = RunRequest(config, "benchmark", activate=True)
-        run_id = request_run(context, session, dataset, wanted).id
-    # Jobs are done one after the other: this one when the run is over.
+        request = RunRequest(config, "benchmark", activate=True)
+        run_id = request_run(context, session, dataset, request).id
+    # Jobs are executed one after the other: this one after the run.
     over = threading.Event()
     context.engine.submit(over.set)
     over.wait()
@@ -222,12 +222,12 @@ def lists(context: ServiceContext) -> dict[str, float]:
 def paged(
     session: Session, dataset: Dataset, selection: Selection, sort: str
 ) -> list[float]:
-    wanted = to_filter(session, dataset, selection)
+    boxes = to_filter(session, dataset, selection)
     times, cursor = [], ""
     for _ in range(PAGES):
         begun = time.perf_counter()
         page = PageRequest(sort, cursor, 100)
-        _, following = list_boxes(session, dataset, wanted, page)
+        _, following = list_boxes(session, dataset, boxes, page)
         times.append(time.perf_counter() - begun)
         cursor = following or ""
     return times

@@ -1,12 +1,12 @@
-"""What an upload costs the server, against decoding its segmentation.
+"""What does an upload cost the server, against decoding its segmentation?
 
-    python benchmarks/bench_upload.py [--frames 200] [--rgba] [--json]
+    python -m benchmarks.bench_upload [--frames 200] [--rgba] [--json]
 
 A real server on a port takes frames of a 1.3 MB image, a segmentation and 30 boxes, one
-after the other, durably. Its processor time comes from the operating system; that of
-decoding from this process, before and after, on the same machine in the same run.
-`--rgba` sends the segmentation as CARLA's own save_to_disk writes it: with alpha, and
-with a filter chosen for each row.
+after the other, durably. Its processor time comes from the operating system. That of
+decoding is measured in this process before and after. `--rgba` sends the segmentation
+as CARLA's own save_to_disk writes it: with alpha, and with a filter chosen for each
+row.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def upload(
         put(client, f"warm/{number}", parts, annotation)
     cpu, begun = cpu_seconds(server.process.pid), time.perf_counter()
     for number in range(frames):
-        # Another image each time: the same one would be stored already.
+        # The image differs each time: the same one would be stored already.
         changed = dict(parts)
         if "image" in parts:
             changed["image"] = ("i.png", files["image"] + number.to_bytes(4, "big"))

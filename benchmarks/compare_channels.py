@@ -1,15 +1,15 @@
-"""Which channel finds the ghosts of a street, and at what cost?
+"""Which channel finds the ghost boxes of a street, and at what cost?
 
     python -m benchmarks.compare_channels [--folder FOLDER] [--frames 200] [--seed 2026]
                                           [--json] [--write]
 
 `--write` writes docs/evaluation.md.
 
-Renders two streets with known truth (unless the folder has them already): one with as
-many boxes per frame as recordings have, one crowded. Measures every channel on them and
-counts. Frames whose boxes are 3D are compared; those with rectangles only show what is
-left of each channel then. Costs are medians within one run, file included, as ratios to
-the segmentation's.
+Renders two streets with known ground truth (unless the folder has them already): one
+with as many boxes per frame as recordings have, one crowded. Measures every channel on
+them and counts. Channels are compared on frames with 3D boxes; frames with rectangles
+only show what each channel can do without 3D boxes. Costs are medians within one run,
+file included, as ratios to the segmentation's.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ COSTED = ("ordered", "depth", "depth_center", "instance", "lidar")
 COST_FRAMES = 24
 COST_ROUNDS = 5
 STREETS = {"recorded": 1 / 7, "crowded": 1.0}
-"""The share of the demo's vehicles, people and lights that are there. A seventh of them
+"""The share of the demo's vehicles, people and lights that exist. A seventh of them
 leaves some thirty boxes within 200 m, as in the frame that the paper came with."""
 SIZES = (1, 3, 10, 100)
 """Visible pixels from which the next group begins."""
@@ -82,7 +82,7 @@ def main() -> int:
 
 
 def report(done: int, of: int) -> None:
-    """Rendering takes minutes: say how far it is."""
+    """Report the progress: rendering takes minutes."""
     if sys.stderr.isatty() and done % 10 == 0:
         print(f"{done} of {of} frames rendered", file=sys.stderr)
 
@@ -117,7 +117,7 @@ def is_solid(frame: FrameSource) -> bool:
 
 
 def without_instance_ids(frames: Iterable[FrameSource]) -> Iterator[FrameSource]:
-    """The same frames, recorded by somebody who kept no actor's instance."""
+    """The same frames, without the instance ids of actors."""
     for frame in frames:
         annotation = dict(frame.annotation or {})
         boxes: Any = annotation["boxes"]

@@ -1,4 +1,4 @@
-"""docs/evaluation.md and its picture, from one comparison."""
+"""Writes docs/evaluation.md and its plot from one comparison."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from unghost.cli.evaluate import f1_plot
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PICTURE = "pictures/evaluation.svg"
+PLOT = "pictures/evaluation.svg"
 NAMES = {
     "semantic": "semantic (the paper's profile)",
     "ordered": "ordered",
@@ -21,7 +21,7 @@ NAMES = {
 
 
 def write_page(found: dict[str, Any]) -> None:
-    """Write the page's tables between its words, and the picture."""
+    """Fill the tables into the page's template, and draw the plot."""
     template = Template(
         (Path(__file__).with_name("evaluation.md.in")).read_text("utf-8")
     )
@@ -56,8 +56,8 @@ def write_page(found: dict[str, Any]) -> None:
         **_one_pixel(recorded, crowded),
     )
     (DOCS / "evaluation.md").write_text(page, "utf-8")
-    (DOCS / PICTURE).parent.mkdir(exist_ok=True)
-    (DOCS / PICTURE).write_text(
+    (DOCS / PLOT).parent.mkdir(exist_ok=True)
+    (DOCS / PLOT).write_text(
         f1_plot([(title, score["f1"]) for title, score, _ in rows]), "utf-8"
     )
 

@@ -31,8 +31,8 @@ RECTANGLE = [10.0, 10.0, 60.0, 50.0]
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """A dataset to be made; `annotated`: its boxes were sent with all they need."""
+class DatasetSpec:
+    """A dataset to make; `annotated`: its boxes have everything that exports need."""
 
     name: str
     frames: int
@@ -43,23 +43,23 @@ class Wanted:
 
 def fill(context: ServiceContext, boxes: int, progress: Callable[[int], None]) -> int:
     """Store the dataset of a million boxes, or of as many; its id."""
-    return make(context, Wanted(NAME, boxes // BOXES_PER_FRAME), progress)
+    return make_dataset(context, DatasetSpec(NAME, boxes // BOXES_PER_FRAME), progress)
 
 
-def make(
-    context: ServiceContext, wanted: Wanted, progress: Callable[[int], None]
+def make_dataset(
+    context: ServiceContext, spec: DatasetSpec, progress: Callable[[int], None]
 ) -> int:
-    """Store a dataset as rows, telling how many boxes it has by now; its id."""
+    """Store a dataset as rows, and report the boxes stored so far; its id."""
     with context.database.write() as session:
-        reading = DatasetReading(wanted.name)
+        reading = DatasetReading(spec.name)
         new = NewDataset(reading, "", None, FilterConfig(), "benchmark")
         dataset_id = create_dataset(session, new).id
-    rng = np.random.default_rng(wanted.seed)
+    rng = np.random.default_rng(spec.seed)
     done = 0
-    for frames in _portions(wanted.frames):
+    for frames in _portions(spec.frames):
         with context.database.write() as session:
-            _store(session, dataset_id, replace(wanted, frames=frames), rng)
-        done += frames * wanted.boxes_per_frame
+            _store(session, dataset_id, replace(spec, frames=frames), rng)
+        done += frames * spec.boxes_per_frame
         progress(done)
     return dataset_id
 
@@ -79,8 +79,10 @@ class MadeRows(NamedTuple):
     decisions: list[dict[str, Any]]
 
 
-def _store(session: Session, dataset_id: int, wanted: Wanted, rng: Generator) -> None:
-    made = rows_of(session, dataset_id, wanted, rng)
+def _store(
+    session: Session, dataset_id: int, spec: DatasetSpec, rng: Generator
+) -> None:
+    made = rows_of(session, dataset_id, spec, rng)
     insert_rows(session, Frame, made.frames)
     insert_rows(session, FrameEvidence, made.evidence)
     insert_rows(session, Box, made.boxes)
@@ -93,20 +95,20 @@ def _store(session: Session, dataset_id: int, wanted: Wanted, rng: Generator) ->
 
 
 def rows_of(
-    session: Session, dataset_id: int, wanted: Wanted, rng: Generator
+    session: Session, dataset_id: int, spec: DatasetSpec, rng: Generator
 ) -> MadeRows:
     """New frames of a dataset as rows that are not stored yet."""
     dataset = DatasetRepository(session).with_id(dataset_id)
     classes = DatasetRepository(session).classes(dataset_id)
-    each, count = wanted.boxes_per_frame, wanted.frames * wanted.boxes_per_frame
-    first = FrameRepository(session).take_ids(wanted.frames, count)
+    each, count = spec.boxes_per_frame, spec.frames * spec.boxes_per_frame
+    first = FrameRepository(session).take_ids(spec.frames, count)
     evidence = numbers(count, tuple(classes), rng)
     class_ids = list(classes.values())
     rows, packed = [], []
-    for index in range(wanted.frames):
+    for index in range(spec.frames):
         part = evidence.take(np.arange(index * each, (index + 1) * each))
         ids = first[0] + index, first[1] + index * each
-        rows.append(_frame(dataset, ids, _annotation(part, wanted.annotated)))
+        rows.append(_frame(dataset, ids, _annotation(part, spec.annotated)))
         numbers_of = pack_numbers(part, class_ids)
         packed.append(_evidence(dataset, ids[0], numbers_of))
     class_of = [class_ids[index] for index in evidence.class_index.tolist()]

@@ -17,13 +17,13 @@ _US_PER_MS: Final = 1000
 _WAIT_MS: Final = 20
 
 
-def milliseconds_per_frame(page: Page, act: Callable[[], None]) -> np.ndarray:
-    """Processor time of the page's main thread while `act` runs, frame by frame.
+def milliseconds_per_frame(page: Page, interact: Callable[[], None]) -> np.ndarray:
+    """Processor time of the page's main thread while `interact` runs, frame by frame.
 
     Everything counts that runs there from one animation frame to the next: events,
     scripts, layout, recording and, without a graphics card, painting of canvases.
     """
-    events = _traced(page, act)
+    events = _traced(page, interact)
     thread = _main_thread(events)
     own = [e for e in events if (e["pid"], e["tid"]) == thread]
     starts = np.array(sorted(e["ts"] for e in own if e["name"] == _FRAME))
@@ -36,7 +36,7 @@ def milliseconds_per_frame(page: Page, act: Callable[[], None]) -> np.ndarray:
     return sums[1:-1] / _US_PER_MS
 
 
-def _traced(page: Page, act: Callable[[], None]) -> list[dict[str, Any]]:
+def _traced(page: Page, interact: Callable[[], None]) -> list[dict[str, Any]]:
     session = page.context.new_cdp_session(page)
     config = {"includedCategories": list(_CATEGORIES)}
     streams: list[str] = []
@@ -44,7 +44,7 @@ def _traced(page: Page, act: Callable[[], None]) -> list[dict[str, Any]]:
     session.send(
         "Tracing.start", {"transferMode": "ReturnAsStream", "traceConfig": config}
     )
-    act()
+    interact()
     session.send("Tracing.end")
     while not streams:
         page.wait_for_timeout(_WAIT_MS)

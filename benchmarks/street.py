@@ -162,7 +162,7 @@ def fixed_boxes(count: int, wide: int, high: int) -> FrameBoxes:
 
 
 def any_boxes(count: int) -> FrameBoxes:
-    """From a few pixels to most of the image, every order of magnitude alike."""
+    """From a few pixels to most of the image, all orders of magnitude equally often."""
     rng = np.random.default_rng(3)
     size = np.exp(rng.uniform(np.log(3), np.log(700), (count, 2)))
     center = rng.uniform((0, 0), (WIDTH, HEIGHT), (count, 2))

@@ -285,10 +285,10 @@ def read_truth(path: Path) -> dict[str, dict[str, bool]]:
     truth: dict[str, dict[str, bool]] = {}
     for number, line in _lines(path):
         try:
-            told = read_json(line)
-            if not isinstance(told, dict):
-                raise TypeError(f"{type(told).__name__} is no object")
-            key, box_id, visible = told["key"], told["id"], told["visible"]
+            given = read_json(line)
+            if not isinstance(given, dict):
+                raise TypeError(f"{type(given).__name__} is not an object")
+            key, box_id, visible = given["key"], given["id"], given["visible"]
         except (ValueError, TypeError, KeyError) as error:
             raise LayoutError(
                 f"{path.name}, line {number}: expected an object with key, id and "

@@ -1,4 +1,4 @@
-"""Writes the audit log, in the transactions of the acts that it records."""
+"""Writes the audit log, in the transactions of the actions that it records."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from app.db.tables.access import AuditEntry
 from app.security import Principal
 
 SERVICE: Final = "unghost"
-"""The actor of acts of the service itself; their entries have no token."""
+"""The actor of actions of the service itself; their entries have no token."""
 
 
-class Act(str, Enum):
-    """Acts that are recorded. The values are stored, so none changes its meaning."""
+class AuditAction(str, Enum):
+    """Actions that are recorded. The values are stored, so none changes its meaning."""
 
     TOKEN_CREATED = "token.created"
     TOKEN_REVOKED = "token.revoked"
@@ -41,8 +41,8 @@ class Act(str, Enum):
 class AuditTrail:
     """Adds entries to the audit log in one transaction, for one actor.
 
-    An act and its entry are committed together, or neither is. In a route (`Audited`),
-    `session` is the `WriteSession` of the request.
+    An action and its entry are committed together, or neither is. In a route
+    (`Audited`), `session` is the `WriteSession` of the request.
     """
 
     session: Session
@@ -52,7 +52,7 @@ class AuditTrail:
     def token_id(self) -> int:
         """The token of the actor; ValueError if that is the service itself."""
         if self.actor is None:
-            raise ValueError("the service acts without a token")
+            raise ValueError("the service itself has no token")
         return self.actor.token_id
 
     @property
@@ -60,13 +60,13 @@ class AuditTrail:
         """The name of the actor."""
         return SERVICE if self.actor is None else self.actor.name
 
-    def note(self, act: Act, subject: object, **details: object) -> None:
-        """Add an entry; `subject` is the name or id of what the act was done to."""
+    def note(self, action: AuditAction, subject: object, **details: object) -> None:
+        """Add an entry; `subject` is the name or id of what the action affected."""
         AuditRepository(self.session).add(
             AuditEntry(
                 token_id=None if self.actor is None else self.actor.token_id,
                 actor=self.name,
-                action=act.value,
+                action=action.value,
                 subject=str(subject),
                 details=details,
             )

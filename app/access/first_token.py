@@ -16,7 +16,7 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
-from app.access.audit import Act, AuditTrail
+from app.access.audit import AuditAction, AuditTrail
 from app.access.queries import Tokens
 from app.access.service import MOST_SESSIONS, by_token, make_code
 from app.db.base import rfc3339, utc_now
@@ -82,7 +82,7 @@ def renew(session: Session, file: Path, row: Token) -> str:
     )
     Tokens(session).open_session(former, most=MOST_SESSIONS)
     AuditTrail(session).note(
-        Act.TOKEN_RENEWED, row.name, token_id=row.id, expires_at=rfc3339(ends)
+        AuditAction.TOKEN_RENEWED, row.name, token_id=row.id, expires_at=rfc3339(ends)
     )
     return token
 
@@ -108,7 +108,7 @@ def _replace(session: Session, file: Path) -> str:
     role: Role = "admin"
     first = Tokens(session).replace(FIRST_TOKEN_NAME, role, hash_secret(token), ends)
     AuditTrail(session).note(
-        Act.TOKEN_CREATED,
+        AuditAction.TOKEN_CREATED,
         FIRST_TOKEN_NAME,
         token_id=first.id,
         role=role,
@@ -145,8 +145,8 @@ def _make_private(file: Path) -> bool:
         return False
     file.chmod(_PRIVATE)
     server_log.warning(
-        "others could read the token file (mode %o): it is for its owner alone again, "
-        "and its token is replaced",
+        "the token file could be read by others (mode %o): its permissions are now "
+        "restricted to its owner, and its token is replaced",
         mode,
     )
     return True

@@ -54,7 +54,7 @@ class TokenGate:
         """
         header = request.headers.get("authorization")
         if header is None:
-            raise Unauthorised("show a token: Authorization: Bearer ug_...")
+            raise Unauthorised("a token is required: Authorization: Bearer ug_...")
         callers = services_of(request).one(RecentCallers)
         principal = callers.find(header)
         if principal is None:
@@ -68,7 +68,9 @@ class TokenGate:
             principal.session_hash is not None and request.method not in SAFE_METHODS
         )
         if page_writes and not comes_from_no_other_page(request.headers):
-            raise Forbidden("the page's session only writes for the page itself")
+            raise Forbidden(
+                "a session of the review page may be used for writes by that page only"
+            )
         return principal
 
 
@@ -173,10 +175,10 @@ class WrongSecrets:
         parts = [f"{number} from {address}" for address, number in named]
         others = count - sum(number for _, number in named)
         if others:
-            parts.append(f"{others} from elsewhere")
+            parts.append(f"{others} from other addresses")
         if not parts:
             return ""
-        return f"{count} wrong tokens, sessions, codes or keys: {', '.join(parts)}"
+        return f"{count} with a wrong token, session, code or key: {', '.join(parts)}"
 
 
 async def audit_trail(request: Request, session: WriteSession) -> AuditTrail:

@@ -9,7 +9,7 @@ from typing import Final
 from sqlalchemy import exc as sql
 from sqlalchemy.orm import Session
 
-from app.access.audit import Act, AuditTrail
+from app.access.audit import AuditAction, AuditTrail
 from app.access.queries import Tokens
 from app.db.base import rfc3339, utc_now
 from app.db.tables.access import DownloadLink, LoginCode, LoginSession, Token
@@ -40,7 +40,7 @@ MOST_LINKS: Final = 100
 that logging in always works."""
 MOST_NAMED: Final = 3
 """How many names of people an error lists; the others are counted."""
-_NO_ENTRY: Final = "show a valid token, or log in with one"
+_NO_ENTRY: Final = "a valid token or session is required"
 
 
 def by_secret(session: Session, secret: str) -> Principal:
@@ -90,7 +90,7 @@ def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
         expires_at=utc_now() + lifetime,
     )
     Tokens(audit.session).open_session(opened, most=MOST_SESSIONS)
-    audit.note(Act.SESSION_OPENED, audit.name, by=by)
+    audit.note(AuditAction.SESSION_OPENED, audit.name, by=by)
     return secret
 
 
@@ -121,12 +121,14 @@ def issue(
         raise Unprocessable(f"expires_at {expires_at.isoformat()} is in the past")
     tokens = Tokens(audit.session)
     if tokens.by_name(name) is not None:
-        raise Conflict(f"there is a token named {name!r}, perhaps a revoked one")
+        raise Conflict(f"a token named {name!r} exists already; it may be revoked")
     secret = new_token()
     token = Token(name=name, role=role, hash=hash_secret(secret), expires_at=expires_at)
     tokens.add(token)
     until = None if expires_at is None else rfc3339(expires_at)
-    audit.note(Act.TOKEN_CREATED, name, token_id=token.id, role=role, expires_at=until)
+    audit.note(
+        AuditAction.TOKEN_CREATED, name, token_id=token.id, role=role, expires_at=until
+    )
     return token, secret
 
 
@@ -147,7 +149,7 @@ def revoke(audit: AuditTrail, token_id: int) -> None:
         raise Conflict(f"token {token.name!r} is the last one of an admin")
     if token.revoked_at is None:
         tokens.revoke(token, now)
-        audit.note(Act.TOKEN_REVOKED, token.name, token_id=token_id)
+        audit.note(AuditAction.TOKEN_REVOKED, token.name, token_id=token_id)
 
 
 def issue_offline(
@@ -181,7 +183,7 @@ def make_code(audit: AuditTrail, token_id: int | None = None) -> tuple[LoginCode
         created_at=now,
     )
     Tokens(audit.session).add_code(code, most=MOST_CODES)
-    audit.note(Act.CODE_CREATED, code.id)
+    audit.note(AuditAction.CODE_CREATED, code.id)
     return code, secret
 
 
@@ -279,14 +281,14 @@ def _code_is_over() -> Unauthorised:
     )
 
 
-def require_own(by: Principal, answers: Mapping[str, int], act: str) -> int:
-    """Allow an act that removes answers to their author, and to admins.
+def require_own(by: Principal, answers: Mapping[str, int], action: str) -> int:
+    """Allow an action that removes answers to their author, and to admins.
 
     Parameters
     ----------
     answers : mapping of str to int
         How many answers would be deleted, undone or left behind, by reviewer.
-    act : str
+    action : str
         The requested action, with which the message begins: ``deleting frame 'a/1'``.
 
     Returns
@@ -303,7 +305,7 @@ def require_own(by: Principal, answers: Mapping[str, int], act: str) -> int:
     number = sum(others.values())
     if number and not includes(by.role, "admin"):
         raise Forbidden(
-            f"{act} concerns {number} {'answer' if number == 1 else 'answers'} of "
+            f"{action} affects {number} {'answer' if number == 1 else 'answers'} of "
             f"{_listed(sorted(others))}: this needs the role admin, "
             f"token {by.name!r} has {by.role}",
             code="others_answers",

@@ -56,7 +56,7 @@ def write_upkeep(context: ServiceContext) -> None:
     """Write the times of last use, log wrong secrets, and renew the first token."""
     wrong = context.one(WrongSecrets).take()
     if wrong:
-        server_log.warning("within a minute %s", wrong)
+        server_log.warning("requests refused within a minute: %s", wrong)
     uses = context.one(LastUses).take()
     if uses:
         try:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
-from app.access.audit import Act, AuditTrail
+from app.access.audit import AuditAction, AuditTrail
 from app.access.service import require_own
 from app.boxes.counts import count, summary
 from app.boxes.current import (
@@ -217,7 +217,7 @@ def remove_frame(audit: AuditTrail, by: Principal, dataset: Dataset, key: str) -
     retire(session, current)
     frames.remove(dataset.id, key)
     audit.note(
-        Act.FRAME_DELETED,
+        AuditAction.FRAME_DELETED,
         key,
         dataset=dataset.name,
         answers=sum(answers.values()),

@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import Query, Request, Response
 from fastapi.exceptions import RequestValidationError
 
-from app.access.audit import Act
+from app.access.audit import AuditAction
 from app.access.gate import Audited
 from app.datasets import service as datasets
 from app.db.bulk import name_of_cursor
@@ -74,7 +74,7 @@ def create_dataset(
         reading, body.description, body.classes, first, audit.name
     )
     dataset = datasets.create_dataset(session, wanted)
-    audit.note(Act.DATASET_CREATED, dataset.name)
+    audit.note(AuditAction.DATASET_CREATED, dataset.name)
     response.headers["Location"] = f"/api/v1/datasets/{dataset.name}"
     return datasets.describe_dataset(session, dataset)
 
@@ -105,7 +105,10 @@ def change_dataset(
         changes["ignore_mask"] = _stored(body.ignore_mask)
     run = datasets.change_dataset(services, session, found, changes, audit.name)
     audit.note(
-        Act.DATASET_CHANGED, dataset, changed=sorted(changes), run=run and run.id
+        AuditAction.DATASET_CHANGED,
+        dataset,
+        changed=sorted(changes),
+        run=run and run.id,
     )
     if run is None:
         return datasets.describe_dataset(session, found)
@@ -122,7 +125,7 @@ def delete_dataset(
 ) -> Response:
     """Delete a dataset with everything in it; `confirm` repeats its name."""
     datasets.remove_dataset(services, session, dataset, confirm)
-    audit.note(Act.DATASET_DELETED, dataset)
+    audit.note(AuditAction.DATASET_DELETED, dataset)
     make_room(services, session)
     return Response(status_code=204)
 

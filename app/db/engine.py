@@ -104,7 +104,7 @@ def once_committed(session: Session, call: Callable[[], None]) -> None:
 def begin_as_work(session: Session) -> None:
     """Begin the transaction of a session of `Database.write` with low priority.
 
-    For actions on many boxes, which may take long: single answers that wait are stored
+    For writes of many boxes, which may take long: single answers that wait are stored
     first. Call it before the first statement of the session.
     """
     session.connection(execution_options={"person": False})

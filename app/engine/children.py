@@ -130,7 +130,7 @@ class PixelPool:
         subject: Subject | None = None,
     ) -> None:
         self.children = children
-        self._subject = subject or Subject("the picture", "UNGHOST_MAX_PIXEL_SECONDS")
+        self._subject = subject or Subject("the image", "UNGHOST_MAX_PIXEL_SECONDS")
         self._seconds, self._memory_bytes = seconds, memory_bytes
         self._context = _context(preload)
         # Last in, first out: the child that worked last has warm caches. None stands
@@ -175,12 +175,12 @@ class PixelPool:
             return cast("_Result", self._ask(message, given_up))
         except _ChildDied as died:
             # The picture may not be the cause: somebody may have killed the process.
-            server_log.warning("a process that reads pictures %s; trying another", died)
+            server_log.warning("a process that reads images %s; trying another", died)
         try:
             return cast("_Result", self._ask(message, given_up))
         except _ChildDied as died:
             raise PixelsRefused(
-                f"reading {self._subject.name} ended two processes: the last one {died}"
+                f"reading {self._subject.name} crashed two processes: the last {died}"
             ) from died
 
     def run_here(self, work: Callable[..., _Result], *args: object) -> _Result:
@@ -361,10 +361,14 @@ class _SafeUnpickler(pickle.Unpickler):
         """The object for a name in the pickle, if that name is allowed."""
         known = module in _NUMPY_MODULES and name in _NUMPY_NAMES
         if not known and module.partition(".")[0] != "filter_core":
-            raise pickle.UnpicklingError(f"answered with {module}.{name}")
+            raise pickle.UnpicklingError(
+                f"answered with {module}.{name}, which is not allowed"
+            )
         found = super().find_class(module, name)
         if not (known or found is restored or _is_value(found)):
-            raise pickle.UnpicklingError(f"answered with {module}.{name}")
+            raise pickle.UnpicklingError(
+                f"answered with {module}.{name}, which is not allowed"
+            )
         return found
 
 
@@ -377,7 +381,7 @@ def _ending(exitcode: int | None) -> str:
     if exitcode is not None and exitcode < 0:
         with suppress(ValueError):
             return f"was ended by {signal.Signals(-exitcode).name}"
-    return f"ended with {exitcode}"
+    return f"ended with exit code {exitcode}"
 
 
 def _context(preload: Sequence[str]) -> _Context:

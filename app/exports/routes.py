@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query, Request, Response
 from sqlalchemy.orm import Session
 
 from app.access import service as access
-from app.access.audit import Act
+from app.access.audit import AuditAction
 from app.access.gate import Audited, counting_wrong_secrets
 from app.context import ServiceContext
 from app.db import tables
@@ -71,7 +71,9 @@ def create_export(
     found = DatasetRepository(session).named(dataset)
     wanted = ExportRequest(body.format, body.options.model_dump(), audit.name)
     export = request_export(services, session, found, wanted)
-    audit.note(Act.EXPORT_CREATED, export.id, dataset=dataset, format=body.format)
+    audit.note(
+        AuditAction.EXPORT_CREATED, export.id, dataset=dataset, format=body.format
+    )
     return _accepted(export, dataset)
 
 
@@ -82,7 +84,7 @@ def stop_export(
     """Cancel an export; 409 if it has ended already."""
     export = cancel(services, session, EXPORTS, export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id).name
-    audit.note(Act.EXPORT_CANCELLED, export_id, dataset=dataset)
+    audit.note(AuditAction.EXPORT_CANCELLED, export_id, dataset=dataset)
     return _accepted(export, dataset)
 
 

@@ -155,7 +155,7 @@ def _headers(**meanings: str) -> dict[str, object]:
 def picture_of(*types: str) -> dict[int | str, dict[str, object]]:
     """Responses of a route that draws, for the OpenAPI document."""
     content: dict[str, object] = {name: {} for name in types}
-    return {200: {"content": content, "description": "The picture."}, **_UNCHANGED}
+    return {200: {"content": content, "description": "The image."}, **_UNCHANGED}
 
 
 def file_of(*types: str) -> dict[int | str, dict[str, object]]:

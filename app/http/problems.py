@@ -125,7 +125,7 @@ async def _respond(request: Request, exc: Exception) -> Response:
     path = request.url.path
     if refusal.status == HTTPStatus.METHOD_NOT_ALLOWED:
         allowed = ", ".join(_methods_at(request))
-        detail = f"{request.method} is not possible here, but {allowed}"
+        detail = f"{request.method} is not allowed here; allowed: {allowed}"
         refusal = replace(refusal, detail=detail, headers={"Allow": allowed})
     elif refusal.detail == HTTPStatus.NOT_FOUND.phrase:
         refusal = replace(refusal, detail=f"there is nothing at {path!r}")
@@ -163,9 +163,9 @@ def _translated(exc: Exception) -> Exception:
     """Failures of the database and the disk as errors of the service (`AppError`)."""
     number = exc.errno if isinstance(exc, OSError) else None
     if number in _FULL_ERRNO or _message_has(exc, _FULL):
-        error_log.error("no room left", exc_info=exc)
+        error_log.error("no disk space left", exc_info=exc)
         return errors.StorageFull(
-            "there is no room left to store this", retry_after_s=AWAY_RETRY_S
+            "there is no disk space left to store this", retry_after_s=AWAY_RETRY_S
         )
     if number in _NO_DESCRIPTOR_ERRNO:
         error_log.error("too many files are open", exc_info=exc)
@@ -313,7 +313,7 @@ _EXPECTED: Final[Mapping[str, str]] = {
     "tuple_type": "a list",
     "int_type": "a whole number",
     "int_parsing": "a whole number",
-    "int_parsing_size": "a whole number that is not so large",
+    "int_parsing_size": "a smaller whole number",
     "int_from_float": "a whole number",
     "float_type": "a number",
     "float_parsing": "a number",
@@ -361,7 +361,7 @@ def in_words(error: InvalidValue, *, show: bool = False) -> str:
     if kind == "missing":
         return "required, but missing"
     if kind == "extra_forbidden":
-        return "there is nothing of this name; it may be misspelt"
+        return "unknown name; it may be misspelt"
     if kind == "value_error":
         return str(error["msg"]).removeprefix("Value error, ")
     expected = _expected(kind, context)

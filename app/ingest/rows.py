@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
 from app import metrics
-from app.access.audit import Act, AuditTrail
+from app.access.audit import AuditAction, AuditTrail
 from app.access.service import require_own
 from app.boxes import current
 from app.boxes.counts import tallies_of
@@ -288,7 +288,7 @@ def _carried(
     carried, dropped = _carry_answers(session, former, frame, class_ids)
     of_others = require_own(sender, dropped, f"replacing frame {frame.key!r}")
     AuditTrail(session, sender).note(
-        Act.FRAME_REPLACED,
+        AuditAction.FRAME_REPLACED,
         frame.key,
         dataset=frame.active.name,
         revision=frame.revision,

@@ -132,7 +132,7 @@ class Attempt:
                 return True
             if chunk.attempts >= MOST_ATTEMPTS:
                 log.warning(
-                    "chunk %d of %s %d ended its process %d times",
+                    "chunk %d of %s %d crashed its process %d times",
                     *(self._number, *self._job, chunk.attempts),
                 )
                 _quarantine_cause(session, self._job, chunk)
@@ -220,8 +220,8 @@ def _in_words(session: Session, job: Job, chunks: Sequence[Chunk]) -> Iterator[s
     reasons = dict.fromkeys(str(one.error["detail"]) for one in refused if one.error)
     if what := _unfinished_in(session, job, [one for one in chunks if not one.error]):
         yield (
-            f"{what} ended the process that worked on it {MOST_ATTEMPTS} times; "
-            "the log of the process may say why"
+            f"{what} crashed the process that worked on it {MOST_ATTEMPTS} times; "
+            "the log of the process may show the cause"
         )
     if what := _unfinished_in(session, job, refused):
         yield f"{what} cannot be read: {'; '.join(reasons)}"

@@ -78,7 +78,9 @@ def drive_job(context: ServiceContext, job: Job) -> bool:
                 log.exception("%s %d failed", *job)
             else:
                 # Somebody cancelled it, or deleted its dataset, between two statements.
-                log.info("%s %d stopped: it has ended, or is driven elsewhere", *job)
+                log.info(
+                    "%s %d stopped: it has ended, or another process drives it", *job
+                )
         finally:
             context.engine.clear_progress(job)
         with context.database.read() as session:
@@ -329,7 +331,7 @@ class JobDriver:
             try:
                 self.context.engine.connect()
             except EngineAway as away:
-                log.warning("%s %d waits for its engine: %s", *self.lease.job, away)
+                log.warning("%s %d waits for workers: %s", *self.lease.job, away)
                 self.context.engine.stopping.wait(pause)
                 pause = min(2 * pause, LONGEST_PAUSE_S)
             else:

@@ -107,15 +107,15 @@ def unpack(backup: Path, folder: Path, advance: Advance, *, keep: bool) -> Unpac
             digests[name] = _copy(stream, target)
             if name != DATABASE and not name.endswith(digests[name]):
                 raise CannotMaintain(
-                    f"{backup} is damaged: {name} is not what was stored"
+                    f"{backup} is damaged: the content of {name} has changed"
                 )
             done += stream.tell()
             advance(done // _MB, total // _MB)
     if label is None:
-        raise CannotMaintain(f"{backup} is no backup: it has no {LABEL}")
+        raise CannotMaintain(f"{backup} is not a backup: it has no {LABEL}")
     if digests.pop(DATABASE, None) != label.database_sha256:
         raise CannotMaintain(
-            f"{backup} is damaged: its database is not what was copied"
+            f"{backup} is damaged: the content of its database has changed"
         )
     _check_complete(backup, folder / DATABASE, set(digests), label)
     return Unpacked(label, len(digests))
@@ -161,7 +161,9 @@ def _parts(backup: Path) -> Iterator[Iterator[tuple[str, IO[bytes]]]]:
         with tarfile.open(backup, "r:") as archive:
             yield _tar_parts(backup, archive)
     except (tarfile.TarError, EOFError) as exc:
-        raise CannotMaintain(f"{backup} is no backup, or cut off: {exc}") from exc
+        raise CannotMaintain(
+            f"{backup} is not a backup, or is truncated: {exc}"
+        ) from exc
 
 
 def _tar_parts(
@@ -171,7 +173,7 @@ def _tar_parts(
         stream = archive.extractfile(member) if member.isfile() else None
         if stream is None or not _is_part(member.name):
             raise CannotMaintain(
-                f"{backup} is no backup: {member.name!r} is none of it"
+                f"{backup} is not a backup: backups contain no {member.name!r}"
             )
         yield member.name, stream
 
@@ -180,9 +182,11 @@ def _folder_parts(backup: Path) -> Iterator[tuple[str, IO[bytes]]]:
     for file in _files(backup):
         name = file.relative_to(backup).as_posix()
         if not file.is_file():
-            raise CannotMaintain(f"{backup} is no backup: it has no file {name!r}")
+            raise CannotMaintain(f"{backup} is not a backup: {name!r} is not a file")
         if not _is_part(name):
-            raise CannotMaintain(f"{backup} is no backup: {name!r} is none of it")
+            raise CannotMaintain(
+                f"{backup} is not a backup: backups contain no {name!r}"
+            )
         with file.open("rb") as stream:
             yield name, stream
 
@@ -281,7 +285,9 @@ def make_backup(
     source = _source(settings)
     target = target.absolute()
     if target.exists():
-        raise CannotMaintain(f"{target} exists already; a backup replaces nothing")
+        raise CannotMaintain(
+            f"{target} exists already; a backup is written to a new place"
+        )
     if settings.data.resolve() in target.resolve().parents:
         raise CannotMaintain("a backup inside the data folder would be lost with it")
     with alone(settings), _draft_of(target) as draft:
@@ -318,7 +324,7 @@ def _source(settings: Settings) -> Path:
         raise CannotMaintain(
             "the database is on a PostgreSQL server: save it with `pg_dump "
             f"--format=custom`, and after that {files}; run no `unghost gc` in "
-            "between. `pg_restore` and the files put back restore both"
+            "between. To restore both, use `pg_restore` and copy the files back"
         )
     if not file.is_file():
         raise CannotMaintain(no_database(settings))
@@ -400,7 +406,7 @@ def _intact_file(store: BlobStore, spare: Path, digest: str) -> Path | DamagedFi
             with file.open("wb") as copy:
                 copy.writelines(blob.pieces())
         if digest_of(file) != digest:
-            raise DamagedFile(digest, "is not what was stored")
+            raise DamagedFile(digest, "has changed since it was stored")
     except DamagedFile as damaged:
         return damaged
     return file
@@ -422,7 +428,7 @@ def _label(writing: _Writing) -> BackupLabel:
 def _check(written: Path, draft: Path, steps: Steps) -> None:
     again = draft / ".again"
     again.mkdir()
-    with steps("read the backup again", "MB") as advance:
+    with steps("verify the backup", "MB") as advance:
         unpack(written, again, advance, keep=False)
 
 

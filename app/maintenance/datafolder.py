@@ -301,7 +301,7 @@ def keep_before_migrating(settings: Settings, engine: Engine) -> Path | None:
         return None
     size = file.stat().st_size
     if shutil.disk_usage(file.parent).free < _ROOM * size + settings.min_free_bytes:
-        log.warning("no room for a copy of the database at schema %s", revision)
+        log.warning("no disk space for a copy of the database at schema %s", revision)
         return None
     copy = file.with_name(f"{file.name}.schema-{revision}")
     draft = copy.with_name(f"{copy.name}.partial")
@@ -311,5 +311,7 @@ def keep_before_migrating(settings: Settings, engine: Engine) -> Path | None:
     flush_file(draft)
     draft.replace(copy)
     flush_folder(copy.parent)
-    log.warning("the database at schema %s is kept as %s", revision, copy.name)
+    log.warning(
+        "a copy of the database at schema %s is kept as %s", revision, copy.name
+    )
     return copy

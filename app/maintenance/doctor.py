@@ -50,8 +50,8 @@ TOGETHER: Final = 8
 
 _ADVICE: Final = {
     "files": "copy them from the folder blobs of a backup, or send their frames again, "
-    "one by one, with `PUT .../frames/KEY`, which writes what is gone or cut short "
-    "(delete a file first whose content has changed)",
+    "one by one, with `PUT .../frames/KEY`, which writes missing and truncated files "
+    "(first delete files whose content has changed)",
     "exports": "make these exports again",
 }
 
@@ -124,8 +124,8 @@ def _folder(settings: Settings) -> Iterator[Finding]:
         yield Finding(
             "disk",
             Severity.WARNING,
-            f"{free} bytes are free, {least} are wanted",
-            "make room: delete datasets that nobody needs, then run `unghost gc`",
+            f"{free} bytes are free, {least} are needed",
+            "delete datasets that are no longer needed, then run `unghost gc`",
         )
     else:
         yield Finding("disk", Severity.OK, f"{free} bytes are free")
@@ -137,7 +137,7 @@ def _token(file: Path) -> Finding:
             "token",
             Severity.NOTE,
             "there is no token file",
-            "the next start of `unghost serve` makes one",
+            "the next start of `unghost serve` creates one",
         )
     mode = stat.S_IMODE(file.stat().st_mode)
     if os.name != "nt" and mode & _OTHERS:
@@ -145,16 +145,17 @@ def _token(file: Path) -> Finding:
             "token",
             Severity.WARNING,
             f"others can read the token file (mode {mode:o})",
-            "the next start of `unghost serve` mends it and replaces the token",
+            "the next start of `unghost serve` restricts its permissions and replaces "
+            "the token",
         )
     return Finding("token", Severity.OK, "only its owner can read the token file")
 
 
 def _no_database(settings: Settings) -> Finding:
     if (settings.data / RESTORING).exists():
-        todo = "run `unghost restore` again, it was interrupted"
+        todo = "run `unghost restore` again: it was interrupted"
     elif _has_files(settings):
-        todo = "put it back, or restore a backup into another folder"
+        todo = "put its file back, or restore a backup into another folder"
     else:
         todo = no_database(settings)
     return Finding("database", Severity.ERROR, "the database is missing", todo)
@@ -170,7 +171,7 @@ def _has_files(settings: Settings) -> bool:
 
 def _database(problems: list[str]) -> Finding:
     if not problems:
-        return Finding("database", Severity.OK, "it is intact, and so are its keys")
+        return Finding("database", Severity.OK, "its pages and foreign keys are intact")
     return Finding(
         "database",
         Severity.ERROR,
@@ -192,7 +193,7 @@ def _schema(revision: str | None) -> Finding:
             "schema",
             Severity.ERROR,
             found,
-            "install the version that wrote it, or restore a backup from before",
+            "install the version that wrote it, or restore an older backup",
         )
     return Finding(
         "schema",
@@ -218,7 +219,7 @@ def file_findings(
             "store",
             Severity.ERROR,
             str(exc),
-            "mend that first: nothing can be stored, shown or measured until then",
+            "fix this first: until then, nothing can be stored, shown or measured",
         )
 
 
@@ -268,9 +269,9 @@ def _findings(
     open_exports = rows.open_exports()
     there = {file.digest: file for file in store.files()}
     damaged = verifying.damaged(there) if verifying else set()
-    looked = "compared with their names" if verifying else "there, and of their sizes"
-    yield _of_rows("files", frames, there, damaged, looked)
-    yield _of_rows("exports", exports, there, damaged, looked)
+    state = "match their hashes" if verifying else "exist and have their sizes"
+    yield _of_rows("files", frames, there, damaged, state)
+    yield _of_rows("exports", exports, there, damaged, state)
     used = {file.sha256 for file in (*frames, *exports)}
     yield _unused(
         [
@@ -294,14 +295,14 @@ def _of_rows(
     wanted: Sequence[WantedFile],
     there: Mapping[str, StoredFile],
     damaged: set[str],
-    looked: str,
+    state: str,
 ) -> Finding:
     bad = [file.sha256 for file in wanted if _is_bad(file, there, damaged)]
     if not bad:
-        return Finding(check, Severity.OK, f"all are {looked}", count=len(wanted))
+        return Finding(check, Severity.OK, f"all {state}", count=len(wanted))
     missing = sum(digest not in there for digest in bad)
     severity = Severity.ERROR if check == "files" else Severity.WARNING
-    found = f"of {len(wanted)}, {missing} are missing and {len(bad) - missing} damaged"
+    found = f"{missing} of {len(wanted)} are missing, {len(bad) - missing} are damaged"
     return Finding(
         check, severity, found, _ADVICE[check], len(bad), tuple(bad[:MOST_EXAMPLES])
     )
@@ -318,12 +319,12 @@ def _is_bad(
 
 def _unused(files: Sequence[StoredFile]) -> Finding:
     if not files:
-        return Finding("unused", Severity.OK, "every file belongs to something")
+        return Finding("unused", Severity.OK, "every file is in use")
     size_bytes = sum(file.size_bytes for file in files)
     return Finding(
         "unused",
         Severity.NOTE,
-        f"{len(files)} files of {size_bytes} bytes belong to nothing any more",
+        f"{len(files)} files of {size_bytes} bytes are no longer used",
         "`unghost gc` removes them",
         len(files),
         tuple(file.digest for file in files[:MOST_EXAMPLES]),
@@ -332,11 +333,11 @@ def _unused(files: Sequence[StoredFile]) -> Finding:
 
 def _leftovers(paths: Sequence[Path]) -> Finding:
     if not paths:
-        return Finding("leftovers", Severity.OK, "nothing half written lies about")
+        return Finding("leftovers", Severity.OK, "there are no incomplete files")
     return Finding(
         "leftovers",
         Severity.NOTE,
-        f"{len(paths)} files were left half written",
+        f"{len(paths)} files are incomplete, left by interrupted writes",
         "`unghost gc` removes them",
         len(paths),
         tuple(path.name for path in paths[:MOST_EXAMPLES]),
@@ -353,8 +354,8 @@ def is_answering(engine: Engine) -> Finding:
         "database",
         Severity.ERROR,
         f"it does not respond: {reason}",
-        "start PostgreSQL, make the database, or mend UNGHOST_DATABASE_URL; nothing "
-        "is served until then",
+        "start PostgreSQL, create the database, or correct UNGHOST_DATABASE_URL; "
+        "until then, the service answers no requests",
     )
 
 
@@ -366,13 +367,13 @@ def server_findings(engine: Engine) -> Iterator[Finding]:
 
 def _keys(problems: list[str]) -> Finding:
     if not problems:
-        return Finding("keys", Severity.OK, "every row has the rows it belongs to")
+        return Finding("keys", Severity.OK, "no row refers to a missing row")
     return Finding(
         "keys",
         Severity.ERROR,
-        f"they do not hold: {problems[0]}",
+        f"rows refer to missing rows: {problems[0]}",
         "restore the last dump into a new database, with `pg_restore "
-        "--exit-on-error`, and the files beside it",
+        "--exit-on-error`, and its copy of the files",
         len(problems),
         tuple(problems[:MOST_EXAMPLES]),
     )
@@ -380,11 +381,11 @@ def _keys(problems: list[str]) -> Finding:
 
 def _durability(off: list[str]) -> Finding:
     if not off:
-        return Finding("durability", Severity.OK, "what was answered is on the disk")
+        return Finding("durability", Severity.OK, "acknowledged writes are on the disk")
     return Finding(
         "durability",
         Severity.WARNING,
-        f"a power cut may take what was answered: {', '.join(off)}",
+        f"a power cut may lose acknowledged writes: {', '.join(off)}",
         "turn it on in postgresql.conf, or with ALTER SYSTEM, and reload the server",
         len(off),
         tuple(off),

@@ -86,7 +86,7 @@ def _files(
         found.files, found.size_bytes = len(old), sum(file.size_bytes for file in old)
         return young
     done = 0
-    with steps("clear away", "files") as advance:
+    with steps("remove", "files") as advance:
         for portion in _portions([file.digest for file in old]):
             young |= _remove(database, store, found, portion, until)
             done += len(portion)

@@ -136,7 +136,7 @@ def remove_deleted(
                 is_left = RemovalRepository(session).remove_some(dataset_id, most)
             if is_tight:
                 database.checkpoint()
-        log.info("the rows of deleted dataset %d are gone", dataset_id)
+        log.info("the rows of deleted dataset %d have been removed", dataset_id)
 
 
 @contextmanager
@@ -168,6 +168,6 @@ def _watch(context: ServiceContext, over: threading.Event) -> None:
             OSError,
         ) as exc:  # the database may be unavailable, or the disk full, for a while
             text = str(exc).partition("\n")[0]
-            log.warning("deleted datasets are not removed yet: %s", text)
+            log.warning("cannot remove the rows of deleted datasets yet: %s", text)
         if not over.is_set():
             signal.wait(LOOK_FOR_WORK_EVERY_S)

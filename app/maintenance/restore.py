@@ -67,7 +67,7 @@ def restore(settings: Settings, backup: Path, steps: Steps) -> Restored:
             "one: unset it, or restore what `pg_dump` saved with `pg_restore`"
         )
     if not backup.exists():
-        raise CannotMaintain(f"there is no {backup}")
+        raise CannotMaintain(f"{backup} does not exist")
     data = settings.data.absolute()
     _check_empty(data)
     with stored_files_of(settings) as store:
@@ -103,7 +103,7 @@ def _check_empty(data: Path) -> None:
     # Left by an interrupted restore, by an emptied data folder, and by a file system.
     sanitised = {RESTORING, ".maintenance.lock", "lost+found"}
     if data.exists() and not data.is_dir():
-        raise CannotMaintain(f"{data} is no folder")
+        raise CannotMaintain(f"{data} is not a folder")
     found = [path.name for path in data.iterdir()] if data.is_dir() else []
     if {*found} - sanitised:
         raise CannotMaintain(
@@ -133,11 +133,11 @@ def _put_into(bucket: BlobStore, folder: Path, steps: Steps) -> None:
     if strangers:
         # With this database they would be garbage, and be deleted.
         raise CannotMaintain(
-            f"there are {len(strangers)} files that are not in the backup, of another "
-            "database or of later days; choose another prefix in UNGHOST_STORAGE"
+            f"{len(strangers)} files there are not in the backup: they belong to "
+            "another database, or are newer; choose another prefix in UNGHOST_STORAGE"
         )
     with (
-        steps("put the files", "files") as advance,
+        steps("upload the files", "files") as advance,
         ThreadPoolExecutor(TOGETHER) as pool,
     ):
         for done, _ in enumerate(pool.map(bucket.adopt, files), 1):

@@ -47,7 +47,7 @@ class BlobCount:
             with database.read() as session:
                 self._newest = Totals(session).blobs()
         except SQLAlchemyError as exc:
-            error_log.warning("the blobs cannot be counted", exc_info=exc)
+            error_log.warning("cannot count the stored files", exc_info=exc)
         now = time.monotonic()
         pause = max(LEAST_PAUSE_S, (now - begun) / MOST_OF_A_THREAD)
         self._next_at = now + pause
@@ -60,37 +60,53 @@ def gauges(context: ServiceContext) -> Iterator[Gauge]:
     try:
         found = list(_of_database(context))
     except SQLAlchemyError as exc:
-        error_log.warning("metrics cannot be read from the database", exc_info=exc)
+        error_log.warning("cannot read metrics from the database", exc_info=exc)
         found = []
-    up = Gauge("unghost_database_up", "1 if the database answers.", bool(found))
+    up = Gauge(
+        "unghost_database_up", "1 if the database responds, else 0.", bool(found)
+    )
     yield from (up, *found)
     counted = context.one(BlobCount).newest(context.database, context.engine)
     if counted is not None:
-        yield Gauge("unghost_blobs", "Files stored, counted lately.", counted.files)
-        text = "Bytes of all stored files, counted lately."
+        yield Gauge(
+            "unghost_blobs",
+            "Stored files, counted at most once a minute.",
+            counted.files,
+        )
+        text = "Bytes of all stored files, counted at most once a minute."
         yield Gauge("unghost_blob_bytes", text, counted.size_bytes)
 
 
 def _of_threads(context: ServiceContext) -> Iterator[Gauge]:
     engine = context.engine
     yield Gauge("unghost_workers", "Threads that measure pixels.", engine.workers)
-    yield Gauge("unghost_workers_busy", "Those that measure now.", engine.busy)
+    yield Gauge("unghost_workers_busy", "Threads that measure pixels now.", engine.busy)
     open_now = context.one(OpenBatches).open
     yield Gauge("unghost_batches_open", "Batches being received.", open_now)
     text = "Bytes of requests that are in memory."
     yield Gauge("unghost_open_body_bytes", text, context.one(OpenBodies).open_bytes)
     watching = context.one(Poller).watchers
-    yield Gauge("unghost_event_streams_open", "Watchers of runs.", watching)
-    text = "1 once the service was asked to stop."
+    yield Gauge(
+        "unghost_event_streams_open",
+        "Open streams of events of runs and exports.",
+        watching,
+    )
+    text = "1 if the service is stopping, else 0."
     yield Gauge("unghost_stopping", text, engine.stopping.is_set())
 
 
 def _of_disk(context: ServiceContext) -> Iterator[Gauge]:
     disk = shutil.disk_usage(context.settings.data)
     yield Gauge("unghost_disk_bytes", "Size of the data folder's disk.", disk.total)
-    yield Gauge("unghost_disk_free_bytes", "Room left on it.", disk.free)
+    yield Gauge(
+        "unghost_disk_free_bytes", "Free space on the data folder's disk.", disk.free
+    )
     least = int(context.settings.min_free_bytes)
-    yield Gauge("unghost_disk_min_free_bytes", "Room that it needs.", least)
+    yield Gauge(
+        "unghost_disk_min_free_bytes",
+        "Free space below which frames are refused.",
+        least,
+    )
     file = context.database.file
     if file is not None:
         yield Gauge("unghost_database_bytes", "Size of the database.", _size(file))
@@ -102,7 +118,7 @@ def _of_database(context: ServiceContext) -> Iterator[Gauge]:
     with context.database.read() as session:
         totals = Totals(session)
         datasets = totals.datasets()
-        yield Gauge("unghost_datasets", "Datasets that there are.", datasets)
+        yield Gauge("unghost_datasets", "Existing datasets.", datasets)
         jobs = totals.jobs(kind.table for kind in kinds()).items()
         text = "Runs and exports by state; queued and running ones are the queue."
         found = Gauge("unghost_jobs", text, labels=("kind", "state"))
@@ -110,7 +126,7 @@ def _of_database(context: ServiceContext) -> Iterator[Gauge]:
             found.add_metric(kind_and_state, count)
         yield found
         yield _of_verdicts(totals.boxes_by_reason())
-        text = "Boxes by the answer that stands."
+        text = "Boxes by their current answer."
         found = Gauge("unghost_boxes_reviewed", text, labels=("verdict",))
         for verdict, boxes in totals.boxes_by_review().items():
             found.add_metric((verdict,), boxes)
@@ -121,7 +137,7 @@ def _of_database(context: ServiceContext) -> Iterator[Gauge]:
 
 
 def _of_verdicts(boxes_by_reason: dict[int, int]) -> Gauge:
-    text = "Boxes by the decision that stands."
+    text = "Boxes by their current decision."
     found = Gauge("unghost_boxes", text, labels=("verdict", "reason"))
     for number, boxes in boxes_by_reason.items():
         reason = Reason(number)

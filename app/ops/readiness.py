@@ -53,7 +53,7 @@ class Readiness:
         NotReady
             With one fault per check that failed.
         """
-        _goes_on(context)
+        _require_running(context)
         async with self._lock:
             if time.monotonic() - self._at >= GOOD_FOR_S:
                 self._found = await to_thread.run_sync(
@@ -70,9 +70,9 @@ class Readiness:
         return checks
 
 
-def _goes_on(context: ServiceContext) -> None:
+def _require_running(context: ServiceContext) -> None:
     if context.engine.stopping.is_set():
-        raise _not_ready([_fault("shutdown", "the service stops")])
+        raise _not_ready([_fault("shutdown", "the service is stopping")])
 
 
 def _fault(check: str, detail: str) -> Fault:
@@ -87,10 +87,10 @@ def _not_ready(faults: list[Fault]) -> NotReady:
 def _run_checks(context: ServiceContext) -> Found:
     checks: Mapping[str, Callable[[ServiceContext], str]] = {
         "database": _database_takes_writes,
-        "pages": _pages_can_be_read,
+        "pages": _pages_are_intact,
         "migrations": _schema_is_current,
         "disk": _disk_has_room,
-        "blobs": _store_takes_files,
+        "blobs": _storage_takes_files,
     }
     found = Found()
     for name, run in checks.items():
@@ -115,16 +115,16 @@ def _reason(exc: Exception) -> str:
 
 
 def _database_takes_writes(context: ServiceContext) -> str:
-    return "takes writes" if takes_writes(context.database) else "is being written"
+    return "writable" if takes_writes(context.database) else "locked by another writer"
 
 
-def _pages_can_be_read(context: ServiceContext) -> str:
+def _pages_are_intact(context: ServiceContext) -> str:
     database = context.database
     if database.damage is not None:
         raise NotReady(f"the database is damaged: {database.damage}; {ADVICE}")
     if database.file is None:
-        return "left to the server"
-    return "are whole" if database.pages_checked else "not all looked at"
+        return "checked by PostgreSQL"
+    return "intact" if database.pages_checked else "not checked yet"
 
 
 def _schema_is_current(context: ServiceContext) -> str:
@@ -133,7 +133,11 @@ def _schema_is_current(context: ServiceContext) -> str:
     if current == head:
         return f"at {current}"
     behind = (current or "") < (head or "")
-    advice = "restart to migrate it" if behind else "it is of a newer version"
+    advice = (
+        "restart to migrate it"
+        if behind
+        else "a newer version of Unghost has migrated it"
+    )
     raise NotReady(f"the schema is at {current}, this version needs {head}: {advice}")
 
 
@@ -145,6 +149,6 @@ def _disk_has_room(context: ServiceContext) -> str:
     return f"{free} bytes free"
 
 
-def _store_takes_files(context: ServiceContext) -> str:
+def _storage_takes_files(context: ServiceContext) -> str:
     context.storage.check()
-    return "take files"
+    return "writable"

@@ -91,8 +91,8 @@ class Connections:
         most = min(wanted or MOST_CONNECTIONS, room)
         if wanted is not None and wanted > room:
             server_log.warning(
-                "UNGHOST_MAX_CONNECTIONS is %d, but the limit of open files leaves "
-                "room for %d connections: no more are taken",
+                "UNGHOST_MAX_CONNECTIONS is %d, but the limit of open files allows "
+                "only %d connections",
                 wanted,
                 room,
             )
@@ -171,7 +171,7 @@ class Connections:
             return
         self._warned_at = now
         server_log.warning(
-            "%s are in use, one more came from %s: idle ones are closed for new ones",
+            "%s are in use, and %s opened another: idle ones are closed to make room",
             full,
             origin,
         )

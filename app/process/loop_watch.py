@@ -34,7 +34,7 @@ class LoopWatch:
 
     def __init__(self) -> None:
         self._over = threading.Event()
-        self._stands = False
+        self._is_blocked = False
         self._ended_at = float("-inf")
         self._lasted_s = 0.0
 
@@ -62,11 +62,11 @@ class LoopWatch:
         NotReady
             It is blocked, or was so a moment ago.
         """
-        if self._stands:
-            raise NotReady(f"stands still for more than {LONGEST_S:g} s")
+        if self._is_blocked:
+            raise NotReady(f"blocked for more than {LONGEST_S:g} s")
         if time.monotonic() - self._ended_at < NOT_READY_FOR_S:
-            raise NotReady(f"stood still for {self._lasted_s:.1f} s a moment ago")
-        return "goes on"
+            raise NotReady(f"was blocked for {self._lasted_s:.1f} s until just now")
+        return "responsive"
 
     def _watch(self, loop: asyncio.AbstractEventLoop, thread_id: int) -> None:
         with suppress(RuntimeError):  # the loop is closed
@@ -78,10 +78,10 @@ class LoopWatch:
         loop.call_soon_threadsafe(answered.set)
         if answered.wait(LONGEST_S):
             return
-        self._stands = True
+        self._is_blocked = True
         LOOP_STALLS.inc()
         server_log.error(
-            "the event loop stands still for more than %g s",
+            "the event loop has been blocked for more than %g s",
             LONGEST_S,
             extra={"facts": {"stack": _stack_of(thread_id)}},
         )
@@ -90,9 +90,9 @@ class LoopWatch:
                 return
         self._ended_at = time.monotonic()
         self._lasted_s = self._ended_at - asked
-        self._stands = False
+        self._is_blocked = False
         LOOP_STALL_SECONDS.inc(self._lasted_s)
-        server_log.warning("the event loop goes on after %.1f s", self._lasted_s)
+        server_log.warning("the event loop runs again after %.1f s", self._lasted_s)
 
 
 def _stack_of(thread_id: int) -> list[str]:

@@ -72,14 +72,14 @@ class GracefulServer(uvicorn.Server):
         """Call `stopping`, let open requests finish for a while, and stop listening."""
         until = time.monotonic() + self._wait_s
         begun = set(self.server_state.tasks)
-        server_log.info("stopping: %d requests are open", len(begun))
+        server_log.info("stopping; %d requests are still open", len(begun))
         _end_after(self._wait_s + LAST_S)
         self._stopping()
         while _unfinished(begun) and time.monotonic() < until:
             await asyncio.sleep(_POLL_S)
         cut_off = _unfinished(begun)
         if cut_off:
-            server_log.warning("%d requests are cancelled: they took too long", cut_off)
+            server_log.warning("%d requests took too long and are cancelled", cut_off)
         left_s = max(1, int(until - time.monotonic()))
         self.config.timeout_graceful_shutdown = left_s
         await _cancel(begun)
@@ -91,7 +91,7 @@ class GracefulServer(uvicorn.Server):
         """Stop, or end at once on a second signal: acknowledged writes are durable."""
         if self.should_exit:
             with suppress(RuntimeError):  # the signal may interrupt another log line
-                server_log.warning("ended by a second signal")
+                server_log.warning("a second signal: the process ends at once")
             os._exit(128 + sig)
         # If the event loop hangs, it never handles the signal. This takes no lock.
         with suppress(ValueError, OSError, AttributeError):

@@ -98,7 +98,7 @@ class Supervisor:
                 return status
             if status != LOST:
                 server_log.warning(
-                    "a working process ended with %d; starting another", status
+                    "a worker process ended with exit code %d; starting another", status
                 )
             is_old = time.monotonic() - begun > _SHORT_LIFE_S
             pause = _PAUSE_S if is_old else min(2 * pause, _LONGEST_PAUSE_S)
@@ -139,7 +139,7 @@ def check_engine(settings: Settings) -> EngineAddress:
     """
     if settings.engine == LOCAL_ENGINE:
         raise UnusableEngine(
-            "a worker joins a scheduler: set UNGHOST_ENGINE=tls://HOST:8786"
+            "a worker needs a scheduler: set UNGHOST_ENGINE=tls://HOST:8786"
         )
     address = EngineAddress.parse(settings.engine)
     prepare()
@@ -236,7 +236,7 @@ async def _join(
     ends = [asyncio.create_task(over.wait()), asyncio.create_task(worker.finished())]
     await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
     if not over.is_set():
-        server_log.warning("the scheduler at %s went away", address)
+        server_log.warning("lost the connection to the scheduler at %s", address)
         return LOST
     services.engine.stopping.set()
     while mine.running:
@@ -265,7 +265,7 @@ async def _answers(address: EngineAddress, shown: Security, patience_s: float) -
         )
     except OSError as exc:
         server_log.error(
-            "no scheduler takes this worker at %s: %s", address, reason_of(exc)
+            "cannot connect to the scheduler at %s: %s", address, reason_of(exc)
         )
         return False
     await comm.close()

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
-from app.access.audit import Act, AuditTrail
+from app.access.audit import AuditAction, AuditTrail
 from app.access.service import require_own
 from app.boxes.filter import selection_of
 from app.boxes.snapshot import select_boxes
@@ -70,7 +70,7 @@ def review_many(
         )
     attempt.commit()
     audit.note(
-        Act.ANSWERS_GIVEN,
+        AuditAction.ANSWERS_GIVEN,
         stored.id,
         dataset=dataset.name,
         verdict=given.verdict,
@@ -251,9 +251,11 @@ def undo_batch(
     batches = ReviewBatches(session)
     batch = batches.with_id(batch_id)
     size = batches.size(batch_id)
-    require_own(by, {batch.reviewer: size}, f"undoing batch {batch_id}")
+    require_own(by, {batch.reviewer: size}, f"undoing bulk answer {batch_id}")
     if batches.is_undone(batch_id):
-        raise Conflict(f"batch {batch_id} was undone already", code="already_undone")
+        raise Conflict(
+            f"bulk answer {batch_id} was undone already", code="already_undone"
+        )
     undo = batches.add(batch.dataset_id, "clear", by.name, undoes_id=batch_id)
     undone = ReviewRepository(session).restore_answers(undo, undoable)
     once_committed(session, lambda: REVIEWS.labels("undo").inc(undone))
@@ -261,7 +263,7 @@ def undo_batch(
     if undone != size:
         skipped = set(batches.boxes(batch_id)).difference(batches.boxes(undo.id))
     audit.note(
-        Act.ANSWERS_UNDONE,
+        AuditAction.ANSWERS_UNDONE,
         batch_id,
         dataset=DatasetRepository(session).with_id(batch.dataset_id).name,
         batch=undo.id,

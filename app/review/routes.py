@@ -78,7 +78,7 @@ def create_review(
 
 @router.post("/reviews/bulk", status_code=201, response_model=ReviewBatch)
 def create_bulk_review(body: BulkIn, services: AppServices, audit: Audited) -> Response:
-    """One answer on many boxes, which one undo takes back."""
+    """Give many boxes one answer; a single undo takes it back on all of them."""
     batch = review_many(services, audit, body)
     response = _json(batch.model_dump_json(), 201)
     response.headers["Location"] = f"/api/v1/review-batches/{batch.id}"

@@ -6,7 +6,7 @@ from typing import Annotated, Final
 
 from fastapi import Depends, Path, Query, Request, Response
 
-from app.access.audit import Act
+from app.access.audit import AuditAction
 from app.access.gate import Audited
 from app.db import tables
 from app.db.base import MAX_ID
@@ -163,7 +163,7 @@ def activate_config(
     found = DatasetRepository(session).named(dataset)
     wanted = RunRequest(body.digest, audit.name, activate=True)
     run = request_run(services, session, found, wanted)
-    audit.note(Act.CONFIG_ACTIVATED, dataset, config=body.digest, run=run.id)
+    audit.note(AuditAction.CONFIG_ACTIVATED, dataset, config=body.digest, run=run.id)
     return accepted(described_run(services, session, run))
 
 
@@ -216,7 +216,7 @@ def create_run(
     described = described_run(services, session, run)
     if run.activate:
         activated = {"config": described.config, "run": run.id}
-        audit.note(Act.CONFIG_ACTIVATED, dataset, **activated)
+        audit.note(AuditAction.CONFIG_ACTIVATED, dataset, **activated)
     return accepted(described)
 
 
@@ -246,7 +246,7 @@ def stop_run(
     """Cancel a run; its dataset does not change. 409 if the run has ended already."""
     run = cancel(services, session, RUNS, run_id)
     described = described_run(services, session, run)
-    audit.note(Act.RUN_CANCELLED, run_id, dataset=described.dataset)
+    audit.note(AuditAction.RUN_CANCELLED, run_id, dataset=described.dataset)
     return accepted(described)
 
 

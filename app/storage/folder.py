@@ -125,7 +125,7 @@ class FolderStorage:
         except FileNotFoundError as exc:
             raise DamagedFile(digest, "is missing") from exc
         if sha256_of(content) != digest:
-            raise DamagedFile(digest, "is not what was stored")
+            raise DamagedFile(digest, "has changed since it was stored")
         return content
 
     def open(self, digest: str, *, size_bytes: int | None) -> Blob:
@@ -146,7 +146,7 @@ class FolderStorage:
         """As `open`; DamagedFile also if the content does not have this digest."""
         blob = self.open(digest, size_bytes=size_bytes)
         if digest_of(self.path(digest)) != digest:
-            raise DamagedFile(digest, "is not what was stored")
+            raise DamagedFile(digest, "has changed since it was stored")
         return blob
 
     def require(self, digests: Iterable[str]) -> None:

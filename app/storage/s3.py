@@ -135,7 +135,7 @@ class S3Storage:
         except FileNotFoundError:
             raise self._missing(digest) from None
         if sha256_of(content) != digest:
-            raise DamagedFile(digest, "is not what was stored")
+            raise DamagedFile(digest, "has changed since it was stored")
         return content
 
     def open(self, digest: str, *, size_bytes: int | None) -> Blob:
@@ -156,7 +156,7 @@ class S3Storage:
             return Blob(size_bytes, lambda first, end: content[first:end])
         blob = self.open(digest, size_bytes=size_bytes)
         if blob.digest() != digest:
-            raise DamagedFile(digest, "is not what was stored")
+            raise DamagedFile(digest, "has changed since it was stored")
         return blob
 
     def require(self, digests: Iterable[str]) -> None:
@@ -264,7 +264,7 @@ class S3Storage:
         except FileNotFoundError:
             raise self._missing(digest) from None
         if len(part) != end - first:
-            raise DamagedFile(digest, "was cut short")
+            raise DamagedFile(digest, "is truncated")
         return part.to_bytes()
 
     def _find(self, digest: str) -> StoredFile | None:

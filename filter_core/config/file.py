@@ -133,7 +133,7 @@ def parse_yaml(text: str | bytes) -> object:
         # What PyYAML raises for an impossible date, a number of a million digits, hours
         # and minutes (1:30:00) beyond the largest float, and for explicit tags on
         # values that do not fit: `!!int _`, `!!bool x`, `!!timestamp x`.
-        raise ConfigError(f"not a value: {exc}", code="bad_yaml") from exc
+        raise ConfigError(f"a value cannot be read: {exc}", code="bad_yaml") from exc
 
 
 def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
@@ -167,7 +167,7 @@ class _StrictLoader(yaml.SafeLoader):
         if isinstance(node, yaml.MappingNode):
             _refuse_bad_keys(node)
         if isinstance(node, yaml.ScalarNode) and not _is_encodable(node.value):
-            raise _refused("half of a surrogate pair is no text", node)
+            raise _refused("half of a surrogate pair is not text", node)
         return node
 
 
@@ -175,7 +175,7 @@ def _whole_number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
     # Python cannot print integers of thousands of digits, but text in base 16 or 60
     # (1:30:00) becomes such an integer without an error.
     if len(node.value) > _MAX_DIGITS:
-        raise _refused("not a value: a number of too many digits", node)
+        raise _refused("a number has too many digits", node)
     number: int = loader.construct_yaml_int(node)
     return number
 
@@ -195,9 +195,9 @@ def _refuse_bad_keys(node: yaml.MappingNode) -> None:
     seen: set[str] = set()
     for key, _value in node.value:
         if not isinstance(key, yaml.ScalarNode) or key.tag.endswith(":merge"):
-            raise _refused("expected a plain key", key)
+            raise _refused("a key must be plain text or a number", key)
         if len(key.value) > _MAX_KEY:
-            raise _refused(f"a key of more than {_MAX_KEY} characters", key)
+            raise _refused(f"a key has more than {_MAX_KEY} characters", key)
         if key.value in seen:
             raise _refused(f"the key {key.value[:60]!r} is given twice", key)
         seen.add(key.value)

@@ -227,7 +227,7 @@ def _npy_array(content: bytes, *, whole: bool = False) -> NDArray[np.generic]:
     try:
         return _parsed_npy(content, whole=whole)
     except ValueError as error:
-        raise _fault("a whole NumPy array of numbers", str(error)) from None
+        raise _fault("a complete NumPy array of numbers", str(error)) from None
 
 
 def _parsed_npy(content: bytes, *, whole: bool = False) -> NDArray[np.generic]:
@@ -237,13 +237,13 @@ def _parsed_npy(content: bytes, *, whole: bool = False) -> NDArray[np.generic]:
     """
     size = _NPY_LENGTH_BYTES.get(content[6]) if len(content) > 8 else None
     if not content.startswith(_NPY_MAGIC) or size is None:
-        raise ValueError("a beginning that is none of versions 1 to 3")
+        raise ValueError("an unknown version of the format")
     start = 8 + size
     length = int.from_bytes(content[8:start], "little")
     if length > _MAX_NPY_HEADER:
         raise ValueError(f"a header of {length:,} bytes")
     if len(content) < start + length:
-        raise ValueError("a header that is cut off")
+        raise ValueError("a truncated header")
     dtype, by_columns, shape = _npy_header(content[start : start + length])
     body = start + length
     needed = math.prod(shape) * dtype.itemsize
@@ -257,12 +257,12 @@ def _npy_header(text: bytes) -> tuple[np.dtype[np.generic], bool, tuple[int, ...
     try:
         header = ast.literal_eval(text.decode("utf-8", "replace").strip())
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
-        raise ValueError("a header that is no dictionary") from None
+        raise ValueError("a header that is not a dictionary") from None
     if not isinstance(header, dict):
-        raise ValueError("a header that is no dictionary")
+        raise ValueError("a header that is not a dictionary")
     by_columns = header.get("fortran_order")
     if not isinstance(by_columns, bool):
-        raise ValueError("no order of its numbers")
+        raise ValueError("no fortran_order")
     return _npy_dtype(header.get("descr")), by_columns, _npy_shape(header.get("shape"))
 
 
@@ -270,24 +270,26 @@ def _npy_dtype(described: object) -> np.dtype[np.generic]:
     if isinstance(described, str):
         return np.dtype(_npy_number(described))
     if not isinstance(described, list) or not described:
-        raise ValueError("no type of its numbers")
+        raise ValueError("no descr")
     columns = []
     for column in described:
         named = isinstance(column, tuple) and len(column) == 2
         if not named or not isinstance(column[0], str):
-            raise ValueError("columns that are not names with a type")
+            raise ValueError("columns without a name and a type")
         if not _COLUMN_NAME.fullmatch(column[0]):
-            words = "columns that are not named with 1 to 64 characters of text"
+            words = "a column whose name is not 1 to 64 characters of text"
             raise ValueError(words)
         columns.append((column[0], _npy_number(column[1])))
     if len({name for name, _ in columns}) < len(columns):
-        raise ValueError("two columns of one name")
+        raise ValueError("two columns of the same name")
     return np.dtype(columns)
 
 
 def _npy_number(described: object) -> str:
     if not isinstance(described, str) or not _NPY_NUMBER.fullmatch(described):
-        raise ValueError(f"values of type {str(described)[:40]!r}, which is no number")
+        raise ValueError(
+            f"values of type {str(described)[:40]!r}, which is not a number"
+        )
     return described
 
 
@@ -295,7 +297,7 @@ def _npy_shape(described: object) -> tuple[int, ...]:
     if not isinstance(described, tuple) or len(described) > _MAX_DIMENSIONS:
         raise ValueError("no shape")
     if not all(type(side) is int and 0 <= side < 2**48 for side in described):
-        raise ValueError("no shape of whole numbers")
+        raise ValueError("a shape that is not of whole numbers")
     return described
 
 
@@ -374,7 +376,7 @@ def _ascii_points(
         try:
             numbers[found : found + len(words)] = np.array(words, np.float64)
         except ValueError:
-            raise _fault("numbers", "words among the points") from None
+            raise _fault("numbers", "text among the points") from None
         found, at = found + len(words), end
     if found < needed:
         raise _too_few_words(found, count, dtype)
@@ -421,7 +423,7 @@ def _ply_header(content: bytes) -> tuple[str, int, np.dtype[np.void], int]:
     end = content.find(b"end_header", 0, _MAX_PLY_HEADER)
     body = content.find(b"\n", end) + 1
     if end < 0 or body == 0:
-        raise _fault("a PLY header that ends", "none")
+        raise _fault("a PLY header with end_header", "none")
     lines = content[:end].decode("ascii", "replace").splitlines()[1:]
     encoding, count, columns = _ply_elements([line.split() for line in lines])
     if encoding not in ("ascii", *_BYTE_ORDERS):
@@ -431,7 +433,7 @@ def _ply_header(content: bytes) -> tuple[str, int, np.dtype[np.void], int]:
     try:
         return encoding, count, np.dtype(columns), body
     except ValueError:
-        raise _fault("properties of different names", "one name twice") from None
+        raise _fault("properties of different names", "a name twice") from None
 
 
 def _ply_elements(

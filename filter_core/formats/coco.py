@@ -213,7 +213,7 @@ def _problem(one: _Name, seen: int) -> FilterError | None:
     more = f" and {len(same) - _MOST_NAMED} more" if len(same) > _MOST_NAMED else ""
     return LayoutError(
         f"{index.name}: expected each image id once, found {first}{more} with id "
-        f"{index.image(row)['id']!r}: nobody can say whose the {boxes} boxes are"
+        f"{index.image(row)['id']!r}: it is not known to which the {boxes} boxes belong"
     )
 
 

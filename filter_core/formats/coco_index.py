@@ -386,7 +386,7 @@ class _Reader:
 
 
 def _no_constant(word: str) -> None:
-    raise ValueError(f"{word} is no number of JSON")
+    raise ValueError(f"{word} is not a JSON number")
 
 
 def decode_value(content: bytes, name: str) -> object:
@@ -395,7 +395,7 @@ def decode_value(content: bytes, name: str) -> object:
     Raises
     ------
     LayoutError
-        They are no JSON.
+        They are not JSON.
     """
     try:
         return read_json(content)

@@ -241,7 +241,7 @@ class _Folder:
     def write(self, name: str, pieces: Iterable[bytes]) -> None:
         parts = PurePosixPath(name).parts
         if not parts or parts[0] == "/" or ".." in parts or "\\" in name:
-            raise ExportError(f"{name[:80]!r} is no name of a file in an export")
+            raise ExportError(f"{name[:80]!r} is not a valid file name in an export")
         path = self._root.joinpath(*parts)
         path.parent.mkdir(parents=True, exist_ok=True)
         # Exclusive: a name that the system considers equal must not be overwritten.

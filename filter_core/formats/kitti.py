@@ -335,7 +335,7 @@ def _read_calibration(text: str, name: str, wh: tuple[int, int]) -> Camera:
         motion[:3, 3] = forward, right, -down
         return Camera.from_matrices(*wh, projection[:, :3], motion)
     except (FilterError, np.linalg.LinAlgError) as exc:
-        raise LayoutError(f"{name}, P2: not a camera: {exc}") from exc
+        raise LayoutError(f"{name}, P2: not a valid camera: {exc}") from exc
 
 
 @KITTI.label_writer

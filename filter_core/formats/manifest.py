@@ -55,7 +55,7 @@ MANIFEST: Final = Format(
         "given, without the boxes that are rejected; unknown keys, 3D boxes and "
         "cameras included"
     ),
-    brief="the annotations as they came in, minus the rejected boxes",
+    brief="the annotations as uploaded, without the rejected boxes",
     recognised_by=MANIFEST_NAME,
     needs=LABEL_NEEDS,
     options=SELECTION_OPTIONS,

@@ -431,7 +431,9 @@ def _read(path: Path) -> dict[str, tuple[str, str | None]]:
             raise LayoutError(f"{at}: expected a key and a map, found {str(line)[:60]}")
         name = frame_key(file)
         if name in named or key in keys:
-            raise LayoutError(f"{at}: expected each once, found {str(line)[:60]} again")
+            raise LayoutError(
+                f"{at}: expected each file and key once, found {str(line)[:60]} again"
+            )
         keys.add(key)
         named[name] = key, town
     return named

@@ -188,7 +188,7 @@ def write_export(
         As `format_of`.
     """
     write = format_of(name, options).write
-    assert write is not None, "format_of gives formats that can be written"
+    assert write is not None, "format_of returned a format that cannot be written"
     return write(frames, sink, replace(head, format=name), options)
 
 

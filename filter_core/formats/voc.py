@@ -195,12 +195,13 @@ def _parse(content: bytes, name: str) -> _Tree:
     except ParseError as exc:
         line, column = exc.position
         raise LayoutError(
-            f"{name}, line {line}, column {column + 1}: not XML: {exc.msg}"
+            f"{name}, line {line}, column {column + 1}: cannot be read as XML: "
+            f"{exc.msg}"
         ) from exc
     except DefusedXmlException as exc:
         raise LayoutError(f"{name}: XML with a DTD or entities is refused") from exc
     except (ValueError, LookupError) as exc:
-        raise LayoutError(f"{name}: not XML that can be read: {exc}") from exc
+        raise LayoutError(f"{name}: cannot be read as XML: {exc}") from exc
     return _Tree(name, root, parser.lines)
 
 

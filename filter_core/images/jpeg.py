@@ -41,11 +41,11 @@ _BASELINE, _EXTENDED, _PROGRESSIVE = 0xC0, 0xC1, 0xC2
 _FRAMES: Final = frozenset({_BASELINE, _EXTENDED, _PROGRESSIVE})
 
 _OTHER_FRAMES: Final = {
-    **dict.fromkeys((0xC3, 0xC7, 0xCB, 0xCF), "a lossless picture"),
-    **dict.fromkeys((0xC5, 0xC6, 0xCD, 0xCE, 0xDE, 0xDF), "a hierarchical picture"),
+    **dict.fromkeys((0xC3, 0xC7, 0xCB, 0xCF), "a lossless image"),
+    **dict.fromkeys((0xC5, 0xC6, 0xCD, 0xCE, 0xDE, 0xDF), "a hierarchical image"),
     **dict.fromkeys((0xC9, 0xCA, 0xCC), "arithmetic coding"),
     0xDC: "a height that follows the pixels",
-    _SOI: "a picture within the picture",
+    _SOI: "an image within the image",
 }
 
 # Behind 0xFF: 0 is data, 0xD0 to 0xD7 are pauses, and 0xFF is padding.
@@ -189,7 +189,7 @@ def _check_scan(header: JpegHeader | None, body: bytes, scans: int) -> None:
     channels = body[0] if body else 0
     if not 1 <= channels <= header.channels or len(body) != 4 + 2 * channels:
         raise ImageError(
-            f"JPEG: a scan of {channels} channels with {len(body)} bytes in a picture "
+            f"JPEG: a scan of {channels} channels with {len(body)} bytes in an image "
             f"of {header.channels} channels"
         )
     if scans > header.max_scans:
@@ -210,7 +210,7 @@ def _end_of_scan(content: bytes | mmap, position: int) -> int:
 def _unexpected(marker: int, position: int) -> ImageError:
     found = _OTHER_FRAMES.get(marker, f"the bytes FF {marker:02X}")
     return ImageError(
-        "JPEG: expected a baseline or progressive picture and nothing between its "
+        "JPEG: expected a baseline or progressive image and nothing between its "
         f"segments, found {found} at byte {position}"
     )
 

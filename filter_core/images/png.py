@@ -239,7 +239,9 @@ class _Walk:
 
     def _take_part(self, chunk: _Chunk) -> None:
         if b"IDAT" in self.kinds and self.last != b"IDAT":
-            raise ImageError(f"PNG: {_named(self.last)} stands between the pixels")
+            raise ImageError(
+                f"PNG: {_named(self.last)} is between the chunks of pixels"
+            )
         self.parts += chunk.parts
         self.part_bytes += chunk.length
         if self.parts > _max_parts(self.part_bytes):
@@ -275,11 +277,11 @@ class _Walk:
     def _take_ancillary(self, chunk: _Chunk) -> None:
         kind = chunk.kind
         if kind in _ANIMATED:
-            raise ImageError("expected one picture, found an animated PNG")
+            raise ImageError("expected one image, found an animated PNG")
         # The fifth bit of the first letter tells what may be passed over.
         if not (kind.isalpha() and kind[:1].islower()):
             raise ImageError(
-                f"PNG: found {_named(kind)}, which no decoder can pass over"
+                f"PNG: found {_named(kind)}, an unknown chunk that must not be ignored"
             )
         self.ancillary += 1
         self.ancillary_bytes += chunk.length

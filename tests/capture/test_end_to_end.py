@@ -103,7 +103,7 @@ def test_ctrl_c_exits_with_130_and_the_capture_can_be_resumed(line):
     code, _, err = wait_for_exit(process)
 
     assert code == 130, err
-    assert "the same command goes on" in err
+    assert "The same command continues" in err
     assert line.left["actors"] == ["traffic.traffic_light"]
     assert line.left["managers"] == [False]
     there = len(manifest.read_text().splitlines())

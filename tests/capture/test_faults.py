@@ -268,7 +268,7 @@ def test_failed_cleanup_step_does_not_prevent_the_others(stage, monkeypatch):
     stage.capture(**CALM)
 
     assert set(stage.left_behind()) == {"actors"}
-    assert [note for note in stage.notes if "could not destroy" in note]
+    assert [note for note in stage.notes if "cannot destroy" in note]
 
 
 def test_version_mismatch_is_reported_and_both_versions_are_stored(make_stage):

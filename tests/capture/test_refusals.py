@@ -66,7 +66,7 @@ def test_folder_without_a_capture_is_refused_and_unchanged(stage):
     stage.folder.mkdir()
     (stage.folder / "thesis.tex").write_text("x")
 
-    with pytest.raises(CaptureError, match="is not empty and holds no capture"):
+    with pytest.raises(CaptureError, match="is not empty and contains no capture"):
         stage.capture(**CALM)
 
     assert [path.name for path in stage.folder.iterdir()] == ["thesis.tex"]
@@ -79,7 +79,7 @@ def test_damaged_manifest_is_refused_and_unchanged(stage):
     damaged = b'{"key": 1\n' + path.read_bytes()
     path.write_bytes(damaged)
 
-    with pytest.raises(CaptureError, match=r"manifest\.jsonl: damaged"):
+    with pytest.raises(CaptureError, match=r"manifest\.jsonl is damaged"):
         stage.capture(**CALM)
 
     assert path.read_bytes() == damaged
@@ -98,8 +98,8 @@ def test_another_scenario_in_the_same_folder_is_refused(stage):
 @pytest.mark.parametrize(
     ("ego", "words"),
     [
-        ({"autopilot": True}, "no vehicle: it cannot drive"),
-        ({"autopilot": False, "lights": ["Fog"]}, "no vehicle: it has no lights"),
+        ({"autopilot": True}, "not a vehicle: it cannot drive"),
+        ({"autopilot": False, "lights": ["Fog"]}, "not a vehicle: it has no lights"),
     ],
 )
 def test_vehicle_options_are_refused_for_other_blueprints(stage, ego, words):

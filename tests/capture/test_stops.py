@@ -93,10 +93,15 @@ def test_crashed_simulator_gets_few_further_requests(stage):
 
     stage.simulator.faults.on_tick = crash
 
-    with pytest.raises(SimulatorAway, match="went away: time-out"):
+    with pytest.raises(
+        SimulatorAway, match="lost the connection to the simulator: time-out"
+    ):
         stage.capture(**CALM, weather={"preset": "WetNoon"})
 
-    assert stage.notes[-1] == "the simulator is gone: it was not put back"
+    assert (
+        stage.notes[-1]
+        == "the simulator does not respond: its settings were not restored"
+    )
     # Unanswered are the tick, the first step of putting the simulator back, and two
     # requests that ask whether it is still there.
     assert stage.simulator.unanswered == 4

@@ -48,7 +48,10 @@ def test_run_waits_for_a_killed_scheduler_and_completes(made):
         workers, name, run_id = start_workers_and_run(made, api, workers=2)
 
         scheduler.kill()
-        until(lambda: all("went away" in one.log_text for one in workers), "no notice")
+        until(
+            lambda: all("lost the connection" in one.log_text for one in workers),
+            "no notice",
+        )
         assert get_run(api, run_id)["state"] == "running"
         made.scheduler()
 
@@ -179,7 +182,7 @@ def test_worker_that_lost_its_scheduler_exits_with_69_and_a_message(made):
         scheduler.kill()
 
         assert worker.wait_for_exit() == 69
-    assert "went away" in worker.log_text
+    assert "lost the connection" in worker.log_text
     assert "no scheduler takes this worker" in worker.log_text
 
 
@@ -216,7 +219,7 @@ def test_stopped_server_leaves_its_run_to_the_next_server(made, is_away):
         _, name, run_id = start_workers_and_run(made, api)
         if is_away:
             scheduler.kill()
-            until(lambda: "waits for its engine" in server.log.read_text(), "no notice")
+            until(lambda: "waits for workers" in server.log.read_text(), "no notice")
 
         server.process.send_signal(signal.SIGTERM)
         code = server.process.wait(20)

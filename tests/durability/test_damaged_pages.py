@@ -51,7 +51,7 @@ def error_details(answer):
 
 def test_intact_pages_are_reported_by_readyz_and_the_log(filled):
     with served(filled) as (server, _):
-        until(lambda: get_readyz(server).json()["checks"]["pages"] == "are whole")
+        until(lambda: get_readyz(server).json()["checks"]["pages"] == "intact")
         log = server.log.read_text("utf-8")
 
     assert "the pages of the database are intact" in log
@@ -83,7 +83,7 @@ def test_damaged_pages_are_reported_by_readyz_log_and_doctor(filled, name):
 
 def test_damaged_page_read_by_a_request_returns_503_and_is_reported(filled):
     with served(filled) as (server, api):
-        until(lambda: get_readyz(server).json()["checks"]["pages"] == "are whole")
+        until(lambda: get_readyz(server).json()["checks"]["pages"] == "intact")
         (dataset,) = api.json("/datasets")["items"]
         damage_first_page(filled, "ix_decisions_by_crowding")
         met = api.get("/boxes", dataset=dataset["name"], sort="crowding")

@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import text
 
 from app.storage.room import RESERVE
-from benchmarks.million import Wanted, make
+from benchmarks.million import DatasetSpec, make_dataset
 from tests.support.archives import frame, tar_archive
 from tests.support.data_folders import blobs, count, served
 from tests.support.databases import database_of
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.sqlite_files("its database shares the small disk")
 DISK_MIB, MIN_FREE_MIB = 128, 16
 NAME = "large"
 MIB = 1024**2
-WAITS = "deleted datasets are not removed yet"
+WAITS = "cannot remove the rows of deleted datasets yet"
 SETTINGS = {"UNGHOST_MIN_FREE_BYTES": f"{MIN_FREE_MIB}MiB"}
 
 
@@ -32,7 +32,7 @@ def data(tmp_path):
     with small_disk(tmp_path / "disk", DISK_MIB) as disk:
         folder = disk / "data"
         with running_services(folder, min_free_bytes=0) as services:
-            make(services.context, Wanted(NAME, 400, 50), lambda _: None)
+            make_dataset(services.context, DatasetSpec(NAME, 400, 50), lambda _: None)
         yield folder
 
 

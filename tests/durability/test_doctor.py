@@ -81,7 +81,7 @@ def test_doctor_reports_faults_with_exit_code_and_messages(filled, unghost):
 
     assert (warned.code, failed.code) == (3, 1)
     assert "others can read the token file (mode 644)" in warned.out
-    assert "0 are missing and 1 damaged" in failed.out
+    assert "are missing, 1 are damaged" in failed.out
     assert "-> copy them from the folder blobs of a backup" in failed.out
 
 

@@ -149,7 +149,7 @@ def test_frame_that_kills_the_service_is_quarantined_and_others_are_measured(ser
 
     assert deaths == [KILLED] * MOST_DEATHS
     assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
-    assert failed["error"]["detail"].startswith("frame 'm-poison' ended the process")
+    assert failed["error"]["detail"].startswith("frame 'm-poison' crashed the process")
     assert (failed["done"], failed["total"]) == (4, 5)
     assert count_measurements(servers.data, run_id) == dict.fromkeys(
         ("a", "b", "x", "y"), 1
@@ -198,7 +198,7 @@ def test_export_that_kills_the_service_fails_as_quarantined(servers):
 
     assert deaths == [KILLED] * MOST_DEATHS
     assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
-    assert failed["error"]["detail"].startswith("writing it ended the process")
+    assert failed["error"]["detail"].startswith("writing it crashed the process")
 
 
 @pytest.mark.long
@@ -219,7 +219,9 @@ def test_run_whose_deciding_kills_the_service_fails_and_changes_nothing(servers)
 
     assert deaths == [KILLED] * MOST_DEATHS
     assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
-    assert failed["error"]["detail"].startswith("deciding its boxes ended the process")
+    assert failed["error"]["detail"].startswith(
+        "deciding its boxes crashed the process"
+    )
     assert after == before
 
 
@@ -249,7 +251,7 @@ def test_killing_frames_in_a_chunk_do_not_stop_other_frames_from_measuring(data)
         check_run_results(api, name, run, BEFORE + 6, empty=2)
 
     assert failed["error"]["code"] == "quarantined"
-    assert failed["error"]["detail"].startswith("frames 'p', 'q' ended the process")
+    assert failed["error"]["detail"].startswith("frames 'p', 'q' crashed the process")
     assert failed["done"] == failed["total"] - 2 == BEFORE + 4
     # Three deaths for each frame, and some of processes that had stored a frame before:
     # how many depends on how soon the threads reach a deadly frame.

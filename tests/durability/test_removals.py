@@ -9,7 +9,7 @@ from typing import NamedTuple
 import pytest
 
 from app.maintenance.removals import BOXES_AT_A_TIME
-from benchmarks.million import Wanted, make
+from benchmarks.million import DatasetSpec, make_dataset
 from tests.support.data_folders import count, served
 from tests.support.databases import problems_of
 from tests.support.services import running_services
@@ -56,7 +56,9 @@ def data(tmp_path):
     """A data folder, not served yet; its dataset is removed in several portions."""
     folder = tmp_path / "data"
     with running_services(folder) as services:
-        make(services.context, Wanted(NAME, FRAMES, BOXES_PER_FRAME), lambda _: None)
+        make_dataset(
+            services.context, DatasetSpec(NAME, FRAMES, BOXES_PER_FRAME), lambda _: None
+        )
     return folder
 
 

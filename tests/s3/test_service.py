@@ -162,7 +162,7 @@ def test_readyz_and_metrics_report_the_files_of_the_bucket(on_s3, dataset):
         if "\nunghost_blob_bytes " in text:
             break
 
-    assert ready["checks"]["blobs"] == "take files"
+    assert ready["checks"]["blobs"] == "writable"
     counted = text.partition("\nunghost_blobs ")[2].split()[0]
     assert float(counted) > FRAMES
 
@@ -187,4 +187,4 @@ def test_garbage_collection_removes_old_unused_files_of_the_bucket(on_s3, s3):
     assert digests["young"] in on_s3.bucket.blobs()
     found = {record["check"]: record for record in doctor.records}
     assert found["store"]["severity"] == "ok"
-    assert found["files"]["found"] == "all are compared with their names"
+    assert found["files"]["found"] == "all match their hashes"

@@ -246,6 +246,8 @@ def _lights(carla: Carla, world: World, left_out: Counter[str]) -> Iterator[Seen
 def _heads(light: Actor) -> list[tuple[str, str, Box]]:
     # Not light.bounding_box: that is the volume on the road where cars obey it.
     if not isinstance(light, TrafficLight):
-        raise CaptureError(f"{light.type_id}: the library gives no boxes of its heads")
+        raise CaptureError(
+            f"{light.type_id} is not a traffic light with boxes of its heads"
+        )
     boxes = light.get_light_boxes()
     return [(f"light-{light.id}-{i}", "light", box) for i, box in enumerate(boxes)]

@@ -117,7 +117,10 @@ def convert_carlasimu(folder: Path) -> Conversion:
     """
     there = [name for name in _CONVERTERS if (folder / name).is_file()]
     if not there:
-        raise ScenarioError(f"{folder.name}: none of {', '.join(_CONVERTERS)} is there")
+        raise ScenarioError(
+            f"{folder.name}: expected at least one of {', '.join(_CONVERTERS)}, "
+            "found none"
+        )
     found = {name: _read(folder / name) for name in there}
     result = Conversion()
     for name, given in found.items():
@@ -149,9 +152,11 @@ def _data(given: Mapping[str, object], result: Conversion) -> None:
     scenario["walkers"] = _walkers(given)
     unused = [name for name in _WITHOUT_MEANING if name in given]
     if unused:
-        result.notes.append(f"data.yaml: not used here: {', '.join(unused)}")
+        result.notes.append(f"data.yaml: keys that are not used: {', '.join(unused)}")
     if given.get("asynch") or given.get("synchronous") is False:
-        result.notes.append("always synchronous: asynch and synchronous are not used")
+        result.notes.append(
+            "asynch and synchronous are not used: capture is always synchronous"
+        )
     if given.get("no_rendering"):
         result.notes.append("no_rendering is not used: cameras need rendering")
 
@@ -203,7 +208,7 @@ def _camera_and_sensors(
         if other is not None and _geometry(other) != _geometry(first):
             notes.append(
                 f"sensors.yaml: {name} differs from the other cameras; all cameras "
-                "share one size, place and lens here"
+                "of a scenario share one size, place and lens"
             )
     camera = {ours: first[name] for name, ours in _SHARED.items() if name in first}
     camera |= {"mount": mount} if (mount := _mount(first, "camera")) else {}

@@ -95,7 +95,7 @@ class CaptureFolder:
         known = self._read_about()
         if known is None and any(self.path.iterdir()):
             raise CaptureError(
-                f"{self.path} is not empty and holds no capture: choose another "
+                f"{self.path} is not empty and contains no capture: choose another "
                 "--output"
             )
         self.keys = self._read_keys()
@@ -151,7 +151,7 @@ class CaptureFolder:
         try:
             known = json.loads(path.read_bytes())
         except ValueError as error:
-            raise CaptureError(f"{path}: not JSON: {error}") from error
+            raise CaptureError(f"{path} cannot be read as JSON: {error}") from error
         is_ours = isinstance(known, dict) and set(_SAME) <= set(known)
         return known if is_ours else None
 
@@ -163,7 +163,7 @@ class CaptureFolder:
                 what = "scenario" if name == "scenario_digest" else name
                 raise CaptureError(
                     f"{self.path} holds a capture with another {what}: choose another "
-                    "--output, or repeat what it was begun with"
+                    "--output, or use the same one again"
                 )
 
     def _read_keys(self) -> list[str]:
@@ -180,7 +180,7 @@ class CaptureFolder:
             return [str(json.loads(line)["key"]) for line in lines]
         except (ValueError, LookupError, TypeError) as error:
             raise CaptureError(
-                f"{path}: damaged, no capture can go on here: {error}"
+                f"{path} is damaged, the capture cannot continue: {error}"
             ) from error
 
 
@@ -247,7 +247,7 @@ def radar_points(measurement: Measurement) -> Table:
     contradict each other.
     """
     if not isinstance(measurement, RadarScan):
-        raise CaptureError("the library gives something that is no radar scan")
+        raise CaptureError("CARLA's library sent data that is not a radar scan")
     measured = np.array(
         [(d.velocity, d.azimuth, d.altitude, d.depth) for d in measurement],
         dtype=np.float64,
@@ -265,7 +265,7 @@ def radar_points(measurement: Measurement) -> Table:
 
 def _rows(measurement: Measurement, row: np.dtype[np.void]) -> Table:
     if not isinstance(measurement, PointCloud):
-        raise CaptureError("the library gives something that is no cloud of points")
+        raise CaptureError("CARLA's library sent data that is not a point cloud")
     return np.frombuffer(measurement.raw_data, row)
 
 

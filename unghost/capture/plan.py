@@ -88,7 +88,7 @@ def _weather_words(weather: Weather) -> str:
         f"{name} {sweep.first:g} to {sweep.last:g}"
         for name, sweep in weather.sweep.items()
     ]
-    return ", ".join(words) or "as it is"
+    return ", ".join(words) or "unchanged"
 
 
 def _box_words(scenario: Scenario) -> str:

@@ -115,8 +115,10 @@ def record(carla: Carla, request: Request) -> Recorded:
     except RuntimeError as error:
         # The library's only class of errors, for time-outs, occupied places and so on.
         if not answers(client, min(scenario.timeout_s, _STILL_THERE_S)):
-            raise SimulatorAway(f"the simulator went away: {error}") from error
-        raise CaptureError(f"the simulator said: {error}") from error
+            raise SimulatorAway(
+                f"lost the connection to the simulator: {error}"
+            ) from error
+        raise CaptureError(f"the simulator reported: {error}") from error
 
 
 def _record(carla: Carla, client: Client, request: Request) -> Recorded:
@@ -260,7 +262,7 @@ class _Recorder:
         self._folder.add(key, dict(zip(measured, encoded, strict=True)), frame)
         if annotator.poses_differ and not self._recorded.poses_differ:
             self._session.note(
-                "an image says another camera pose than the world does; both are stored"
+                "an image has another camera pose than the world; both are stored"
             )
         self._recorded.poses_differ = annotator.poses_differ
         self._recorded.added += 1

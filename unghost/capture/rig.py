@@ -124,7 +124,7 @@ def start_rig(
         )
         sensor = RunningSensor(one.name, session.own(actor))
         if not isinstance(actor, Sensor):
-            raise CaptureError(f"{one.blueprint.id} is no sensor")
+            raise CaptureError(f"{one.blueprint.id} is not a sensor")
         session.at_end(f"stop the sensor {one.name}", actor.stop)
         # Called in a thread of the library: it must do nothing but put.
         actor.listen(sensor.inbox.put)

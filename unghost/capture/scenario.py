@@ -82,7 +82,7 @@ class Part(BaseModel):
         # `true` would be taken for 1, and `on` and `yes` are true in YAML.
         kind = cls.model_fields[str(place.field_name)].annotation
         if isinstance(given, bool) and bool not in (kind, *get_args(kind)):
-            raise ValueError("true and false mean nothing here")
+            raise ValueError("true and false are not allowed here")
         return given
 
 
@@ -145,7 +145,7 @@ class Weather(Part):
     @model_validator(mode="after")
     def _one_meaning(self) -> Weather:
         if self.preset is not None and self.presets:
-            raise ValueError("preset and presets exclude each other")
+            raise ValueError("preset and presets cannot be given together")
         both = sorted(set(self.parameters) & set(self.sweep))
         if both:
             raise ValueError(f"{both[0]} is in both parameters and sweep")
@@ -200,7 +200,7 @@ class CameraSensor(Part):
         for name in self.attributes:
             if name in shared or name in LENS_ATTRIBUTES:
                 raise ValueError(
-                    f"attributes.{name} is the same for all cameras: see the key camera"
+                    f"attributes.{name} is the same for all cameras: set it in camera"
                     if name != "sensor_tick"
                     else "attributes.sensor_tick must stay 0: see interval_s"
                 )
@@ -328,7 +328,7 @@ def read_scenario(path: Path) -> Scenario:
     """
     content = path.read_bytes()
     if len(content) > _MAX_BYTES:
-        raise ScenarioError(f"{path.name}: more than {_MAX_BYTES} bytes")
+        raise ScenarioError(f"{path.name}: larger than {_MAX_BYTES} bytes")
     return parse_scenario(read_yaml(content, path.name), path.name)
 
 
@@ -338,10 +338,10 @@ def read_yaml(content: bytes, name: str) -> object:
         return _UniqueKeys(content.decode("utf-8-sig")).get_single_data()
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         said = " ".join(str(error).split())
-        raise ScenarioError(f"{name}: not YAML: {said[:200]}") from error
+        raise ScenarioError(f"{name}: cannot be read as YAML: {said[:200]}") from error
     except (ValueError, LookupError, AttributeError) as error:
         # A date that no calendar has, and tags that are written out: `!!int many`.
-        raise ScenarioError(f"{name}: not a value: {error}") from error
+        raise ScenarioError(f"{name}: a value cannot be read: {error}") from error
 
 
 class _UniqueKeys(yaml.SafeLoader):

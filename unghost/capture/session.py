@@ -58,7 +58,7 @@ def open_session(
     """
     before = client.get_world().get_settings()
     if before.synchronous_mode:
-        note("the world is in synchronous mode already: does another client tick it?")
+        note("the world is in synchronous mode already; maybe another client ticks it")
     world = _world(client, scenario)
     session = Session(
         carla=carla,
@@ -139,9 +139,11 @@ class Session:
             try:
                 step()
             except Exception as error:
-                self._say(f"could not {what}: {error}")
+                self._say(f"cannot {what}: {error}")
                 if not self._answers():
-                    self._say("the simulator is gone: it was not put back")
+                    self._say(
+                        "the simulator does not respond: its settings were not restored"
+                    )
                     return
 
     def _answers(self) -> bool:
@@ -228,7 +230,7 @@ def _choose_glass(session: Session) -> None:
     if isinstance(world, GlassWorld):
         world.set_annotations_traverse_translucency(see_through)
     else:
-        session.note("see_through_glass: only CARLA 0.9.16 can choose; left as it is")
+        session.note("see_through_glass: only CARLA 0.9.16 supports it; not changed")
 
 
 class StopRequest:

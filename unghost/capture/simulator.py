@@ -475,9 +475,9 @@ def answers(client: Client, timeout_s: float) -> bool:
 
 
 def as_image(measurement: Measurement) -> Image:
-    """The measurement of a camera; `CaptureError` if it is no image."""
+    """The measurement of a camera; `CaptureError` if it is not an image."""
     if not isinstance(measurement, Image):
-        raise CaptureError("the library gives something that is no image")
+        raise CaptureError("CARLA's library sent data that is not an image")
     return measurement
 
 

@@ -171,7 +171,7 @@ def _port(session: Session) -> int:
 
 def _drive(session: Session, actor: Actor) -> None:
     if not isinstance(actor, Vehicle):
-        raise CaptureError(f"{actor.type_id} is no vehicle: it cannot drive")
+        raise CaptureError(f"{actor.type_id} is not a vehicle: it cannot drive")
     actor.set_autopilot(True, _port(session))
 
 
@@ -179,7 +179,7 @@ def _light(session: Session, actor: Actor, names: Sequence[str]) -> None:
     if not names:
         return
     if not isinstance(actor, Vehicle):
-        raise CaptureError(f"{actor.type_id} is no vehicle: it has no lights")
+        raise CaptureError(f"{actor.type_id} is not a vehicle: it has no lights")
     actor.set_light_state(light_state(session.carla, names))
 
 

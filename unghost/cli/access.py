@@ -75,7 +75,7 @@ def login(options: LoginOptions) -> None:
         folder = state_folder(os.environ)
         if not show_login_page(link, folder, is_over, threading.Event()):
             raise Refused(
-                "there is no browser here to open; `unghost login` prints the link"
+                "no browser can be opened here; `unghost login` prints the link"
             )
 
 
@@ -138,7 +138,7 @@ class CreateTokenOptions(ServerOptions):
     role: Annotated[
         Role,
         typer.Option(
-            help="What the token allows. viewer: look at everything; reviewer: also "
+            help="What the token allows. viewer: see everything; reviewer: also "
             "answer, upload and start runs; admin: also delete and create tokens."
         ),
     ] = "reviewer"
@@ -167,8 +167,8 @@ def create_token(options: CreateTokenOptions) -> None:
     made, where = _make_token(options, until)
     options.screen.record(made.raw, made.token)
     options.screen.note(
-        f"token {made.id} of {made.name!r}, {made.role}, {_until(made)}: nobody is "
-        f"shown it again. It is pasted at {where}, or put into UNGHOST_TOKEN."
+        f"token {made.id} of {made.name!r}, {made.role}, {_until(made)}: it is "
+        f"not shown again. Use it to log in at {where}, or as UNGHOST_TOKEN."
     )
 
 
@@ -219,7 +219,7 @@ def _find_token(client: Client, which: str) -> Token:
     for token in tokens:
         if str(token.id) == which:
             return token
-    raise Refused(f"there is no token {which!r}; `unghost token list` has them all")
+    raise Refused(f"there is no token {which!r}; `unghost token list` lists all")
 
 
 def _token_row(token: Token) -> tuple[object, ...]:
@@ -238,7 +238,7 @@ def _token_row(token: Token) -> tuple[object, ...]:
 
 def _until(token: Token) -> str:
     if token.expires_at is None:
-        return "without end"
+        return "never expires"
     return f"until {token.expires_at:%Y-%m-%d %H:%M} UTC"
 
 
@@ -300,7 +300,7 @@ class AuditOptions(ServerOptions):
 
 
 def audit(options: AuditOptions) -> None:
-    """List who did what to tokens, data, configurations, jobs and answers in bulk."""
+    """List who did what to tokens, data, configurations, jobs and bulk answers."""
     with options.connect() as client:
         entries = islice(client.audit(), options.limit or None)
         options.screen.listing(_AUDIT_COLUMNS, entries, _audit_row)

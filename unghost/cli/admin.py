@@ -61,7 +61,7 @@ def backup(options: BackupOptions) -> None:
             incomplete=options.incomplete,
             steps=screen.progress,
         )
-    text = f"{made.path}: {made.files} files, {made.size_bytes} bytes, read again"
+    text = f"{made.path}: {made.files} files, {made.size_bytes} bytes, verified"
     screen.record(made.as_dict(), text)
     if made.left_out:
         screen.note(f"{len(made.left_out)} damaged files were left out")
@@ -108,11 +108,11 @@ class GarbageOptions(DataOptions):
             "--grace",
             metavar="HOURS",
             min=0,
-            help="Keep files that are newer than this.",
+            help="Keep files that are younger than this.",
         ),
     ] = 24
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Only say what would be removed.")
+        bool, typer.Option("--dry-run", help="Only print what would be removed.")
     ] = False
 
 
@@ -161,5 +161,6 @@ def gc(options: GarbageOptions) -> None:
     screen.record(
         found.as_dict(),
         f"{done} {found.files} files of {found.size_bytes} bytes and "
-        f"{found.leftovers} half written ones; {found.too_young} unused are too young",
+        f"{found.leftovers} incomplete ones; {found.too_young} unused ones are kept, "
+        "since they are too new",
     )

@@ -38,7 +38,7 @@ class CaptureOptions(ServerOptions):
             "-o",
             metavar="DIR",
             help="The folder to record into; default: one named after the scenario. "
-            "A capture that it holds already is continued.",
+            "A capture in it is continued.",
             file_okay=False,
         ),
     ] = None
@@ -80,7 +80,7 @@ def capture(options: CaptureOptions) -> None:
         _convert(options.from_carlasimu, options)
         return
     if options.scenario is None:
-        raise typer.BadParameter("SCENARIO or --from-carlasimu is needed")
+        raise typer.BadParameter("give SCENARIO or --from-carlasimu")
     scenario = read_scenario(options.scenario)
     output = options.output or Path(f"capture-{options.scenario.stem}")
     if options.dry_run:
@@ -119,7 +119,8 @@ def _record(scenario: Scenario, output: Path, options: CaptureOptions) -> Record
             return record(carla, Request(scenario, output, screen.note, advance))
         except KeyboardInterrupt:
             raise KeyboardInterrupt(
-                "interrupted; the simulator was put back, the same command goes on"
+                "interrupted; the settings of the simulator were restored. The same "
+                "command continues the capture"
             ) from None
 
 

@@ -120,7 +120,7 @@ class CertificatesOptions(OutputOptions):
 
 
 def worker(options: WorkerOptions) -> None:
-    """Work on the runs and exports of a service, until its scheduler is gone.
+    """Execute runs and exports of a service, until the scheduler has ended.
 
     Give it the same settings of database and storage as the service. Exit code 69 if
     no scheduler accepts it, or no database answers.
@@ -170,7 +170,7 @@ def scheduler(options: SchedulerOptions) -> None:
 def certificates(options: CertificatesOptions) -> None:
     """Create an authority, and certificates for scheduler, workers and services.
 
-    Anybody who has ca.key can admit more nodes: keep it on a machine that is no node.
+    Anybody who has ca.key can admit more nodes: keep it off the nodes.
     """
     from app.engine import UnusableEngine
     from app.engine.certificates import make_certificates

@@ -60,8 +60,9 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="The truth: a line of JSON with key, id and visible for each box. "
-            "Default: the frames' instance images; an object with a pixel is visible.",
+            help="The ground truth: a line of JSON with key, id and visible for each "
+            "box. Default: the frames' instance images, in which objects with a pixel "
+            "are visible.",
             exists=True,
             dir_okay=False,
         ),
@@ -82,7 +83,7 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
         bool,
         typer.Option(
             "--suggest",
-            help="Suggest a threshold for each class from the same truth: the one with "
+            help="Suggest a threshold for each class by the ground truth: the one with "
             "the best F1, or with --recall the highest that reaches this recall.",
         ),
     ] = False
@@ -105,7 +106,7 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
 
 
 def evaluate(options: EvaluateOptions) -> None:
-    """Compare the filter's channels with the truth, on a folder of frames.
+    """Compare the filter's channels with the ground truth, on a folder of frames.
 
     Precision, recall and F1 with 95 % intervals, ghosts kept and visible objects lost,
     for each channel; by class and by distance too; with --json the worst boxes, and
@@ -217,7 +218,7 @@ class _Thresholds:
             goal = Goal() if options.recall is None else Goal("recall", options.recall)
             return cls(TruthCollector(config), goal, options.config_out)
         if options.recall is not None or options.config_out is not None:
-            raise typer.BadParameter("--recall and --config-out belong to --suggest")
+            raise typer.BadParameter("--recall and --config-out need --suggest")
         return None
 
     def add(self, boxes: KnownBoxes) -> None:
@@ -234,7 +235,10 @@ class _Thresholds:
         rows = map(_threshold_row, self.suggested)
         screen.table(_THRESHOLD_COLUMNS, rows, tag="threshold")
         if not self.suggested:
-            screen.note("no class has both visible and hidden boxes to suggest from")
+            screen.note(
+                "no threshold can be suggested: no class has both visible and "
+                "hidden boxes"
+            )
         if self.file is not None:
             self.file.write_text(_yaml(self.collector.config, self.suggested), "utf-8")
             screen.note(f"wrote {self.file}")

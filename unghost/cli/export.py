@@ -126,13 +126,16 @@ def _cancel_interrupted(client: Client, export: Export) -> str:
 
     from unghost.client.errors import ApiError, Conflict
 
-    begin, again = f"interrupted; export {export.id}", "the same command makes it anew"
+    begin, again = (
+        f"interrupted; export {export.id}",
+        "the same command creates another",
+    )
     try:
         client.cancel_export(export)
     except Conflict:  # it was faster
-        return f"{begin} was over already, and {again}"
+        return f"{begin} had ended already, and {again}"
     except (ApiError, httpx.TransportError):
-        return f"{begin} goes on at the server, and {again}"
+        return f"{begin} continues on the server, and {again}"
     return f"{begin} was cancelled; {again}"
 
 
@@ -146,7 +149,7 @@ def _download(client: Client, done: Export, options: ExportOptions) -> None:
             )
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
-            f"interrupted; the same command goes on with {options.output}"
+            f"interrupted; the same command continues {options.output}"
         ) from None
 
 

@@ -234,8 +234,8 @@ def _by_processes(
     except BrokenProcessPool:
         first, last = waiting[0].keys[0], waiting[-1].keys[1]
         raise Refused(
-            f"a process ended while it worked on frames {first!r} to {last!r}: one of "
-            "them crashes a library, or memory has run out"
+            f"a process crashed while it worked on frames {first!r} to {last!r}: one "
+            "of them crashes a library, or the memory is exhausted"
         ) from None
     finally:
         pool.shutdown(cancel_futures=True)

@@ -189,7 +189,7 @@ _EXIT_CODES: Final = "; ".join(
 app = typer.Typer(
     cls=Program,
     name="unghost",
-    help="Finds the boxes that CARLA's camera cannot see, and says why.",
+    help="Finds the boxes that CARLA's camera cannot see, and explains why.",
     epilog=f"Exit codes: {_EXIT_CODES}.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -217,7 +217,7 @@ def unghost(
         ),
     ] = False,
 ) -> None:
-    """Finds the boxes that CARLA's camera cannot see, and says why."""
+    """Finds the boxes that CARLA's camera cannot see, and explains why."""
 
 
 def main() -> NoReturn:
@@ -290,7 +290,7 @@ def error_lines(error: Exception) -> Iterator[str]:
         if isinstance(error, Unauthorized):
             yield _TOKEN_HINT
         if error.status >= 500 and error.request_id:
-            yield f"The server's log has more under request id {error.request_id}."
+            yield f"The server's log has details under request id {error.request_id}."
     else:
         yield str(error) or type(error).__name__
 

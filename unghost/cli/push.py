@@ -128,7 +128,7 @@ def send(
                 advance(report.seen, found.count)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(
-                f"interrupted after {report.seen} frames; the same command goes on"
+                f"interrupted after {report.seen} frames; the same command continues"
             ) from None
 
 
@@ -140,7 +140,8 @@ def _note_unmapped(client: Client, options: PushOptions) -> None:
     boxes = client.boxes(options.dataset, reason="unmapped_class")
     found = {str(box.class_name) for box in islice(boxes, _LOOKED_AT)}
     options.screen.note(
-        f"rejected: {count} boxes of {options.dataset}, since their class has no tags: "
+        f"rejected: {count} boxes of {options.dataset}, since no tag is "
+        "accepted for their class: "
         f"{', '.join(sorted(found))}"
     )
 
@@ -201,7 +202,9 @@ class PushReport:
             have = (
                 "1 frame has" if self._changed == 1 else f"{self._changed} frames have"
             )
-            self._screen.note(f"{have} other content there; --replace stores it")
+            self._screen.note(
+                f"{have} other content on the server; --replace replaces it"
+            )
 
     def print_summary(self, unmatched: Sequence[Unmatched], dataset: str) -> None:
         """Print the summary, and the problems one by one."""

@@ -143,19 +143,20 @@ def wait_for_run(
                 run, progress=lambda state: advance(state.done, state.total)
             )
     except KeyboardInterrupt:
-        message = _cancel_interrupted(client, run) if cancel else _goes_on(run)
+        message = _cancel_interrupted(client, run) if cancel else _continues(run)
         raise KeyboardInterrupt(message) from None
     except (httpx.TransportError, Unavailable):
         screen.note(
-            f"run {run.id} goes on with the server: `unghost wait {run.id}` follows it"
+            f"run {run.id} continues when the server does: `unghost wait {run.id}` "
+            "waits for it"
         )
         raise
 
 
-def _goes_on(run: Run) -> str:
+def _continues(run: Run) -> str:
     return (
-        f"interrupted; run {run.id} goes on at the server: `unghost wait {run.id}` "
-        f"follows it, `unghost cancel {run.id}` ends it"
+        f"interrupted; run {run.id} continues on the server: `unghost wait {run.id}` "
+        f"waits for it, `unghost cancel {run.id}` cancels it"
     )
 
 
@@ -165,8 +166,8 @@ def _cancel_interrupted(client: Client, run: Run) -> str:
     try:
         client.cancel(run)
     except Conflict:  # it was faster
-        return f"interrupted; run {run.id} was over already"
-    return f"interrupted; run {run.id} was cancelled, and nothing has changed"
+        return f"interrupted; run {run.id} had ended already"
+    return f"interrupted; run {run.id} was cancelled and has changed no verdict"
 
 
 def run_line(run: Run) -> str:
@@ -202,8 +203,8 @@ def diff(options: DiffOptions) -> None:
     screen.record({name: found.raw[name] for name in _SUMS if name in found.raw})
     screen.table(_DIFF_COLUMNS, rows_of(found))
     screen.note(
-        f"{found.total} of {found.compared} boxes are decided otherwise by run "
-        f"{found.run} than by run {found.against}"
+        f"{found.total} of {found.compared} boxes have another verdict in run "
+        f"{found.run} than in run {found.against}"
     )
 
 
@@ -269,7 +270,7 @@ def set_config(options: ConfigSetOptions) -> None:
     with options.connect() as client:
         version = _add_config(client, options.dataset, options.config)
         if version.unused_keys:
-            screen.note(f"not used here: {', '.join(version.unused_keys)}")
+            screen.note(f"keys that are not used: {', '.join(version.unused_keys)}")
         run = client.set_config(options.dataset, version.digest)
         if options.wait:
             run = wait_for_run(client, run, screen)
@@ -331,7 +332,9 @@ def _print_config_diff(
         ],
     )
     if flips is None:
-        screen.note("this needs pixels: what would flip is known after a run")
+        screen.note(
+            "images must be measured again: which verdicts change is known after a run"
+        )
     else:
         screen.note(
             f"{flips.total} boxes would flip: {flips.kept_to_rejected} kept to "

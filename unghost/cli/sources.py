@@ -181,7 +181,7 @@ def read_config(
     with error_context(path):
         loaded = load_config(path.read_bytes() if path is not None else b"")
     if loaded.unused_keys:
-        screen.note(f"not used here: {', '.join(loaded.unused_keys)}")
+        screen.note(f"keys that are not used: {', '.join(loaded.unused_keys)}")
     return FilterConfig.from_mapping({**loaded.config.as_dict(), **reading.reading})
 
 

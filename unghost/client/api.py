@@ -304,7 +304,7 @@ class BoxCalls:
     ) -> Call[wire.Review]:
         """Answer on one box; `StaleReview` if someone answered since.
 
-        `seen_revision` is the `revision` of the decision that was looked at.
+        `seen_revision` is the `revision` of the decision that was seen.
         """
         path = f"{API}/boxes/{box_id}/reviews"
         body = {"verdict": verdict, "seen_revision": seen_revision, "comment": comment}

@@ -70,7 +70,7 @@ class BatchSender:
             try:
                 self._send_once(unanswered, report)
                 if len(unanswered) == before:
-                    raise self._unexpected("ends without a line for any frame")
+                    raise self._unexpected("has no line for any frame")
             except (Unavailable, httpx.TransportError) as error:
                 moved_on = len(unanswered) < before
                 wait_s = attempts.failed(error, moved_on=moved_on)
@@ -137,7 +137,7 @@ class BatchSender:
             answer = None
         if isinstance(answer, dict):
             return answer
-        raise self._unexpected("has a line that is no JSON object")
+        raise self._unexpected("has a line that is not a JSON object")
 
     def _outcome(self, key: str, answer: Json) -> Outcome:
         try:
@@ -174,7 +174,7 @@ def _outcome(key: str, answer: Json) -> Outcome:
         return NotSent(key, error_of_problem(problem))
     line = wire.BatchLine.read(answer)
     if line.frame_id is None or line.decisions is None:
-        raise ValueError("a frame that was not refused lacks its id or its decisions")
+        raise ValueError("a stored frame lacks its id or its decisions")
     return Sent(key, line.frame_id, line.status == httpx.codes.CREATED, line.decisions)
 
 

@@ -153,7 +153,7 @@ def error_of(response: httpx.Response) -> ApiError:
     detail = f"{response.url.copy_with(query=None)} answered {response.status_code}"
     return kind(
         response.status_code,
-        {"code": "unexpected_answer", "detail": f"{detail} without saying why"},
+        {"code": "unexpected_answer", "detail": f"{detail} without a reason"},
         wait_s,
     )
 

@@ -217,7 +217,7 @@ def _piece(content: FileContent) -> Piece:
     if not stat.S_ISREG(found.st_mode):
         raise IsADirectoryError(f"{path.name} is not a file")
     if not os.access(path, os.R_OK):
-        raise PermissionError(f"{path.name} may not be read")
+        raise PermissionError(f"{path.name} cannot be read: permission denied")
     return FilePiece(path, found.st_size)
 
 

@@ -170,7 +170,7 @@ class BoxListQuery(BoxSelection):
     )
     cursor: str | None = Field(default=None, max_length=2000)
     count: bool = Field(
-        default=False, description="Whether to answer `total` and `snapshot` too."
+        default=False, description="Whether to return `total` and `snapshot` too."
     )
 
 
@@ -222,7 +222,7 @@ class QueueIn(RequestModel):
     filters: BoxSelection = Field(
         default_factory=BoxSelection,
         description="Which boxes. Unless `review` or `conflict` is given: undecided "
-        "boxes, or decided ones with the order `audit`.",
+        "boxes, or with the order `audit` those with keep or reject.",
     )
     limit: Annotated[int, Field(ge=1, le=50)] = 10
     exclude: list[Id] = Field(
@@ -258,8 +258,8 @@ class ReviewIn(RequestModel):
     verdict: Answer
     comment: Comment = ""
     seen_revision: Revision = Field(
-        description="`revision` of the box when it was looked at; 0 if it had no "
-        "answer. Refused with 412 if somebody has answered since."
+        description="`revision` of the box when it was seen; 0 if it had no answer. "
+        "Refused with 412 if somebody has answered since."
     )
 
 
@@ -276,25 +276,25 @@ class Review(ResponseModel):
 
 
 class BulkIn(RequestModel):
-    """One answer on many boxes: those of `box_ids`, or all that match `filter`."""
+    """A bulk answer, on the boxes of `box_ids` or on all that match `filter`."""
 
     dataset: Annotated[str, Field(max_length=100)]
     box_ids: Annotated[list[Id], Field(fail_fast=True)] | None = None
     seen_revisions: Annotated[list[Revision], Field(fail_fast=True)] | None = Field(
         default=None,
-        description="`revision` of each of `box_ids` when it was looked at, in the "
-        "same order. Boxes that were answered since are left alone. Without it, boxes "
-        "that have an answer are left alone.",
+        description="`revision` of each of `box_ids` when it was seen, in the same "
+        "order. Boxes that were answered since are not changed. Without it, boxes that "
+        "have an answer are not changed.",
     )
     filter: BoxSelection | None = None
     snapshot: Annotated[str, Field(max_length=1000)] | None = Field(
         default=None,
-        description="`snapshot` that `GET /api/v1/boxes?count=true` answered for this "
+        description="`snapshot` that `GET /api/v1/boxes?count=true` returned for this "
         "filter. Refused with 412 if its boxes have changed since.",
     )
     expected_count: Annotated[int, Field(ge=0)] | None = Field(
         default=None,
-        description="Refused with 409 unless exactly so many boxes are meant.",
+        description="Number of boxes expected; refused with 409 if it is another.",
     )
     verdict: Answer
     comment: Comment = ""

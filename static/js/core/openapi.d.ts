@@ -815,7 +815,7 @@ export interface paths {
         put?: never;
         /**
          * Create Bulk Review
-         * @description One answer on many boxes, which one undo takes back.
+         * @description Give many boxes one answer; a single undo takes it back on all of them.
          */
         post: operations["create_bulk_review_api_v1_reviews_bulk_post"];
         delete?: never;
@@ -1396,7 +1396,7 @@ export interface components {
         };
         /**
          * BulkIn
-         * @description One answer on many boxes: those of `box_ids`, or all that match `filter`.
+         * @description A bulk answer, on the boxes of `box_ids` or on all that match `filter`.
          */
         BulkIn: {
             /** Dataset */
@@ -1405,18 +1405,18 @@ export interface components {
             box_ids?: number[] | null;
             /**
              * Seen Revisions
-             * @description `revision` of each of `box_ids` when it was looked at, in the same order. Boxes that were answered since are left alone. Without it, boxes that have an answer are left alone.
+             * @description `revision` of each of `box_ids` when it was seen, in the same order. Boxes that were answered since are not changed. Without it, boxes that have an answer are not changed.
              */
             seen_revisions?: number[] | null;
             filter?: components["schemas"]["BoxSelection"] | null;
             /**
              * Snapshot
-             * @description `snapshot` that `GET /api/v1/boxes?count=true` answered for this filter. Refused with 412 if its boxes have changed since.
+             * @description `snapshot` that `GET /api/v1/boxes?count=true` returned for this filter. Refused with 412 if its boxes have changed since.
              */
             snapshot?: string | null;
             /**
              * Expected Count
-             * @description Refused with 409 unless exactly so many boxes are meant.
+             * @description Number of boxes expected; refused with 409 if it is another.
              */
             expected_count?: number | null;
             /**
@@ -2793,7 +2793,7 @@ export interface components {
              * @enum {string}
              */
             order?: "doubt" | "random" | "class" | "audit";
-            /** @description Which boxes. Unless `review` or `conflict` is given: undecided boxes, or decided ones with the order `audit`. */
+            /** @description Which boxes. Unless `review` or `conflict` is given: undecided boxes, or with the order `audit` those with keep or reject. */
             filters?: components["schemas"]["BoxSelection"];
             /**
              * Limit
@@ -3040,7 +3040,7 @@ export interface components {
             comment?: string;
             /**
              * Seen Revision
-             * @description `revision` of the box when it was looked at; 0 if it had no answer. Refused with 412 if somebody has answered since.
+             * @description `revision` of the box when it was seen; 0 if it had no answer. Refused with 412 if somebody has answered since.
              */
             seen_revision: number;
         };
@@ -3966,7 +3966,7 @@ export interface operations {
                 /** @description Maximum number of items on a page. */
                 limit?: number;
                 cursor?: string | null;
-                /** @description Whether to answer `total` and `snapshot` too. */
+                /** @description Whether to return `total` and `snapshot` too. */
                 count?: boolean;
             };
             header?: never;
@@ -4083,7 +4083,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The picture. */
+            /** @description The image. */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -5153,7 +5153,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The picture. */
+            /** @description The image. */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -5201,7 +5201,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The picture. */
+            /** @description The image. */
             200: {
                 headers: {
                     [name: string]: unknown;

@@ -77,8 +77,8 @@ def test_wrong_credentials_give_one_log_line_and_no_database_write(service, capl
         if record.levelno >= logging.WARNING and record.module != "loop_watch"
     ]
     assert warnings == [
-        f"within a minute {MANY} wrong tokens, sessions, codes or keys: "
-        f"{MANY} from 127.0.0.1"
+        f"requests refused within a minute: {MANY} with a wrong token, session, code "
+        f"or key: {MANY} from 127.0.0.1"
     ]
     assert everything_in(service.settings.data) == before
 
@@ -89,7 +89,7 @@ def test_a_request_without_a_token_is_not_counted_as_wrong(service, caplog):
         write_upkeep(service.app.state.services)
 
     assert statuses == {401}
-    assert "wrong tokens" not in caplog.text
+    assert "wrong token" not in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_forwarded_address_is_used_from_a_trusted_proxy_only(
         ask(proxy, "192.0.2.2")
     write_upkeep(service.app.state.services)
 
-    assert caplog.messages[-1].endswith(f"codes or keys: {named}")
+    assert caplog.messages[-1].endswith(f"code or key: {named}")
 
 
 def test_counting_wrong_tokens_of_many_addresses_uses_little_memory():
@@ -126,7 +126,7 @@ def test_counting_wrong_tokens_of_many_addresses_uses_little_memory():
 
     assert held < 40 * 5000  # keeping all addresses would take twice as much
     assert wrong.take() == (
-        "10000 wrong tokens, sessions, codes or keys: 4999 from 192.0.2.1, "
-        "1 from 10.0.0.0, 1 from 192.0.2.9, 4999 from elsewhere"
+        "10000 with a wrong token, session, code or key: 4999 from 192.0.2.1, "
+        "1 from 10.0.0.0, 1 from 192.0.2.9, 4999 from other addresses"
     )
     assert wrong.take() == ""

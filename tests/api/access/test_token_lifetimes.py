@@ -218,5 +218,5 @@ def test_token_file_readable_by_others_gets_a_new_token_and_mode_0600(
     assert is_authenticated(after, after.token)
     assert not is_authenticated(after, old)
     assert not is_authenticated(after, opened["session"])
-    assert f"others could read the token file (mode {mode:o})" in caplog.text
+    assert f"the token file could be read by others (mode {mode:o})" in caplog.text
     assert after.token not in caplog.text

@@ -129,7 +129,10 @@ def test_push_warns_about_a_class_without_tags(unghost, name, tmp_path):
     answer = unghost("push", manifest, "--dataset", name)
 
     assert answer.code == DONE
-    expected = f"rejected: 4 boxes of {name}, since their class has no tags: unicorn"
+    expected = (
+        f"rejected: 4 boxes of {name}, since no tag is accepted for their class: "
+        "unicorn"
+    )
     assert expected in answer.err
 
 
@@ -149,7 +152,9 @@ def test_push_refuses_changed_frames_and_replaces_with_replace_option(
     assert refused.code == PARTLY
     assert "0 stored\t2 already_there\t1 refused" in refused.out
     assert "another frame 'run/000001'" in refused.err
-    assert "1 frame has other content there; --replace stores it" in refused.err
+    assert (
+        "1 frame has other content on the server; --replace replaces it" in refused.err
+    )
     assert replaced.code == DONE
     assert "1 stored\t2 already_there\t0 refused" in replaced.out
 
@@ -190,7 +195,7 @@ def test_interrupted_push_resumes_when_repeated(unghost, name, tmp_path):
 
     assert '"stored"' in first
     assert process.returncode == INTERRUPTED
-    assert "the same command goes on" in err
+    assert "the same command continues" in err
     assert "Traceback" not in err
     again = unghost(*command).records[-1]
     assert again["already_there"] > 0

@@ -107,7 +107,7 @@ def test_killed_worker_process_fails_the_command_naming_its_frames(marked, tmp_p
         _, err = command.communicate(timeout=60)
 
     assert command.returncode == REFUSED
-    assert "a process ended while it worked on frames 'run/000000' to " in err
+    assert "a process crashed while it worked on frames 'run/000000' to " in err
     assert "Traceback" not in err
     assert not (tmp_path / "all.jsonl").exists()
     until(lambda: not list(processes_of(tmp_path)))

@@ -185,7 +185,7 @@ def test_token_created_offline_authenticates_at_the_service(filled, unghost, url
             entries = api.json("/audit")["items"]
 
     assert (made.code, again.code, bad.code) == (0, REFUSED, USAGE)
-    assert "there is a token named 'ada'" in again.err
+    assert "a token named 'ada' exists already" in again.err
     assert (session["name"], session["role"]) == ("ada", "admin")
     acts = [[one[key] for key in ("actor", "action", "subject")] for one in entries]
     assert ["unghost", "token.created", "ada"] in acts

@@ -55,8 +55,8 @@ def test_interrupting_run_wait_leaves_the_run_running(unghost, slow):
     err, run = interrupted(unghost, slow, OTHER_PIXELS[0])
 
     assert run.state == "running"
-    assert f"run {run.id} goes on" in err
-    assert f"`unghost cancel {run.id}` ends it" in err
+    assert f"run {run.id} continues on the server" in err
+    assert f"`unghost cancel {run.id}` cancels it" in err
     assert unghost("wait", run.id).out.startswith(f"run {run.id}\tdone\t")
 
 

@@ -83,7 +83,7 @@ def test_revoked_token_is_refused(unghost, by):
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        (["create", "admin"], REFUSED, "there is a token named 'admin'"),
+        (["create", "admin"], REFUSED, "a token named 'admin' exists already"),
         (["create", "kim", "--days", "-1"], USAGE, "--days"),
         (["create", "kim", "--role", "owner"], USAGE, "--role"),
         (["revoke", "nobody"], REFUSED, "there is no token 'nobody'"),

@@ -41,4 +41,7 @@ def test_invalid_cursor_is_refused_by_every_paginated_list(api):
                 path,
                 cursor,
             )
-            assert problem["detail"] == f"cursor {cursor[:80]!r} is not one of ours"
+            assert (
+                problem["detail"]
+                == f"cursor {cursor[:80]!r} is not a cursor of this list"
+            )

@@ -37,7 +37,7 @@ DIGEST = "a digest of 64 hexadecimal digits"
             "POST",
             "/datasets",
             b'{"name": "a", "pallete": "auto"}',
-            "/pallete: there is nothing of this name; it may be misspelt",
+            "/pallete: unknown name; it may be misspelt",
         ),
         (
             "POST",

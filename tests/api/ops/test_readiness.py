@@ -83,14 +83,14 @@ def test_readyz_of_a_healthy_server_lists_every_check(server):
     assert found.pop("disk").endswith(" bytes free")
     assert found.pop("migrations").startswith("at 0")
     assert found.pop("pages") in (
-        "are whole",
-        "not all looked at",
-        "left to the server",
+        "intact",
+        "not checked yet",
+        "checked by PostgreSQL",
     )
     assert found == {
-        "database": "takes writes",
-        "blobs": "take files",
-        "event_loop": "goes on",
+        "database": "writable",
+        "blobs": "writable",
+        "event_loop": "responsive",
     }
 
 
@@ -135,7 +135,10 @@ def test_read_only_blobs_folder_is_not_ready(server):
 
 @pytest.mark.parametrize(
     ("revision", "advice"),
-    [("0001", "restart to migrate it"), ("9999", "it is of a newer version")],
+    [
+        ("0001", "restart to migrate it"),
+        ("9999", "a newer version of Unghost has migrated it"),
+    ],
 )
 def test_a_schema_of_another_version_is_not_ready(server, revision, advice):
     ((head,),) = rows_of(server.data, "SELECT version_num FROM alembic_version")
@@ -156,11 +159,11 @@ def test_database_locked_by_another_writer_is_ready(server):
         database.execute("BEGIN IMMEDIATE")
         for answer in poll_readyz(server.url):
             assert answer.status_code == 200
-            if answer.json()["checks"]["database"] == "is being written":
+            if answer.json()["checks"]["database"] == "locked by another writer":
                 break
         database.rollback()
 
-    assert answer.json()["checks"]["database"] == "is being written"
+    assert answer.json()["checks"]["database"] == "locked by another writer"
 
 
 @pytest.mark.sqlite_files(

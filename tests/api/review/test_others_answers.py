@@ -177,7 +177,10 @@ def test_bulk_answer_is_undone_only_by_its_reviewer_or_an_admin(street, person, 
     own = his.post("/reviews/bulk", body).json()["id"]
 
     assert refusal(refused)[:2] == (403, "others_answers")
-    assert f"undoing batch {batch} concerns 2 answers of {grace}" in refusal(refused)[2]
+    assert (
+        f"undoing bulk answer {batch} affects 2 answers of {grace}"
+        in refusal(refused)[2]
+    )
     assert undone.json()["undone"] == 2
     assert (again.status_code, boss in again.json()["detail"]) == (403, True)
     assert his.post(f"/review-batches/{own}/undo").json()["undone"] == 2

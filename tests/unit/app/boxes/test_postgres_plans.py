@@ -25,7 +25,7 @@ from app.measuring.queries import DatasetRepository, frames_state, key_rows
 from app.review.bulk import review_many
 from app.review.queue import QueueRequest, next_boxes, remaining_boxes
 from app.review.service import review_box
-from benchmarks.million import BOXES_PER_FRAME, Wanted, make
+from benchmarks.million import BOXES_PER_FRAME, DatasetSpec, make_dataset
 from tests.support.databases import migrated_postgres
 from tests.support.services import running_services
 from tests.support.statements import statements_of
@@ -50,8 +50,8 @@ def context(tmp_path_factory) -> Iterator[ServiceContext]:
         running_services(folder, database_url=url) as services,
     ):
         for name, boxes in (("older", 1), (NAME, BOXES_PER_FRAME), ("newer", 1)):
-            wanted = Wanted(name, FRAMES, boxes)
-            make(services.context, wanted, lambda _boxes: None)
+            wanted = DatasetSpec(name, FRAMES, boxes)
+            make_dataset(services.context, wanted, lambda _boxes: None)
         with services.context.database.write() as session:
             session.connection().exec_driver_sql("ANALYZE")
         yield services.context

@@ -74,10 +74,10 @@ def request_run_with_attempts(street, *spans):
     with street.context.database.write() as session:
         run = RunRepository(session).with_id(run_id)
         run.state, run.started_at, run.total = "running", utc_now(), FRAMES
-        ledger, job = ChunkRepository(session), run_job(run_id)
+        chunks, job = ChunkRepository(session), run_job(run_id)
         for first, last, ended in spans:
             planned = PlannedChunk(ids[first], ids[last], last - first + 1)
-            (number,) = ledger.plan(job, [planned])
+            (number,) = chunks.plan(job, [planned])
             session.get_one(Chunk, (*job, number)).attempts = ended
     return run_id
 
@@ -131,8 +131,8 @@ def test_frame_that_killed_processes_is_quarantined_and_no_other(street):
     assert run.state == "failed"
     assert run.error == {
         "code": "quarantined",
-        "detail": "frame '00' ended the process that worked on it 3 times; the "
-        "log of the process may say why",
+        "detail": "frame '00' crashed the process that worked on it 3 times; the "
+        "log of the process may show the cause",
     }
     assert (run.done, len(measured(street, run))) == (FRAMES - 1, FRAMES - 1)
     (chunk,) = remaining_rows(street, Chunk, run)
@@ -152,7 +152,7 @@ def test_adjacent_quarantined_frames_are_reported_as_a_range(street):
     run = drive_run(street, run_id)
 
     assert run.error is not None
-    assert run.error["detail"].startswith("frames '00', '01' to '05' ended")
+    assert run.error["detail"].startswith("frames '00', '01' to '05' crashed")
     assert run.done == FRAMES - 6
 
 
@@ -169,7 +169,7 @@ def test_range_of_quarantined_frames_ignores_ids_of_other_datasets(services):
     run = drive_run(street, run_id)
 
     assert run.error is not None
-    assert run.error["detail"].startswith("frames '00', '01' to '05' ended")
+    assert run.error["detail"].startswith("frames '00', '01' to '05' crashed")
 
 
 def test_measured_frame_splits_the_range_of_quarantined_frames(street):
@@ -185,7 +185,7 @@ def test_measured_frame_splits_the_range_of_quarantined_frames(street):
     run = drive_run(street, run_id)
 
     assert run.error is not None
-    assert run.error["detail"].startswith("frames '00', '03' ended the process")
+    assert run.error["detail"].startswith("frames '00', '03' crashed the process")
 
 
 def test_unreadable_frames_are_reported_apart_from_killing_frames(street):
@@ -199,7 +199,7 @@ def test_unreadable_frames_are_reported_apart_from_killing_frames(street):
     run = drive_run(street, run_id)
 
     assert run.error is not None
-    assert run.error["detail"].startswith("frames '00', '02' to '05' ended")
+    assert run.error["detail"].startswith("frames '00', '02' to '05' crashed")
     assert run.error["detail"].endswith("frame '01' cannot be read: it is so")
 
 
@@ -226,7 +226,7 @@ def test_unreadable_frame_is_not_counted_as_killing_its_process(services):
         run = drive_run(street, run_id, pixels=pixels)
 
     assert run.error is not None
-    assert run.error["detail"].startswith("frame '01' ended the process that worked")
+    assert run.error["detail"].startswith("frame '01' crashed the process that worked")
     assert "; frame '00' cannot be read: " in run.error["detail"]
     assert run.done == FRAMES - 2
 
@@ -327,8 +327,8 @@ def request_run_with_decision_attempts(street, ended):
     """Prepare a run whose decision has ended so many processes; returns its id."""
     run_id = street.request(NOTHING_VISIBLE)
     with street.context.database.write() as session:
-        ledger, job = ChunkRepository(session), run_job(run_id)
-        ledger.plan_final_step(job, FRAMES)
+        chunks, job = ChunkRepository(session), run_job(run_id)
+        chunks.plan_final_step(job, FRAMES)
         session.get_one(Chunk, (*job, FINAL_STEP)).attempts = ended
     return run_id
 
@@ -362,8 +362,8 @@ def test_decision_that_killed_processes_fails_as_quarantined(street):
     assert run.state == "failed"
     assert run.error == {
         "code": "quarantined",
-        "detail": "deciding its boxes ended the process that worked on it 3 times; the "
-        "log of the process may say why",
+        "detail": "deciding its boxes crashed the process that worked on it 3 times; "
+        "the log of the process may show the cause",
     }
     assert street.reasons() == before
     assert street.run(NOTHING_VISIBLE).state == "done"

@@ -15,7 +15,7 @@ from app.jobs.events import INTERVAL_S
 from app.jobs.service import cancel
 from app.runs.queries import RunRepository
 from app.runs.service import RUNS
-from benchmarks.million import Wanted, make
+from benchmarks.million import DatasetSpec, make_dataset
 from tests.support.databases import migrated_postgres
 from tests.support.services import ServiceDataset, run_job, running_services
 
@@ -39,7 +39,9 @@ def services(tmp_path_factory):
 @pytest.fixture(scope="module")
 def street(services):
     one, _ = services
-    dataset_id = make(one.context, Wanted("many", FRAMES, 15), lambda _boxes: None)
+    dataset_id = make_dataset(
+        one.context, DatasetSpec("many", FRAMES, 15), lambda _boxes: None
+    )
     return ServiceDataset(one, "many", dataset_id)
 
 

@@ -114,7 +114,7 @@ def test_reading_a_damaged_blob_raises_damaged_file(place, damage):
     place.store.put({DIGEST: CONTENT})
     place.overwrite(DIGEST, damage)
 
-    with pytest.raises(DamagedFile, match="is not what was stored"):
+    with pytest.raises(DamagedFile, match="has changed since it was stored"):
         place.store.read(DIGEST)
     with pytest.raises(DamagedFile):
         place.store.open_verified(DIGEST, size_bytes=len(CONTENT))

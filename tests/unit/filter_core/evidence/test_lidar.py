@@ -43,16 +43,16 @@ def test_ply_and_npy_forms_give_the_same_points(content):
     ("content", "words"),
     [
         (b"", "PLY or NPY"),
-        (b"ply\nformat ascii 1.0\n", "header that ends"),
+        (b"ply\nformat ascii 1.0\n", "header with end_header"),
         (header("ascii") + b"1 2 3", "truncated"),
-        (header("ascii") + b"a b c d e f " * 2, "words among the points"),
+        (header("ascii") + b"a b c d e f " * 2, "text among the points"),
         (header("binary_little_endian") + TABLE.tobytes()[:-1], "truncated"),
         (header("ascii", 10**12), "at most 20,000,000 points"),
         (header("latin", 0), "format ascii or binary"),
         (header("ascii", 0).replace(b"ObjTag", b"Label2"), "column objtag"),
-        (npy(TABLE)[:-3], "whole NumPy array"),
-        (npy(TABLE)[: -TABLE.nbytes - 12], "found a header that is cut off"),
-        (npy(np.array([{"a": 1}], object)), "whole NumPy array"),
+        (npy(TABLE)[:-3], "complete NumPy array"),
+        (npy(TABLE)[: -TABLE.nbytes - 12], "found a truncated header"),
+        (npy(np.array([{"a": 1}], object)), "complete NumPy array"),
         (npy(np.zeros((4, 3))), "6 columns"),
         (npy(np.full((1, 6), np.nan)), "finite"),
     ],
@@ -87,7 +87,7 @@ RADAR_PLY = (
     b"ply\nformat binary_little_endian 1.0\nelement vertex 3\n"
     b"property float x\nproperty float velocity\nend_header\n"
 )
-LONG_NAMES = "columns that are not named with 1 to 64 characters of text"
+LONG_NAMES = "a column whose name is not 1 to 64 characters of text"
 SOUND = [
     pytest.param(ascii_ply(), "lidar", "ply", id="ascii"),
     pytest.param(header("ascii", 0), "lidar", "ply", id="no points"),
@@ -111,11 +111,11 @@ def test_check_points_detects_the_media_type_from_content(content, sensor, kind)
 @pytest.mark.parametrize(
     ("content", "sensor", "words"),
     [
-        pytest.param(b"ply\n", "lidar", "header that ends", id="four bytes"),
-        pytest.param(b"\x93NUMPY", "lidar", "whole NumPy array", id="a beginning"),
+        pytest.param(b"ply\n", "lidar", "header with end_header", id="four bytes"),
+        pytest.param(b"\x93NUMPY", "lidar", "complete NumPy array", id="a beginning"),
         pytest.param(b"v1 2 3", "radar", "PLY or NPY", id="neither"),
-        pytest.param(npy(TABLE)[:-1], "lidar", "whole NumPy", id="npy, cut"),
-        pytest.param(npy(TABLE) + b"x", "lidar", "whole NumPy", id="npy and more"),
+        pytest.param(npy(TABLE)[:-1], "lidar", "complete NumPy", id="npy, cut"),
+        pytest.param(npy(TABLE) + b"x", "lidar", "complete NumPy", id="npy and more"),
         pytest.param(npy(np.zeros((4, 3))), "lidar", "6 columns", id="npy, narrow"),
         pytest.param(npy(np.zeros(())), "radar", "rows", id="npy of one number"),
         pytest.param(npy(RADAR), "lidar", "column", id="a radar's as LiDAR"),

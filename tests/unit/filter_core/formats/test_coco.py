@@ -87,7 +87,11 @@ def test_duplicate_annotation_ids_are_replaced_by_indexes(tmp_path):
     [
         ([image(1, "a.png")], [annotation(1, 1, category_id=9)], "annotation '1': ex"),
         ([image(1, "a.png"), image(2, "a.png")], [], "each file_name once, found 'a'"),
-        ([image(1, "a.png"), image(1, "b.png")], [annotation(1, 1)], "the 1 boxes are"),
+        (
+            [image(1, "a.png"), image(1, "b.png")],
+            [annotation(1, 1)],
+            "the 1 boxes belong",
+        ),
     ],
 )
 def test_ambiguous_entry_is_a_problem_of_its_frame_only(tmp_path, images, rows, words):
@@ -118,7 +122,7 @@ def test_unmatched_images_and_annotations_are_listed(tmp_path):
     [
         ('{"images": [', "byte 12: expected"),
         ('{"images": [{"id": 1}, ]', "byte 23: expected a JSON value"),
-        ('{"images": [NaN]}', "NaN is no number of JSON"),
+        ('{"images": [NaN]}', "NaN is not a JSON number"),
         ('{"images": [{"name": 1}]}', "expected an object with 'id'"),
         ('{"images": [true]}', "expected an object with 'id'"),
         ('{"images": {}}', "expected an object with 'id'"),
@@ -202,6 +206,6 @@ def test_recorded_coco_file_with_errors_is_read_and_reported():
     assert "images[37], images[38], images[39] and 54 more" in str(bad.problem)
     good = [parse_annotation(annotation_of(one)) for one in read if not one.problem]
     assert sum(len(one.boxes) for one in good) + 192 == 1839
-    assert "nobody can say whose the 192 boxes are" in str(bad.problem)
+    assert "it is not known to which the 192 boxes belong" in str(bad.problem)
     missing = {one.why for one in frames.unmatched}
     assert missing == {"no COCO file lists this image"}

@@ -219,7 +219,7 @@ def write_into(folder, head):
 @pytest.mark.parametrize("name", ["/etc/x", "../x", "a/../../x", "a\\b", ""])
 def test_path_traversal_in_an_export_file_name_is_refused(tmp_path, name):
     with (
-        pytest.raises(ExportError, match="no name of a file"),
+        pytest.raises(ExportError, match="not a valid file name"),
         folder_sink(tmp_path / "out") as sink,
     ):
         sink(name, [b""])
@@ -233,7 +233,10 @@ def test_path_traversal_in_an_export_file_name_is_refused(tmp_path, name):
         ("[]", "frames.jsonl, line 1: expected an object"),
         ('{"file": 1, "key": "a"}', "expected file and key"),
         ('{"file": "a.png", "key": ""}', "expected a key and a map"),
-        ('{"file": "a.png", "key": "a"}\n' * 2, "line 2: expected each once"),
+        (
+            '{"file": "a.png", "key": "a"}\n' * 2,
+            "line 2: expected each file and key once",
+        ),
     ],
 )
 def test_invalid_frames_jsonl_is_refused(tmp_path, lines, words):

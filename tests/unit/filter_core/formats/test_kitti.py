@@ -139,7 +139,7 @@ def test_kitti_3d_columns_and_calibration_are_those_of_the_camera():
         ),
         (PEDESTRIAN, "P3: 1", "expected a line 'P2:', found none"),
         (PEDESTRIAN, "P2: 1 2", "P2: expected 12 numbers, found 2"),
-        (PEDESTRIAN, f"P2: {'0 ' * 12}", "P2: not a camera"),
+        (PEDESTRIAN, f"P2: {'0 ' * 12}", "P2: not a valid camera"),
     ],
 )
 def test_invalid_label_or_calibration_is_a_problem_of_its_frame(

@@ -69,10 +69,13 @@ def test_image_size_of_zero_is_ignored():
         (b"<annotation>\n<object/></annotation>", "line 2: expected <bndbox>"),
         (b"<note/>", "expected <annotation>, found <note>"),
         (b"<annotation>\n<object>", "a.xml, line 2"),
-        (b"", "not XML"),
-        (b"<a>\n<b></a>", "a.xml, line 2, column 6: not XML: mismatched tag"),
+        (b"", "cannot be read as XML"),
+        (
+            b"<a>\n<b></a>",
+            "a.xml, line 2, column 6: cannot be read as XML: mismatched tag",
+        ),
         (b"<a b=c></a>", "a.xml, line 1"),
-        (b"not xml", "a.xml, line 1, column 1: not XML"),
+        (b"not xml", "a.xml, line 1, column 1: cannot be read as XML"),
         (
             b"<annotation>" + b"<object>" * 100_000 + b"</object>" * 100_000,
             "at most 500000 elements in 32 levels",

@@ -299,7 +299,7 @@ HEADER = (5, 3, 8, 2)
         pytest.param([chunk(b"IHDR", bytes(13)), SOUND], "one header", id="IHDR again"),
         pytest.param([chunk(b"QRST"), SOUND], "b'QRST'", id="critical, unknown"),
         pytest.param(
-            [chunk(b"a\xffst"), SOUND], "no decoder", id="a name of no letters"
+            [chunk(b"a\xffst"), SOUND], "not be ignored", id="a name of no letters"
         ),
         pytest.param(
             [SOUND, chunk(b"PLTE", bytes(3))], "before the pixels", id="PLTE too late"
@@ -309,7 +309,9 @@ HEADER = (5, 3, 8, 2)
             [chunk(b"PLTE", bytes(3))[:-1] + b"x", SOUND], "checksum", id="CRC"
         ),
         pytest.param(
-            [SOUND, chunk(b"tEXt", b"k\0v"), SOUND], "between the pixels", id="apart"
+            [SOUND, chunk(b"tEXt", b"k\0v"), SOUND],
+            "between the chunks of pixels",
+            id="apart",
         ),
         pytest.param(
             [SOUND, chunk(b"fcTL", bytes(26))], "animated", id="animated later"

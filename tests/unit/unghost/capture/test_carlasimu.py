@@ -106,7 +106,7 @@ def test_unconverted_settings_are_listed_in_yaml_comments(folder):
     comments = [line for line in text.splitlines() if line.startswith("#")]
     assert any("thresholds" in line for line in comments)
     assert any("color_segmentation.yaml" in line for line in comments)
-    assert any("not used here: wait_for_tick" in line for line in comments)
+    assert any("keys that are not used: wait_for_tick" in line for line in comments)
 
 
 def test_differing_camera_attributes_are_reported_in_notes(folder):
@@ -171,7 +171,7 @@ def test_sensor_without_attributes_has_default_values(tmp_path):
 
 
 def test_folder_without_carlasimu_files_raises_scenario_error(tmp_path):
-    with pytest.raises(ScenarioError, match=r"none of data\.yaml"):
+    with pytest.raises(ScenarioError, match=r"at least one of data\.yaml"):
         convert_carlasimu(tmp_path)
 
 

@@ -85,7 +85,7 @@ def test_folder_without_frames_accepts_a_changed_scenario(folder):
 def test_foreign_capture_json_raises_and_is_not_overwritten(tmp_path, content):
     (tmp_path / "capture.json").write_text(content)
 
-    with pytest.raises(CaptureError, match="holds no capture"):
+    with pytest.raises(CaptureError, match="contains no capture"):
         CaptureFolder(tmp_path).open(ABOUT)
 
     assert (tmp_path / "capture.json").read_text() == content
@@ -94,7 +94,7 @@ def test_foreign_capture_json_raises_and_is_not_overwritten(tmp_path, content):
 def test_folder_with_other_files_raises_capture_error(tmp_path):
     (tmp_path / "thesis.tex").write_text("x")
 
-    with pytest.raises(CaptureError, match="holds no capture"):
+    with pytest.raises(CaptureError, match="contains no capture"):
         CaptureFolder(tmp_path).open(ABOUT)
 
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]

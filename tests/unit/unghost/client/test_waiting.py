@@ -42,15 +42,17 @@ def test_lost_server_while_waiting_for_a_run_prints_wait_command(closed_port, ca
         wait_for_run(client, Run.read(RUN), Screen())
 
     said = capsys.readouterr().err
-    assert "run 21 goes on with the server: `unghost wait 21` follows it" in said
+    assert (
+        "run 21 continues when the server does: `unghost wait 21` waits for it" in said
+    )
 
 
 @pytest.mark.parametrize(
     ("answer", "words"),
     [
         (json_reply({**EXPORT, "state": "cancelled"}), "was cancelled; the same"),
-        (problem(409, "export_over"), "was over already, and the same"),
-        (problem(403, "forbidden"), "goes on at the server, and the same"),
+        (problem(409, "export_over"), "had ended already, and the same"),
+        (problem(403, "forbidden"), "continues on the server, and the same"),
     ],
 )
 def test_interrupting_wait_for_export_cancels_it_with_a_message(
@@ -60,7 +62,9 @@ def test_interrupting_wait_for_export_cancels_it_with_a_message(
     events = f"event: progress\nid: 1\ndata: {told}\n\n"
     scripted.answer(Reply(body=events.encode()), answer)
 
-    with pytest.raises(KeyboardInterrupt, match=f"export 4 {words} command makes it"):
+    with pytest.raises(
+        KeyboardInterrupt, match=f"export 4 {words} command creates another"
+    ):
         wait_for_export(client, Export.read(EXPORT), InterruptingScreen())
 
     assert scripted.received_requests[-1].path == "/api/v1/exports/4/cancel"

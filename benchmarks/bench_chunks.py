@@ -1,12 +1,12 @@
 """Does the memory of the process that drives a job grow with the job's chunks?
 
-    python -m benchmarks.bench_ledger [--few 10000] [--many 1000000] [--json]
+    python -m benchmarks.bench_chunks [--few 10000] [--many 1000000] [--json]
 
-The driver and the ledger are real, a SQLite database on the disk; the chunks are not:
-whatever is submitted is done at once. Beside it the same number of tasks is submitted
-to a pool at once, as one would without a window. Each is a process of its own, and the
-figure is the most memory that it ever had. SQLite may keep 8 MiB of the ledger in
-memory instead of the service's 256, or that would be what grows.
+The driver and its table of chunks are real, in a SQLite database on the disk; the work
+is not: each chunk is done as soon as it is submitted. For comparison, the same number
+of tasks is submitted to a pool without a limit of open ones. Each measurement has a
+process of its own, and its figure is the peak memory. SQLite's cache is limited to 8
+MiB instead of the service's 256, since otherwise the cache would be what grows.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ from app.settings import Settings
 from benchmarks.bench_batch import peak_mib
 from filter_core.config.filter import FilterConfig
 
-MOST_IN_FLIGHT = 256
+MAX_IN_FLIGHT = 256
 CACHE_KIB = 8 * 1024
-ASKED = 1.1
+AIM_MEMORY_RATIO = 1.1
 
 
-class Chunks(RunJobs):
-    """A run of so many chunks of one frame each; its final step is nothing."""
+class EmptyRunJobs(RunJobs):
+    """A run with `chunks` chunks of one frame each, and nothing to do at its end."""
 
     def __init__(self, chunks: int) -> None:
         self._chunks = chunks
 
     def begin(self, session: Session, row: Run) -> None:
-        """There are no frames to count."""
+        """Do nothing: there are no frames to count."""
 
     def plan(
         self, session: Session, row: Run, *, after: int, most: int, frames: int
@@ -62,21 +62,21 @@ class Chunks(RunJobs):
         return [PlannedChunk(number, number, 1) for number in range(after + 1, end + 1)]
 
     def finish(self, task: Task[Run]) -> None:
-        """End it."""
+        """End the job."""
         with task.context.database.write() as session:
             task.end_job(session)
 
 
-class Instant(LocalEngine):
-    """Has done whatever it is asked for."""
+class InstantEngine(LocalEngine):
+    """An engine that reports each chunk as done without working on it."""
 
     @property
     def window(self) -> int:
-        """As many as a cluster may have in flight."""
-        return MOST_IN_FLIGHT
+        """As many open chunks as a cluster may have."""
+        return MAX_IN_FLIGHT
 
     def start_chunk(self, here: ChunkWork, job: Job, number: int) -> Future[str]:
-        """Nothing is worked on; `here` is not used."""
+        """A chunk that is done already; `here` is not used."""
         future: Future[str] = Future()
         future.set_result(DONE)
         return future
@@ -96,14 +96,14 @@ def main() -> int:
     for way in ("driver", "at once"):
         for chunks in (options.few, options.many):
             seconds, base, peak = in_a_process(way, chunks)
-            figures[f"{way}, {chunks} chunks: took [s]"] = seconds
+            figures[f"{way}, {chunks} chunks: time [s]"] = seconds
             figures[f"{way}, {chunks} chunks: peak [MiB]"] = peak
-            figures[f"{way}, {chunks} chunks: of these before [MiB]"] = base
+            figures[f"{way}, {chunks} chunks: before it [MiB]"] = base
     few, many = (f"driver, {n} chunks: peak [MiB]" for n in (options.few, options.many))
     figures["the driver's second peak / the first: measured"] = (
         figures[many] / figures[few]
     )
-    figures["the driver's second peak / the first: asked, at most"] = ASKED
+    figures["the driver's second peak / the first: aim, at most"] = AIM_MEMORY_RATIO
     if options.json:
         print(json.dumps(figures, indent=1))
     else:
@@ -113,8 +113,8 @@ def main() -> int:
 
 
 def in_a_process(way: str, chunks: int) -> tuple[float, float, float]:
-    """Seconds, and memory before and at most, of a process that does nothing else."""
-    command = [sys.executable, "-m", "benchmarks.bench_ledger", "--alone", way]
+    """Seconds, memory before and peak memory, measured in a new process."""
+    command = [sys.executable, "-m", "benchmarks.bench_chunks", "--alone", way]
     answer = subprocess.run(
         [*command, "--many", str(chunks)], check=True, stdout=subprocess.PIPE, text=True
     )
@@ -123,12 +123,12 @@ def in_a_process(way: str, chunks: int) -> tuple[float, float, float]:
 
 
 def measured(way: str, chunks: int) -> tuple[float, float, float]:
-    """Seconds, and MiB before and at most."""
+    """Seconds, and MiB before and at the peak."""
     with (
         tempfile.TemporaryDirectory() as folder,
         running(Settings(data=Path(folder) / "data")) as context,
     ):
-        keep_little(context)
+        limit_cache(context)
         base, begun = peak_mib("self"), time.perf_counter()
         if way == "driver":
             drive(context, chunks)
@@ -137,8 +137,8 @@ def measured(way: str, chunks: int) -> tuple[float, float, float]:
         return time.perf_counter() - begun, base, peak_mib("self")
 
 
-def keep_little(context: ServiceContext) -> None:
-    """Let SQLite hold few pages of the database."""
+def limit_cache(context: ServiceContext) -> None:
+    """Limit SQLite's cache of the database."""
     engine = context.database.engine
     engine.dispose()
 
@@ -148,22 +148,22 @@ def keep_little(context: ServiceContext) -> None:
 
 
 def drive(context: ServiceContext, chunks: int) -> None:
-    """Drive a job of so many chunks to its end."""
+    """Drive a job with this number of chunks to its end."""
 
     context = ServiceContext(
         settings=context.settings,
         database=context.database,
         storage=context.storage,
-        engine=Instant(1),
+        engine=InstantEngine(1),
         pixels=context.pixels,
         drawers=context.drawers,
         folders=context.folders,
     )
     config = FilterConfig()
-    wanted = NewDataset(DatasetReading("chunks"), "", None, config, "benchmark")
-    register(Chunks(chunks))
+    new = NewDataset(DatasetReading("chunks"), "", None, config, "benchmark")
+    register(EmptyRunJobs(chunks))
     with context.database.write() as session:
-        dataset = create_dataset(session, wanted)
+        dataset = create_dataset(session, new)
         run = Run(
             dataset_id=dataset.id,
             config_id=dataset.active_config_id,
@@ -179,7 +179,7 @@ def drive(context: ServiceContext, chunks: int) -> None:
 
 
 def submit_at_once(chunks: int) -> None:
-    """What a driver without a window would do."""
+    """Submit all tasks at once, as a driver without a limit would."""
     with ThreadPoolExecutor(1) as pool:
         for future in [pool.submit(int, number) for number in range(chunks)]:
             future.result()
