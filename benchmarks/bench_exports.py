@@ -29,9 +29,8 @@ from app.db.tables import Dataset
 from app.exports.queries import ExportRepository
 from app.exports.service import ExportRequest, request_export
 from app.measuring.queries import DatasetRepository
-from benchmarks.bench_runs import opened
-from benchmarks.million import Wanted, make
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS
+from tests.support.large_datasets import Wanted, make, open_context
 
 FRAMES, BOXES = 10_000, 30
 LOOK_EVERY_S = 0.02
@@ -101,7 +100,7 @@ class Memory:
 
 def exported(data: Path, frames: int, form: str) -> dict[str, float]:
     """Seconds of one export, and this process's memory in MiB, early and at most."""
-    context = opened(data / f"exports-{frames}")
+    context = open_context(data / f"exports-{frames}")
     try:
         dataset_id = filled(context, frames)
         over, memory = threading.Event(), Memory()

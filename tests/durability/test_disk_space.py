@@ -9,10 +9,10 @@ import pytest
 from sqlalchemy import text
 
 from app.storage.room import RESERVE
-from benchmarks.million import Wanted, make
 from tests.support.archives import frame, tar_archive
 from tests.support.data_folders import blobs, count, served
 from tests.support.databases import database_of
+from tests.support.large_datasets import Wanted, make
 from tests.support.mounts import small_disk
 from tests.support.services import running_services
 from tests.support.waiting import until

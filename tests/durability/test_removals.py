@@ -9,9 +9,9 @@ from typing import NamedTuple
 import pytest
 
 from app.maintenance.removals import BOXES_AT_A_TIME
-from benchmarks.million import Wanted, make
 from tests.support.data_folders import count, served
 from tests.support.databases import problems_of
+from tests.support.large_datasets import Wanted, make
 from tests.support.services import running_services
 from tests.support.waiting import until
 

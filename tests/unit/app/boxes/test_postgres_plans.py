@@ -25,8 +25,8 @@ from app.measuring.queries import DatasetRepository, frames_state, key_rows
 from app.review.bulk import review_many
 from app.review.queue import QueueRequest, next_boxes, remaining_boxes
 from app.review.service import review_box
-from benchmarks.million import BOXES_PER_FRAME, Wanted, make
 from tests.support.databases import migrated_postgres
+from tests.support.large_datasets import BOXES_PER_FRAME, Wanted, make
 from tests.support.services import running_services
 from tests.support.statements import statements_of
 from unghost.wire.boxes import BulkIn, ReviewIn

@@ -15,8 +15,8 @@ from app.jobs.events import INTERVAL_S
 from app.jobs.service import cancel
 from app.runs.queries import RunRepository
 from app.runs.service import RUNS
-from benchmarks.million import Wanted, make
 from tests.support.databases import migrated_postgres
+from tests.support.large_datasets import Wanted, make
 from tests.support.services import ServiceDataset, run_job, running_services
 
 FRAMES = 8_000
