@@ -57,6 +57,12 @@ def test_every_error_has_a_stable_code_and_a_docstring(error):
     assert error.__doc__
 
 
+def test_error_codes_are_unique():
+    codes = [cls.code for cls in class_and_subclasses(AppError) if "code" in vars(cls)]
+
+    assert sorted(codes) == sorted(set(codes))
+
+
 def test_every_error_class_is_in_the_docstring_of_its_module():
     for root in (AppError, FilterError):
         module = importlib.import_module(root.__module__)

@@ -24,4 +24,8 @@ SHOWN = [
 def test_every_example_annotation_can_be_parsed(block):
     shown = json.loads(block)
 
-    assert len(parse_annotation(shown).boxes) == len(shown["boxes"])
+    parsed = [box.id for box in parse_annotation(shown).boxes]
+
+    assert len(parsed) == len(shown["boxes"])
+    named = {box["id"] for box in shown["boxes"] if "id" in box}
+    assert named <= set(parsed)
