@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -208,35 +207,3 @@ def test_bulk_answer_on_a_filter_is_replayed_by_idempotency_key(api, street):
     assert (first.status_code, again.status_code) == (201, 201)
     assert first.json() == again.json()
     assert again.headers["idempotent-replayed"] == "true"
-
-
-def test_replaced_frame_is_returned_without_querying_evidence(service, api, street):
-    """Every other writer waits for queries within the transaction."""
-    name, ids = street
-    assert api.review(ids[3], "keep", comment="seen").status_code == 201
-    boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(MANY)]
-    boxes[4] = {"class": "car", "xyxy": scene.IN_THE_SKY}
-    annotation = {**scene.annotation(), "boxes": boxes}
-
-    with statements_of(service.app.state.database.engine) as found:
-        answer = api.upload_frame(name, "a", annotation, replace=True)
-
-    assert [text for text, _ in found if "FROM evidence" in text] == []
-    frame = api.json(f"/frames/{answer['frame']['id']}")
-    assert answer["decisions"] == frame["boxes"]
-    assert answer["decisions"][3]["review"]["comment"] == "seen"
-    assert answer["frame"]["counts"] == frame["counts"]
-    assert frame["counts"]["reviewed"] == 1
-
-
-def test_frame_is_read_with_one_query_per_table(service, api, street):
-    name, _ = street
-    frame = api.json(f"/datasets/{name}/frames")["items"][0]["id"]
-
-    with statements_of(service.app.state.database.engine) as found:
-        api.json(f"/frames/{frame}")
-
-    asked = [
-        text for text, _ in found if re.search("FROM (evidence|frame_files)", text)
-    ]
-    assert len(asked) == len(set(asked)) == 2

@@ -197,18 +197,6 @@ def test_bulk_answer_is_undone_only_by_its_reviewer_or_an_admin(street, person, 
     assert (noted[2]["details"]["answers"], noted[2]["details"]["skipped"]) == (2, 0)
 
 
-def test_created_exports_are_audited(street, person, admin):
-    name, _ = street
-    ada, api = person()
-
-    export = api.post(f"/datasets/{name}/exports", {"format": "yolo"}).json()
-
-    entry = admin.get(f"{BASE}/audit").json()["items"][0]
-    assert (entry["actor"], entry["action"]) == (ada, "export.created")
-    assert entry["subject"] == str(export["id"])
-    assert entry["details"] == {"dataset": name, "format": "yolo"}
-
-
 def clear_all(api, name, boxes):
     body = {"dataset": name, "box_ids": boxes, "verdict": "clear"}
     seen = [api.json(f"/boxes/{box_id}")["revision"] for box_id in boxes]
