@@ -1,4 +1,4 @@
-"""docs/operations.md agrees with the code: metrics, checks, log keys, settings, limits."""
+"""docs/operations.md agrees with the code on metrics, checks, logs and settings."""
 
 from __future__ import annotations
 

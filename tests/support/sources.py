@@ -53,3 +53,13 @@ def python_sources(*folders: str) -> tuple[Source, ...]:
 def page_sources() -> tuple[Source, ...]:
     """The page's scripts, styles and markup."""
     return sources(PAGE, ".js", ".mjs", ".css", ".html")
+
+
+def names_of_tests(path: str) -> frozenset[str]:
+    """The names of the tests that a module defines, by its path from the checkout."""
+    tree = Source(path, (CHECKOUT / path).read_text("utf-8")).tree
+    return frozenset(
+        node.name
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+    )
