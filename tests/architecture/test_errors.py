@@ -14,7 +14,7 @@ from app.http.problems import STATUS
 from filter_core.errors import FilterError
 
 # Errors that may have a status of 500: neither another request nor waiting helps.
-NOBODYS_FAULT = (AppError, DamagedFile)
+MAY_BE_500 = (AppError, DamagedFile)
 
 
 def import_all_modules() -> None:
@@ -47,7 +47,7 @@ def test_every_error_has_a_status(error):
 
     assert statuses
     assert 400 <= statuses[0] < 600
-    assert error in NOBODYS_FAULT or statuses[0] < 500 or statuses[0] == 503
+    assert error in MAY_BE_500 or statuses[0] < 500 or statuses[0] == 503
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: error.__name__)
