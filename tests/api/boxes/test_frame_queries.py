@@ -11,7 +11,7 @@ from tests.support import frames as scene
 from tests.support.api import Api
 from tests.support.statements import statements_of
 
-MANY = 60
+BOXES = 60
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def api(service) -> Iterator[Api]:
 @pytest.fixture
 def street(api):
     """A frame with many boxes, and their ids."""
-    boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(MANY)]
+    boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(BOXES)]
     name = api.dataset()
     stored = api.upload_frame(name, "a", {**scene.annotation(), "boxes": boxes})
     return name, [box["box_id"] for box in stored["decisions"]]
@@ -33,7 +33,7 @@ def test_replaced_frame_is_returned_without_querying_evidence(service, api, stre
     """Every other writer waits for queries within the transaction."""
     name, ids = street
     assert api.review(ids[3], "keep", comment="seen").status_code == 201
-    boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(MANY)]
+    boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(BOXES)]
     boxes[4] = {"class": "car", "xyxy": scene.IN_THE_SKY}
     annotation = {**scene.annotation(), "boxes": boxes}
 

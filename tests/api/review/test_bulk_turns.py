@@ -20,7 +20,7 @@ from tests.support.statements import statements_of
 from unghost.wire.boxes import ReviewIn
 
 PATIENCE_S = 20
-MANY = 60
+BOXES = 60
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def api(service) -> Iterator[Api]:
 @pytest.fixture
 def street(api):
     """A frame with many boxes, and their ids."""
-    boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(MANY)]
+    boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(BOXES)]
     name = api.dataset()
     stored = api.upload_frame(name, "a", {**scene.annotation(), "boxes": boxes})
     return name, [box["box_id"] for box in stored["decisions"]]
@@ -133,7 +133,7 @@ def test_bulk_answer_inserts_its_reviews_with_one_statement(service, api, street
     with statements_of(service.app.state.database.engine) as found:
         answer = bulk(api, name, box_ids=ids, seen_revisions=claimed)
 
-    assert (answer.json()["count"], len(answer.json()["stale"])) == (1, MANY - 1)
+    assert (answer.json()["count"], len(answer.json()["stale"])) == (1, BOXES - 1)
     wrote = [text for text, _ in found if text.startswith("INSERT INTO reviews")]
     assert len(wrote) == 1
 
@@ -162,7 +162,7 @@ def test_bulk_answer_on_a_filter_changed_while_waiting_returns_412(
         )
 
     assert (answer.status_code, answer.json()["code"]) == (412, "stale_snapshot")
-    assert answer.json()["current"] == {"total": MANY, **snapshot_of(api, name)}
+    assert answer.json()["current"] == {"total": BOXES, **snapshot_of(api, name)}
     assert acts.nested_transactions == set()
     reviewed = api.json(f"/datasets/{name}/stats")
     assert (reviewed["unsure"], reviewed["reviewed"]) == (1, 0)
@@ -177,7 +177,7 @@ def test_bulk_answer_skips_a_listed_box_answered_while_waiting(service, api, str
         partial(answer_as_another_server, service, ids[7]),
     ).json()
 
-    assert (answer["count"], answer["stale"]) == (MANY - 1, [ids[7]])
+    assert (answer["count"], answer["stale"]) == (BOXES - 1, [ids[7]])
     assert api.json(f"/boxes/{ids[7]}")["review"]["reviewer"] == "ada"
 
 
@@ -191,7 +191,7 @@ def test_undo_skips_a_box_answered_while_waiting(service, api, street):
         partial(answer_as_another_server, service, ids[7], 1),
     ).json()
 
-    assert (answer["undone"], answer["skipped"]) == (MANY - 1, [ids[7]])
+    assert (answer["undone"], answer["skipped"]) == (BOXES - 1, [ids[7]])
     assert api.json(f"/boxes/{ids[7]}")["review"]["reviewer"] == "ada"
 
 

@@ -17,7 +17,7 @@ from tests.support.slow_datasets import FROM_PIXELS, slow_server
 from tests.support.waiting import PATIENCE_S, until
 
 FRAMES = 100
-FAST = 0.15
+FAST_S = 0.15
 """Less than the 0.2 s between two events, as the clock of a busy machine varies."""
 
 
@@ -62,7 +62,7 @@ def test_run_events_have_increasing_ids_and_a_limited_rate(seen):
 
     assert numbers == sorted(set(numbers))
     # A single event may arrive late, and the next one is then early.
-    assert sum(pauses) >= FAST * len(pauses)
+    assert sum(pauses) >= FAST_S * len(pauses)
 
 
 def test_run_events_resume_after_last_event_id(seen, slow):

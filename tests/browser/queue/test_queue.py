@@ -16,7 +16,7 @@ from tests.support.page.windows import FILL, PHONE, OpenWindow, Visitor
 
 pytestmark = pytest.mark.browser
 
-STANDS_STILL = """() => {
+VIEW_IS_UNCHANGED = """() => {
   const stage = document.querySelector(".stage");
   const before = stage.viewBefore;
   stage.viewBefore = stage.dataset.view;
@@ -338,7 +338,7 @@ def pixels_of_full_frame(user: Visitor, page: Page) -> np.ndarray:
     user.press("f")
     expect(page.locator(".stage")).to_have_attribute("data-mode", "frame")
     # The zoom is animated.
-    page.wait_for_function(STANDS_STILL, polling=300)
+    page.wait_for_function(VIEW_IS_UNCHANGED, polling=300)
     return layer(page, "base")[..., :3].astype(int)
 
 

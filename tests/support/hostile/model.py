@@ -16,7 +16,7 @@ from tests.support import frames as scene
 
 CAR: Final = 14
 KEPT, REJECTED, UNMEASURED = "kept", "rejected", "unmeasured"
-OF_ANSWER: Final = {"keep": KEPT, "reject": REJECTED}
+VERDICT_OF_ANSWER: Final = {"keep": KEPT, "reject": REJECTED}
 OUTSIDE: Final = (90, 0, 99, 9)
 RECTANGLES: Final = (
     tuple(scene.ON_THE_CAR),
@@ -76,7 +76,7 @@ class ModelBox:
 
     @property
     def effective(self) -> str:
-        return OF_ANSWER.get(self.review or "", self.verdict)
+        return VERDICT_OF_ANSWER.get(self.review or "", self.verdict)
 
     @property
     def is_contradicted(self) -> bool:
@@ -87,8 +87,8 @@ class ModelBox:
         """Whether a list with this filter shows the box."""
         review = self.review
         states = {
-            "undecided": review not in OF_ANSWER,
-            "decided": review in OF_ANSWER,
+            "undecided": review not in VERDICT_OF_ANSWER,
+            "decided": review in VERDICT_OF_ANSWER,
             "none": review is None,
             "any": review is not None,
             **{name: review == name for name in ("keep", "reject", "unsure")},
@@ -214,7 +214,7 @@ class Model:
             "frames": len(self.frames),
             "boxes": len(boxes),
             **{name: verdicts[name] for name in (KEPT, REJECTED, UNMEASURED)},
-            "reviewed": sum(box.review in OF_ANSWER for box in boxes),
+            "reviewed": sum(box.review in VERDICT_OF_ANSWER for box in boxes),
             "unsure": sum(box.review == "unsure" for box in boxes),
             "conflicts": sum(box.is_contradicted for box in boxes),
             "effective": {

@@ -21,7 +21,7 @@ from app.security import (
 )
 from unghost.wire.words import Role
 
-OWN = {"host": "127.0.0.1:8000"}
+OWN_HOST = {"host": "127.0.0.1:8000"}
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_host_name_is_returned_without_its_port(host, name):
     ],
 )
 def test_cross_origin_requests_are_recognised(headers, not_other):
-    headers = {**OWN, **headers}
+    headers = {**OWN_HOST, **headers}
 
     assert comes_from_no_other_page(headers) is not_other
 

@@ -14,7 +14,7 @@ from sqlalchemy import text
 from app.db.engine import Database, keep_turn
 from tests.support.databases import empty_postgres
 
-STOPPED = """
+STOPPED_WRITER = """
 import os, signal, sys
 from sqlalchemy import text
 from app.db.engine import Database
@@ -35,7 +35,7 @@ def url():
 def stopped_writer(url):
     """A process that is stopped by SIGSTOP within a transaction that writes."""
     with subprocess.Popen(
-        [sys.executable, "-c", STOPPED, url], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", STOPPED_WRITER, url], stdout=subprocess.PIPE, text=True
     ) as process:
         try:
             assert process.stdout

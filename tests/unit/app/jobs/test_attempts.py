@@ -74,10 +74,10 @@ def request_run_with_attempts(street, *spans):
     with street.context.database.write() as session:
         run = RunRepository(session).with_id(run_id)
         run.state, run.started_at, run.total = "running", utc_now(), FRAMES
-        ledger, job = ChunkRepository(session), run_job(run_id)
+        chunks, job = ChunkRepository(session), run_job(run_id)
         for first, last, ended in spans:
             planned = PlannedChunk(ids[first], ids[last], last - first + 1)
-            (number,) = ledger.plan(job, [planned])
+            (number,) = chunks.plan(job, [planned])
             session.get_one(Chunk, (*job, number)).attempts = ended
     return run_id
 
@@ -327,8 +327,8 @@ def request_run_with_decision_attempts(street, ended):
     """Prepare a run whose decision has ended so many processes; returns its id."""
     run_id = street.request(NOTHING_VISIBLE)
     with street.context.database.write() as session:
-        ledger, job = ChunkRepository(session), run_job(run_id)
-        ledger.plan_final_step(job, FRAMES)
+        chunks, job = ChunkRepository(session), run_job(run_id)
+        chunks.plan_final_step(job, FRAMES)
         session.get_one(Chunk, (*job, FINAL_STEP)).attempts = ended
     return run_id
 

@@ -110,8 +110,8 @@ def test_rectangle_clipped_on_import_counts_as_clipped():
     }
 
 
-BY_PERSON = {"review": {"verdict": "reject"}, "effective_verdict": "rejected"}
-RESCUED = {"review": {"verdict": "keep"}, "effective_verdict": "kept"}
+REJECTED_BY_PERSON = {"review": {"verdict": "reject"}, "effective_verdict": "rejected"}
+KEPT_BY_PERSON = {"review": {"verdict": "keep"}, "effective_verdict": "kept"}
 
 
 @pytest.mark.parametrize(
@@ -127,8 +127,8 @@ def test_include_options_select_the_exported_boxes(options, out):
     boxes = [
         box(0),
         box(1, "rejected"),
-        box(2, **BY_PERSON),
-        box(3, "rejected", **RESCUED),
+        box(2, **REJECTED_BY_PERSON),
+        box(3, "rejected", **KEPT_BY_PERSON),
         box(4, "unmeasured"),
     ]
 
@@ -142,8 +142,8 @@ def test_include_options_select_the_exported_boxes(options, out):
 def test_dropped_boxes_are_counted_by_reason():
     boxes = [
         box(0, "rejected"),
-        box(1, **BY_PERSON),
-        box(2, "rejected", None, **RESCUED),
+        box(1, **REJECTED_BY_PERSON),
+        box(2, "rejected", None, **KEPT_BY_PERSON),
         box(3, xyxy=(120, 0, 140, 9)),
     ]
 
