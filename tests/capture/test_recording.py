@@ -1,6 +1,6 @@
 """What a capture writes: frames, images, points, boxes and their attributes.
 
-The filter reads the folder and tells visible objects from hidden ones.
+The filter reads the folder and keeps visible objects and rejects hidden ones.
 """
 
 from __future__ import annotations

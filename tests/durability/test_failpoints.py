@@ -118,7 +118,7 @@ def upload(dataset, number):
 
 
 def batch(dataset, number):
-    """An act that sends a batch of two frames; it returns the keys with status 201."""
+    """Send a batch of two frames; the keys with status 201 are acknowledged."""
     content = tar_archive(
         frame(f"{number}-a", number=number) + frame(f"{number}-b", number=number + 128)
     )

@@ -1,4 +1,7 @@
-"""A deleted dataset is gone at once; its rows go in portions, also after a kill."""
+"""A deleted dataset cannot be read any more; its rows are deleted in portions.
+
+That continues after a kill.
+"""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ def repair_tar_checksums(content: bytes) -> bytes:
 
 
 def repair_png_crcs(content: bytes) -> bytes:
-    """The PNG with the right checksum in each of its whole chunks."""
+    """The PNG with the right checksum in each of its complete chunks."""
     png, at = bytearray(content), 8
     while at + 12 <= len(png):
         (length,) = struct.unpack_from(">I", png, at)

@@ -1,4 +1,4 @@
-"""The real service compared with a model of it, after any sequence of acts.
+"""The real service compared with a model of it, after any sequence of requests.
 
 By default it runs a few fixed sequences; ``make test-long`` tries 500 random ones
 (MACHINE_RUNS).
@@ -277,7 +277,7 @@ class ServiceAgainstModel(RuleBasedStateMachine):
         assert {name: stats[name] for name in expected} == expected
 
     def teardown(self):
-        """After each sequence, compare all frames and the whole history of each box."""
+        """After each sequence, compare all frames and the history of each box."""
         if not hasattr(self, "model"):
             return
         frames = self.api.json(f"/datasets/{self.name}/frames")["items"]

@@ -52,7 +52,7 @@ def place(tmp_path_factory) -> Iterator[ClusterAndServer]:
 
 @dataclass
 class Writers:
-    """Clients that upload and review until told to stop, and note the answers."""
+    """Clients that upload and review until they are stopped, and note the answers."""
 
     place: ClusterAndServer
     dataset: str

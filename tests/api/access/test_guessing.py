@@ -1,4 +1,4 @@
-"""Wrong tokens are refused and counted in the log; right ones go on working."""
+"""Wrong tokens are refused and counted in the log; right ones still work."""
 
 from __future__ import annotations
 

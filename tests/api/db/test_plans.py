@@ -21,7 +21,7 @@ from tests.support.api import BASE, Api
 from tests.support.live import live
 from tests.support.statements import Statement, statements_of
 
-pytestmark = pytest.mark.sqlite_files("plans as SQLite tells them")
+pytestmark = pytest.mark.sqlite_files("plans as SQLite reports them")
 
 LARGE_TABLES = {
     "frames",
@@ -41,7 +41,7 @@ ALLOWED_SCANS = {
     "of its own, in the background, and others have their turns after each; an index "
     "would cost every upload for that",
 }
-"""A part of a statement that may read a big table whole -> the reason."""
+"""A part of a statement that may read all of a large table -> the reason."""
 NOT_INDEXED = {
     ("boxes", "class_id"): "classes are only deleted with their dataset, and an index "
     "would cost every upload for that"

@@ -1,4 +1,4 @@
-"""A request that violates a schema is told what was expected and what was found."""
+"""The refusal of an invalid request says what was expected and what was found."""
 
 from __future__ import annotations
 

@@ -144,7 +144,7 @@ def wait_for_a_free_stream(api, run_id):
         with api.http.stream("GET", f"{BASE}/runs/{run_id}/events") as answer:
             return answer.status_code == 200
 
-    until(stream_is_accepted, "nobody made room")
+    until(stream_is_accepted, "no stream was closed")
 
 
 def test_run_events_follow_changes_of_the_row_by_another_process(held):

@@ -331,7 +331,7 @@ def test_phone_has_large_answer_buttons_at_the_bottom(
 
 
 def pixels_of_full_frame(user: Visitor, page: Page) -> np.ndarray:
-    """Show the whole frame, and give the pixels of the stage's base layer.
+    """Show the complete frame, and give the pixels of the stage's base layer.
 
     What only the current box has is drawn on another layer.
     """

@@ -20,7 +20,7 @@ from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
 
-# Cars that fill 4, 30, 55 and 80 % of their boxes; the walker fills its whole box.
+# Cars that fill 4, 30, 55 and 80 % of their boxes; the walker fills its box.
 BOXES = [car_at(share, index) for index, share in enumerate((4, 30, 55, 80))]
 WALKER = {"id": "walker", "class": "walker", "xyxy": (560, 200, 590, 280)}
 

@@ -1,8 +1,8 @@
 """A simple model of one dataset, to compare the service's answers with.
 
 It uses plain lists and dictionaries, decides by counting single pixels, and undoes
-answers from a stack of acts for each box. It shares no code with the service, only the
-words of the API.
+answers from a stack for each box. It shares no code with the service, only the words
+of the API.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class ModelBox:
         self.pile.append((batch, verdict))
 
     def take_back(self, batch: int, undo: int) -> bool:
-        """Undo the newest act if it belongs to this batch; whether it did."""
+        """Undo the newest answer if it belongs to this batch; whether it did."""
         if not self.pile or self.pile[-1][0] != batch:
             return False
         self.pile.pop()
@@ -199,7 +199,7 @@ class Model:
         self.batches[batch] = box_ids
 
     def undo(self, batch: int, undo: int) -> int:
-        """Undo a batch on the boxes where it is the newest act; on how many."""
+        """Undo a batch on the boxes where it is the newest answer; on how many."""
         boxes = self.boxes()
         of_batch = [boxes[one] for one in self.batches[batch] if one in boxes]
         self.undone.add(batch)

@@ -34,7 +34,7 @@ OWN_HOST = {"host": "127.0.0.1:8000"}
     ],
 )
 def test_secrets_are_unique_and_have_their_prefix_and_length(make, prefix):
-    """They have 256 random bits; the prefix tells what kind of secret it is."""
+    """They have 256 random bits; the prefix says what kind of secret it is."""
     secrets = {make() for _ in range(100)}
 
     assert len(secrets) == 100

@@ -90,7 +90,7 @@ def test_garbage_collection_keeps_its_turn_without_a_timeout(url):
 
 @pytest.mark.long
 def test_process_that_hangs_loses_its_turn(url):
-    """Without a timeout, a machine that is gone would block all writers for hours."""
+    """Without a timeout, a failed machine would block all writers for hours."""
     with stopped_writer(url), closing(Database(url)) as database:
         begun = time.monotonic()
         with database.write() as session:

@@ -58,7 +58,7 @@ def wait_for_progress(services, run_id):
             return state
         assert state in ("queued", "running")
         time.sleep(INTERVAL_S / 4)
-    raise AssertionError("it told nothing")
+    raise AssertionError("no progress was reported")
 
 
 @contextmanager
