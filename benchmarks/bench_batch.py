@@ -39,14 +39,14 @@ import httpx
 from app.process.lifespan import running
 from app.settings import Settings
 from benchmarks.bench_upload import cpu_seconds, decode_seconds, photograph
-from benchmarks.million import NAME as MILLION
-from benchmarks.million import fill
 from benchmarks.opencv_decoding import decoding_by_opencv
 from benchmarks.street import Street, street
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.config.filter import FilterConfig
 from filter_core.pipeline import FrameOptions, measure_frame
 from filter_core.segmentation.reading import read_segmentation
+from tests.support.large_datasets import NAME as MILLION
+from tests.support.large_datasets import fill
 from tests.support.servers import RunningServer, running_server
 
 BLOCK = 512

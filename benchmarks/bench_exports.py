@@ -30,9 +30,8 @@ from app.db.tables import Dataset
 from app.exports.queries import ExportRepository
 from app.exports.service import ExportRequest, request_export
 from app.measuring.queries import DatasetRepository
-from benchmarks.bench_runs import opened
-from benchmarks.million import DatasetSpec, make_dataset
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS
+from tests.support.large_datasets import DatasetSpec, make_dataset, open_context
 
 FRAMES, BOXES = 10_000, 30
 SAMPLE_EVERY_S = 0.02
@@ -102,7 +101,7 @@ class Memory:
 
 def exported(data: Path, frames: int, form: str) -> dict[str, float]:
     """Seconds of one export, and this process's memory in MiB, early and at most."""
-    context = opened(data / f"exports-{frames}")
+    context = open_context(data / f"exports-{frames}")
     try:
         dataset_id = filled(context, frames)
         over, memory = threading.Event(), Memory()

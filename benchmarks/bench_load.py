@@ -30,9 +30,9 @@ from urllib.parse import urlencode, urlsplit
 
 import httpx
 
-from benchmarks.bench_runs import opened, quantile
-from benchmarks.million import NAME, fill
+from benchmarks.bench_runs import quantile
 from benchmarks.street import street
+from tests.support.large_datasets import NAME, fill, open_context
 from tests.support.servers import RunningServer, running_server
 
 UPLOADS = "uploads"
@@ -81,7 +81,7 @@ def main() -> int:
     counts = [int(each) for each in options.clients.split(",")]
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "data"
-        context = opened(data)
+        context = open_context(data)
         fill(context, options.boxes, lambda _: None)
         context.close()
         context.database.close()

@@ -31,10 +31,9 @@ from sqlalchemy import insert, select
 
 from app.db.tables import Frame, FrameFile
 from app.measuring.queries import DatasetRepository
-from benchmarks.bench_runs import opened
-from benchmarks.million import BOXES_PER_FRAME, NAME, fill
 from benchmarks.page_trace import milliseconds_per_frame
 from benchmarks.street import HEIGHT, WIDTH, street
+from tests.support.large_datasets import BOXES_PER_FRAME, NAME, fill, open_context
 from tests.support.page.windows import launched
 from tests.support.servers import RunningServer, running_server
 
@@ -121,7 +120,7 @@ def _photograph(number: int) -> bytes:
 
 def fill_with_images(data: Path, frames: int, digests: list[str]) -> None:
     """Make a dataset of many frames that share the images."""
-    context = opened(data)
+    context = open_context(data)
     fill(context, frames * BOXES_PER_FRAME, lambda _: None)
     with context.database.write() as session:
         dataset = DatasetRepository(session).named(NAME)

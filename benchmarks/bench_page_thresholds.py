@@ -17,8 +17,8 @@ from pathlib import Path
 
 from playwright.sync_api import Locator, Page
 
-from benchmarks.bench_runs import opened, prepare, quantile
-from benchmarks.million import NAME
+from benchmarks.bench_runs import prepare, quantile
+from tests.support.large_datasets import NAME, open_context
 from tests.support.page.windows import WIDE, launched
 from tests.support.servers import RunningServer, running_server
 
@@ -86,7 +86,7 @@ def main() -> int:
 
 def stored(folder: Path, boxes: int) -> None:
     """Make the dataset, unless it exists."""
-    context = opened(folder)
+    context = open_context(folder)
     try:
         prepare(context, boxes)
     finally:

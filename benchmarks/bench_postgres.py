@@ -38,15 +38,15 @@ from app.process.lifespan import running
 from app.runs.queries import BOXES_PER_ROW, pack_flips
 from app.security import Principal
 from app.settings import Settings
-from benchmarks.million import (
+from filter_core.config.filter import FilterConfig
+from filter_core.segmentation.palettes import FAMILIES
+from tests.support.large_datasets import (
     BOXES_PER_FRAME,
     DatasetSpec,
     MadeRows,
     make_dataset,
     rows_of,
 )
-from filter_core.config.filter import FilterConfig
-from filter_core.segmentation.palettes import FAMILIES
 
 SERVER = "postgresql://postgres@127.0.0.1:5432/postgres"
 SIZES = (1, 2, 4, 8, 16, 32, 64, 256, 1_000, 10_000)

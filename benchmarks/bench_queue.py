@@ -22,8 +22,8 @@ from typing import Any
 
 import httpx
 
-from benchmarks.bench_runs import opened, prepare, quantile
-from benchmarks.million import NAME
+from benchmarks.bench_runs import prepare, quantile
+from tests.support.large_datasets import NAME, open_context
 from tests.support.servers import RunningServer, running_server
 
 ANSWERED = {"margin_max": 0.65, "review": "none"}
@@ -47,7 +47,7 @@ def main() -> int:
     parser.add_argument("--requests", type=int, default=100)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    context = opened(options.data)
+    context = open_context(options.data)
     prepare(context, options.boxes)
     context.close()
     context.database.close()

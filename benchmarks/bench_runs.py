@@ -24,21 +24,14 @@ from app.boxes.queries import PageRequest
 from app.boxes.reader import list_boxes
 from app.context import ServiceContext
 from app.datasets.service import statistics as dataset_statistics
-from app.db.engine import Database
-from app.db.migrate import migrate
 from app.db.tables import Dataset, Run
-from app.engine import LocalEngine
 from app.measuring.columns import ColumnCache
 from app.measuring.queries import DatasetRepository
 from app.memory import settle
-from app.package import migrations_dir
-from app.process.lifespan import folder_pool, pixel_pool, register_kinds
 from app.runs.flips import PreviewLimits, preview
 from app.runs.service import RunRequest, request_run
-from app.settings import Settings
-from app.storage import FolderStorage
-from benchmarks.million import NAME, fill
 from filter_core.config.filter import FilterConfig
+from tests.support.large_datasets import NAME, fill, open_context
 
 PAGES = 60
 REPEATS = 3
@@ -50,7 +43,7 @@ def main() -> int:
     parser.add_argument("--data", type=Path, default=Path("benchmarks/.data"))
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    context = opened(options.data)
+    context = open_context(options.data)
     try:
         prepare(context, options.boxes)
         settle()
@@ -64,23 +57,6 @@ def main() -> int:
         for name, value in figures.items():
             print(f"{name:58} {value:10.3f}")
     return 0
-
-
-def opened(folder: Path) -> ServiceContext:
-    register_kinds()
-    folder.mkdir(parents=True, exist_ok=True)
-    settings = Settings(data=folder)
-    database = Database(settings.sqlalchemy_url)
-    migrate(database.engine, migrations_dir())
-    return ServiceContext(
-        settings=settings,
-        database=database,
-        storage=FolderStorage(folder / "blobs"),
-        engine=LocalEngine(settings.workers),
-        pixels=pixel_pool(settings, settings.workers),
-        drawers=pixel_pool(settings, 1),
-        folders=folder_pool(settings),
-    )
 
 
 def prepare(context: ServiceContext, boxes: int) -> None:

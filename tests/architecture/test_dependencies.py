@@ -20,7 +20,7 @@ MODULE_OF = {
     "zlib-ng": "zlib_ng",
 }
 # The first versions without a known vulnerability that requests could exploit.
-FLOORS = {
+LOWEST_VERSIONS = {
     "defusedxml": "0.7.1",
     "h11": "0.16",  # malformed chunks
     "python-multipart": "0.0.34",  # endless headers of parts
@@ -72,11 +72,11 @@ def test_every_declared_package_is_used():
     assert declared() - imported() - NOT_IMPORTED == set()
 
 
-@pytest.mark.parametrize("name", FLOORS)
+@pytest.mark.parametrize("name", LOWEST_VERSIONS)
 def test_dependencies_with_a_known_vulnerability_are_not_installed(name):
     declared = map(Requirement, metadata.requires("unghost") or [])
     (wanted,) = (one for one in declared if one.name == name)
     lowest = [Version(one.version) for one in wanted.specifier if one.operator == ">="]
 
-    assert lowest >= [Version(FLOORS[name])]
-    assert Version(metadata.version(name)) >= Version(FLOORS[name])
+    assert lowest >= [Version(LOWEST_VERSIONS[name])]
+    assert Version(metadata.version(name)) >= Version(LOWEST_VERSIONS[name])

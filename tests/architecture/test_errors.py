@@ -14,7 +14,7 @@ from app.http.problems import STATUS
 from filter_core.errors import FilterError
 
 # Errors that may have a status of 500: neither another request nor waiting helps.
-NOBODYS_FAULT = (AppError, DamagedFile)
+MAY_BE_500 = (AppError, DamagedFile)
 
 
 def import_all_modules() -> None:
@@ -47,7 +47,7 @@ def test_every_error_has_a_status(error):
 
     assert statuses
     assert 400 <= statuses[0] < 600
-    assert error in NOBODYS_FAULT or statuses[0] < 500 or statuses[0] == 503
+    assert error in MAY_BE_500 or statuses[0] < 500 or statuses[0] == 503
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: error.__name__)
@@ -55,6 +55,13 @@ def test_every_error_has_a_stable_code_and_a_docstring(error):
     assert error.code.replace("_", "").isalpha()
     assert error.code.islower()
     assert error.__doc__
+
+
+def test_error_codes_of_the_service_are_unique():
+    classes = class_and_subclasses(AppError)
+    codes = [vars(cls)["code"] for cls in classes if "code" in vars(cls)]
+
+    assert sorted(codes) == sorted(set(codes))
 
 
 def test_every_error_class_is_in_the_docstring_of_its_module():

@@ -10,7 +10,7 @@ from pathlib import PurePath
 
 from tests.support.sources import page_sources, python_sources
 
-EMPTY_NAMES = frozenset(
+MEANINGLESS_NAMES = frozenset(
     {"util", "utils", "helper", "helpers", "common", "misc", "manager", "managers"}
     | {"handler", "handlers", "data", "info", "stuff", "core", "base_utils"}
 )
@@ -19,7 +19,7 @@ EMPTY_NAMES = frozenset(
 def test_no_module_has_a_meaningless_name():
     files = [source.name for source in (*python_sources(), *page_sources())]
 
-    assert [name for name in files if PurePath(name).stem in EMPTY_NAMES] == []
+    assert [name for name in files if PurePath(name).stem in MEANINGLESS_NAMES] == []
 
 
 def test_no_package_has_a_meaningless_name():
@@ -29,7 +29,7 @@ def test_no_package_has_a_meaningless_name():
         for folder in PurePath(source.name).parts[:-1]
     }
 
-    assert folders & EMPTY_NAMES == set()
+    assert folders & MEANINGLESS_NAMES == set()
 
 
 def test_imports_are_absolute():

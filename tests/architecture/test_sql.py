@@ -12,9 +12,9 @@ from fnmatch import fnmatchcase
 from tests.support.sources import Source, python_sources
 
 # Names for connecting and for types and errors; none of them can build a statement.
-HARMLESS = {"URL", "Connection", "Engine", "Session", "event", "exc", "make_url"}
+HARMLESS_NAMES = {"URL", "Connection", "Engine", "Session", "event", "exc", "make_url"}
 HARMLESS_MODULES = ("sqlalchemy.exc",)
-HOLD_STATEMENTS = (
+HAVE_STATEMENTS = (
     *("app/db/*.py", "app/*/queries.py", "app/verdicts.py"),
     *("app/boxes/current.py", "app/boxes/filter.py", "app/boxes/orders.py"),
     # Their statements are understood only together with the code around them.
@@ -22,7 +22,7 @@ HOLD_STATEMENTS = (
     # The first one has a table to itself; the second one removes rows of all tables.
     *("app/http/idempotency.py", "app/maintenance/removals.py"),
 )
-STATEMENT = {"execute", "exec_driver_sql", "scalars", "scalar"}
+RUN_STATEMENTS = {"execute", "exec_driver_sql", "scalars", "scalar"}
 
 
 def builders(source: Source) -> list[str]:
@@ -34,7 +34,7 @@ def builders(source: Source) -> list[str]:
         and (node.module or "").startswith("sqlalchemy")
         and node.module not in HARMLESS_MODULES
         for alias in node.names
-        if alias.name not in HARMLESS
+        if alias.name not in HARMLESS_NAMES
     ]
 
 
@@ -45,7 +45,7 @@ def calls(source: Source) -> list[str]:
         for node in ast.walk(source.tree)
         if isinstance(node, ast.Call)
         and isinstance(node.func, ast.Attribute)
-        and node.func.attr in STATEMENT
+        and node.func.attr in RUN_STATEMENTS
     ]
 
 
@@ -53,7 +53,7 @@ def test_only_queries_build_and_run_statements():
     outside = [
         source
         for source in python_sources("app", "unghost", "filter_core")
-        if not any(fnmatchcase(source.name, pattern) for pattern in HOLD_STATEMENTS)
+        if not any(fnmatchcase(source.name, pattern) for pattern in HAVE_STATEMENTS)
     ]
 
     assert [found for source in outside for found in builders(source)] == []

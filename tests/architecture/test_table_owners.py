@@ -1,6 +1,6 @@
-"""Every table belongs to one room of the service, and only that room writes to it.
+"""Each table is written by one package of the service only.
 
-A room is a folder or a module directly below `app`.
+A module directly below `app` counts as a package.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ OWNERS: Final = {
     "review": ("Review", "ReviewBatch", "Claim"),
     "runs": ("Run", "Flips"),
 }
-"""The tables that each room writes; any room may read them."""
-DRIVEN: Final = {("jobs", "runs"), ("jobs", "exports")}
-"""(room, table) where a room writes a table of another room.
+"""The tables that each package writes; any package may read them."""
+WRITTEN_BY_JOBS: Final = {("jobs", "runs"), ("jobs", "exports")}
+"""(package, table) where a package writes a table of another one.
 
 Jobs keep the state of a run or an export in the row of that run or export.
 """
-CLEARING: Final = ("app/maintenance/removals.py", "app/maintenance/queries.py")
+DELETING: Final = ("app/maintenance/removals.py", "app/maintenance/queries.py")
 """Modules that may delete rows of all tables: those of deleted datasets, and blobs
 that no frame uses."""
-ONE_DOOR: Final = {
+WRITTEN_BY_ONE_MODULE: Final = {
     "app/boxes/current.py": ("Decision", "Tally"),
     "app/review/queries.py": ("Review", "ReviewBatch", "Claim"),
 }
-"""Tables that only one module of their room writes, so that counts have one rule."""
+"""Tables that only one module of their package writes, so that counts have one rule."""
 WRITES: Final = frozenset(
     {"insert", "update", "delete", "upsert", "upsert_in"}
     | {"insert_rows", "insert_columns", "update_rows"}
@@ -92,11 +92,11 @@ _COLUMNS: Final = [
     for mapper in Base.registry.mappers
     for column in mapper.column_attrs
 ]
-_HAVE: Final = Counter(name for name, _ in _COLUMNS)
+_TABLES_WITH: Final = Counter(name for name, _ in _COLUMNS)
 TABLE_OF: Final = {
     name: table
     for name, table in _COLUMNS
-    if _HAVE[name] == 1 and name not in SHARED_NAMES
+    if _TABLES_WITH[name] == 1 and name not in SHARED_NAMES
 }
 """The table of each column name that only one table has."""
 
@@ -110,47 +110,48 @@ def test_every_table_has_an_owner():
 
 
 def test_table_is_written_only_by_its_owner():
-    owner = {name: room for room, names in OWNERS.items() for name in names}
+    owner = {name: package for package, names in OWNERS.items() for name in names}
     found = {
         (source.name.split("/")[1], name)
         for source in python_sources("app")
-        if source.name not in CLEARING
+        if source.name not in DELETING
         for name in written_tables(source)
     }
 
-    strangers = {(room, name) for room, name in found if owner[name] != room}
+    by_others = {one for one in found if owner[one[1]] != one[0]}
 
-    assert found - strangers, "no statement was recognised"
-    assert strangers == set()
+    assert found - by_others, "no statement was recognised"
+    assert by_others == set()
 
 
 def test_table_is_written_only_by_its_owner_at_run_time(recorded_access):
     owner = {
-        mapper.class_.__tablename__: room
-        for room, names in OWNERS.items()
+        mapper.class_.__tablename__: package
+        for package, names in OWNERS.items()
         for mapper in Base.registry.mappers
         if mapper.class_.__name__ in names
     }
     found = {
         (module.split(".")[1], table)
         for module, table in recorded_access.writes
-        if f"{module.replace('.', '/')}.py" not in CLEARING and table in owner
+        if f"{module.replace('.', '/')}.py" not in DELETING and table in owner
     }
 
     assert {table for _, table in found} >= {"decisions", "frames", "reviews", "runs"}
-    assert {(room, table) for room, table in found if owner[table] != room} == DRIVEN
+    by_others = {one for one in found if owner[one[1]] != one[0]}
+    assert by_others == WRITTEN_BY_JOBS
 
 
 def test_decisions_and_answers_are_written_by_a_single_module():
     found = {
         (source.name, name)
         for source in python_sources("app")
-        if source.name not in CLEARING
+        if source.name not in DELETING
         for name in written_tables(source)
     }
 
-    for door, names in ONE_DOOR.items():
-        assert {source for source, name in found if name in names} == {door}
+    for module, names in WRITTEN_BY_ONE_MODULE.items():
+        assert {source for source, name in found if name in names} == {module}
 
 
 def test_table_writes_are_detected():

@@ -138,3 +138,15 @@ def test_test_modules_and_conftests_are_never_imported():
     ]
 
     assert found == []
+
+
+def test_tests_import_nothing_from_benchmarks():
+    """Helpers that both use are in `tests/support`."""
+    found = [
+        f"{source.name}:{line} imports {name}"
+        for source in python_sources("tests")
+        for line, name in imported_names(source.tree)
+        if name.partition(".")[0] == "benchmarks"
+    ]
+
+    assert found == []

@@ -9,14 +9,14 @@ import ast
 
 from tests.support.sources import python_sources
 
-ENDS = {"commit", "rollback"}
-OPENS = {"read", "write", "write_beside"}
+ENDING = {"commit", "rollback"}
+OPENING = {"read", "write", "write_beside"}
 ALLOWED = {
     "app/http/transaction.py:commit_and_respond",
     *("app/jobs/service.py:interrupt", "app/datasets/service.py:remove_dataset"),
 }
-"""Functions that may do so all the same; each explains it in its docstring."""
-LOOKS_AROUND = {"app.jobs.chunks", "app.jobs.queries"}
+"""Functions that may do so; each explains it in its docstring."""
+OPEN_A_SECOND_ONE = {"app.jobs.chunks", "app.jobs.queries"}
 """Modules that may open a second transaction while another one writes.
 
 A final step of a job that takes long reads from time to time whether the job has been
@@ -41,8 +41,8 @@ def ends_or_opens_a_session(function):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
     ]
     return any(
-        (name in ENDS and owner.endswith("session"))
-        or (given and name in OPENS and owner.endswith("database"))
+        (name in ENDING and owner.endswith("session"))
+        or (given and name in OPENING and owner.endswith("database"))
         for owner, name in calls
     )
 
@@ -62,4 +62,4 @@ def test_functions_with_a_session_neither_end_nor_open_transactions():
 def test_no_transaction_begins_within_a_writing_transaction(recorded_access):
     """Others wait to write meanwhile, and the inner one reads another state."""
     assert recorded_access.writes
-    assert recorded_access.nested_transactions <= LOOKS_AROUND
+    assert recorded_access.nested_transactions <= OPEN_A_SECOND_ONE

@@ -1,4 +1,4 @@
-"""Libraries of others that the page carries are byte by byte as published.
+"""Libraries of others that the page includes are byte by byte as published.
 
 Each has a record of its origin and its licence.
 """
@@ -12,7 +12,7 @@ from tests.support.sources import CHECKOUT
 
 VENDOR = CHECKOUT / "static" / "vendor"
 LOCKED = json.loads((VENDOR / "lock.json").read_text("utf-8"))["files"]
-WELCOME_LICENCES = frozenset(
+ACCEPTED_LICENCES = frozenset(
     {"MIT", "ISC", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause"}
 )
 
@@ -38,6 +38,6 @@ def test_no_code_is_vendored_without_a_record():
 
 def test_every_vendored_file_has_a_licence_and_an_origin():
     for file in LOCKED:
-        assert file["licence"] in WELCOME_LICENCES
+        assert file["licence"] in ACCEPTED_LICENCES
         assert (VENDOR / file["licence_file"]).stat().st_size > 0
         assert file["version"] in file["source"]

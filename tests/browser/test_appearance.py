@@ -43,10 +43,10 @@ def test_chosen_colour_scheme_overrides_system_and_is_remembered(open_window):
     assert red < 60
 
 
-BETWEEN = [pytest.param(px, marks=pytest.mark.long) for px in (390, 768, 1024)]
+WIDTHS_BETWEEN = [pytest.param(px, marks=pytest.mark.long) for px in (390, 768, 1024)]
 
 
-@pytest.mark.parametrize("width", [360, *BETWEEN, 1600])
+@pytest.mark.parametrize("width", [360, *WIDTHS_BETWEEN, 1600])
 def test_nothing_overflows_at_any_window_width(
     scene: Scene, open_window: OpenWindow, width
 ):

@@ -8,12 +8,14 @@ import pytest
 
 from unghost.capture.simulator import ScenarioError
 
-CALM = {"frames": 1, "camera": {"width": 48, "height": 32}, "walkers": {}}
+SHORT_SCENARIO = {"frames": 1, "camera": {"width": 48, "height": 32}, "walkers": {}}
 
 
 def spawned(stage, **vehicles):
     """The kinds of vehicles that a capture spawned, without the ego vehicle."""
-    stage.capture(**CALM, vehicles={"count": 3, "filter": "vehicle.*", **vehicles})
+    stage.capture(
+        **SHORT_SCENARIO, vehicles={"count": 3, "filter": "vehicle.*", **vehicles}
+    )
     return {one for one in stage.simulator.spawned[2:] if one.startswith("vehicle.")}
 
 
@@ -32,7 +34,7 @@ def test_wheels_and_generation_filter_vehicle_blueprints(stage, wanted, kinds):
 def test_generation_filters_walker_blueprints(stage):
     people = {"standing": 1, "generation": 1}
 
-    assert stage.capture(**{**CALM, "walkers": people}).walkers == 1
+    assert stage.capture(**{**SHORT_SCENARIO, "walkers": people}).walkers == 1
 
 
 WRONG = [
@@ -47,7 +49,7 @@ WRONG = [
 @pytest.mark.parametrize(("sensors", "words"), WRONG, ids=str)
 def test_invalid_sensor_attribute_value_is_refused(stage, sensors, words):
     with pytest.raises(ScenarioError, match=f"sensors.*attributes.*{words}"):
-        stage.capture(**CALM, sensors=sensors)
+        stage.capture(**SHORT_SCENARIO, sensors=sensors)
 
     assert stage.left_behind() == {}
 
@@ -60,16 +62,18 @@ def test_integer_valued_attribute_is_passed_as_an_integer(stage):
         if "lidar" in actor.type_id
     )
 
-    stage.capture(**CALM, sensors={"lidar": {"attributes": {"channels": 16.0}}})
+    stage.capture(
+        **SHORT_SCENARIO, sensors={"lidar": {"attributes": {"channels": 16.0}}}
+    )
 
     assert set(seen) == {"16"}
 
 
 def test_corrected_scenario_is_accepted_in_the_same_folder(stage):
     with pytest.raises(ScenarioError, match=r"ego\.blueprint"):
-        stage.capture(**CALM, ego={"blueprint": "vehicle.tesla.modl3"})
+        stage.capture(**SHORT_SCENARIO, ego={"blueprint": "vehicle.tesla.modl3"})
 
-    done = stage.capture(**CALM, ego={"blueprint": "vehicle.tesla.model3"})
+    done = stage.capture(**SHORT_SCENARIO, ego={"blueprint": "vehicle.tesla.model3"})
 
     assert done.frames == 1
     about = json.loads((stage.folder / "capture.json").read_text())

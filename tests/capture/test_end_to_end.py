@@ -19,7 +19,7 @@ from unghost import Client
 
 pytestmark = pytest.mark.long
 
-ALL = {"instances": True, "depth": True, "semantic_lidar": True, "radar": True}
+ALL_SENSORS = {"instances": True, "depth": True, "semantic_lidar": True, "radar": True}
 WAIT_S = 120
 
 
@@ -64,7 +64,7 @@ def test_100_captured_frames_are_pushed_to_a_live_service(
     line = CaptureLine(
         tmp_path, {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
     )
-    scenario = line.scenario(frames=100, interval_s=0.05, sensors=ALL)
+    scenario = line.scenario(frames=100, interval_s=0.05, sensors=ALL_SENSORS)
 
     command = ("capture", scenario, "--push", "captured-street", "--output", "out")
     code, out, err = wait_for_exit(line.start(*command))

@@ -23,7 +23,7 @@ from unghost.capture.simulator import (
 )
 
 # Names that the fakes have for the tests alone, and that the real library lacks.
-OWN = {
+ADDED_NAMES = {
     *("kind", "pose", "solid", "receive", "heads", "autopilot", "light_state"),
     *("speed", "walking", "attributes", "shared", "solids", "true_pose"),
 }
@@ -71,14 +71,14 @@ PROTOCOLS = {
 METHODS = [
     (name, method)
     for name, cls in FAKES.items()
-    for method in sorted(public(cls) - OWN)
+    for method in sorted(public(cls) - ADDED_NAMES)
     if inspect.isfunction(getattr(cls, method, None))
 ]
 
 
 @pytest.mark.parametrize("name", FAKES)
 def test_real_class_has_every_public_name_of_the_fake(name):
-    assert public(FAKES[name]) - OWN <= set(dir(getattr(carla, name)))
+    assert public(FAKES[name]) - ADDED_NAMES <= set(dir(getattr(carla, name)))
 
 
 @pytest.mark.parametrize("name", FAKES)
@@ -151,7 +151,7 @@ def test_real_actors_have_every_public_name_of_fake_actors(stage):
         real = getattr(carla, type(actor).__name__)
 
         # Left out: sensors have no bounding box before 0.9.16, where all actors do.
-        assert public(actor) - OWN - {"bounding_box"} <= set(dir(real))
+        assert public(actor) - ADDED_NAMES - {"bounding_box"} <= set(dir(real))
 
 
 @pytest.mark.parametrize(("name", "method"), METHODS)

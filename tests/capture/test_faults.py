@@ -29,24 +29,24 @@ def ticks(stage):
 
 # The first recorded tick: after one in which walkers get their controllers, and ten of
 # warm-up. From there on every second tick is recorded.
-FIRST = 12
-TINY = {"width": 48, "height": 32}
-CALM = {"frames": 3, "interval_s": 0.1, "camera": TINY}
+FIRST_TICK = 12
+SMALL_CAMERA = {"width": 48, "height": 32}
+SHORT_SCENARIO = {"frames": 3, "interval_s": 0.1, "camera": SMALL_CAMERA}
 
 
 def test_without_faults_the_planned_ticks_are_recorded(stage):
-    done = stage.capture(**CALM)
+    done = stage.capture(**SHORT_SCENARIO)
 
-    assert ticks(stage) == [FIRST, FIRST + 2, FIRST + 4]
+    assert ticks(stage) == [FIRST_TICK, FIRST_TICK + 2, FIRST_TICK + 4]
     assert done.missed.total() == 0
 
 
 def test_tick_with_a_lost_measurement_is_skipped_and_counted(stage):
-    stage.simulator.faults.lost = {("semantic_segmentation", FIRST)}
+    stage.simulator.faults.lost = {("semantic_segmentation", FIRST_TICK)}
 
-    done = stage.capture(**CALM, sensor_wait_s=1.5)
+    done = stage.capture(**SHORT_SCENARIO, sensor_wait_s=1.5)
 
-    assert ticks(stage) == [FIRST + 1, FIRST + 3, FIRST + 5]
+    assert ticks(stage) == [FIRST_TICK + 1, FIRST_TICK + 3, FIRST_TICK + 5]
     assert done.missed == {"segmentation sent nothing in time": 1}
     assert frames(stage)[0]["extra"]["capture"]["missed_before"] == 1
     assert stage.left_behind() == {}
@@ -54,11 +54,11 @@ def test_tick_with_a_lost_measurement_is_skipped_and_counted(stage):
 
 def test_late_measurement_is_not_combined_with_another_tick(stage):
     stage.simulator.speed = 40.0
-    stage.simulator.faults.late = {("rgb", FIRST)}
+    stage.simulator.faults.late = {("rgb", FIRST_TICK)}
 
-    done = stage.capture(**CALM, sensor_wait_s=1.5)
+    done = stage.capture(**SHORT_SCENARIO, sensor_wait_s=1.5)
 
-    assert ticks(stage)[0] == FIRST + 1
+    assert ticks(stage)[0] == FIRST_TICK + 1
     assert done.missed == {"rgb sent nothing in time": 1}
     assert stage.left_behind() == {}
 
@@ -67,7 +67,7 @@ def test_silent_sensor_ends_the_capture_with_an_error_that_names_it(stage):
     stage.simulator.faults.lost = {("rgb", tick) for tick in range(200)}
 
     with pytest.raises(CaptureError, match=r"no complete frame in 20 ticks.*rgb sent"):
-        stage.capture(camera=TINY, sensor_wait_s=0.02)
+        stage.capture(camera=SMALL_CAMERA, sensor_wait_s=0.02)
 
     assert stage.left_behind() == {}
 
@@ -75,11 +75,11 @@ def test_silent_sensor_ends_the_capture_with_an_error_that_names_it(stage):
 def test_measurement_of_a_later_tick_is_not_recorded(stage):
     def renumber(server, tick):
         sensor = next((a for a in server.actors.values() if "rgb" in a.type_id), None)
-        if tick == FIRST and sensor is not None:
+        if tick == FIRST_TICK and sensor is not None:
             deliver = sensor.receive
 
             def receive(shot):
-                if shot.frame == 1000 + FIRST:
+                if shot.frame == 1000 + FIRST_TICK:
                     shot.frame += 3
                 deliver(shot)
 
@@ -87,10 +87,10 @@ def test_measurement_of_a_later_tick_is_not_recorded(stage):
 
     stage.simulator.faults.on_tick = renumber
 
-    done = stage.capture(**CALM)
+    done = stage.capture(**SHORT_SCENARIO)
 
     assert done.missed == {"rgb sent a later tick": 1}
-    assert ticks(stage)[0] == FIRST + 1
+    assert ticks(stage)[0] == FIRST_TICK + 1
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_both_poses_are_stored_and_the_used_pose_depends_on_version(
     stage = make_stage(version)
     stage.simulator.faults.pose_shift = 1.0
 
-    done = stage.capture(**CALM)
+    done = stage.capture(**SHORT_SCENARIO)
 
     frame = frames(stage)[0]
     poses = frame["extra"]["capture"]["poses"]
@@ -117,7 +117,7 @@ def test_version_with_lagging_images_also_stores_adjacent_ticks(make_stage):
     stage = make_stage("0.9.15")
     stage.simulator.speed = 20.0
 
-    stage.capture(**CALM, ego={"spawn_point": 0})
+    stage.capture(**SHORT_SCENARIO, ego={"spawn_point": 0})
 
     story = frames(stage)[0]["extra"]["capture"]
     xs = [story["before"]["camera"]["x"], story["poses"]["snapshot"]["x"]]
@@ -125,24 +125,24 @@ def test_version_with_lagging_images_also_stores_adjacent_ticks(make_stage):
     assert [b - a for a, b in pairwise(xs)] == pytest.approx([1, 1])
     assert set(story["before"]["actors"]) == set(story["after"]["actors"])
     assert len(story["before"]["actors"]) == 6
-    assert ticks(stage) == [FIRST, FIRST + 2, FIRST + 4]
+    assert ticks(stage) == [FIRST_TICK, FIRST_TICK + 2, FIRST_TICK + 4]
 
 
 def test_newest_version_stores_no_adjacent_ticks(stage):
-    stage.capture(**CALM)
+    stage.capture(**SHORT_SCENARIO)
 
     assert not {"before", "after"} & set(frames(stage)[0]["extra"]["capture"])
 
 
 def test_vanished_actor_loses_only_its_own_box(stage):
     def vanish(server, tick):
-        if tick == FIRST + 1:
+        if tick == FIRST_TICK + 1:
             cars = [a for a in server.actors.values() if "tesla" in a.type_id]
             server.remove(cars[0].id)
 
     stage.simulator.faults.on_tick = vanish
 
-    done = stage.capture(**CALM)
+    done = stage.capture(**SHORT_SCENARIO)
 
     counts = [len(frame["boxes"]) for frame in frames(stage)]
     assert counts == [10, 9, 9]
@@ -155,13 +155,13 @@ def test_vanished_actor_loses_only_its_own_box(stage):
 )
 def test_actor_without_box_or_snapshot_is_left_out_and_counted(stage, fault, reason):
     def appear(server, tick):
-        if tick == FIRST:
+        if tick == FIRST_TICK:
             late = server.add("vehicle.late", {"base_type": "car"}, at(50, 0))
             getattr(server.faults, fault).add(late.id)
 
     stage.simulator.faults.on_tick = appear
 
-    done = stage.capture(**CALM)
+    done = stage.capture(**SHORT_SCENARIO)
 
     assert done.left_out[reason] == 3
     assert [len(frame["boxes"]) for frame in frames(stage)] == [10, 10, 10]
@@ -169,21 +169,21 @@ def test_actor_without_box_or_snapshot_is_left_out_and_counted(stage, fault, rea
 
 def test_dormant_actors_have_no_box(stage):
     def sleep(server, tick):
-        if tick == FIRST:
+        if tick == FIRST_TICK:
             cars = [a for a in server.actors.values() if "tesla" in a.type_id]
             cars[0].is_dormant = True
 
     stage.simulator.faults.on_tick = sleep
 
-    done = stage.capture(**CALM)
+    done = stage.capture(**SHORT_SCENARIO)
 
     assert done.left_out["dormant"] == 3
 
 
 def test_ticks_of_another_client_are_not_recorded(stage):
-    stage.simulator.faults.foreign_ticks = {FIRST}
+    stage.simulator.faults.foreign_ticks = {FIRST_TICK}
 
-    done = stage.capture(**CALM)
+    done = stage.capture(**SHORT_SCENARIO)
 
     # Missed are the tick that the other client made, and the one after it, since the
     # time between the two recorded ticks would be too long.
@@ -196,12 +196,12 @@ def test_constantly_ticking_client_ends_the_capture(stage):
     stage.simulator.faults.foreign_ticks = set(range(500))
 
     with pytest.raises(CaptureError, match="another client ticked the world"):
-        stage.capture(**CALM)
+        stage.capture(**SHORT_SCENARIO)
 
     assert stage.left_behind() == {}
 
 
-@pytest.mark.parametrize("tick", [1, 5, FIRST, FIRST + 3])
+@pytest.mark.parametrize("tick", [1, 5, FIRST_TICK, FIRST_TICK + 3])
 @pytest.mark.parametrize("error", [RuntimeError, KeyError], ids=lambda e: e.__name__)
 def test_error_during_capture_restores_the_simulator(stage, tick, error):
     def fail(_server, now):
@@ -213,14 +213,14 @@ def test_error_during_capture_restores_the_simulator(stage, tick, error):
     expected = CaptureError if error is RuntimeError else KeyError
     with pytest.raises(expected, match="time-out"):
         stage.capture(
-            **CALM, map_layers={"Props": False}, weather={"preset": "WetNoon"}
+            **SHORT_SCENARIO, map_layers={"Props": False}, weather={"preset": "WetNoon"}
         )
 
     assert stage.left_behind() == {}
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("tick", [1, 5, FIRST, FIRST + 3])
+@pytest.mark.parametrize("tick", [1, 5, FIRST_TICK, FIRST_TICK + 3])
 def test_stop_signal_restores_the_simulator_and_capture_resumes(stage, tick, number):
     before = signal.getsignal(number)
 
@@ -231,17 +231,17 @@ def test_stop_signal_restores_the_simulator_and_capture_resumes(stage, tick, num
     stage.simulator.faults.on_tick = stop
 
     with pytest.raises(KeyboardInterrupt):
-        stage.capture(**CALM)
+        stage.capture(**SHORT_SCENARIO)
 
     assert stage.left_behind() == {}
     assert signal.getsignal(number) is before
     stage.simulator.faults.on_tick = lambda *_: None
-    assert stage.capture(**CALM).frames == 3
+    assert stage.capture(**SHORT_SCENARIO).frames == 3
 
 
 def test_second_ctrl_c_does_not_interrupt_the_cleanup(stage, monkeypatch):
     def stop(_server, now):
-        if now == FIRST:
+        if now == FIRST_TICK:
             signal.raise_signal(signal.SIGINT)
 
     remove = stage.simulator.remove
@@ -254,7 +254,7 @@ def test_second_ctrl_c_does_not_interrupt_the_cleanup(stage, monkeypatch):
     monkeypatch.setattr(stage.simulator, "remove", remove_slowly)
 
     with pytest.raises(KeyboardInterrupt):
-        stage.capture(**CALM)
+        stage.capture(**SHORT_SCENARIO)
 
     assert stage.left_behind() == {}
 
@@ -265,7 +265,7 @@ def test_failed_cleanup_step_does_not_prevent_the_others(stage, monkeypatch):
 
     monkeypatch.setattr(stage.simulator, "remove", fail)
 
-    stage.capture(**CALM)
+    stage.capture(**SHORT_SCENARIO)
 
     assert set(stage.left_behind()) == {"actors"}
     assert [note for note in stage.notes if "cannot destroy" in note]
@@ -274,7 +274,7 @@ def test_failed_cleanup_step_does_not_prevent_the_others(stage, monkeypatch):
 def test_version_mismatch_is_reported_and_both_versions_are_stored(make_stage):
     stage = make_stage("0.9.15", client_version="0.9.16")
 
-    stage.capture(**CALM)
+    stage.capture(**SHORT_SCENARIO)
 
     assert "CARLA 0.9.15, the client library 0.9.16" in stage.notes[0]
     frame = frames(stage)[0]
@@ -286,7 +286,7 @@ def test_already_synchronous_world_is_reported_and_stays_synchronous(make_stage)
     stage = make_stage()
     stage.simulator.settings.synchronous_mode = True
 
-    stage.capture(**CALM)
+    stage.capture(**SHORT_SCENARIO)
 
     assert "in synchronous mode already" in stage.notes[0]
     assert stage.simulator.settings.synchronous_mode
@@ -296,7 +296,7 @@ def test_parked_props_of_large_maps_are_straightened(stage):
     attributes = {"mesh_path": "/Game/Carla/Static/Car/4Wheeled/ParkedVehicles/Mini"}
     made = stage.simulator.add("vehicle.parked", attributes, at(60, 3, yaw=40))
     made.type_id = "static.prop.mesh"
-    stage.capture(**CALM)
+    stage.capture(**SHORT_SCENARIO)
 
     box = next(b for b in frames(stage)[0]["boxes"] if b["id"] == str(made.id))
     assert box["class"] == "car"

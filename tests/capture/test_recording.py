@@ -1,6 +1,6 @@
 """What a capture writes: frames, images, points, boxes and their attributes.
 
-The filter reads the folder and tells visible objects from hidden ones.
+The filter reads the folder and keeps visible objects and rejects hidden ones.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from filter_core.local import filter_source
 from tests.support.fake_carla.scenarios import scenario
 
 FAR = {"attributes": {"range": 50}}
-ALL: dict[str, Any] = {"instances": True, "depth": True, "radar": True}
-ALL |= {"lidar": FAR, "semantic_lidar": FAR}
+ALL_SENSORS: dict[str, Any] = {"instances": True, "depth": True, "radar": True}
+ALL_SENSORS |= {"lidar": FAR, "semantic_lidar": FAR}
 
 
 def manifest_frames(stage):
@@ -66,7 +66,7 @@ def actor_ids_by_position(stage):
 
 @pytest.mark.parametrize("evidence", ["semantic", "depth", "instance"])
 def test_ghosts_are_rejected_and_visible_objects_are_kept(stage, evidence):
-    stage.capture(sensors=ALL)
+    stage.capture(sensors=ALL_SENSORS)
 
     said, at = verdicts(stage, evidence=evidence), actor_ids_by_position(stage)
 
@@ -94,11 +94,11 @@ def test_boxes_of_the_map_are_kept_without_duplicates(stage):
 
 
 def test_every_frame_has_a_key_and_its_files(stage):
-    done = stage.capture(sensors=ALL, frames=4)
+    done = stage.capture(sensors=ALL_SENSORS, frames=4)
 
     frames = manifest_frames(stage)
     assert (done.frames, done.added, done.missed.total()) == (4, 4, 0)
-    assert [frame["key"] for frame in frames] == keys(4, sensors=ALL)
+    assert [frame["key"] for frame in frames] == keys(4, sensors=ALL_SENSORS)
     ticks = [frame["extra"]["capture"]["frame"] for frame in frames]
     assert {b - a for a, b in pairwise(ticks)} == {2}
     for frame in frames:
@@ -107,7 +107,7 @@ def test_every_frame_has_a_key_and_its_files(stage):
 
 
 def test_tags_depth_and_instance_ids_are_stored_losslessly(stage):
-    stage.capture(sensors=ALL)
+    stage.capture(sensors=ALL_SENSORS)
 
     frame = manifest_frames(stage)[0]
     tags = read_image(stage, frame["segmentation"])
@@ -127,7 +127,7 @@ def test_tags_depth_and_instance_ids_are_stored_losslessly(stage):
 
 
 def test_image_is_stored_in_true_colours(stage):
-    stage.capture(sensors=ALL)
+    stage.capture(sensors=ALL_SENSORS)
 
     frame = manifest_frames(stage)[0]
     shown = read_image(stage, frame["image"])
@@ -135,7 +135,7 @@ def test_image_is_stored_in_true_colours(stage):
 
 
 def test_lidar_and_radar_points_are_stored_as_measured(stage):
-    stage.capture(sensors=ALL)
+    stage.capture(sensors=ALL_SENSORS)
 
     frame = manifest_frames(stage)[0]
     points = read_points((stage.folder / frame["lidar"]).read_bytes())

@@ -11,7 +11,7 @@ import pytest
 
 from unghost.capture.simulator import CaptureError
 
-CALM = {"frames": 3, "camera": {"width": 48, "height": 32}}
+SHORT_SCENARIO = {"frames": 3, "camera": {"width": 48, "height": 32}}
 
 
 def frames(stage):
@@ -67,30 +67,30 @@ def test_folder_without_a_capture_is_refused_and_unchanged(stage):
     (stage.folder / "thesis.tex").write_text("x")
 
     with pytest.raises(CaptureError, match="is not empty and contains no capture"):
-        stage.capture(**CALM)
+        stage.capture(**SHORT_SCENARIO)
 
     assert [path.name for path in stage.folder.iterdir()] == ["thesis.tex"]
     assert stage.left_behind() == {}
 
 
 def test_damaged_manifest_is_refused_and_unchanged(stage):
-    stage.capture(**CALM)
+    stage.capture(**SHORT_SCENARIO)
     path = stage.folder / "manifest.jsonl"
     damaged = b'{"key": 1\n' + path.read_bytes()
     path.write_bytes(damaged)
 
     with pytest.raises(CaptureError, match=r"manifest\.jsonl is damaged"):
-        stage.capture(**CALM)
+        stage.capture(**SHORT_SCENARIO)
 
     assert path.read_bytes() == damaged
     assert stage.left_behind() == {}
 
 
 def test_another_scenario_in_the_same_folder_is_refused(stage):
-    stage.capture(**CALM)
+    stage.capture(**SHORT_SCENARIO)
 
     with pytest.raises(CaptureError, match="another scenario"):
-        stage.capture(**CALM, seed=5)
+        stage.capture(**SHORT_SCENARIO, seed=5)
 
     assert len(frames(stage)) == 3
 
@@ -106,6 +106,6 @@ def test_vehicle_options_are_refused_for_other_blueprints(stage, ego, words):
     walker = {"blueprint": "walker.pedestrian.0001", "spawn_point": 0}
 
     with pytest.raises(CaptureError, match=words):
-        stage.capture(**CALM, ego={**walker, **ego})
+        stage.capture(**SHORT_SCENARIO, ego={**walker, **ego})
 
     assert stage.left_behind() == {}

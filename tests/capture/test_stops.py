@@ -11,8 +11,8 @@ import pytest
 
 from unghost.capture.simulator import SimulatorAway
 
-CALM = {"frames": 3, "camera": {"width": 48, "height": 32}}
-TICK = 12
+SHORT_SCENARIO = {"frames": 3, "camera": {"width": 48, "height": 32}}
+FIRST_TICK = 12
 """The first tick that is recorded."""
 
 
@@ -48,39 +48,39 @@ def test_repeated_ctrl_c_while_spawning_leaves_no_actor_behind(stage, monkeypatc
     monkeypatch.setattr(stage.simulator, "add", add_slowly)
 
     with pytest.raises(KeyboardInterrupt):
-        stage.capture(**CALM)
+        stage.capture(**SHORT_SCENARIO)
 
     assert stage.left_behind() == {}
 
 
 def test_a_stop_does_not_wait_for_a_silent_sensor(stage):
     stage.simulator.faults.lost = {("rgb", tick) for tick in range(200)}
-    call_at_tick(stage, TICK, lambda: signal.raise_signal(signal.SIGINT))
+    call_at_tick(stage, FIRST_TICK, lambda: signal.raise_signal(signal.SIGINT))
 
     # The sensor may stay silent for an hour: if the stop waited for it, the test would
     # time out.
     with pytest.raises(KeyboardInterrupt):
-        stage.capture(**CALM, sensor_wait_s=3600)
+        stage.capture(**SHORT_SCENARIO, sensor_wait_s=3600)
 
     assert stage.left_behind() == {}
 
 
-@pytest.mark.parametrize("tick", [1, 5, TICK, TICK + 3])
+@pytest.mark.parametrize("tick", [1, 5, FIRST_TICK, FIRST_TICK + 3])
 def test_sighup_of_a_closed_terminal_restores_the_simulator(stage, tick):
     call_at_tick(stage, tick, lambda: signal.raise_signal(signal.SIGHUP))
 
     with pytest.raises(KeyboardInterrupt):
-        stage.capture(**CALM)
+        stage.capture(**SHORT_SCENARIO)
 
     assert stage.left_behind() == {}
 
 
 def test_capture_that_ignores_sighup_survives_its_terminal(stage):
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    call_at_tick(stage, TICK, lambda: signal.raise_signal(signal.SIGHUP))
+    call_at_tick(stage, FIRST_TICK, lambda: signal.raise_signal(signal.SIGHUP))
 
     try:
-        done = stage.capture(**CALM)
+        done = stage.capture(**SHORT_SCENARIO)
     finally:
         signal.signal(signal.SIGHUP, before)
 
@@ -89,14 +89,14 @@ def test_capture_that_ignores_sighup_survives_its_terminal(stage):
 
 def test_crashed_simulator_gets_few_further_requests(stage):
     def crash(server, now):
-        server.faults.gone = now >= TICK
+        server.faults.gone = now >= FIRST_TICK
 
     stage.simulator.faults.on_tick = crash
 
     with pytest.raises(
         SimulatorAway, match="lost the connection to the simulator: time-out"
     ):
-        stage.capture(**CALM, weather={"preset": "WetNoon"})
+        stage.capture(**SHORT_SCENARIO, weather={"preset": "WetNoon"})
 
     assert (
         stage.notes[-1]
@@ -114,6 +114,6 @@ def test_failing_notes_of_a_closed_terminal_do_not_stop_the_cleanup(stage, monke
     monkeypatch.setattr(stage.simulator, "remove", fail)
     monkeypatch.setattr(stage, "notes", ClosedTerminal())
 
-    stage.capture(**CALM)
+    stage.capture(**SHORT_SCENARIO)
 
     assert set(stage.left_behind()) == {"actors"}

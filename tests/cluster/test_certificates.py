@@ -22,7 +22,7 @@ from app.engine.dask import Certificates, run_scheduler
 from tests.support.command_line import CommandLine
 from tests.support.services import running_services
 
-AWAY = 69
+EXIT_UNREACHABLE = 69
 HOSTS = ("scheduler.lab", "10.0.0.5")
 
 
@@ -140,6 +140,6 @@ def test_worker_without_a_scheduler_exits_with_69_and_the_reason(made, tmp_path)
         *("worker", address, "--data", "data", "--patience", "1")
     )
 
-    assert answer.code == AWAY
+    assert answer.code == EXIT_UNREACHABLE
     words = rf"takes this worker at {address}: (Connection refused|Timed out [a-z ]+)"
     assert re.search(words, answer.err), answer.err

@@ -34,7 +34,7 @@ from tests.support.waiting import until
 FRAMES = 50
 AT_ONCE_S = 10
 """Longer than even a busy machine needs to answer a request that does no work."""
-AWAY = 69
+EXIT_UNREACHABLE = 69
 
 
 @pytest.fixture(scope="module")
@@ -219,7 +219,9 @@ def test_worker_without_a_valid_certificate_cannot_join(running_cluster, tmp_pat
 
     codes = [other.wait_for_exit() for other in others]
 
-    assert codes == [AWAY, AWAY, 1], [other.log_text for other in others]
+    assert codes == [EXIT_UNREACHABLE, EXIT_UNREACHABLE, 1], [
+        other.log_text for other in others
+    ]
     assert "no scheduler takes this worker" in others[0].log_text
     assert "UNGHOST_TLS_CA" in others[2].log_text
     assert not any("joined" in other.log_text for other in others)

@@ -24,7 +24,7 @@ from tests.support.slow_datasets import FROM_PIXELS
 FORMATS = ("decisions-jsonl", "yolo", "coco", "kitti")
 FRAMES = 30
 LOCAL = ("local", "sqlite", "folder")
-FARTHEST = ("cluster", "postgres", "s3")
+ALL_REMOTE = ("cluster", "postgres", "s3")
 
 
 @contextmanager
@@ -82,7 +82,7 @@ def expected(tmp_path_factory: pytest.TempPathFactory, s3: S3Server) -> dict[str
         pytest.param(
             places,
             id=" ".join(places),
-            marks=[] if places == FARTHEST else [pytest.mark.long],
+            marks=[] if places == ALL_REMOTE else [pytest.mark.long],
         )
         for places in product(
             ("local", "cluster"), ("sqlite", "postgres"), ("folder", "s3")

@@ -35,7 +35,7 @@ def made(tmp_path):
 def start_workers_and_run(made, api, config=FROM_PIXELS, *, workers=1):
     """Start workers and a run.
 
-    Gives the workers, the dataset's name and the run's number while the run goes on.
+    Gives the workers, the dataset's name and the run's number before the run ends.
     """
     joined = [made.worker() for _ in range(workers)]
     name = create_slow_dataset(api, FRAMES)

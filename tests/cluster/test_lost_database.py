@@ -15,7 +15,7 @@ from tests.support.slow_datasets import create_slow_dataset
 from tests.support.waiting import until
 
 FRAMES = 80
-AWAY_S = 2
+OUTAGE_S = 2
 
 pytestmark = pytest.mark.long
 
@@ -30,7 +30,7 @@ def test_run_completes_after_the_database_is_killed_and_restarted(tmp_path):
             run_id = start_run(api, street)
 
             postgres.kill()
-            time.sleep(AWAY_S)
+            time.sleep(OUTAGE_S)
             postgres.start()
 
             until(lambda: is_over(api, run_id), "the run does not end")

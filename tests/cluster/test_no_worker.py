@@ -12,7 +12,7 @@ from tests.support.run_results import check_run_results, wait_for_run_end
 from tests.support.slow_datasets import FROM_PIXELS, create_slow_dataset
 from tests.support.waiting import until
 
-SAID = "no worker has joined"
+MESSAGE = "no worker has joined"
 
 
 def test_absence_of_workers_is_logged_at_once_and_then_rarely():
@@ -38,10 +38,10 @@ def test_service_without_workers_logs_that_only_once(tmp_path):
             name = create_slow_dataset(api, 1)
             body = {"config": FROM_PIXELS, "activate": True}
             run_id = api.post(f"/datasets/{name}/runs", body).json()["id"]
-            until(lambda: SAID in server.log.read_text("utf-8"), "it says nothing")
+            until(lambda: MESSAGE in server.log.read_text("utf-8"), "it says nothing")
             # In this time the service counts the workers several times.
             time.sleep(3 * COUNTED_FOR_S)
-            said = server.log.read_text("utf-8").count(SAID)
+            said = server.log.read_text("utf-8").count(MESSAGE)
             made.worker()
             check_run_results(api, name, wait_for_run_end(api, run_id), 1)
 

@@ -11,7 +11,6 @@ import pytest
 
 from app.main import create_app
 from app.settings import Settings
-from filter_core.annotation.parsing import parse_annotation
 from filter_core.pipeline import filter_frame
 from tests.support.documents import DOCUMENTS, blocks, read
 
@@ -85,14 +84,6 @@ def test_example_of_an_error_equals_the_response_of_the_server(start_server):
         assert shown.pop(of_the_moment)
         assert problem.pop(of_the_moment)
     assert problem == shown
-
-
-def test_example_of_an_annotation_can_be_parsed():
-    _, example, *_ = blocks(read("docs/api.md"), "json")
-
-    frame = parse_annotation(example)
-
-    assert [box.id for box in frame.boxes] == ["217", "218", "219"]
 
 
 def test_every_field_of_a_decision_is_explained():

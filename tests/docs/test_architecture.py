@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import ast
 import re
+from collections import Counter
+from collections.abc import Container
 from functools import cache
 from pathlib import PurePosixPath
 
@@ -17,18 +19,25 @@ from app.jobs.attempts import MOST_ATTEMPTS
 from app.jobs.events import INTERVAL_S
 from app.jobs.leases import LEASE_LASTS, RENEW_EVERY_S, WATCHDOG_EVERY_S
 from app.runs.measure import COMMIT_EVERY_S
-from tests.support.sources import CHECKOUT, page_sources, python_sources
+from tests.support.sources import (
+    CHECKOUT,
+    PRODUCT,
+    Source,
+    page_sources,
+    python_sources,
+)
 
 TEXT = (CHECKOUT / "ARCHITECTURE.md").read_text("utf-8")
 WORDS = " ".join(TEXT.split())
 NAMED = sorted(set(re.findall(r"`([^`\n]+)`", TEXT)))
 SUFFIXES = (".py", ".js", ".md", ".json", ".toml")
 # Words in code style that other programs define: SQLite, PostgreSQL, browsers.
-FOREIGN = {
+OF_OTHER_PROGRAMS = {
     *("BEGIN IMMEDIATE", "COPY", "executemany", "synchronous=FULL", "count(*)"),
     "requestAnimationFrame",
 }
-# Definitions in JavaScript: constants, functions, classes, and methods of objects.
+# Definitions in JavaScript: constants, functions, classes, and methods of objects. The
+# tests have no parser of JavaScript; here only the names that it defines are needed.
 JAVASCRIPT = re.compile(
     r"\b(?:const|function|class)\s+(\w+)|^ +(?:async )?(\w+)(?:\(.*\) \{$|: \()", re.M
 )
@@ -100,7 +109,7 @@ def is_path(named: str) -> bool:
 
 
 def is_command(named: str) -> bool:
-    return named in FOREIGN or named.startswith(COMMANDS)
+    return named in OF_OTHER_PROGRAMS or named.startswith(COMMANDS)
 
 
 @pytest.mark.parametrize(
@@ -140,11 +149,17 @@ def walks() -> list[tuple[str, str]]:
     return steps
 
 
-def test_every_step_of_a_walk_names_a_file_or_a_function():
-    acts = {"An upload", "An answer", "A threshold", "A run", "An export", "A command"}
+def named_modules(text: str) -> list[str]:
+    """The modules that exist among those that a text names."""
+    named = re.findall(r"`([^`\n]+\.(?:py|js))`", text)
+    return [one for one in named if matching_files(one)]
 
-    assert {heading for heading, _ in walks()} >= acts
-    assert [step for _, step in walks() if "`" not in step] == []
+
+def test_every_step_of_a_walk_names_a_module_that_exists():
+    required = {"An upload", "An answer", "A threshold", "A run", "An export"}
+
+    assert {heading for heading, _ in walks()} >= required | {"A command"}
+    assert [step for _, step in walks() if not named_modules(step)] == []
 
 
 def test_commands_that_import_the_service_match_the_import_contract():
@@ -171,6 +186,65 @@ def test_commands_that_import_the_service_match_the_import_contract():
         ),
     ],
 )
-def test_figures_match_the_code(sentence, figure, expected):
+def test_figures_in_sentences_match_the_code(sentence, figure, expected):
     assert sentence in WORDS
     assert figure == expected
+
+
+def figures_now() -> dict[str, str]:
+    """The column "now" of the table of figures."""
+    table = TEXT.partition("\n## Figures\n")[2]
+    rows = re.findall(r"^\| (.+?) \| .+? \| (.+?) \| .+? \|$", table, re.MULTILINE)
+    return {name: now.replace(",", "") for name, now in rows}
+
+
+def modules_imported_by(source: Source, modules: Container[str]) -> set[str]:
+    """Which of these modules a module imports."""
+    names = set()
+    for node in ast.walk(source.tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            parts = {f"{node.module}.{alias.name}" for alias in node.names}
+            names |= {one if one in modules else f"{node.module}" for one in parts}
+    return {name for name in names if name in modules}
+
+
+def test_table_of_figures_counts_the_code():
+    product = python_sources(*PRODUCT)
+    texts = [source.text for source in product]
+    scripts = [one for one in page_sources() if one.name.startswith("static/js/")]
+    now = figures_now()
+
+    assert int(now["Python files"]) == len(product)
+    lines = sum(text.count("\n") for text in texts)
+    assert int(now["lines of Python"]) == pytest.approx(lines, rel=0.01)
+    assert int(now["`Any`"]) == len(re.findall(r"\bAny\b", "\n".join(texts)))
+    assert int(now["files of the page's scripts"]) == len(scripts)
+    in_app = sum(source.name.startswith("app/") for source in product)
+    assert f"{in_app} of the Python files are in `app`" in WORDS
+
+
+def test_table_of_figures_counts_small_modules_with_one_importer():
+    product = python_sources(*PRODUCT)
+    modules = {
+        source.name.removesuffix(".py").removesuffix("/__init__").replace("/", "."): (
+            source
+        )
+        for source in product
+    }
+    importers = Counter(
+        imported
+        for source in product
+        for imported in modules_imported_by(source, modules)
+    )
+    small = [
+        name
+        for name, source in modules.items()
+        if importers[name] == 1
+        and source.text.count("\n") < 80
+        and not source.name.endswith(("__init__.py", "__main__.py"))
+    ]
+
+    named = "modules of under 80 lines that one other module imports"
+    assert int(figures_now()[named]) == len(small)

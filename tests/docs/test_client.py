@@ -21,7 +21,7 @@ def server_and_recording(start_server, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("server_and_recording")
-def test_examples_run_in_order_and_print_the_expected_output(capsys):
+def test_client_examples_run_in_order_and_print_the_expected_output(capsys):
     namespace: dict[str, Any] = {"__name__": "__main__"}
 
     printed = []

@@ -12,7 +12,7 @@ from tests.support.sources import CHECKOUT
 
 DOCS = CHECKOUT / "docs"
 BLOCK = re.compile(r"```json\n(.*?)```", re.DOTALL)
-SHOWN = [
+EXAMPLES = [
     pytest.param(block, id=f"{path.name} {number}")
     for path in sorted(DOCS.glob("*.md"))
     for number, block in enumerate(BLOCK.findall(path.read_text("utf-8")))
@@ -20,8 +20,12 @@ SHOWN = [
 ]
 
 
-@pytest.mark.parametrize("block", SHOWN)
+@pytest.mark.parametrize("block", EXAMPLES)
 def test_every_example_annotation_can_be_parsed(block):
     shown = json.loads(block)
 
-    assert len(parse_annotation(shown).boxes) == len(shown["boxes"])
+    parsed = [box.id for box in parse_annotation(shown).boxes]
+
+    assert len(parsed) == len(shown["boxes"])
+    named = {box["id"] for box in shown["boxes"] if "id" in box}
+    assert named <= set(parsed)

@@ -33,7 +33,7 @@ def recording(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("recording")
-def test_examples_run_in_order_and_print_the_expected_output(capsys):
+def test_library_examples_run_in_order_and_print_the_expected_output(capsys):
     namespace = {"__name__": "__main__"}
 
     printed = []

@@ -1,4 +1,4 @@
-"""docs/operations.md names the metrics, checks, log keys and settings that exist."""
+"""docs/operations.md agrees with the code on metrics, checks, logs and settings."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pytest
 import yaml
 from prometheus_client.parser import text_string_to_metric_families
 
+from app.db.engine import CACHE_KIB, MOST_CONNECTIONS, WRITER_CACHE_KIB
 from app.logs import AccessRecord, JsonLines, access_log, log_access
 from app.settings import Settings
 from tests.support.api import MOST_LOOKS
@@ -84,3 +85,9 @@ def test_every_setting_in_the_document_exists():
     known = {f"UNGHOST_{name.upper()}" for name in Settings.model_fields}
 
     assert set(SETTING.findall(read("docs/operations.md"))) <= known | of_the_client
+
+
+def test_cache_memory_bound_is_as_documented():
+    most_kib = MOST_CONNECTIONS * CACHE_KIB + WRITER_CACHE_KIB
+
+    assert f"at most {most_kib // 1024} MiB" in read("docs/operations.md")

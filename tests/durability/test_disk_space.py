@@ -9,10 +9,10 @@ import pytest
 from sqlalchemy import text
 
 from app.storage.room import RESERVE
-from benchmarks.million import DatasetSpec, make_dataset
 from tests.support.archives import frame, tar_archive
 from tests.support.data_folders import blobs, count, served
 from tests.support.databases import database_of
+from tests.support.large_datasets import DatasetSpec, make_dataset
 from tests.support.mounts import small_disk
 from tests.support.services import running_services
 from tests.support.waiting import until
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.sqlite_files("its database shares the small disk")
 DISK_MIB, MIN_FREE_MIB = 128, 16
 NAME = "large"
 MIB = 1024**2
-WAITS = "cannot remove the rows of deleted datasets yet"
+NOT_REMOVED_YET = "cannot remove the rows of deleted datasets yet"
 SETTINGS = {"UNGHOST_MIN_FREE_BYTES": f"{MIN_FREE_MIB}MiB"}
 
 
@@ -104,7 +104,7 @@ def test_deletion_on_a_full_disk_resumes_when_no_reader_holds_the_log(data):
             with database_of(data) as reader:
                 reader.execute(text("SELECT 1 FROM datasets"))
                 api.remove(NAME)
-                until(lambda: WAITS in server.log.read_text("utf-8"))
+                until(lambda: NOT_REMOVED_YET in server.log.read_text("utf-8"))
             until(lambda: count(data, "datasets") == 0)
 
 

@@ -11,7 +11,7 @@ from tests.support.services import running_services
 
 pytestmark = pytest.mark.sqlite_files("SQLite keeps its log beside its file")
 
-LOOK = (
+COUNT_DATASETS = (
     "import sqlite3, sys; database = sqlite3.connect(sys.argv[1]); "
     "print(*database.execute('SELECT count(*) FROM datasets').fetchone()); "
     "database.close()"
@@ -21,7 +21,7 @@ LOOK = (
 def count_datasets_in_another_process(file):
     """The number of datasets that another process reads before it closes the file."""
     done = subprocess.run(
-        [sys.executable, "-c", LOOK, str(file)],
+        [sys.executable, "-c", COUNT_DATASETS, str(file)],
         capture_output=True,
         text=True,
         check=True,

@@ -29,7 +29,7 @@ pytestmark = [
     pytest.mark.sqlite_files("its process is killed within its commits"),
 ]
 
-UNSEEN = [
+POINTS_BEFORE_STORING = [
     Point("draft", after=True),
     Point("draft", after=True, turn=2),
     Point("flush_file", after=False),
@@ -42,14 +42,14 @@ UNSEEN = [
     Point("flush_folder", after=True, turn=2),
     Point("commit", after=False),
 ]
-SEEN = [
+POINTS_AFTER_STORING = [
     Point("commit", after=True),
     Point("answer", after=False),
     Point("answer", after=True),
 ]
-EVERY = [*UNSEEN, *SEEN]
-ALL = os.environ.get("FAILPOINTS") == "all"
-FEW = {
+ALL_POINTS = [*POINTS_BEFORE_STORING, *POINTS_AFTER_STORING]
+TESTS_ALL_POINTS = os.environ.get("FAILPOINTS") == "all"
+CHOSEN_POINTS = {
     "upload": ("after-rename-1", "before-commit-1", "after-commit-1"),
     "batch": ("after-flush_folder-1", "after-answer-1"),
     "review": ("after-commit-1",),
@@ -118,7 +118,7 @@ def upload(dataset, number):
 
 
 def batch(dataset, number):
-    """An act that sends a batch of two frames; it returns the keys with status 201."""
+    """Send a batch of two frames; the keys with status 201 are acknowledged."""
     content = tar_archive(
         frame(f"{number}-a", number=number) + frame(f"{number}-b", number=number + 128)
     )
@@ -170,12 +170,12 @@ def check_doctor_finds_nothing(data):
     [
         pytest.param(act, point, id=f"{act.__name__}-{point}")
         for act in (upload, batch)
-        for point in EVERY
-        if ALL or str(point) in FEW[act.__name__]
+        for point in ALL_POINTS
+        if TESTS_ALL_POINTS or str(point) in CHOSEN_POINTS[act.__name__]
     ],
 )
 def test_frames_are_complete_or_absent_after_a_kill(servers, dataset, act, point):
-    number = 10 + 2 * EVERY.index(point) + (act is batch)
+    number = 10 + 2 * ALL_POINTS.index(point) + (act is batch)
     wanted = (
         {f"put/{number}"} if act is upload else {f"run/{number}-a", f"run/{number}-b"}
     )
@@ -185,7 +185,9 @@ def test_frames_are_complete_or_absent_after_a_kill(servers, dataset, act, point
     with running_client(servers) as api:
         frames = stored(api, dataset)
         assert {*acknowledged} <= wanted & frames.keys()
-        assert wanted & frames.keys() == (wanted if point in SEEN else set())
+        assert wanted & frames.keys() == (
+            wanted if point in POINTS_AFTER_STORING else set()
+        )
         for key in wanted & frames.keys():
             check_frame_is_complete(api, frames[key])
         check_doctor_finds_nothing(servers.data)
@@ -197,7 +199,11 @@ def test_frames_are_complete_or_absent_after_a_kill(servers, dataset, act, point
 
 @pytest.mark.parametrize(
     "point",
-    [point for point in EVERY[-4:] if ALL or str(point) in FEW["review"]],
+    [
+        point
+        for point in ALL_POINTS[-4:]
+        if TESTS_ALL_POINTS or str(point) in CHOSEN_POINTS["review"]
+    ],
     ids=str,
 )
 def test_review_is_stored_or_absent_after_a_kill(servers, dataset, point):
@@ -210,7 +216,7 @@ def test_review_is_stored_or_absent_after_a_kill(servers, dataset, point):
             return None
 
     def prepare(api):
-        number = 100 + EVERY.index(point)
+        number = 100 + ALL_POINTS.index(point)
         frame = api.upload_frame(
             dataset, f"r/{number}", **image_and_segmentation(number)
         )
@@ -221,8 +227,8 @@ def test_review_is_stored_or_absent_after_a_kill(servers, dataset, point):
 
     with running_client(servers) as api:
         review = api.json(f"/boxes/{boxes[0]}")["review"]
-    assert (review is not None) == (point in SEEN)
-    assert told in ((None, 201) if point in SEEN else (None,))
+    assert (review is not None) == (point in POINTS_AFTER_STORING)
+    assert told in ((None, 201) if point in POINTS_AFTER_STORING else (None,))
 
 
 def test_garbage_collection_removes_leftovers_of_killed_servers(servers, dataset):

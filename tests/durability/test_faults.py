@@ -11,7 +11,7 @@ from tests.support.servers import start
 
 pytestmark = pytest.mark.long
 
-LITTLE = {"UNGHOST_MIN_FREE_BYTES": "0"}
+NO_MINIMUM = {"UNGHOST_MIN_FREE_BYTES": "0"}
 
 
 def log_of_failed_start(data, tmp_path):
@@ -26,7 +26,7 @@ def log_of_failed_start(data, tmp_path):
 def test_full_disk_returns_503_loses_nothing_and_recovers_when_space_is_free(tmp_path):
     with small_disk(tmp_path / "disk", 24) as disk:
         data = disk / "data"
-        with served(data, **LITTLE) as (_, api):
+        with served(data, **NO_MINIMUM) as (_, api):
             dataset = api.dataset()
             first = api.upload_frame(dataset, "first")["decisions"][0]["box_id"]
             stored, full = upload_until_disk_is_full(api, dataset, disk)
@@ -35,7 +35,7 @@ def test_full_disk_returns_503_loses_nothing_and_recovers_when_space_is_free(tmp
             (disk / "filler").unlink()
             again = api.put(dataset, "again", image=scene.image(255))
             reviewed = api.review(first, "reject")
-        with served(data, **LITTLE) as (_, api):
+        with served(data, **NO_MINIMUM) as (_, api):
             items = api.json(f"/datasets/{dataset}/frames", limit=1000)["items"]
 
         assert (full.status_code, full.json()["code"]) == (503, "storage_full")

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.sqlite_files("system calls on its log")
 WRITES = ("write", "pwrite64", "sendto", "sendmsg", "writev")
 FLUSHES = ("fsync", "fdatasync")
 DRAFT = re.compile(r'"([^"]*/blobs/[0-9a-f]{2})/(\.new-[0-9a-f]+)", O_WRONLY')
-LINE = '\\"status\\": 201'
+OUTCOME = '\\"status\\": 201'
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_upload_is_answered_after_its_files_and_rows_are_flushed(calls):
 
 
 def test_batch_line_is_sent_after_its_frame_is_flushed(calls):
-    before, first = answers(calls, "HTTP/1.1 201")[2], answers(calls, LINE)[0]
+    before, first = answers(calls, "HTTP/1.1 201")[2], answers(calls, OUTCOME)[0]
 
     # Two images. The segmentation exists already; only its folder is flushed again.
     assert len(drafts_between(calls, before, first)) == 2

@@ -28,10 +28,10 @@ from tests.support.waiting import until
 MOST_DEATHS = 3
 KILLED = -9
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
-BEFORE = 60
+FRAMES_BEFORE = 60
 KILLS = 5
-MANY = 240
-SIDE = 5000
+FRAMES_OF_LONG_RUN = 240
+SIDE_PX = 5000
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def put_poison(api, name, key):
 
 def put_large(api, name, key):
     """Store a frame without boxes, with a large segmentation in a small file."""
-    annotation, segmentation = scene.large(SIDE)
+    annotation, segmentation = scene.large(SIDE_PX)
     api.upload_frame(name, key, annotation, segmentation=segmentation)
 
 
@@ -229,7 +229,7 @@ def test_run_whose_deciding_kills_the_service_fails_and_changes_nothing(servers)
 def test_killing_frames_in_a_chunk_do_not_stop_other_frames_from_measuring(data):
     """One chunk has frames before, between and after the two frames that kill."""
     with served(data) as (_, api):
-        name = create_slow_dataset(api, BEFORE)
+        name = create_slow_dataset(api, FRAMES_BEFORE)
         for key in ("p", "q"):
             put_poison(api, name, key)
             put_frames(api, name, f"{key}1", f"{key}2")
@@ -248,21 +248,21 @@ def test_killing_frames_in_a_chunk_do_not_stop_other_frames_from_measuring(data)
     with served(data) as (_, api):
         failed = get_run(api, last_run(data)[0])
         run = api.run(name, FROM_PIXELS)
-        check_run_results(api, name, run, BEFORE + 6, empty=2)
+        check_run_results(api, name, run, FRAMES_BEFORE + 6, empty=2)
 
     assert failed["error"]["code"] == "quarantined"
     assert failed["error"]["detail"].startswith("frames 'p', 'q' crashed the process")
-    assert failed["done"] == failed["total"] - 2 == BEFORE + 4
+    assert failed["done"] == failed["total"] - 2 == FRAMES_BEFORE + 4
     # Three deaths for each frame, and some of processes that had stored a frame before:
     # how many depends on how soon the threads reach a deadly frame.
-    assert 2 * MOST_DEATHS <= deaths <= 4 * MOST_DEATHS + BEFORE + 4
+    assert 2 * MOST_DEATHS <= deaths <= 4 * MOST_DEATHS + FRAMES_BEFORE + 4
 
 
 @pytest.mark.long
 def test_run_killed_from_outside_repeatedly_is_not_quarantined(data):
     done = 0
     with served(data, UNGHOST_WORKERS="1") as (_, api):
-        name = create_slow_dataset(api, MANY)
+        name = create_slow_dataset(api, FRAMES_OF_LONG_RUN)
     for kill in range(KILLS):
         with served(data, UNGHOST_WORKERS="1") as (server, api):
             if kill == 0:
@@ -273,6 +273,8 @@ def test_run_killed_from_outside_repeatedly_is_not_quarantined(data):
         chunks = rows_of(data, "SELECT state, attempts FROM chunks ORDER BY number")
         assert chunks[0] == ("waiting", 0)
         _, _, done = last_run(data)
-        assert 0 < done < MANY
+        assert 0 < done < FRAMES_OF_LONG_RUN
     with served(data) as (_, api):
-        check_run_results(api, name, wait_for_run_end(api, last_run(data)[0]), MANY)
+        check_run_results(
+            api, name, wait_for_run_end(api, last_run(data)[0]), FRAMES_OF_LONG_RUN
+        )

@@ -1,4 +1,7 @@
-"""A deleted dataset is gone at once; its rows go in portions, also after a kill."""
+"""A deleted dataset cannot be read any more; its rows are deleted in portions.
+
+That continues after a kill.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,9 @@ from typing import NamedTuple
 import pytest
 
 from app.maintenance.removals import BOXES_AT_A_TIME
-from benchmarks.million import DatasetSpec, make_dataset
 from tests.support.data_folders import count, served
 from tests.support.databases import problems_of
+from tests.support.large_datasets import DatasetSpec, make_dataset
 from tests.support.services import running_services
 from tests.support.waiting import until
 

@@ -1,4 +1,4 @@
-"""SIGTERM during uploads, runs and exports: they finish, or go on after a restart."""
+"""SIGTERM during uploads, runs and exports: they end, or continue after a restart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Real CARLA data, made by strangers, through the library as it is."""
+"""Real CARLA data that others have published, filtered by the library."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ from tests.support.hostile.mutations import EXAMPLES
 IS_LONG = "FUZZ_EXAMPLES" in os.environ
 SEED = int(os.environ.get("FUZZ_SEED", str(random.getrandbits(32) if IS_LONG else 7)))
 TRIES = 10 * EXAMPLES
-OURS = ("/app/", "/filter_core/")
+OWN_CODE = ("/app/", "/filter_core/")
 ARCHIVE = TarLimits(max_archive_bytes=10**7, max_member_bytes=50_000, max_members=99)
 FRAME = FrameLimits(max_parts=16, max_part_bytes=50_000, max_frame_bytes=90_000)
 FORM = PartLimits(max_parts=16, max_part_bytes=50_000)
@@ -112,7 +112,7 @@ def repair_tar_checksums(content: bytes) -> bytes:
 
 
 def repair_png_crcs(content: bytes) -> bytes:
-    """The PNG with the right checksum in each of its whole chunks."""
+    """The PNG with the right checksum in each of its complete chunks."""
     png, at = bytearray(content), 8
     while at + 12 <= len(png):
         (length,) = struct.unpack_from(">I", png, at)
@@ -131,7 +131,7 @@ class FuzzTarget:
     read: Callable[[bytes], object]
     samples: list[bytes]
     bounds: Bounds = field(default_factory=Bounds)
-    folders: tuple[str, ...] = OURS
+    folders: tuple[str, ...] = OWN_CODE
     repair: Callable[[bytes], bytes] | None = None
     share: float = 1.0
     """Which share of the tries this parser gets: some are slow."""
@@ -146,7 +146,7 @@ TARGETS = {
     "multipart": FuzzTarget(
         read_form,
         [wire.MEDIA_TYPE.encode() + b"\n" + wire.FORM],
-        folders=(*OURS, "/python_multipart/"),
+        folders=(*OWN_CODE, "/python_multipart/"),
     ),
     "png": FuzzTarget(read_image, PNGS, repair=repair_png_crcs),
     "jpeg": FuzzTarget(read_image, JPEGS),
@@ -156,7 +156,7 @@ TARGETS = {
     "yaml": FuzzTarget(
         load_config,
         [labels.YAML.encode(), labels.CARLASIMU.encode()],
-        folders=(*OURS, "/yaml/"),
+        folders=(*OWN_CODE, "/yaml/"),
         bounds=Bounds(lines_per_byte=1000, seconds=30),
         share=0.2,
     ),

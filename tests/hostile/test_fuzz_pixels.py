@@ -72,7 +72,7 @@ shapes = st.sampled_from(
      "(4611686018427387904, 6)", "(True, 6)", "(2.5, 6)", "'x'", "(3, 6, 1)",
      "(1" + "0" * 30 + ",)"]
 )  # fmt: skip
-PROMISES = "{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, 6), }}\n"
+NPY_HEADER = "{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, 6), }}\n"
 forged_npys = st.builds(
     "{{'descr': {}, 'fortran_order': {}, 'shape': {}, }}{}".format,
     dtypes,
@@ -86,7 +86,7 @@ forged_npys = st.builds(
 @given(content=st.one_of(damaged(CLOUDS), forged_npys, st.binary(max_size=64)))
 @example(ply("ascii", b"", "9" * 5000))
 @example(npy_of("{'descr': (("))
-@example(npy_of(PROMISES.format(10**9)))
+@example(npy_of(NPY_HEADER.format(10**9)))
 @example(npy(np.full((2, 6), 1e300)))
 @example(npy(np.full((2, 6), [0, 0, 0, 0, 0, np.nan])))
 def test_any_point_cloud_gives_points_or_raises_our_own_error(content):

@@ -1,7 +1,8 @@
 """A server is killed while several clients send it every kind of write.
 
-Afterwards every acknowledged write is there, whole and exactly once; any other is there
-whole or not at all. ``KILL_ROUNDS`` says how often; ``make test-long`` kills 200 times.
+Afterwards every acknowledged write is stored, complete and exactly once; any other is
+stored completely or not at all. ``KILL_ROUNDS`` says how often; ``make test-long``
+kills 200 times.
 """
 
 from __future__ import annotations
@@ -164,7 +165,7 @@ def check_frame_is_complete(api, frame_id):
 
 
 def check_answers(api, write_record):
-    """Check that no acknowledged answer is lost, and that no bulk act is half done."""
+    """Check that no acknowledged answer is lost, and no bulk answer stored in part."""
     more = {}
     for box_id, said in write_record.answers.items():
         items = api.json(f"/boxes/{box_id}/history")["items"]

@@ -1,4 +1,4 @@
-"""The real service compared with a model of it, after any sequence of acts.
+"""The real service compared with a model of it, after any sequence of requests.
 
 By default it runs a few fixed sequences; ``make test-long`` tries 500 random ones
 (MACHINE_RUNS).
@@ -26,7 +26,7 @@ from hypothesis.stateful import (
 from tests.support import archives
 from tests.support import frames as scene
 from tests.support.hostile.model import RECTANGLES, THRESHOLDS, Content, Model
-from tests.support.hostile.restarts import WAYS, Restarting
+from tests.support.hostile.restarts import WAYS_TO_RESTART, Restarting
 from tests.support.hostile.sequence_strategies import (
     ANSWERS,
     CONTENTS,
@@ -244,7 +244,7 @@ class ServiceAgainstModel(RuleBasedStateMachine):
             for frame in self.model.frames.values()
         )
 
-    @rule(lot=st.integers(0, RESTART), way=st.sampled_from(WAYS))
+    @rule(lot=st.integers(0, RESTART), way=st.sampled_from(WAYS_TO_RESTART))
     def restart(self, lot, way):
         if lot == RESTART:
             self.place.restart(way)
@@ -277,7 +277,7 @@ class ServiceAgainstModel(RuleBasedStateMachine):
         assert {name: stats[name] for name in expected} == expected
 
     def teardown(self):
-        """After each sequence, compare all frames and the whole history of each box."""
+        """After each sequence, compare all frames and the history of each box."""
         if not hasattr(self, "model"):
             return
         frames = self.api.json(f"/datasets/{self.name}/frames")["items"]
@@ -306,7 +306,7 @@ def place(tmp_path_factory):
     restarting.close()
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", WAYS_TO_RESTART)
 def test_state_equals_the_model_after_each_kind_of_restart(place, way):
     ServiceAgainstModel.place = place
     state = ServiceAgainstModel()

@@ -7,8 +7,6 @@ import re
 from tests.support.sources import CHECKOUT
 
 STATIC = CHECKOUT / "static"
-
-
 LEVELS = [
     ["."],
     ["shell"],
@@ -22,6 +20,7 @@ LEVELS = [
 ]
 """The folders of the page's modules, from the top down: a module may import from its
 own folder and from those of the lines below."""
+# The tests have no parser of JavaScript; imports are found by how they are written.
 _IMPORTED = re.compile(r"""(?:from\s+|import\(\s*)"(\.[^"]+)\"""")
 
 

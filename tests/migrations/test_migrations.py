@@ -65,7 +65,7 @@ def test_migrations_run_up_down_and_up_again(engine):
 
 
 def test_migration_files_are_named_by_their_revisions(engine):
-    """The names of their files tell which revisions there are, without Alembic."""
+    """The names of their files say which revisions there are, without Alembic."""
     known = revisions()
 
     assert head_revision(SCRIPTS) == known[-1]

@@ -29,12 +29,16 @@ from tests.support.waiting import until
 from unghost import Client, OutgoingFrame
 from unghost.cli.program import COMMANDS
 
-RECIPE = yaml.safe_load((CHECKOUT / "docker-compose.cluster.yml").read_text("utf-8"))
-SERVICES: dict[str, dict[str, Any]] = RECIPE["services"]
+COMPOSE_FILE = yaml.safe_load(
+    (CHECKOUT / "docker-compose.cluster.yml").read_text("utf-8")
+)
+SERVICES: dict[str, dict[str, Any]] = COMPOSE_FILE["services"]
 KUBERNETES: list[dict[str, Any]] = list(
     yaml.safe_load_all((CHECKOUT / "deploy" / "kubernetes.yaml").read_text("utf-8"))
 )
-OURS = [name for name, one in SERVICES.items() if one.get("image") == "unghost:cluster"]
+OWN_SERVICES = [
+    name for name, one in SERVICES.items() if one.get("image") == "unghost:cluster"
+]
 NGINX = shutil.which("nginx", path=f"{os.environ['PATH']}:/usr/sbin")
 
 
@@ -51,13 +55,13 @@ def test_only_the_proxy_is_published_and_only_on_loopback():
     published = {name: one["ports"] for name, one in SERVICES.items() if "ports" in one}
 
     assert published == {"proxy": ["127.0.0.1:8000:8080"]}
-    assert RECIPE["networks"]["inside"]["internal"] is True
+    assert COMPOSE_FILE["networks"]["inside"]["internal"] is True
     assert {
         name for name, one in SERVICES.items() if one["networks"] != ["inside"]
     } == {"proxy"}
 
 
-@pytest.mark.parametrize("name", OURS)
+@pytest.mark.parametrize("name", OWN_SERVICES)
 def test_every_setting_of_a_container_exists(name, monkeypatch):
     named = environment(name)
     ours = {key: value for key, value in named.items() if key.startswith("UNGHOST_")}
@@ -70,7 +74,7 @@ def test_every_setting_of_a_container_exists(name, monkeypatch):
     assert set(ours) <= fields
 
 
-@pytest.mark.parametrize("name", OURS)
+@pytest.mark.parametrize("name", OWN_SERVICES)
 def test_each_container_gets_exactly_the_certificates_it_names(name):
     named = environment(name).values()
     shown = {
@@ -78,8 +82,8 @@ def test_each_container_gets_exactly_the_certificates_it_names(name):
     }
 
     assert shown == set(SERVICES[name]["secrets"])
-    assert shown <= set(RECIPE["secrets"])
-    assert "ca.key" not in RECIPE["secrets"]
+    assert shown <= set(COMPOSE_FILE["secrets"])
+    assert "ca.key" not in COMPOSE_FILE["secrets"]
 
 
 def test_containers_run_commands_that_exist():
@@ -153,7 +157,7 @@ def test_image_installs_the_extras_that_the_cluster_needs():
 
     assert last.all("ARG") == ['EXTRAS=""']
     assert '"$(ls /wheels/*.whl)$EXTRAS"' in last.all("RUN")[0]
-    assert {SERVICES[name]["build"]["args"]["EXTRAS"] for name in OURS} == {
+    assert {SERVICES[name]["build"]["args"]["EXTRAS"] for name in OWN_SERVICES} == {
         "[cluster,postgres,s3]"
     }
 

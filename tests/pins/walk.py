@@ -44,10 +44,10 @@ _TIME: Final = re.compile(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?(Z|[+-]\d\d:\
 _SECRET: Final = re.compile(r"\bu[a-z]+_[\w-]{20,}|(?<=key=)[\w-]{20,}")
 # Keys whose values are replaced. Titles are Python's names of statuses, which differ
 # between versions; the last use of a token is only stored now and then.
-_OF_THE_MOMENT: Final = ("request_id", "title", "snapshot", "last_used_at", "python")
+_VARYING_KEYS: Final = ("request_id", "title", "snapshot", "last_used_at", "python")
 # Objects whose keys are sorted, since their order depends on the database.
 _UNORDERED: Final = ("by_reason", "by_class")
-_COUNTED_LATELY: Final = ("unghost_blobs gauge", "unghost_blob_bytes gauge")
+_COUNTED_LATER: Final = ("unghost_blobs gauge", "unghost_blob_bytes gauge")
 """Metrics that are there only after files have been counted, in the background."""
 _OF_SQLITE: Final = "unghost_wal_bytes gauge"
 _PARTIAL: Final = 206
@@ -130,7 +130,7 @@ def plain(value: Any) -> Any:
 
 
 def _plain_item(key: str, item: Any) -> Any:
-    if key in _OF_THE_MOMENT:
+    if key in _VARYING_KEYS:
         return f"<{key}>"
     if key in _UNORDERED and isinstance(item, dict):
         item = dict(sorted(item.items()))
@@ -155,7 +155,7 @@ def _body(answer: httpx.Response) -> Any:
         return _READERS[kind](answer)
     if kind.startswith("text/plain") and answer.url.path == "/metrics":
         types = re.findall(r"^# TYPE (\S+ \S+)$", answer.text, re.MULTILINE)
-        return sorted({*types} - {_OF_SQLITE, *_COUNTED_LATELY})
+        return sorted({*types} - {_OF_SQLITE, *_COUNTED_LATER})
     return _digest(answer.content) if answer.content else None
 
 

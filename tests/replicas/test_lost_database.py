@@ -27,7 +27,7 @@ from tests.support.waiting import until
 LONG = pytest.mark.long
 FRAMES = 60
 PATIENCE_S = 60
-GOOD = {200, 201, 202, 412}
+EXPECTED_STATUSES = {200, 201, 202, 412}
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def place(tmp_path_factory) -> Iterator[ClusterAndServer]:
 
 @dataclass
 class Writers:
-    """Clients that upload and review until told to stop, and note the answers."""
+    """Clients that upload and review until they are stopped, and note the answers."""
 
     place: ClusterAndServer
     dataset: str
@@ -104,7 +104,7 @@ class Writers:
         return Api.at(self.place.server.url, self.place.server.headers)
 
     def _is_accepted_or_recorded(self, answer: httpx.Response) -> bool:
-        if answer.status_code in GOOD:
+        if answer.status_code in EXPECTED_STATUSES:
             return True
         self.refused.append(answer)
         time.sleep(0.05)
@@ -166,14 +166,14 @@ def restart_cluster(cluster):
     cluster.start()
 
 
-WAYS = [
+WAYS_TO_LOSE = [
     pytest.param(terminate_connections, marks=LONG),
     pytest.param(kill_a_backend, marks=LONG),
     restart_cluster,
 ]
 
 
-@pytest.mark.parametrize("lose", WAYS)
+@pytest.mark.parametrize("lose", WAYS_TO_LOSE)
 def test_lost_database_keeps_acknowledged_writes_and_others_get_503(place, lose):
     writers = Writers(place, place.api.dataset())
     with writers.writing():

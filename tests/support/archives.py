@@ -1,4 +1,4 @@
-"""Makes tar archives of frames, and sends them as batches, whole or piece by piece."""
+"""Makes tar archives of frames, and sends them as batches, also piece by piece."""
 
 from __future__ import annotations
 

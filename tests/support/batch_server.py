@@ -1,4 +1,4 @@
-"""A small HTTP server that accepts batches, and fails where a test tells it to."""
+"""A small HTTP server that accepts batches, and fails where a test wants it to."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from tests.support.servers import start, stop, token_of, wait_for_link
 from tests.support.sources import CHECKOUT
 
 POINTS = ("draft", "flush_file", "rename", "flush_folder", "commit", "answer")
-LIVES_AT_MOST_S = 60
+TIME_LIMIT_S = 60
 ARMED = "armed"
 """The server counts towards its point while a file of this name is beside its data."""
 
@@ -75,7 +75,7 @@ class CrashingServers:
             if ask:
                 process.terminate()
             try:
-                return process.wait(LIVES_AT_MOST_S)
+                return process.wait(TIME_LIMIT_S)
             except subprocess.TimeoutExpired:
                 process.send_signal(signal.SIGABRT)
                 return process.wait()

@@ -43,8 +43,8 @@ from app.storage import make_folder
 # Read at import: the tests later run without any UNGHOST_* variables.
 CHOSEN = os.environ.get("UNGHOST_TEST_DATABASE", "")
 SERVER_VARIABLE = "UNGHOST_TEST_SERVER"
-_USUAL = "postgresql+psycopg://postgres@127.0.0.1:5432/postgres"
-SERVER = make_url(CHOSEN or os.environ.get(SERVER_VARIABLE) or _USUAL)
+_DEFAULT = "postgresql+psycopg://postgres@127.0.0.1:5432/postgres"
+SERVER = make_url(CHOSEN or os.environ.get(SERVER_VARIABLE) or _DEFAULT)
 DATABASE_URL = "UNGHOST_DATABASE_URL"
 FILE = "unghost.db"
 _PREFIX = "unghost_test_"

@@ -2,4 +2,4 @@
 
 from __future__ import annotations
 
-HEAVY = ("numpy", "cv2", "fastapi", "sqlalchemy", "pydantic", "uvicorn", "app")
+LARGE_MODULES = ("numpy", "cv2", "fastapi", "sqlalchemy", "pydantic", "uvicorn", "app")

@@ -9,9 +9,9 @@ from app.db.base import utc_now
 from app.db.tables import Lease
 from app.jobs.leases import LEASE_LASTS
 
-ELSEWHERE = "another-machine/1/2/3"
+HOLDER_ELSEWHERE = "another-machine/1/2/3"
 """A holder's name on another machine: from here nobody can tell if it has ended."""
-WHO = "from app.jobs.leases import this_process; print(this_process())"
+PRINT_THIS_PROCESS = "from app.jobs.leases import this_process; print(this_process())"
 
 
 def give_lease(session, job, holder, lasts=LEASE_LASTS):
@@ -32,6 +32,9 @@ def delete_lease(session, job):
 def ended_process():
     """The holder's name of a process of this machine that has already ended."""
     done = subprocess.run(
-        [sys.executable, "-c", WHO], capture_output=True, text=True, check=True
+        [sys.executable, "-c", PRINT_THIS_PROCESS],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return done.stdout.strip()

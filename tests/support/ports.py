@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 HOST = "127.0.0.1"
-_CHOICE = range(20_000, 30_000)
+_CANDIDATES = range(20_000, 30_000)
 """Below the ports that systems give to outgoing connections and to port 0."""
 
 
@@ -19,7 +19,7 @@ def reserved_port() -> Iterator[int]:
     connection. So this port is outside the range from which systems pick, and a UDP
     socket with the same number keeps other tests from taking it.
     """
-    for port in _CHOICE:
+    for port in _CANDIDATES:
         with socket.socket(type=socket.SOCK_DGRAM) as claim, socket.socket() as probe:
             # As servers do, count a port with connections in TIME_WAIT as free.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -1,4 +1,4 @@
-"""Starts a PostgreSQL server of its own, for one test or for a whole run of tests.
+"""Starts a PostgreSQL server of its own, for one test or for a run of all tests.
 
 ``python -m tests.support.postgres_cluster COMMAND ...`` runs a command with a server:
 UNGHOST_TEST_SERVER (`tests/support/databases.py`) names it. If the server that the

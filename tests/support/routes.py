@@ -58,11 +58,11 @@ _ADMINISTRATION = {
     *(("POST", f"{V1}/tokens"), ("DELETE", f"{V1}/tokens/{{token_id}}")),
 }
 REQUIRED_ROLES |= {("GET", path): "viewer" for path in _READING}
-_ONES_OWN = {
+_OWN_ACCESS = {
     *(("DELETE", f"{V1}/session"), ("POST", f"{V1}/login-codes")),
     ("POST", f"{V1}/exports/{{export_id}}/download-links"),
 }
-REQUIRED_ROLES |= dict.fromkeys(_ONES_OWN, "viewer")
+REQUIRED_ROLES |= dict.fromkeys(_OWN_ACCESS, "viewer")
 REQUIRED_ROLES |= dict.fromkeys(_WRITING, "reviewer")
 REQUIRED_ROLES |= dict.fromkeys(_ADMINISTRATION, "admin")
 

@@ -9,7 +9,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 from unghost import RetryPolicy
 
-QUICK = RetryPolicy(attempts=3, base_s=0.001, longest_s=0.01)
+QUICK_RETRIES = RetryPolicy(attempts=3, base_s=0.001, longest_s=0.01)
 
 
 @dataclass(frozen=True)

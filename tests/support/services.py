@@ -216,7 +216,7 @@ class ServiceDataset:
     def cancelled_while_it_ends(self, run_id: int) -> str:
         """Carry out a run, and cancel it during its last transaction.
 
-        Returns the state that the one who cancels is told. In a database with a single
+        Returns the state that the one who cancels gets. In a database with a single
         writer, cancelling has to wait for that transaction.
         """
         job, engine = run_job(run_id), self.context.engine

@@ -11,7 +11,7 @@ CHECKOUT = Path(__file__).resolve().parents[2]
 PRODUCT = ("app", "filter_core", "unghost")
 PYTHON = (*PRODUCT, "migrations", "tests", "benchmarks", "tools")
 PAGE = ("static", "tests/js")
-FOREIGN = frozenset({"__pycache__", "vendor", "node_modules"})
+EXCLUDED_FOLDERS = frozenset({"__pycache__", "vendor", "node_modules"})
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,9 @@ def sources(folders: tuple[str, ...], *suffixes: str) -> tuple[Source, ...]:
         path
         for folder in folders
         for path in sorted((CHECKOUT / folder).rglob("*"))
-        if path.suffix in suffixes and path.is_file() and not FOREIGN & {*path.parts}
+        if path.suffix in suffixes
+        and path.is_file()
+        and not EXCLUDED_FOLDERS & {*path.parts}
     ]
     return tuple(
         Source(path.relative_to(CHECKOUT).as_posix(), path.read_text("utf-8"))
@@ -53,3 +55,13 @@ def python_sources(*folders: str) -> tuple[Source, ...]:
 def page_sources() -> tuple[Source, ...]:
     """The page's scripts, styles and markup."""
     return sources(PAGE, ".js", ".mjs", ".css", ".html")
+
+
+def names_of_tests(path: str) -> frozenset[str]:
+    """The names of the tests that a module defines, by its path from the checkout."""
+    tree = Source(path, (CHECKOUT / path).read_text("utf-8")).tree
+    return frozenset(
+        node.name
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+    )

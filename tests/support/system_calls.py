@@ -33,7 +33,7 @@ STOP_WAIT_S = 120
 _CALL = re.compile(
     r"^(?P<pid>\d+) +(?P<name>\w+)\((?P<words>.*)\) += (?P<result>-?\d+)"
 )
-_BEGUN = re.compile(r"^(?P<pid>\d+) +(?P<begun>.*) <unfinished \.\.\.>$")
+_UNFINISHED = re.compile(r"^(?P<pid>\d+) +(?P<begun>.*) <unfinished \.\.\.>$")
 _RESUMED = re.compile(r"^(?P<pid>\d+) +<\.\.\. \w+ resumed>(?P<rest>.*)$")
 
 
@@ -86,7 +86,7 @@ def calls_of(trace: Path) -> list[Call]:
     begun: dict[str, str] = {}
     found = []
     for line in trace.read_text("utf-8", "replace").splitlines():
-        if half := _BEGUN.match(line):
+        if half := _UNFINISHED.match(line):
             begun[half["pid"]] = half["begun"]
             continue
         if rest := _RESUMED.match(line):

@@ -124,7 +124,7 @@ def tell_the_end(ends: int, pid: int, teller: socket.socket) -> None:
     """Send the exit code of a fork that has ended to the process that ordered it."""
     os.close(ends)
     _, status = os.waitpid(pid, 0)
-    with teller, suppress(BrokenPipeError):  # the one who ordered it is gone
+    with teller, suppress(BrokenPipeError):  # the one who ordered it has ended
         teller.send(str(os.waitstatus_to_exitcode(status)).encode())
 
 

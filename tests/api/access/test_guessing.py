@@ -1,4 +1,4 @@
-"""Wrong tokens are refused and counted in the log; right ones go on working."""
+"""Wrong tokens are refused and counted in the log; right ones still work."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from app.access.upkeep import write_upkeep
 from tests.support.databases import everything_in
 
 SESSION = "/api/v1/session"
-MANY = 50
+GUESSES = 50
 """More wrong tokens from one address than mistyping explains."""
 
 
@@ -42,14 +42,15 @@ def by_export_key(client, token):
     return client.get("/api/v1/exports/1/file", params={"key": key})
 
 
-WAYS = [by_login, by_header, by_session, by_code, by_export_key]
+WAYS_TO_GUESS = [by_login, by_header, by_session, by_code, by_export_key]
 
 
 def test_valid_credentials_are_accepted_after_many_wrong_ones(service):
     with service.client() as client, service.admin() as admin:
         code = admin.post("/api/v1/login-codes").json()["code"]
         wrong = [
-            WAYS[number % len(WAYS)](client, f"ug_{number}") for number in range(MANY)
+            WAYS_TO_GUESS[number % len(WAYS_TO_GUESS)](client, f"ug_{number}")
+            for number in range(GUESSES)
         ]
 
         by_link = client.post(SESSION, json={"code": code})
@@ -65,8 +66,8 @@ def test_valid_credentials_are_accepted_after_many_wrong_ones(service):
 def test_wrong_credentials_give_one_log_line_and_no_database_write(service, caplog):
     with service.client() as client:
         before = everything_in(service.settings.data)
-        for number in range(MANY):
-            WAYS[number % len(WAYS)](client, f"ug_{number}")
+        for number in range(GUESSES):
+            WAYS_TO_GUESS[number % len(WAYS_TO_GUESS)](client, f"ug_{number}")
         write_upkeep(service.app.state.services)
         write_upkeep(service.app.state.services)
 
@@ -77,15 +78,15 @@ def test_wrong_credentials_give_one_log_line_and_no_database_write(service, capl
         if record.levelno >= logging.WARNING and record.module != "loop_watch"
     ]
     assert warnings == [
-        f"requests refused within a minute: {MANY} with a wrong token, session, code "
-        f"or key: {MANY} from 127.0.0.1"
+        f"requests refused within a minute: {GUESSES} with a wrong token, session, "
+        f"code or key: {GUESSES} from 127.0.0.1"
     ]
     assert everything_in(service.settings.data) == before
 
 
 def test_a_request_without_a_token_is_not_counted_as_wrong(service, caplog):
     with service.client() as client:
-        statuses = {client.get("/version").status_code for _ in range(MANY)}
+        statuses = {client.get("/version").status_code for _ in range(GUESSES)}
         write_upkeep(service.app.state.services)
 
     assert statuses == {401}

@@ -22,9 +22,11 @@ from tests.support.routes import (
 from unghost.wire.words import Role
 
 # An id that no token has: an admin must not revoke the token that the test uses.
-NOWHERE = "1000000000"
-GUARDED = {one: role for one, role in REQUIRED_ROLES.items() if role is not NO_ROLE}
-NO_ENTRY = {401}
+MISSING_ID = "1000000000"
+NEEDING_A_ROLE = {
+    one: role for one, role in REQUIRED_ROLES.items() if role is not NO_ROLE
+}
+UNAUTHORISED = {401}
 REFUSALS = {401, 403, 429}
 
 
@@ -54,7 +56,7 @@ def filled(service):
     return {**names, "token_id": 1, "batch_id": 1, **answers}
 
 
-def statuses_of(client, values, operations=GUARDED):
+def statuses_of(client, values, operations=NEEDING_A_ROLE):
     """The status of each operation, requested with nothing but its path."""
     return {
         (method, path): client.request(method, fill_path(path, values)).status_code
@@ -91,14 +93,16 @@ def test_every_route_is_on_a_router_that_requires_its_role():
 @pytest.mark.parametrize("role", get_args(Role))
 def test_role_is_allowed_its_routes_and_forbidden_all_others(as_role, role):
     """The ids in the paths do not exist: allowed requests may get a 404, but no 403."""
-    names = re.findall(r"{(.*?)}", " ".join(path for _, path in GUARDED))
-    nowhere = dict.fromkeys(names, NOWHERE)
+    names = re.findall(r"{(.*?)}", " ".join(path for _, path in NEEDING_A_ROLE))
+    nowhere = dict.fromkeys(names, MISSING_ID)
     client = as_role(role)
 
     statuses = statuses_of(client, nowhere)
 
     refused = {one for one, status in statuses.items() if status in REFUSALS}
-    barred = {one for one, needed in GUARDED.items() if not includes(role, needed)}
+    barred = {
+        one for one, needed in NEEDING_A_ROLE.items() if not includes(role, needed)
+    }
     assert refused == barred
     assert {statuses[one] for one in refused} <= {403}
 
@@ -108,7 +112,9 @@ def test_role_is_forbidden_on_a_dataset_of_others_and_changes_nothing(
     service, as_role, filled, role
 ):
     """The paths lead to a real dataset, which a refused request must not change."""
-    barred = {one for one, needed in GUARDED.items() if not includes(role, needed)}
+    barred = {
+        one for one, needed in NEEDING_A_ROLE.items() if not includes(role, needed)
+    }
     with service.admin() as admin:
         before = admin.get("/api/v1/datasets/hers").json()
 
@@ -121,7 +127,7 @@ def test_role_is_forbidden_on_a_dataset_of_others_and_changes_nothing(
 
 def test_a_viewer_may_read_datasets_of_others(as_role, filled):
     """Datasets are not private: every viewer may read all of them."""
-    reading = {one for one, role in GUARDED.items() if role == "viewer"}
+    reading = {one for one, role in NEEDING_A_ROLE.items() if role == "viewer"}
     gets = {one for one in reading if one[0] == "GET"}
 
     statuses = statuses_of(as_role("viewer"), filled, gets)
@@ -165,7 +171,7 @@ def open_session(service, token):
     return {"Authorization": f"Bearer {opened.json()['session']}"}
 
 
-NONE_THAT_COUNTS = {
+INVALID_CREDENTIALS = {
     "missing": lambda service, client: {},
     "another scheme": lambda service, client: {"Authorization": "Basic dWc6"},
     "garbage": lambda service, client: {"Authorization": "Bearer ug_garbage"},
@@ -179,16 +185,16 @@ NONE_THAT_COUNTS = {
 }
 
 
-@pytest.mark.parametrize("which", NONE_THAT_COUNTS)
+@pytest.mark.parametrize("which", INVALID_CREDENTIALS)
 def test_every_route_refuses_requests_without_a_valid_token(
     service, admin, filled, which
 ):
-    headers = NONE_THAT_COUNTS[which](service, admin)
+    headers = INVALID_CREDENTIALS[which](service, admin)
 
     with service.client(**headers) as client:
         statuses = statuses_of(client, filled)
 
-    assert set(statuses.values()) == NO_ENTRY
+    assert set(statuses.values()) == UNAUTHORISED
 
 
 @pytest.mark.parametrize(
@@ -200,7 +206,7 @@ def test_expired_and_revoked_tokens_have_their_own_error_codes(
 ):
     own = serve()
     with own.admin() as client:
-        headers = NONE_THAT_COUNTS[which](own, client)
+        headers = INVALID_CREDENTIALS[which](own, client)
         token = headers["Authorization"].split()[1]
 
         by_header = client.get("/version", headers=headers).json()

@@ -160,7 +160,7 @@ def test_the_first_token_is_renewed_while_the_service_runs(serve):
     assert service.token != old
     mode = stat.S_IMODE(service.settings.token_file.stat().st_mode)
     assert mode == 0o600
-    # The old token goes on working, and so do the sessions opened with it.
+    # The old token still works, and so do the sessions opened with it.
     assert is_authenticated(service, service.token)
     assert is_authenticated(service, old)
     assert is_authenticated(service, opened["session"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import datetime, timezone
+
 import pytest
 
 
@@ -122,3 +124,14 @@ def test_token_list_is_paginated(serve):
     names = [one["name"] for page in (first, second) for one in page.json()["items"]]
     assert names == ["admin", "a", "b", "c"]
     assert second.json()["next_cursor"] is None
+
+
+def test_session_returns_name_role_and_expiry_of_its_token(service, admin):
+    token = create(admin, "grace", role="reviewer").json()["token"]
+
+    with service.client(Authorization=f"Bearer {token}") as client:
+        session = client.get("/api/v1/session").json()
+
+    assert (session["name"], session["role"]) == ("grace", "reviewer")
+    assert session["expires_at"] > datetime.now(timezone.utc).isoformat()
+    assert admin.get("/api/v1/session").json()["role"] == "admin"

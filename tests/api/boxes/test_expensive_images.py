@@ -1,4 +1,4 @@
-"""Pictures that take much memory or time are refused or limited; others go on."""
+"""Pictures that take much memory or time are refused or limited; others are served."""
 
 from __future__ import annotations
 

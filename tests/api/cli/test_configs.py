@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tests.support.frames import write_manifest
 
-REFUSED = 1
+EXIT_REFUSED = 1
 
 
 def test_config_with_an_unknown_key_is_refused_with_the_nearest_key(
@@ -15,7 +15,7 @@ def test_config_with_an_unknown_key_is_refused_with_the_nearest_key(
 
     for command in commands_with_config(api.dataset(), file):
         answer = unghost(*command)
-        assert answer.code == REFUSED
+        assert answer.code == EXIT_REFUSED
         assert answer.err == (
             f"unghost: {file}: unknown key 'treshold_small_box'; the nearest valid key "
             "is 'threshold_small_box'\n"
@@ -29,7 +29,7 @@ def test_config_that_is_not_utf8_is_refused(unghost, api, tmp_path):
 
     for command in commands_with_config(api.dataset(), file):
         answer = unghost(*command)
-        assert answer.code == REFUSED
+        assert answer.code == EXIT_REFUSED
         assert answer.err == (
             f"unghost: {file}: expected YAML in UTF-8, found other bytes at offset 8\n"
         )

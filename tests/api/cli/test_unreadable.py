@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tests.support.frames import write_manifest
 
-PARTLY = 3
+EXIT_PARTLY = 3
 
 
 def test_unreadable_frame_files_are_refused_with_a_clear_message(unghost, tmp_path):
@@ -16,7 +16,7 @@ def test_unreadable_frame_files_are_refused_with_a_clear_message(unghost, tmp_pa
     answer = unghost("push", folder, "--dataset", "unreadable")
     again = unghost("filter", folder, "-o", "decisions.jsonl")
 
-    assert (answer.code, again.code) == (PARTLY, PARTLY)
+    assert (answer.code, again.code) == (EXIT_PARTLY, EXIT_PARTLY)
     missing = folder / "seg" / "000001.png"
     assert f"refused: run/000001: {missing}: No such file or directory\n" in answer.err
     for said in (answer.err, again.err):

@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class AsyncClient(Api):
-    """An async client that sends each call once and reads each answer as a whole."""
+    """An async client that sends each call once and reads each response completely."""
 
     def __init__(self, http: httpx.AsyncClient) -> None:
         self._http = http

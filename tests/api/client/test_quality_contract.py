@@ -42,7 +42,7 @@ def test_quality_compares_the_filter_with_the_answers(client, reviewed):
 
 @pytest.fixture
 def dataset_with_answers(client, dataset) -> str:
-    """A whole car, and a box with a part of a car, which people reject."""
+    """A visible car, and a box with a part of a car, which people reject."""
     partly = {"id": "partly", "class": "car", "xyxy": [36, 24, 52, 40]}
     boxes = [{"id": "real", "class": "car", "xyxy": frames.ON_THE_CAR}, partly]
     client.put_frame(

@@ -15,11 +15,11 @@ def base64_png(pixels: np.ndarray) -> str:
     return b64encode(png(pixels)).decode()
 
 
-EVERYTHING = np.full((scene.HEIGHT, scene.WIDTH), 255, np.uint8)
+FULL_MASK = np.full((scene.HEIGHT, scene.WIDTH), 255, np.uint8)
 
 
 def test_ignore_mask_can_be_a_png(api):
-    dataset = api.dataset(ignore_mask={"png": base64_png(EVERYTHING)})
+    dataset = api.dataset(ignore_mask={"png": base64_png(FULL_MASK)})
 
     decisions = api.upload_frame(dataset, "a")["decisions"]
 
@@ -28,7 +28,7 @@ def test_ignore_mask_can_be_a_png(api):
 
 
 def test_frame_is_refused_if_the_ignore_mask_has_another_size(api):
-    dataset = api.dataset(ignore_mask={"png": base64_png(EVERYTHING[1:])})
+    dataset = api.dataset(ignore_mask={"png": base64_png(FULL_MASK[1:])})
 
     problem = api.put(dataset, "a").json()
 
@@ -45,7 +45,7 @@ def test_frame_is_refused_if_the_ignore_mask_has_another_size(api):
         pytest.param({"png": "%"}, id="not base64"),
         pytest.param({"png": b64encode(b"GIF89a").decode()}, id="not a picture"),
         pytest.param(
-            {"png": base64_png(EVERYTHING), "polygons": [[[0, 0], [9, 0], [9, 9]]]},
+            {"png": base64_png(FULL_MASK), "polygons": [[[0, 0], [9, 0], [9, 9]]]},
             id="both forms",
         ),
     ],

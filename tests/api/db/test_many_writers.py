@@ -13,7 +13,7 @@ from tests.support import plain_http
 
 CLIENTS = 100
 THREADS_OF_THE_SERVICE = 40
-WRITTEN = 201
+CREATED = 201
 
 
 def test_more_concurrent_writers_than_threads_are_all_answered(service):
@@ -40,7 +40,7 @@ def test_readiness_probes_do_not_block_writers(service):
     def ask(number: int) -> int:
         if number % 10:
             client.get("/readyz")  # on a busy machine it may not be ready
-            return WRITTEN
+            return CREATED
         body = {"name": f"between probes {number}"}
         return client.post("/probe/tokens/early", json=body).status_code
 
@@ -53,7 +53,7 @@ def test_readiness_probes_do_not_block_writers(service):
     ):
         codes = list(pool.map(ask, range(3 * CLIENTS)))
 
-    assert set(codes) == {WRITTEN}
+    assert set(codes) == {CREATED}
 
 
 def test_server_keep_alive_is_longer_than_that_of_clients(tmp_path):

@@ -21,11 +21,19 @@ from tests.support.api import BASE, Api
 from tests.support.live import live
 from tests.support.statements import Statement, statements_of
 
-pytestmark = pytest.mark.sqlite_files("plans as SQLite tells them")
+pytestmark = pytest.mark.sqlite_files("plans as SQLite reports them")
 
-BIG = {"frames", "frame_files", "boxes", "decisions", "evidence", "reviews", "flips"}
-BIG |= {"blobs", "claims"}
-EXCUSED = {
+LARGE_TABLES = {
+    "frames",
+    "frame_files",
+    "boxes",
+    "decisions",
+    "evidence",
+    "reviews",
+    "flips",
+}
+LARGE_TABLES |= {"blobs", "claims"}
+ALLOWED_SCANS = {
     "INSERT INTO dataset_classes": "SQLite plans to look for boxes that wait for their "
     "class; it does so only within a transaction in which one does",
     "DELETE FROM dataset_classes": "SQLite looks for boxes of the class: 6 ms for each "
@@ -33,12 +41,12 @@ EXCUSED = {
     "of its own, in the background, and others have their turns after each; an index "
     "would cost every upload for that",
 }
-"""A part of a statement that may read a big table whole -> the reason."""
+"""A part of a statement that may read all of a large table -> the reason."""
 NOT_INDEXED = {
     ("boxes", "class_id"): "classes are only deleted with their dataset, and an index "
     "would cost every upload for that"
 }
-READS = re.compile(r"^SCAN (\w+)")
+SCANNED_TABLE = re.compile(r"^SCAN (\w+)")
 EXPLAINED = ("SELECT", "UPDATE", "DELETE", "INSERT", "WITH")
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
@@ -97,16 +105,16 @@ def full_scans(service, found: list[Statement]) -> set[str]:
             steps = [row[3] for row in plan]
             if any(is_full_scan_of_big_table(step, statement) for step in steps):
                 bad.add(f"{statement}\n  {steps}")
-    return {each for each in bad if not any(part in each for part in EXCUSED)}
+    return {each for each in bad if not any(part in each for part in ALLOWED_SCANS)}
 
 
 def is_full_scan_of_big_table(step: str, statement: str) -> bool:
-    match = READS.match(step)
+    match = SCANNED_TABLE.match(step)
     if match is None:
         return False
     name = match[1]
     alias = re.search(rf"(\w+) AS {name}\b", statement)
-    return (alias[1] if alias else name) in BIG
+    return (alias[1] if alias else name) in LARGE_TABLES
 
 
 def get(path: str, **parameters: Any):
@@ -276,7 +284,7 @@ def test_foreign_keys_of_big_tables_have_an_index(service):
     found = inspect(service.app.state.database.engine)
     missing = {
         (table, *key["constrained_columns"])
-        for table in BIG & set(Base.metadata.tables)
+        for table in LARGE_TABLES & set(Base.metadata.tables)
         for key in found.get_foreign_keys(table)
         if not has_index_on(found, table, key["constrained_columns"])
     }

@@ -113,8 +113,7 @@ def test_too_large_content_length_is_refused_before_the_body_is_read(
     if path == "/":  # the page ignores the body of a request
         assert received.startswith(b"HTTP/1.1 200 "), received
         return
-    assert received.startswith(b"HTTP/1.1 413 "), received
-    assert str(limit).encode() in received
+    assert_too_large(received, limit)
 
 
 @pytest.mark.parametrize("keyed", [False, True], ids=["", "with a key"])
@@ -139,7 +138,40 @@ def test_chunked_body_is_read_only_up_to_its_limit(
         received = read_response_head(connection)
 
     if name not in ("", "max_batch_bytes"):
-        assert received.startswith(b"HTTP/1.1 413 "), received
+        assert_too_large(received, limit)
+        assert b"connection: close" in received.lower()
+
+
+def assert_too_large(received, limit):
+    assert received.startswith(b"HTTP/1.1 413 "), received
+    assert b'"too_large"' in received
+    assert str(limit).encode() in received
+
+
+def pieces(total):
+    for _ in range(total // 1000):
+        yield b"x" * 1000
+
+
+def test_body_at_the_limit_is_read(admin):
+    limit = LIMITS["max_body_bytes"]
+
+    assert admin.post("/probe/echo", content=b"x" * limit).json() == limit
+
+
+def test_streamed_body_is_read_up_to_its_limit(admin):
+    limit = LIMITS["max_batch_bytes"]
+
+    taken = admin.post("/probe/stream", content=pieces(limit))
+    refused = admin.post("/probe/stream", content=pieces(limit + 1000))
+
+    assert (taken.json(), refused.status_code) == (limit, 413)
+
+
+def test_too_large_body_without_a_token_returns_401_not_413(anonymous):
+    too_large = pieces(LIMITS["max_batch_bytes"] * 2)
+
+    assert anonymous.post("/probe/stream", content=too_large).status_code == 401
 
 
 def test_every_body_limit_is_a_setting():

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 BY_NAME = {"/api/v1/datasets", "/api/v1/datasets/{dataset}/frames"}
 """Lists by name: their cursors are names, so any text that can be a name is valid."""
-NOT_OURS = ("x", "-1", "0", "1.5", "1~", "\u0661", "9" * 30, "W1tbW1tb" * 200)
-NOT_A_NAME = ("\x00", "a\x07", "\u202e")
+INVALID_CURSORS = ("x", "-1", "0", "1.5", "1~", "\u0661", "9" * 30, "W1tbW1tb" * 200)
+INVALID_NAMES = ("\x00", "a\x07", "\u202e")
 
 
 def lists(api):
@@ -24,9 +24,9 @@ def test_invalid_cursor_is_refused_by_every_paginated_list(api):
     api.upload_frame(dataset, "a")
     run = api.run(dataset, {"min_visible_pixels": 5}, activate=False)
     asked = [
-        *((path, "", NOT_A_NAME) for path in BY_NAME),
-        *((path, "", NOT_OURS) for path in lists(api) if path not in BY_NAME),
-        ("/api/v1/datasets/{dataset}/frames", "id", NOT_OURS),
+        *((path, "", INVALID_NAMES) for path in BY_NAME),
+        *((path, "", INVALID_CURSORS) for path in lists(api) if path not in BY_NAME),
+        ("/api/v1/datasets/{dataset}/frames", "id", INVALID_CURSORS),
     ]
 
     assert len(asked) > 10

@@ -10,29 +10,12 @@ import pytest
 from starlette.requests import ClientDisconnect
 
 from app import errors
-from app.errors import AppError
-from app.http.problems import STATUS, refusal_of
+from app.http.problems import refusal_of
 from unghost.wire.model import Fault
 
 KEYS = {
     *("type", "title", "status", "detail", "instance", "code", "request_id", "errors")
 }
-
-
-def subclasses(cls):
-    return [cls, *(deep for sub in cls.__subclasses__() for deep in subclasses(sub))]
-
-
-@pytest.mark.parametrize("error", subclasses(AppError))
-def test_every_error_of_the_service_has_a_status_and_a_code(error):
-    assert any(cls in STATUS for cls in error.__mro__)
-    assert error.code.islower()
-
-
-def test_error_codes_are_unique():
-    codes = [cls.code for cls in subclasses(AppError) if "code" in vars(cls)]
-
-    assert sorted(codes) == sorted(set(codes))
 
 
 @pytest.mark.parametrize(
@@ -155,13 +138,6 @@ def test_insufficient_role_returns_403_forbidden(as_role):
     answer = as_role("viewer").post("/probe/tokens", json={"name": "x"})
 
     assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")
-
-
-def test_token_in_an_invalid_body_is_not_echoed(anonymous):
-    answer = anonymous.post("/api/v1/session", json={"token": ["ug_secret"]})
-
-    assert answer.status_code == 422
-    assert "ug_secret" not in answer.text
 
 
 def test_client_disconnect_is_not_logged_as_an_error(caplog):

@@ -10,15 +10,15 @@ from tests.support.routes import NO_ROLE, REQUIRED_ROLES, fill_path
 
 STREET = "/api/v1/datasets/street"
 PATHS = sorted(path for method, path in REQUIRED_ROLES if method == "GET")
-DRAWN = {"/api/v1/frames/{frame_id}/thumbnail", "/api/v1/frames/{frame_id}/overlay"}
-DRAWN |= {"/api/v1/boxes/{box_id}/crop"}
-ASKED = {
+DRAWINGS = {"/api/v1/frames/{frame_id}/thumbnail", "/api/v1/frames/{frame_id}/overlay"}
+DRAWINGS |= {"/api/v1/boxes/{box_id}/crop"}
+QUERIES = {
     "/api/v1/boxes": "?dataset=street",
     "/api/v1/runs/{run_id}/diff": "?against=1",
     "/api/v1/exports/{export_id}/file": "?key={key}",
 }
 CHANGING = {"/metrics", "/readyz"}
-OF_EACH = {"date", "x-request-id", "transfer-encoding"}
+HEADERS_OF_EACH = {"date", "x-request-id", "transfer-encoding"}
 
 
 @pytest.fixture(scope="module")
@@ -54,12 +54,14 @@ def filled(service):
 
 def url_of(path, filled):
     """The address of a route, with the query that it needs."""
-    return fill_path(path, filled) + ASKED.get(path, "").format(**filled)
+    return fill_path(path, filled) + QUERIES.get(path, "").format(**filled)
 
 
 def status_and_headers(answer, *, less=frozenset()):
     """The status and the headers, without `less` and those that always differ."""
-    headers = {k: v for k, v in answer.headers.items() if k not in OF_EACH | set(less)}
+    headers = {
+        k: v for k, v in answer.headers.items() if k not in HEADERS_OF_EACH | set(less)
+    }
     return answer.status_code, headers
 
 
@@ -68,7 +70,7 @@ def test_head_has_the_status_and_headers_of_get_without_a_body(admin, filled, pa
     url = url_of(path, filled)
     got, head = admin.get(url), admin.head(url)
 
-    length = {"content-length"} if path in DRAWN | CHANGING else set()
+    length = {"content-length"} if path in DRAWINGS | CHANGING else set()
     assert status_and_headers(head, less=length) == status_and_headers(got, less=length)
     assert head.content == b""
     assert got.status_code == 200 or path == "/readyz", got.text
@@ -106,7 +108,7 @@ def test_head_of_open_routes_needs_no_token(anonymous, filled):
     }
 
 
-@pytest.mark.parametrize("path", sorted(DRAWN))
+@pytest.mark.parametrize("path", sorted(DRAWINGS))
 def test_head_of_a_drawn_image_draws_nothing(admin, filled, path):
     """Otherwise a client could make the server draw without reading any picture."""
     head = admin.head(fill_path(path, filled))

@@ -1,4 +1,4 @@
-"""A request that violates a schema is told what was expected and what was found."""
+"""The refusal of an invalid request says what was expected and what was found."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from app.main import create_app
 from app.settings import Settings
 
 DIGEST = "a digest of 64 hexadecimal digits"
+SECRET = "ug_of-somebody-else"
 
 
 @pytest.mark.parametrize(
@@ -90,13 +91,18 @@ def test_validation_error_has_the_expected_and_the_found_value(
     assert problem["detail"].startswith(detail)
 
 
-def test_possible_token_in_an_invalid_body_is_not_echoed(api):
-    secret = "ug_of-somebody-else"
-
-    answer = api.post("/tokens", {"name": ["a"], "role": secret, secret[:2]: secret})
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("/session", {"token": [SECRET]}),
+        ("/tokens", {"name": ["a"], "role": SECRET, SECRET[:2]: SECRET}),
+    ],
+)
+def test_possible_token_in_an_invalid_body_is_not_echoed(api, path, body):
+    answer = api.post(path, body)
 
     assert answer.status_code == 422
-    assert secret not in answer.text
+    assert SECRET not in answer.text
 
 
 def find_patterns(document):

@@ -1,4 +1,4 @@
-"""Large JSON documents are parsed one at a time; other requests go on meanwhile."""
+"""Large JSON documents are parsed one at a time, beside other requests."""
 
 from __future__ import annotations
 

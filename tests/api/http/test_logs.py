@@ -1,4 +1,4 @@
-"""The log of requests: it tells them apart, and it holds no secret."""
+"""The log of requests: each is identified, and no secret is logged."""
 
 from __future__ import annotations
 

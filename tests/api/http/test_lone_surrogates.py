@@ -18,7 +18,7 @@ from tests.support import frames as scene
 from tests.support.archives import lines_of, tar_archive
 from tests.support.routes import fill_path, values_of_paths
 
-HALF = "\ud800"
+LONE_SURROGATE = "\ud800"
 VALUES = values_of_paths(1)
 DOCUMENT = create_app(Settings()).openapi()
 
@@ -44,13 +44,13 @@ def spoiled_values(schema: Any, depth: int = 0) -> Iterator[Any]:
         kind = form.get("type")
         kinds = kind if isinstance(kind, list) else [kind]
         if "string" in kinds:
-            yield f"a{HALF}"
+            yield f"a{LONE_SURROGATE}"
         if "array" in kinds:
             yield from (
                 [one] for one in spoiled_values(form.get("items", {}), depth + 1)
             )
         if "object" in kinds and depth < 4:
-            yield {HALF: 1}
+            yield {LONE_SURROGATE: 1}
             for name, inner in form.get("properties", {}).items():
                 others = sample(form)
                 yield from (
@@ -148,26 +148,26 @@ def test_surrogate_in_a_path_query_or_header_causes_no_500(
 @pytest.mark.parametrize(
     "place",
     [
-        lambda a: a.update({"map": HALF}),
-        lambda a: a.update({"carla_version": HALF}),
-        lambda a: a.update({"captured_at": HALF}),
-        lambda a: a.update({HALF: 1}),
-        lambda a: a.update({"weather": {HALF: 1}}),
-        lambda a: a.update({"weather": {"fog": HALF}}),
-        lambda a: a.update({"extra": [HALF]}),
-        lambda a: a.update({"sensors": {HALF: {}}}),
-        lambda a: a.update({"sensors": {"lidar": {"transform": {HALF: 1}}}}),
-        lambda a: a["camera"].update({HALF: 1}),
-        lambda a: a["camera"].update({"fov": HALF}),
-        lambda a: a["camera"].update({"transform": {HALF: 1}}),
-        lambda a: a["boxes"][0].update({"id": HALF}),
-        lambda a: a["boxes"][0].update({"class": HALF}),
-        lambda a: a["boxes"][0].update({"type_id": HALF}),
-        lambda a: a["boxes"][0].update({"base_type": HALF}),
-        lambda a: a["boxes"][0].update({"kept": {"deep": [HALF]}}),
-        lambda a: a["boxes"][0].update({HALF: HALF}),
-        lambda a: a["boxes"][0].update({"box3d": {HALF: 1}}),
-        lambda a: a["boxes"][0].update({"xyxy": HALF}),
+        lambda a: a.update({"map": LONE_SURROGATE}),
+        lambda a: a.update({"carla_version": LONE_SURROGATE}),
+        lambda a: a.update({"captured_at": LONE_SURROGATE}),
+        lambda a: a.update({LONE_SURROGATE: 1}),
+        lambda a: a.update({"weather": {LONE_SURROGATE: 1}}),
+        lambda a: a.update({"weather": {"fog": LONE_SURROGATE}}),
+        lambda a: a.update({"extra": [LONE_SURROGATE]}),
+        lambda a: a.update({"sensors": {LONE_SURROGATE: {}}}),
+        lambda a: a.update({"sensors": {"lidar": {"transform": {LONE_SURROGATE: 1}}}}),
+        lambda a: a["camera"].update({LONE_SURROGATE: 1}),
+        lambda a: a["camera"].update({"fov": LONE_SURROGATE}),
+        lambda a: a["camera"].update({"transform": {LONE_SURROGATE: 1}}),
+        lambda a: a["boxes"][0].update({"id": LONE_SURROGATE}),
+        lambda a: a["boxes"][0].update({"class": LONE_SURROGATE}),
+        lambda a: a["boxes"][0].update({"type_id": LONE_SURROGATE}),
+        lambda a: a["boxes"][0].update({"base_type": LONE_SURROGATE}),
+        lambda a: a["boxes"][0].update({"kept": {"deep": [LONE_SURROGATE]}}),
+        lambda a: a["boxes"][0].update({LONE_SURROGATE: LONE_SURROGATE}),
+        lambda a: a["boxes"][0].update({"box3d": {LONE_SURROGATE: 1}}),
+        lambda a: a["boxes"][0].update({"xyxy": LONE_SURROGATE}),
     ],
 )
 def test_surrogate_in_any_field_of_an_annotation_is_refused(api, place):

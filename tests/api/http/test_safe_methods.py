@@ -86,17 +86,17 @@ def test_no_get_has_a_side_effect(service, admin, filled):
 
 def test_only_the_page_and_the_api_docs_are_html(admin, filled):
     """Only the page and the API's description are HTML; others may repeat user text."""
-    pages, told = set(), 0
+    pages, with_markup = set(), 0
     for path in paths_of_get_routes(filled):
         answer = admin.get(path)
         if answer.headers.get("content-type", "").startswith("text/html"):
             pages.add(path)
-        told += MARKUP in answer.text.replace("\\u003c", "<")
+        with_markup += MARKUP in answer.text.replace("\\u003c", "<")
         assert answer.headers["x-content-type-options"] == "nosniff"
         assert "unsafe" not in answer.headers["content-security-policy"]
 
     assert pages == {"/", "/docs", "/docs/content"}
-    assert told >= 3
+    assert with_markup >= 3
 
 
 def test_html_pages_contain_no_user_text(admin, filled):

@@ -1,4 +1,4 @@
-"""An archive is read as a whole, whatever pieces it arrives in."""
+"""An archive is read in the same way, whatever pieces it arrives in."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from tests.support import frames as scene
 
 BOX = {"id": "a", "class": "car", "xyxy": scene.ON_THE_CAR}
 NAN = b'{"boxes": [{"class": "car", "xyxy": [0, 0, NaN, 9]}]}'
-DEEP = b'{"boxes": [], "x": ' + b"[" * 100_000 + b"]" * 100_000 + b"}"
+TOO_DEEP = b'{"boxes": [], "x": ' + b"[" * 100_000 + b"]" * 100_000 + b"}"
 EMPTY = {"frames": 0, "boxes": 0, "kept": 0, "rejected": 0, "unmeasured": 0}
 
 
@@ -59,7 +59,7 @@ def assert_nothing_stored(api, dataset):
 ANNOTATIONS = [
     pytest.param(b"{", "bad_annotation", "JSON", id="not JSON"),
     pytest.param(b"\xff\xfe", "bad_annotation", "UTF-8", id="not UTF-8"),
-    pytest.param(DEEP, "bad_annotation", "", id="nested to overflow a stack"),
+    pytest.param(TOO_DEEP, "bad_annotation", "", id="nested to overflow a stack"),
     pytest.param(b"[]", "bad_annotation", "expected an object", id="a list"),
     pytest.param({}, "bad_annotation", "found nothing", id="no boxes"),
     pytest.param(NAN, "bad_annotation", "NaN", id="NaN"),

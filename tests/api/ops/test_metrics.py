@@ -16,8 +16,8 @@ from tests.support.statements import statements_of
 
 pytestmark = pytest.mark.long
 
-FROM = re.compile(r"\bFROM (\w+)")
-SMALL = {"datasets", "tallies", "runs", "exports", "tokens"}
+TABLE_READ = re.compile(r"\bFROM (\w+)")
+SMALL_TABLES = {"datasets", "tallies", "runs", "exports", "tokens"}
 
 
 def families(client):
@@ -178,9 +178,9 @@ def test_metrics_read_no_table_that_grows_with_the_boxes(serve):
         with statements_of(service.app.state.database.engine) as said:
             found = scrape_metrics(client)
 
-    read = {table for statement, _ in said for table in FROM.findall(statement)}
+    read = {table for statement, _ in said for table in TABLE_READ.findall(statement)}
     assert found["unghost_database_up",] == 1
-    assert read <= SMALL, said
+    assert read <= SMALL_TABLES, said
     assert "tallies" in read
 
 

@@ -63,7 +63,7 @@ def server(tmp_path_factory):
 
 @contextmanager
 def filled_disk(folder, leaving_mib):
-    """Fill the disk until only this much room is left, or none."""
+    """Fill the disk until only this much space is left, or none."""
     filler = folder / "filler"
     with filler.open("wb", buffering=0) as file:
         try:

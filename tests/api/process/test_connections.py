@@ -27,9 +27,9 @@ pytestmark = [
 ]
 
 LONG_S = 60
-STRANGERS = 3_000
+IDLE_CONNECTIONS = 3_000
 STREET = "/api/v1/datasets/street"
-BEGUN = {
+UNFINISHED_REQUESTS = {
     "nothing": b"",
     "half a head": b"GET /healthz HTTP/1.1\r\nHost: loc",
     "half a body": b"POST /api/v1/session HTTP/1.1\r\nHost: localhost\r\n"
@@ -103,12 +103,12 @@ def test_uploads_succeed_while_thousands_of_idle_connections_are_opened(tmp_path
         admin.post("/api/v1/datasets", json={"name": "street"})
 
         def open_idle_connections():
-            for _ in range(STRANGERS):
+            for _ in range(IDLE_CONNECTIONS):
                 held.enter_context(open_connection(admin.base_url))
 
-        strangers = threading.Thread(target=open_idle_connections)
-        strangers.start()
-        while strangers.is_alive():
+        opening = threading.Thread(target=open_idle_connections)
+        opening.start()
+        while opening.is_alive():
             answers.append(put(admin, f"a{len(answers)}"))
         answers += [put(admin, f"b{number}") for number in range(5)]
         seen = admin.get("/metrics").text
@@ -150,12 +150,12 @@ def test_service_recovers_after_running_out_of_descriptors(tmp_path):
     assert len(said) < 100
 
 
-@pytest.mark.parametrize("begun", BEGUN.values(), ids=BEGUN)
+@pytest.mark.parametrize("begun", UNFINISHED_REQUESTS.values(), ids=UNFINISHED_REQUESTS)
 def test_unauthenticated_connections_are_closed_for_new_ones(tmp_path, begun):
     with live(tmp_path / "data", max_connections=4) as service, ExitStack() as held:
         for _ in range(12):
-            stranger = held.enter_context(open_connection(service.url))
-            stranger.sendall(begun)
+            connection = held.enter_context(open_connection(service.url))
+            connection.sendall(begun)
         with service.admin() as admin:
             answer = admin.post("/api/v1/datasets", json={"name": "street"})
             seen = admin.get("/metrics").text

@@ -1,4 +1,4 @@
-"""One answer on many boxes: only as they were seen, and undone as a whole."""
+"""Bulk answers: given only on boxes as they were seen, and undone together."""
 
 from __future__ import annotations
 

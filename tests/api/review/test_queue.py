@@ -246,35 +246,3 @@ def test_an_empty_dataset_has_an_empty_queue(api):
             "unsure": 0,
             "claimed_by_others": 0,
         }
-
-
-@pytest.mark.parametrize(
-    ("filters", "total"),
-    [
-        ({}, 12),
-        ({"verdict": "rejected"}, 6),
-        ({"review": "decided"}, 2),
-        ({"conflict": "true"}, 1),
-        ({"conflict": "false"}, 11),
-        ({"effective": "kept"}, 7),
-        ({"match_min": 50}, 6),
-        ({"class": "van"}, 0),
-    ],
-)
-def test_list_of_boxes_returns_the_total_count_on_request(api, dataset, filters, total):
-    real, ghost = (box["box_id"] for box in api.boxes(dataset)[:2])
-    api.review(real, "keep")
-    api.review(ghost, "keep")
-
-    page = api.json("/boxes", dataset=dataset, count="true", limit=1, **filters)
-
-    assert page["total"] == total
-    assert "total" not in api.json("/boxes", dataset=dataset, limit=1)
-
-
-def test_session_returns_name_role_and_expiry_of_its_token(api, reviewer):
-    ada = reviewer("ada").json("/session")
-
-    assert (ada["name"][:4], ada["role"]) == ("ada-", "reviewer")
-    assert ada["expires_at"] > datetime.now(timezone.utc).isoformat()
-    assert api.json("/session")["role"] == "admin"

@@ -9,7 +9,7 @@ from tests.support import frames as scene
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 FROM_PIXELS = {"profile": "carlasimu"}
-MANY = [
+BOXES = [
     {"id": f"{n}", "class": "car" if n % 2 else "truck", "xyxy": [10 + n, 20, 40, 40]}
     for n in range(11)
 ]
@@ -69,7 +69,7 @@ def test_diff_is_against_the_previously_active_run_by_default(api, dataset):
 def test_diff_of_any_two_runs_equals_the_difference_of_verdicts(
     api, dataset, other, activate
 ):
-    api.upload_frame(dataset, "many", {**scene.annotation(), "boxes": MANY})
+    api.upload_frame(dataset, "many", {**scene.annotation(), "boxes": BOXES})
     one = api.run(dataset, {"threshold_small_box": 80})
     before = {box["box_id"]: box["verdict"] for box in api.boxes(dataset)}
     two = api.run(dataset, other, activate=activate)
@@ -89,7 +89,7 @@ def test_diff_of_any_two_runs_equals_the_difference_of_verdicts(
 
 
 def test_diff_pagination_returns_every_flip_once_by_match(api, dataset):
-    api.upload_frame(dataset, "many", {**scene.annotation(), "boxes": MANY})
+    api.upload_frame(dataset, "many", {**scene.annotation(), "boxes": BOXES})
     run = api.run(dataset, {"threshold_small_box": 99.5})
     whole = api.json(f"/runs/{run['id']}/diff")
 

@@ -17,7 +17,7 @@ from tests.support.slow_datasets import FROM_PIXELS, slow_server
 from tests.support.waiting import PATIENCE_S, until
 
 FRAMES = 100
-FAST = 0.15
+FAST_S = 0.15
 """Less than the 0.2 s between two events, as the clock of a busy machine varies."""
 
 
@@ -62,7 +62,7 @@ def test_run_events_have_increasing_ids_and_a_limited_rate(seen):
 
     assert numbers == sorted(set(numbers))
     # A single event may arrive late, and the next one is then early.
-    assert sum(pauses) >= FAST * len(pauses)
+    assert sum(pauses) >= FAST_S * len(pauses)
 
 
 def test_run_events_resume_after_last_event_id(seen, slow):
@@ -144,7 +144,7 @@ def wait_for_a_free_stream(api, run_id):
         with api.http.stream("GET", f"{BASE}/runs/{run_id}/events") as answer:
             return answer.status_code == 200
 
-    until(stream_is_accepted, "nobody made room")
+    until(stream_is_accepted, "no stream was closed")
 
 
 def test_run_events_follow_changes_of_the_row_by_another_process(held):

@@ -43,7 +43,9 @@ def test_filters_and_selection_survive_a_reload(scene: Scene, user: Visitor):
         ({"review": "undecided", "verdict": "kept"}, ["real", "walker"]),
     ],
 )
-def test_link_filters_apply_and_hidden_boxes_are_counted(scene, user, query, shown):
+def test_frame_applies_filters_of_its_link_and_counts_hidden_boxes(
+    scene, user, query, shown
+):
     page = user.open(scene.link(**query))
 
     names = [name.split()[-1] for name in page.locator(".box__name").all_inner_texts()]

@@ -1,4 +1,4 @@
-"""People who share a browser or a machine do not act under each other's name."""
+"""People who share a browser or a machine do not answer under each other's name."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from tests.support.page.windows import OpenWindow, Visitor
 
 pytestmark = pytest.mark.browser
 
-FUNCTIONS = "[crypto.randomUUID, navigator.locks, navigator.clipboard]"
+SECURE_FUNCTIONS = "[crypto.randomUUID, navigator.locks, navigator.clipboard]"
 NOT_SECURE = """delete Crypto.prototype.randomUUID;
 for (const name of ["locks", "clipboard"])
   Object.defineProperty(Navigator.prototype, name, { get: () => undefined });"""
@@ -36,7 +36,7 @@ def user(open_window: OpenWindow) -> Visitor:
 
 def test_answers_are_saved_over_plain_http(scene: Scene, user: Visitor):
     page = user.open(scene.link("ghost"))
-    assert page.evaluate(FUNCTIONS) == [None, None, None]
+    assert page.evaluate(SECURE_FUNCTIONS) == [None, None, None]
 
     user.press("x")
 

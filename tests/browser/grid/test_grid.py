@@ -161,7 +161,7 @@ def test_ctrl_a_selects_all_boxes_of_the_filter(sixty_boxes, user):
         ({"toss_up": "true"}, 0),
     ],
 )
-def test_link_filters_apply_and_hidden_boxes_are_counted(
+def test_grid_applies_filters_of_its_link_and_counts_hidden_boxes(
     sixty_boxes, user, query, shown
 ):
     many_boxes.review(sixty_boxes, sixty_boxes.box_id("b0"), "reject")
@@ -329,7 +329,7 @@ def test_failed_crops_are_retried_when_online_again(sixty_boxes, user):
     expect(cell(page, 0).locator("img")).to_be_visible()
 
 
-def test_empty_dataset_shows_no_boxes_message(api, user):
+def test_grid_of_an_empty_dataset_shows_no_boxes_message(api, user):
     api.post("/datasets", json={"name": "bare"})
 
     page = user.open("#/datasets/bare/grid")

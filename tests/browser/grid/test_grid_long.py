@@ -13,8 +13,7 @@ from playwright.sync_api import Browser, Page, Request, expect
 from sqlalchemy import insert, select
 
 from app.db.tables import Frame, FrameFile
-from benchmarks.bench_runs import opened
-from benchmarks.million import NAME, fill
+from tests.support.large_datasets import NAME, fill, open_context
 from tests.support.page import many_boxes
 from tests.support.page.many_boxes import cell
 from tests.support.page.windows import WIDE, route_loaded
@@ -32,7 +31,7 @@ def dataset_of_100000_boxes(api: httpx.Client, server: RunningServer) -> str:
     many_boxes.fill(api, "one-picture", frames=1, boxes=1)
     (frame,) = api.get("/datasets/one-picture/frames").json()["items"]
     files = api.get(f"/frames/{frame['id']}").json()["files"]
-    context = opened(server.data)
+    context = open_context(server.data)
     dataset_id = fill(context, BOXES, lambda _: None)
     with context.database.write() as session:
         ids = session.scalars(select(Frame.id).where(Frame.dataset_id == dataset_id))

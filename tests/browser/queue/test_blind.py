@@ -14,7 +14,7 @@ from tests.support.page.windows import Visitor
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
 
-TELLING = re.compile(
+VERDICT_WORDS = re.compile(
     r"kept|rejected|threshold|visible|hidden by|\b4 %|96 %|Car|Vegetation"
 )
 
@@ -33,7 +33,11 @@ def test_blind_page_does_not_reveal_the_verdict(blind):
     rows = blind.locator(".boxes").inner_text()
     stage = blind.locator(".stage").get_attribute("aria-label") or ""
 
-    assert [TELLING.findall(text) for text in (panel, rows, stage)] == [[], [], []]
+    assert [VERDICT_WORDS.findall(text) for text in (panel, rows, stage)] == [
+        [],
+        [],
+        [],
+    ]
     expect(blind.locator(".history")).to_have_count(0)
 
 

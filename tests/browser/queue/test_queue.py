@@ -16,7 +16,7 @@ from tests.support.page.windows import FILL, PHONE, OpenWindow, Visitor
 
 pytestmark = pytest.mark.browser
 
-STANDS_STILL = """() => {
+VIEW_IS_UNCHANGED = """() => {
   const stage = document.querySelector(".stage");
   const before = stage.viewBefore;
   stage.viewBefore = stage.dataset.view;
@@ -331,14 +331,14 @@ def test_phone_has_large_answer_buttons_at_the_bottom(
 
 
 def pixels_of_full_frame(user: Visitor, page: Page) -> np.ndarray:
-    """Show the whole frame, and give the pixels of the stage's base layer.
+    """Show the complete frame, and give the pixels of the stage's base layer.
 
     What only the current box has is drawn on another layer.
     """
     user.press("f")
     expect(page.locator(".stage")).to_have_attribute("data-mode", "frame")
     # The zoom is animated.
-    page.wait_for_function(STANDS_STILL, polling=300)
+    page.wait_for_function(VIEW_IS_UNCHANGED, polling=300)
     return layer(page, "base")[..., :3].astype(int)
 
 

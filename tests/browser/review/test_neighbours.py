@@ -1,4 +1,4 @@
-"""Boxes that overlap the selected one, the reviewer's name, and review by touch."""
+"""Boxes that overlap the selected one are listed and stay visible."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.support.page import scenes
-from tests.support.page.stage import layer, point, view, wait_for_drawing
-from tests.support.page.windows import PHONE
+from tests.support.page.stage import layer, view, wait_for_drawing
 
 pytestmark = pytest.mark.browser
 
@@ -33,14 +32,6 @@ def test_overlapping_boxes_are_listed_closest_first_and_selectable(make_scene, u
     expect(page.locator(".inspector__head h2")).to_have_text("car part")
 
 
-def test_api_lists_overlapping_boxes_as_neighbours(make_scene):
-    scene = make_scene(boxes=BOXES)
-
-    box = scenes.get(scene.api, f"/boxes/{scene.box_id('near')}")
-
-    assert box["neighbours"] == [scene.box_id("part"), scene.box_id("inside")]
-
-
 def test_overlapping_boxes_are_dimmed_less_than_others(make_scene, user):
     scene = make_scene(boxes=BOXES)
     page = user.open(scene.link("near"))
@@ -56,26 +47,3 @@ def stroke_contrast(page, xyxy) -> float:
     left, right = (round(x * scale + x0) for x in (xyxy[0] + 60, xyxy[2] - 10))
     drawn = layer(page, "base")[row - 3 : row + 3, left:right, :3].astype(float)
     return float(np.abs(drawn - scenes.GREY).max())
-
-
-def test_reviewer_is_named_in_the_top_bar(scene, user):
-    page = user.open(scene.link())
-
-    expect(page.locator(".who")).to_have_text("Aadmin")
-    expect(page.locator(".who")).to_have_attribute("title", "Signed in as admin, admin")
-
-
-def test_a_tap_on_the_stage_selects_and_a_large_button_answers(scene, open_window):
-    bo = open_window(viewport=PHONE, has_touch=True, is_mobile=True)
-    page = bo.open(scene.link())
-    x0, y0, x1, y1 = scenes.CAR
-
-    page.touchscreen.tap(*point(page, (x0 + x1) / 2, (y0 + y1) / 2))
-
-    expect(page.locator(".inspector__head h2")).to_have_text("car real")
-    for name in ("Keep", "Reject"):
-        box = page.get_by_role("button", name=name).bounding_box()
-        assert min(box["width"], box["height"]) >= 44
-    page.get_by_role("button", name="Reject").tap()
-    bo.wait_until_saved()
-    assert scene.review("real")["verdict"] == "reject"

@@ -1,4 +1,4 @@
-"""Answering boxes of a frame: storing, undo, comments, history, refusals."""
+"""Answering boxes of a frame: storing, undo, comments, history, refusals, touch."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from playwright.sync_api import Route, expect
 
 from tests.support.page.scenes import CAR, Scene, get
 from tests.support.page.stage import point, wait_for_drawing
-from tests.support.page.windows import FILL, Visitor, route_loaded
+from tests.support.page.windows import FILL, PHONE, Visitor, route_loaded
 
 pytestmark = pytest.mark.browser
 
@@ -329,3 +329,19 @@ def test_preferences_can_change_when_browser_storage_is_full(scene, user):
     user.press("c")
 
     expect(page.locator(".stage")).to_have_attribute("data-mode", "crop")
+
+
+def test_a_tap_on_the_stage_selects_and_a_large_button_answers(scene, open_window):
+    bo = open_window(viewport=PHONE, has_touch=True, is_mobile=True)
+    page = bo.open(scene.link())
+    x0, y0, x1, y1 = CAR
+
+    page.touchscreen.tap(*point(page, (x0 + x1) / 2, (y0 + y1) / 2))
+
+    expect(page.locator(".inspector__head h2")).to_have_text("car real")
+    for name in ("Keep", "Reject"):
+        box = page.get_by_role("button", name=name).bounding_box()
+        assert min(box["width"], box["height"]) >= 44
+    page.get_by_role("button", name="Reject").tap()
+    bo.wait_until_saved()
+    assert scene.review("real")["verdict"] == "reject"

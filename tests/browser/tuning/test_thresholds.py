@@ -20,7 +20,7 @@ from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
 
-# Cars that fill 4, 30, 55 and 80 % of their boxes; the walker fills its whole box.
+# Cars that fill 4, 30, 55 and 80 % of their boxes; the walker fills its box.
 BOXES = [car_at(share, index) for index, share in enumerate((4, 30, 55, 80))]
 WALKER = {"id": "walker", "class": "walker", "xyxy": (560, 200, 590, 280)}
 
@@ -325,7 +325,7 @@ def test_only_a_single_preview_request_is_in_flight(user, street):
     assert all(end <= start for end, start in zip(ends, starts, strict=True)), times
 
 
-def test_empty_dataset_shows_no_boxes_message(user, api):
+def test_thresholds_of_an_empty_dataset_show_no_boxes_message(user, api):
     api.post("/datasets", json={"name": "no-boxes"})
 
     page = user.open("#/datasets/no-boxes/thresholds")

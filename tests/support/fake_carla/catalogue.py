@@ -48,7 +48,7 @@ BLUEPRINTS: Mapping[str, Mapping[str, str]] = {
         "vertical_fov": "30", "sensor_tick": "0.0", "role_name": "front",
     },
 }  # fmt: skip
-_MODIFIABLE_NOT = {"base_type", "number_of_wheels", "generation"}
+_NOT_MODIFIABLE = {"base_type", "number_of_wheels", "generation"}
 _TYPES = {
     Type.Int: {
         *("image_size_x", "image_size_y", "channels", "points_per_second"),
@@ -66,7 +66,7 @@ class ActorAttribute:
         self.id, self._value = name, value
         kinds = (kind for kind, names in _TYPES.items() if name in names)
         self.type = next(kinds, Type.Float)
-        self.is_modifiable = name not in _MODIFIABLE_NOT
+        self.is_modifiable = name not in _NOT_MODIFIABLE
         self.recommended_values: list[str] = (
             ["255,0,0", "0,0,255"] if name == "color" else []
         )

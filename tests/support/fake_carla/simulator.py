@@ -96,7 +96,7 @@ class Simulator:
         self._postman.start()
 
     def answer(self) -> None:
-        """Stands for the server's answer to a request: raises if the server is gone."""
+        """Stands for the server's answer to a request: raises if it has crashed."""
         if self.faults.gone:
             self.unanswered += 1
             raise RuntimeError("time-out while waiting for the simulator")

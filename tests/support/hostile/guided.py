@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from types import CodeType, FrameType
 from typing import Any
 
-from tests.support.hostile.mutations import TELLING
+from tests.support.hostile.mutations import MEANINGFUL_PIECES
 
 MOST_BYTES = 1 << 16
 """The longest input: long enough to notice work that grows with the square of it."""
@@ -152,9 +152,9 @@ def changed(content: bytes, other: bytes, dice: random.Random) -> bytes:
     taken = content[start : start + length]
     way = dice.randrange(8)
     if way == 0:
-        return before + dice.choice(TELLING) + after
+        return before + dice.choice(MEANINGFUL_PIECES) + after
     if way == 1:
-        return before + dice.choice(TELLING) + taken + after
+        return before + dice.choice(MEANINGFUL_PIECES) + taken + after
     if way == 2:
         return before + taken * dice.choice((2, 3, 16, 256, 4096)) + after
     if way == 3:

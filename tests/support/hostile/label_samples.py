@@ -21,8 +21,8 @@ sitting:
   boundingBox: {min_distance: 2, max_distance: 200, size_big_box: 15}
   cam_rgb: {3D: true, width: 1280}
 """
-STILL = dict.fromkeys(("x", "y", "z", "pitch", "yaw", "roll"), 0)
-CAMERA = {"width": 80, "height": 60, "fov": 90, "transform": STILL}
+ZERO_POSE = dict.fromkeys(("x", "y", "z", "pitch", "yaw", "roll"), 0)
+CAMERA = {"width": 80, "height": 60, "fov": 90, "transform": ZERO_POSE}
 PLACE = {"x": 10, "y": 0, "z": 1}
 LEVEL = {"pitch": 0, "yaw": 0, "roll": 0}
 BOX3D = {
@@ -37,7 +37,7 @@ ANNOTATION = {
     "carla_version": "0.9.15",
     "captured_at": "2026-01-01T00:00:00Z",
     "camera": CAMERA,
-    "sensors": {"lidar": {"transform": STILL}},
+    "sensors": {"lidar": {"transform": ZERO_POSE}},
     "boxes": [
         {"id": "1", "class": "car", "xyxy": [1, 2, 30, 40], "distance": 12.5},
         {"id": 2, "type_id": "vehicle.ford.ambulance", "xywh": [10, 20, 30, 40]},

@@ -1,8 +1,8 @@
 """A simple model of one dataset, to compare the service's answers with.
 
 It uses plain lists and dictionaries, decides by counting single pixels, and undoes
-answers from a stack of acts for each box. It shares no code with the service, only the
-words of the API.
+answers from a stack for each box. It shares no code with the service, only the words
+of the API.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tests.support import frames as scene
 
 CAR: Final = 14
 KEPT, REJECTED, UNMEASURED = "kept", "rejected", "unmeasured"
-OF_ANSWER: Final = {"keep": KEPT, "reject": REJECTED}
+VERDICT_OF_ANSWER: Final = {"keep": KEPT, "reject": REJECTED}
 OUTSIDE: Final = (90, 0, 99, 9)
 RECTANGLES: Final = (
     tuple(scene.ON_THE_CAR),
@@ -76,7 +76,7 @@ class ModelBox:
 
     @property
     def effective(self) -> str:
-        return OF_ANSWER.get(self.review or "", self.verdict)
+        return VERDICT_OF_ANSWER.get(self.review or "", self.verdict)
 
     @property
     def is_contradicted(self) -> bool:
@@ -87,8 +87,8 @@ class ModelBox:
         """Whether a list with this filter shows the box."""
         review = self.review
         states = {
-            "undecided": review not in OF_ANSWER,
-            "decided": review in OF_ANSWER,
+            "undecided": review not in VERDICT_OF_ANSWER,
+            "decided": review in VERDICT_OF_ANSWER,
             "none": review is None,
             "any": review is not None,
             **{name: review == name for name in ("keep", "reject", "unsure")},
@@ -105,7 +105,7 @@ class ModelBox:
         self.pile.append((batch, verdict))
 
     def take_back(self, batch: int, undo: int) -> bool:
-        """Undo the newest act if it belongs to this batch; whether it did."""
+        """Undo the newest answer if it belongs to this batch; whether it did."""
         if not self.pile or self.pile[-1][0] != batch:
             return False
         self.pile.pop()
@@ -199,7 +199,7 @@ class Model:
         self.batches[batch] = box_ids
 
     def undo(self, batch: int, undo: int) -> int:
-        """Undo a batch on the boxes where it is the newest act; on how many."""
+        """Undo a batch on the boxes where it is the newest answer; on how many."""
         boxes = self.boxes()
         of_batch = [boxes[one] for one in self.batches[batch] if one in boxes]
         self.undone.add(batch)
@@ -214,7 +214,7 @@ class Model:
             "frames": len(self.frames),
             "boxes": len(boxes),
             **{name: verdicts[name] for name in (KEPT, REJECTED, UNMEASURED)},
-            "reviewed": sum(box.review in OF_ANSWER for box in boxes),
+            "reviewed": sum(box.review in VERDICT_OF_ANSWER for box in boxes),
             "unsure": sum(box.review == "unsure" for box in boxes),
             "conflicts": sum(box.is_contradicted for box in boxes),
             "effective": {

@@ -11,12 +11,12 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "10"))
-ROOM = 96 * 1024**2
+MOST_BYTES_HELD = 96 * 1024**2
 """The most bytes of memory that reading a sample of a few kilobytes may take."""
 
 fuzz_settings = settings(max_examples=EXAMPLES)
 
-TELLING = [
+MEANINGFUL_PIECES = [
     *(b"\x00", b"\xff", b"\x7f", b"\x80", b"\n", b"\r\n", b" ", b"\t", b"\x1a", b'"'),
     *(
         b"-1",
@@ -33,7 +33,7 @@ TELLING = [
     *(b"%s", b"../", b"\xef\xbb\xbf", b"\xc3", b"\xed\xa0\x80", b"\xff\xff\xff\xff"),
     *(b"\x7f\xff\xff\xff", b"\x80\x00\x00\x00", b"\x00" * 16, b"A" * 600, b"&a", b"*a"),
 ]
-_pieces = st.one_of(st.sampled_from(TELLING), st.binary(max_size=12))
+_pieces = st.one_of(st.sampled_from(MEANINGFUL_PIECES), st.binary(max_size=12))
 
 
 @st.composite
@@ -102,11 +102,11 @@ def mutated_json(draw: st.DrawFn, document: object) -> object:
 
 @contextmanager
 def little_memory() -> Iterator[None]:
-    """Fail if the block holds more than `ROOM` bytes at any moment."""
+    """Fail if the block holds more than `MOST_BYTES_HELD` bytes at any moment."""
     tracemalloc.start()
     try:
         yield
         _, most = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert most < ROOM, f"{most:,} bytes for a file of a few kilobytes"
+    assert most < MOST_BYTES_HELD, f"{most:,} bytes for a file of a few kilobytes"

@@ -21,7 +21,7 @@ SETTINGS: Final = {
     "UNGHOST_LOG_LEVEL": "warning",
     "UNGHOST_MAX_OPEN_RUNS": "10000",
 }
-WAYS: Final = ("terminated", "killed", "migrated down and up")
+WAYS_TO_RESTART: Final = ("terminated", "killed", "migrated down and up")
 
 
 class Restarting:
@@ -42,7 +42,7 @@ class Restarting:
         self._open.enter_context(self.api.http)
 
     def restart(self, way: str) -> None:
-        """End the server in one of `WAYS`, and start another over the same folder."""
+        """End the server in one of `WAYS_TO_RESTART`; start one on the same folder."""
         if way != "terminated":
             self.server.process.kill()
             self.server.process.wait()

@@ -1,8 +1,12 @@
-"""The services on PostgreSQL do what they do on SQLite."""
+"""The services on PostgreSQL do what they do on SQLite.
+
+The tests of each package run on SQLite unless `UNGHOST_TEST_DATABASE` is set. These
+here always run on PostgreSQL: they check what it may do differently, when it stores,
+sorts or locks rows. That concerns several packages, so they are in no package's folder.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -28,13 +32,8 @@ KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
 
 
 @pytest.fixture(scope="module")
-def services(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Services]:
-    folder = tmp_path_factory.mktemp("postgres")
-    with (
-        empty_postgres() as url,
-        running_services(folder, database_url=url) as running,
-    ):
-        yield running
+def services(postgres_services: Services) -> Services:
+    return postgres_services
 
 
 def put(street: ServiceDataset, key: str, **more):
@@ -135,16 +134,6 @@ def test_concurrent_runs_and_uploads_leave_no_box_undecided(services):
     assert [run.state for run in runs] == ["done"] * 8
     assert street.tallies() == street.recounted()
     assert list(street.reasons().values()) == [KEPT, UNSEEN] * 25
-
-
-def test_run_that_is_storing_its_results_can_be_cancelled(services):
-    street = services.dataset()
-    put(street, "a")
-    before = street.reasons()
-    run_id = street.request({"min_visible_pixels": 10**6})
-
-    assert street.cancelled_while_it_ends(run_id) == "cancelled"
-    assert (street.wait(run_id).state, street.reasons()) == ("cancelled", before)
 
 
 def test_run_diff_and_export_on_postgres(services):

@@ -21,7 +21,7 @@ from app.security import (
 )
 from unghost.wire.words import Role
 
-OWN = {"host": "127.0.0.1:8000"}
+OWN_HOST = {"host": "127.0.0.1:8000"}
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ OWN = {"host": "127.0.0.1:8000"}
     ],
 )
 def test_secrets_are_unique_and_have_their_prefix_and_length(make, prefix):
-    """They have 256 random bits; the prefix tells what kind of secret it is."""
+    """They have 256 random bits; the prefix says what kind of secret it is."""
     secrets = {make() for _ in range(100)}
 
     assert len(secrets) == 100
@@ -104,7 +104,7 @@ def test_host_name_is_returned_without_its_port(host, name):
     ],
 )
 def test_cross_origin_requests_are_recognised(headers, not_other):
-    headers = {**OWN, **headers}
+    headers = {**OWN_HOST, **headers}
 
     assert comes_from_no_other_page(headers) is not_other
 

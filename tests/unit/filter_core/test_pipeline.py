@@ -1,4 +1,4 @@
-"""`filter_frame`: one frame through the whole filter, as users of the library do."""
+"""`filter_frame`: one frame measured and decided, as users of the library do it."""
 
 from __future__ import annotations
 

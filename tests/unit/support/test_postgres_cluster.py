@@ -14,7 +14,7 @@ from tests.support.databases import SERVER_VARIABLE, is_reachable
 from tests.support.postgres_cluster import Cluster, own_cluster
 from tests.support.sources import CHECKOUT
 
-SAY = f'echo "${SERVER_VARIABLE}"; '
+PRINT_URL = f'echo "${SERVER_VARIABLE}"; '
 
 
 @pytest.fixture
@@ -44,10 +44,10 @@ def run_with_server(server: str, script: str) -> subprocess.Popen[str]:
 
 
 def test_running_server_is_used_and_not_stopped(cluster: Cluster):
-    with run_with_server(cluster.url, SAY + "exit 7") as process:
-        said, _ = process.communicate()
+    with run_with_server(cluster.url, PRINT_URL + "exit 7") as process:
+        printed, _ = process.communicate()
 
-    assert said.strip() == cluster.url
+    assert printed.strip() == cluster.url
     assert process.returncode == 7
     assert is_reachable(cluster.url)
 
@@ -56,12 +56,12 @@ def test_running_server_is_used_and_not_stopped(cluster: Cluster):
     "number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.long)]
 )
 def test_temporary_server_runs_until_the_command_ends(stopped_server_url: str, number):
-    with run_with_server(stopped_server_url, SAY + "exec sleep 60") as process:
+    with run_with_server(stopped_server_url, PRINT_URL + "exec sleep 60") as process:
         assert process.stdout
-        said = process.stdout.readline().strip()
-        assert said != stopped_server_url
-        assert is_reachable(said)
+        printed = process.stdout.readline().strip()
+        assert printed != stopped_server_url
+        assert is_reachable(printed)
         process.send_signal(number)
 
     assert process.returncode != 0
-    assert not is_reachable(said)
+    assert not is_reachable(printed)

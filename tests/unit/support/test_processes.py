@@ -18,7 +18,7 @@ from tests.support.servers import running_server
 
 pytestmark = pytest.mark.skipif(not CAN_FORK, reason="the system has no pidfd_open")
 
-FACTS = """
+PRINT_STATE = """
 import gc, json, locale, os, random, signal, sys, threading
 signals = (signal.SIGINT, signal.SIGPIPE, signal.SIGTERM, signal.SIGCHLD)
 streams = (sys.stdin, sys.stdout, sys.stderr)
@@ -72,7 +72,7 @@ def test_forked_process_has_the_same_environment_as_a_fresh_one(
     found = [
         json.loads(process.communicate(timeout=60)[0])
         for process in start_forked_and_fresh(
-            FACTS, "a", "-b", UNGHOST_DATA="x", PYTHONPATH=str(tmp_path)
+            PRINT_STATE, "a", "-b", UNGHOST_DATA="x", PYTHONPATH=str(tmp_path)
         )
     ]
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.support.ports import reserved_port
-from tests.support.scripted_server import QUICK, ScriptedServer
+from tests.support.scripted_server import QUICK_RETRIES, ScriptedServer
 from unghost import Client
 
 
@@ -20,7 +20,7 @@ def scripted() -> Iterator[ScriptedServer]:
 
 @pytest.fixture
 def client(scripted: ScriptedServer) -> Iterator[Client]:
-    with Client(scripted.url, "secret", retry=QUICK) as client:
+    with Client(scripted.url, "secret", retry=QUICK_RETRIES) as client:
         yield client
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from tests.support.imports import HEAVY
+from tests.support.imports import LARGE_MODULES
 
 
 def loaded_modules(statement: str) -> set[str]:
@@ -19,14 +19,14 @@ def loaded_modules(statement: str) -> set[str]:
 def test_importing_client_does_not_load_server_or_image_libraries():
     loaded = loaded_modules("import unghost; unghost.Client()")
 
-    assert loaded.isdisjoint(HEAVY)
+    assert loaded.isdisjoint(LARGE_MODULES)
     assert loaded.isdisjoint({"filter_core", "typer", "yaml"})
 
 
 def test_importing_cli_does_not_load_heavy_modules_or_client():
     loaded = loaded_modules("import unghost.cli")
 
-    assert loaded.isdisjoint({*HEAVY, "filter_core", "httpx", "unghost.client"})
+    assert loaded.isdisjoint({*LARGE_MODULES, "filter_core", "httpx", "unghost.client"})
 
 
 def test_all_public_names_can_be_imported():
@@ -43,7 +43,7 @@ def test_importing_package_loads_no_submodules():
         "unghost.wire",
         "unghost.wire.words",
     }
-    assert loaded.isdisjoint({*HEAVY, "httpx", "typer"})
+    assert loaded.isdisjoint({*LARGE_MODULES, "httpx", "typer"})
 
 
 def test_importing_wire_does_not_load_httpx_or_filter_core():

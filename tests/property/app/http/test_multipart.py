@@ -16,7 +16,7 @@ from app.http.bodies import Part, PartLimits, read_parts
 
 BOUNDARY = b"b0undary"
 MEDIA_TYPE = 'multipart/form-data; boundary="b0undary"'
-ROOMY = PartLimits(max_parts=100, max_part_bytes=10**6)
+HIGH_LIMITS = PartLimits(max_parts=100, max_part_bytes=10**6)
 
 # Contents that look like boundaries or parts of them.
 contents = st.lists(
@@ -37,7 +37,7 @@ def form(parts, *, is_file=True):
     return b"".join([*pieces, b"--", BOUNDARY, b"--\r\n"])
 
 
-def read(body, limits=ROOMY, *, cuts=(), media_type=MEDIA_TYPE):
+def read(body, limits=HIGH_LIMITS, *, cuts=(), media_type=MEDIA_TYPE):
     """The parts that are read from a body, which is cut into pieces at `cuts`."""
 
     async def stream():

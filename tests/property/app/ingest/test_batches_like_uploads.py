@@ -19,7 +19,7 @@ from app.ingest.service import add_frame
 from filter_core.errors import FilterError
 from tests.support import frames as scene
 
-OWN = {
+DIFFERING_KEYS = {
     *("id", "box_id", "frame_id", "run", "created_at", "dataset", "url"),
     *("previous_id", "next_id"),
 }
@@ -82,7 +82,7 @@ def expected_status(frame):
 
 def without_ids(value):
     if isinstance(value, dict):
-        return {k: without_ids(v) for k, v in value.items() if k not in OWN}
+        return {k: without_ids(v) for k, v in value.items() if k not in DIFFERING_KEYS}
     return [without_ids(one) for one in value] if isinstance(value, list) else value
 
 

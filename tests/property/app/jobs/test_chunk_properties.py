@@ -16,7 +16,7 @@ from app.jobs.driver import drive_job
 from tests.support import chunks as runs
 from tests.support.services import run_job
 
-FATES = ("once", "twice", "dies before", "dies after", "lost before", "lost after")
+OUTCOMES = ("once", "twice", "dies before", "dies after", "lost before", "lost after")
 
 
 class FaultyEngine(runs.SmallChunks):
@@ -63,7 +63,9 @@ class FaultyEngine(runs.SmallChunks):
 
 
 @settings(max_examples=15)
-@given(fates=st.lists(st.sampled_from(FATES), max_size=8), seed=st.integers(0, 10**6))
+@given(
+    fates=st.lists(st.sampled_from(OUTCOMES), max_size=8), seed=st.integers(0, 10**6)
+)
 def test_each_frame_counts_once_if_chunks_are_reordered_repeated_or_lost(
     services, fates, seed
 ):

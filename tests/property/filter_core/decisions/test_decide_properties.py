@@ -147,7 +147,7 @@ def test_toss_up_is_a_threshold_within_the_wilson_interval(given_boxes, config):
 
 
 @given(st.lists(boxes(), min_size=2, max_size=40), configs(), st.randoms())
-def test_decisions_do_not_depend_on_the_order_of_boxes(given_boxes, config, random):
+def test_decide_does_not_depend_on_the_order_of_boxes(given_boxes, config, random):
     order = list(range(len(given_boxes)))
     random.shuffle(order)
 

@@ -12,14 +12,14 @@ from filter_core.evaluation.agreement import agreement
 from filter_core.evaluation.scores import Confusion
 from filter_core.evaluation.thresholds import Answers, Goal, suggest
 
-SAID = st.dictionaries(
+ANSWERS = st.dictionaries(
     st.tuples(st.integers(1, 6), st.integers(0, 4)), st.booleans(), max_size=25
 )
 MATCH = st.sampled_from([0.0, 0.5, 9.5, 10.0, 10.5, 30.0, 99.0, 100.0])
-SOME = st.lists(st.tuples(MATCH, st.booleans()), min_size=1, max_size=30)
+MATCHES_AND_ANSWERS = st.lists(st.tuples(MATCH, st.booleans()), min_size=1, max_size=30)
 
 
-@given(said=SAID)
+@given(said=ANSWERS)
 def test_agreement_and_pairs_equal_counting_by_hand(said):
     keys = list(said)
 
@@ -53,7 +53,7 @@ def confusion_at(some, threshold, strict) -> Confusion:
 
 
 @settings(max_examples=150)
-@given(some=SOME, current=MATCH, strict=st.booleans())
+@given(some=MATCHES_AND_ANSWERS, current=MATCH, strict=st.booleans())
 def test_suggested_threshold_has_the_best_f1(some, current, strict):
     match, keep = (np.array(column) for column in zip(*some, strict=True))
 

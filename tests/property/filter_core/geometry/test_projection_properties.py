@@ -75,7 +75,7 @@ ALL_PLANES = list(zip(PLANES, OFFSETS, strict=True))
 
 @given(vertices=solids)
 def test_projected_rectangles_equal_polygon_clipping(vertices):
-    """If the camera is inside a box, the faces alone still cover the whole image."""
+    """If the camera is inside a box, the faces alone still cover all of the image."""
     found = project_boxes(vertices, CAMERA)
 
     amodal = slow_bounds(vertices, [ALL_PLANES[-1]])

@@ -15,7 +15,7 @@ from app.db.tables import Decision
 from tests.support import frames as scene
 from tests.support.statements import Statement, statements_of
 
-pytestmark = pytest.mark.sqlite_files("plans as SQLite tells them")
+pytestmark = pytest.mark.sqlite_files("plans as SQLite reports them")
 
 BOXES = [
     {"class": name, "xyxy": xyxy}

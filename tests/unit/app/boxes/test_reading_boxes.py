@@ -17,7 +17,7 @@ from tests.support.statements import statements_of
 from unghost.wire.frames import CropQuery, Frame, OverlayQuery
 
 FRAMES = 6
-BESIDE = 1000.0
+OUTSIDE_M = 1000.0
 """Metres to the right: outside of the image."""
 
 
@@ -28,7 +28,7 @@ def street(services) -> ServiceDataset:
     for number in range(FRAMES):
         boxes = [cube(str(place), 10.0 + 3 * place + number) for place in range(4)]
         boxes[2]["box3d"]["transform"]["y"] = 12.0
-        boxes[3]["box3d"]["transform"]["y"] = BESIDE
+        boxes[3]["box3d"]["transform"]["y"] = OUTSIDE_M
         street.put(str(number), {**ANNOTATION, "boxes": boxes}, **sensors())
     street.run({"evidence": "ordered"})
     for box_id in street.box_ids()[::4]:

@@ -24,7 +24,7 @@ from app.db.tables import Blob, Dataset, Frame, FrameEvidence, Measurement
 from app.package import migrations_dir
 from tests.support.databases import migrated_postgres
 
-ODD = (
+UNUSUAL_TEXTS = (
     "tab\there",
     "line\nend",
     "back\\slash",
@@ -34,7 +34,7 @@ ODD = (
     "",
     "'\"",
 )
-MANY = 48
+ROWS = 48
 
 
 @pytest.fixture(scope="module", params=["sqlite", "postgresql"])
@@ -70,7 +70,7 @@ def frames(dataset: int, count: int) -> list[dict]:
         {
             "id": 1000 + number,
             "dataset_id": dataset,
-            "key": f"{number:05}{ODD[number % len(ODD)]}",
+            "key": f"{number:05}{UNUSUAL_TEXTS[number % len(UNUSUAL_TEXTS)]}",
             "revision": 1,
             "content_digest": "0" * 64,
             "config_id": 1,
@@ -78,8 +78,11 @@ def frames(dataset: int, count: int) -> list[dict]:
             "first_box_id": 2**40 + number,
             "box_count": number,
             "width": None if number % 2 else 1280,
-            "map": ODD[number % len(ODD)],
-            "annotation": {"odd": ODD[number % len(ODD)], "half": number / 2},
+            "map": UNUSUAL_TEXTS[number % len(UNUSUAL_TEXTS)],
+            "annotation": {
+                "odd": UNUSUAL_TEXTS[number % len(UNUSUAL_TEXTS)],
+                "half": number / 2,
+            },
             "created_by": "ada",
             "created_at": utc_now(),
         }
@@ -92,7 +95,7 @@ def stored_rows(session: Session, names: list[str]) -> list[tuple]:
     return [tuple(row) for row in session.execute(select(*columns).order_by(Frame.id))]
 
 
-@pytest.mark.parametrize("count", [1, COPY_FROM_ROWS - 1, COPY_FROM_ROWS, MANY])
+@pytest.mark.parametrize("count", [1, COPY_FROM_ROWS - 1, COPY_FROM_ROWS, ROWS])
 def test_inserted_rows_are_read_back_unchanged(session, dataset, count):
     rows = frames(dataset, count)
 
@@ -104,7 +107,7 @@ def test_inserted_rows_are_read_back_unchanged(session, dataset, count):
 def test_copy_stores_the_same_rows_as_insert(session, dataset, database):
     if database.engine.dialect.name == "sqlite":
         pytest.skip("SQLite has no COPY")
-    rows = frames(dataset, MANY)
+    rows = frames(dataset, ROWS)
     session.execute(insert(Frame), rows)
     inserted = stored_rows(session, list(rows[0]))
     session.execute(delete(Frame))
@@ -118,17 +121,17 @@ def test_integers_and_times_are_inserted_unchanged(session, dataset):
     now = utc_now()
     blobs = [
         {"sha256": f"{n:064}", "size_bytes": n, "media_type": "x", "created_at": now}
-        for n in range(MANY)
+        for n in range(ROWS)
     ]
 
     insert_rows(session, Blob, blobs)
 
     found = session.execute(select(Blob.size_bytes, Blob.created_at)).all()
-    assert sorted(map(tuple, found)) == [(n, now) for n in range(MANY)]
+    assert sorted(map(tuple, found)) == [(n, now) for n in range(ROWS)]
 
 
 def test_bytes_booleans_and_nulls_are_inserted_unchanged(session, dataset):
-    insert_rows(session, Frame, frames(dataset, MANY))
+    insert_rows(session, Frame, frames(dataset, ROWS))
     measurement = Measurement(
         dataset_id=dataset,
         digest="0" * 64,
@@ -150,7 +153,7 @@ def test_bytes_booleans_and_nulls_are_inserted_unchanged(session, dataset):
             "segmentation": None,
             "lossy": number % 3 == 0,
         }
-        for number in range(MANY)
+        for number in range(ROWS)
     ]
 
     insert_rows(session, FrameEvidence, rows)
@@ -160,7 +163,7 @@ def test_bytes_booleans_and_nulls_are_inserted_unchanged(session, dataset):
     assert list(map(tuple, found)) == [tuple(row.values()) for row in rows]
 
 
-@pytest.mark.parametrize("count", [2, MANY])
+@pytest.mark.parametrize("count", [2, ROWS])
 def test_duplicate_row_raises_integrity_error_without_its_values(
     session, dataset, count
 ):
@@ -175,7 +178,7 @@ def test_duplicate_row_raises_integrity_error_without_its_values(
 
 
 def test_update_rows_sets_columns_by_key(session, dataset):
-    rows = frames(dataset, MANY)
+    rows = frames(dataset, ROWS)
     insert_rows(session, Frame, rows)
     ids = [row["id"] for row in rows][1:]
     told: list[int] = []
@@ -192,7 +195,7 @@ def test_update_rows_sets_columns_by_key(session, dataset):
     )
 
     first, *others = stored_rows(session, ["id", "width", "map"])
-    assert first == (1000, 1280, ODD[0])
+    assert first == (1000, 1280, UNUSUAL_TEXTS[0])
     assert others == [
         (key, None if key % 3 else key, f"map {key}" if key % 2 else None)
         for key in ids
@@ -201,10 +204,10 @@ def test_update_rows_sets_columns_by_key(session, dataset):
 
 
 def test_update_rows_sets_columns_to_null(session, dataset):
-    insert_rows(session, Frame, frames(dataset, MANY))
+    insert_rows(session, Frame, frames(dataset, ROWS))
     ids = list(session.scalars(select(Frame.id)))
 
-    update_rows(session, Frame, {"id": ids, "map": [None] * MANY})
+    update_rows(session, Frame, {"id": ids, "map": [None] * ROWS})
     update_rows(session, Frame, {"id": [], "map": []})
 
     assert set(session.scalars(select(Frame.map))) == {None}

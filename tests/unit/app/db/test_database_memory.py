@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from app.db.engine import CACHE_KIB, MOST_CONNECTIONS, WRITER_CACHE_KIB
-from tests.support.sources import CHECKOUT
+from app.db.engine import CACHE_KIB
 
 READERS = 32
 STORED_MIB = 48
@@ -54,10 +53,3 @@ def test_cache_memory_of_many_readers_is_bounded(tmp_path: Path):
     grown_mib = int(ended.stdout) / 1024
     # A cached page needs a little more memory than its content.
     assert grown_mib < 1.5 * READERS * CACHE_KIB / 1024
-
-
-def test_cache_memory_bound_is_as_documented():
-    all_of_them = MOST_CONNECTIONS * CACHE_KIB + WRITER_CACHE_KIB
-    written = (CHECKOUT / "docs/operations.md").read_text("utf-8")
-
-    assert f"at most {all_of_them // 1024} MiB" in written

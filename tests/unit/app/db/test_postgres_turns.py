@@ -14,7 +14,7 @@ from sqlalchemy import text
 from app.db.engine import Database, keep_turn
 from tests.support.databases import empty_postgres
 
-STOPPED = """
+STOPPED_WRITER = """
 import os, signal, sys
 from sqlalchemy import text
 from app.db.engine import Database
@@ -35,7 +35,7 @@ def url():
 def stopped_writer(url):
     """A process that is stopped by SIGSTOP within a transaction that writes."""
     with subprocess.Popen(
-        [sys.executable, "-c", STOPPED, url], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", STOPPED_WRITER, url], stdout=subprocess.PIPE, text=True
     ) as process:
         try:
             assert process.stdout
@@ -90,7 +90,7 @@ def test_garbage_collection_keeps_its_turn_without_a_timeout(url):
 
 @pytest.mark.long
 def test_process_that_hangs_loses_its_turn(url):
-    """Without a timeout, a machine that is gone would block all writers for hours."""
+    """Without a timeout, a failed machine would block all writers for hours."""
     with stopped_writer(url), closing(Database(url)) as database:
         begun = time.monotonic()
         with database.write() as session:

@@ -45,13 +45,14 @@ def test_a_locked_database_is_transient_and_a_full_disk_is_not(
     assert in_a_line(locked) == "(sqlite3.OperationalError) database is locked"
 
 
-CUT = "SELECT pg_terminate_backend(pg_backend_pid())"
-TOLD_TO_END = "SET statement_timeout = 1; SELECT pg_sleep(1)"
-UNKNOWN = "SELECT * FROM nothing"
+TERMINATE_CONNECTION = "SELECT pg_terminate_backend(pg_backend_pid())"
+TIME_OUT = "SET statement_timeout = 1; SELECT pg_sleep(1)"
+UNKNOWN_TABLE = "SELECT * FROM nothing"
 
 
 @pytest.mark.parametrize(
-    ("statement", "passes"), [(CUT, True), (TOLD_TO_END, False), (UNKNOWN, False)]
+    ("statement", "passes"),
+    [(TERMINATE_CONNECTION, True), (TIME_OUT, False), (UNKNOWN_TABLE, False)],
 )
 def test_terminated_connection_is_transient_and_statement_error_is_not(
     statement, passes

@@ -25,7 +25,7 @@ from filter_core.types import VERDICTS
 from tests.support import frames as scene
 from tests.support.services import ServiceDataset, running_services
 
-SOME = ("yolo", "coco", "manifest", "decisions-jsonl")
+SOME_FORMATS = ("yolo", "coco", "manifest", "decisions-jsonl")
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from tests.support import frames as scene
 from tests.support.services import running_services
 
 # It counts other pixels, so earlier measurements cannot be used.
-OTHERWISE = {"profile": "carlasimu"}
+OTHER_CONFIG = {"profile": "carlasimu"}
 PATIENCE_S = 2.0
 
 
@@ -73,7 +73,7 @@ def test_frames_are_measured_again_without_blocking_other_writers(street, keys):
         prepare_frame(street.context, request, UploadedFrame(key, annotation, files))
         for key in keys
     ]
-    street.run(OTHERWISE)
+    street.run(OTHER_CONFIG)
 
     stored = store_frames(street.context, request, prepared)
 

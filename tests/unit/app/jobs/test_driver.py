@@ -27,8 +27,7 @@ from tests.support.chunks import (
     remaining_rows,
     run_of,
 )
-from tests.support.leases import ELSEWHERE as ANOTHER_MACHINE
-from tests.support.leases import delete_lease, give_lease
+from tests.support.leases import HOLDER_ELSEWHERE, delete_lease, give_lease
 from tests.support.services import run_job
 
 
@@ -157,7 +156,7 @@ def test_driver_that_lost_its_lease_does_not_end_the_run(street):
     class LosesItsLease(SmallChunks):
         def _work(self, here, job, number):
             with street.context.database.write() as session:
-                give_lease(session, job, ANOTHER_MACHINE)
+                give_lease(session, job, HOLDER_ELSEWHERE)
             return super()._work(here, job, number)
 
     with context_with_engine(street, LosesItsLease()) as context:

@@ -15,7 +15,7 @@ from app.jobs.queries import close
 from app.jobs.service import start
 from app.runs.service import RUNS, RunJobs
 from filter_core.errors import ConfigError
-from tests.support.leases import ELSEWHERE, ended_process, give_lease
+from tests.support.leases import HOLDER_ELSEWHERE, ended_process, give_lease
 from tests.support.services import run_job
 from tests.support.waiting import until
 
@@ -134,7 +134,7 @@ def test_failure_of_a_driver_that_lost_its_lease_does_not_end_the_job(
     class LosesItsLease(ExportJobs):
         def work(self, task):
             with street.context.database.write() as session:
-                give_lease(session, task.job, ELSEWHERE)
+                give_lease(session, task.job, HOLDER_ELSEWHERE)
             raise Conflict("it is so", code="so")
 
     register_jobs(LosesItsLease())

@@ -24,7 +24,12 @@ from app.jobs.leases import (
 from app.jobs.service import cancel
 from app.runs.queries import RunRepository
 from app.runs.service import RUNS
-from tests.support.leases import ELSEWHERE, delete_lease, ended_process, give_lease
+from tests.support.leases import (
+    HOLDER_ELSEWHERE,
+    delete_lease,
+    ended_process,
+    give_lease,
+)
 from tests.support.services import run_job
 from tests.support.waiting import until
 
@@ -79,7 +84,7 @@ def test_lease_that_expired_or_whose_holder_died_can_be_taken(services, write, j
     with write() as session:
         give_lease(session, job, ended_process())
         assert Leased.of(session).void >= {job}
-    other = take_lease(database, job, ELSEWHERE)
+    other = take_lease(database, job, HOLDER_ELSEWHERE)
 
     with pytest.raises(LeaseLost):
         take_lease(database, job, "mine")
@@ -100,13 +105,15 @@ def test_driver_that_lost_its_lease_raises_before_it_writes(services, write, job
             lease.take(session)
             lease.require(session)
         with write() as session:
-            give_lease(session, job, ELSEWHERE)
+            give_lease(session, job, HOLDER_ELSEWHERE)
         with pytest.raises(LeaseLost), write() as session:
             lease.require(session)
         with pytest.raises(LeaseLost), write() as session:
             lease.take(session)
 
-    assert holder_of(context, job) == ELSEWHERE  # another one's lease is not released
+    assert (
+        holder_of(context, job) == HOLDER_ELSEWHERE
+    )  # another one's lease is not released
     with write() as session:
         delete_lease(session, job)
 
@@ -118,7 +125,7 @@ def test_job_whose_driver_died_is_abandoned_immediately(services, write):
     watch = Watchdog(services.context)
     assert job not in watch.abandoned()
     with write() as session:
-        give_lease(session, job, ELSEWHERE)
+        give_lease(session, job, HOLDER_ELSEWHERE)
     assert job not in watch.abandoned()
 
     with write() as session:
@@ -170,7 +177,7 @@ def test_waiting_time_restarts_after_a_job_was_driven(services, write):
     now[0] += UNDRIVEN_FOR_S
 
     with write() as session:
-        give_lease(session, run_job(run_id), ELSEWHERE)
+        give_lease(session, run_job(run_id), HOLDER_ELSEWHERE)
     driven = watch.abandoned()
     with write() as session:
         delete_lease(session, run_job(run_id))
@@ -179,7 +186,7 @@ def test_waiting_time_restarts_after_a_job_was_driven(services, write):
 
 
 def test_leases_of_dead_processes_are_deleted_with_their_jobs(services, write):
-    holders = ended_process(), ELSEWHERE
+    holders = ended_process(), HOLDER_ELSEWHERE
     jobs = [run_job(services.dataset().request({})) for _ in holders]
     for job, holder in zip(jobs, holders, strict=True):
         with write() as session:
@@ -201,7 +208,7 @@ def test_process_has_ended_only_for_processes_that_ended():
     assert this_process() != this_process()
     assert not process_has_ended(this_process())
     assert process_has_ended(ended_process())
-    assert not process_has_ended(ELSEWHERE)
+    assert not process_has_ended(HOLDER_ELSEWHERE)
     assert not process_has_ended("nonsense")
 
 

@@ -81,7 +81,7 @@ def preview_question(config):
     return partial(preview, config=wanted, limits=limits)
 
 
-QUESTIONS: Mapping[str, Callable[..., Any]] = {
+COMPUTATIONS: Mapping[str, Callable[..., Any]] = {
     "preview": preview_question(STRICTER),
     "histogram": partial(current_histogram, bins=20),
     "evaluation by instances": partial(evaluation, truth="instances"),
@@ -91,7 +91,7 @@ QUESTIONS: Mapping[str, Callable[..., Any]] = {
 }
 
 
-@pytest.mark.parametrize("question", QUESTIONS.values(), ids=list(QUESTIONS))
+@pytest.mark.parametrize("question", COMPUTATIONS.values(), ids=list(COMPUTATIONS))
 def test_result_computed_in_parts_equals_the_result_at_once(street, question):
     whole = asked(street, 10**6, question)
 
@@ -108,7 +108,7 @@ def test_preview_with_other_accept_sets_is_equal_in_parts(street_with_histograms
 
 def test_every_tested_question_has_a_nonempty_result(street):
     found = {
-        name: asked(street, 10**6, question) for name, question in QUESTIONS.items()
+        name: asked(street, 10**6, question) for name, question in COMPUTATIONS.items()
     }
 
     assert found["preview"].flips.total > 4

@@ -15,8 +15,8 @@ from app.jobs.events import INTERVAL_S
 from app.jobs.service import cancel
 from app.runs.queries import RunRepository
 from app.runs.service import RUNS
-from benchmarks.million import DatasetSpec, make_dataset
 from tests.support.databases import migrated_postgres
+from tests.support.large_datasets import DatasetSpec, make_dataset
 from tests.support.services import ServiceDataset, run_job, running_services
 
 FRAMES = 8_000
@@ -60,7 +60,7 @@ def wait_for_progress(services, run_id):
             return state
         assert state in ("queued", "running")
         time.sleep(INTERVAL_S / 4)
-    raise AssertionError("it told nothing")
+    raise AssertionError("no progress was reported")
 
 
 @contextmanager

@@ -186,9 +186,17 @@ def test_preview_and_run_accept_a_frame_without_boxes(services):
     assert street.run({"profile": "carlasimu"}).state == "done"
 
 
+@pytest.fixture(params=["services", "postgres_services"], ids=["", "on PostgreSQL"])
+def services_on_either_database(request):
+    return request.getfixturevalue(request.param)
+
+
 @pytest.mark.parametrize("config", [{"min_visible_pixels": 10**6}, CARS_ARE_SKY])
-def test_run_that_is_storing_its_results_can_be_cancelled(services, config):
+def test_run_that_is_storing_its_results_can_be_cancelled(
+    services_on_either_database, config
+):
     """The request to cancel waits for the turn to write, which the run holds."""
+    services = services_on_either_database
     street = services.dataset()
     put(street, "a")
     before = (street.reasons(), street.tallies(), street.active_config())

@@ -104,7 +104,7 @@ def test_old_blob_that_is_stored_again_is_not_removed(s3, open_bucket):
 def test_any_error_status_of_the_bucket_means_it_is_unavailable(
     open_bucket, s3, status
 ):
-    """Clients cannot do anything about it, and are not told what the server said."""
+    """Clients cannot do anything about it, and do not learn what the server said."""
     with server_answering_with(lambda _: (status, "<Code>Quoted</Code> secret")) as url:
         store = open_bucket(s3.bucket().behind(url).place(timeout_s=0.5))
         for ask in (

@@ -150,9 +150,3 @@ def test_stored_files_are_listed_apart_from_leftovers(tmp_path):
 
     assert stored == [(DIGEST, len(CONTENT))]
     assert left == [".new-", "expor"]
-
-
-@pytest.mark.parametrize("name", ["", "..", "../" * 21 + "x", "A" * 64, DIGEST[:-1]])
-def test_path_of_a_name_that_is_not_a_digest_raises_value_error(tmp_path, name):
-    with pytest.raises(ValueError, match="not a SHA-256"):
-        FolderStorage(tmp_path).path(name)

@@ -74,7 +74,7 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
             ),
             "rejected: 10 % of its pixels are Car, more than 10 % are needed",
         ),
-        (  # an ignore mask covers the whole box
+        (  # an ignore mask covers all of the box
             ExplainedBox(
                 Reason.BELOW_THRESHOLD, "car", threshold=10, accepted=("Car",)
             ),

@@ -1,4 +1,4 @@
-"""Whole frames decided by depth, instances, order of distance and LiDAR."""
+"""Frames decided by depth, instances, order of distance and LiDAR."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from filter_core.evidence.crowding import crowding_percent
 
 CAR, TRUCK_OR_CAR, WALKER = 1 << 14, 1 << 14 | 1 << 15, 1 << 12
 TEN = (0.0, 0.0, 10.0, 10.0)
-NOWHERE = (float("nan"),) * 4
+NAN_RECTANGLE = (float("nan"),) * 4
 
 
 @pytest.mark.parametrize(
@@ -21,7 +21,7 @@ NOWHERE = (float("nan"),) * 4
         pytest.param([(0, 0, 1e-200, 1e-200)] * 2, [CAR, CAR], [0, 0], id="no area"),
         pytest.param([(0, 0, 0.1, 0.9)] * 2, [CAR, CAR], [100, 100], id="rounded up"),
         pytest.param([(0, 0, 0.1, 1.7)] * 2, [CAR, CAR], [100, 100], id="rounded down"),
-        pytest.param([TEN, NOWHERE], [CAR, CAR], [0, 0], id="not on the image"),
+        pytest.param([TEN, NAN_RECTANGLE], [CAR, CAR], [0, 0], id="not on the image"),
         pytest.param(
             [TEN, (5, 0, 25, 10)], [CAR, CAR], [50, 25], id="each by its own area"
         ),

@@ -19,7 +19,7 @@ from filter_core.geometry.camera import Camera
 from filter_core.types import ChannelNumbers
 from tests.support.sensors import box_ahead, depth_png
 
-ALL = np.s_[:, :]
+ALL_PIXELS = np.s_[:, :]
 
 
 @pytest.mark.parametrize("metres", [0.0, 0.06, 3.9, 12.5, 255.999, 1000.0])
@@ -27,7 +27,7 @@ def test_depth_is_read_with_0_1_millimetre_accuracy(metres):
     image = read_depth(depth_png(np.full((2, 3), metres)))
 
     assert image.wh == (3, 2)
-    np.testing.assert_allclose(image.metres(ALL), metres, atol=1e-4)
+    np.testing.assert_allclose(image.metres(ALL_PIXELS), metres, atol=1e-4)
 
 
 def test_alpha_channel_of_a_depth_image_is_ignored():
@@ -37,7 +37,7 @@ def test_alpha_channel_of_a_depth_image_is_ignored():
 
     image = read_depth(cv2.imencode(".png", rgba)[1].tobytes())
 
-    np.testing.assert_allclose(image.metres(ALL), 7.0, atol=1e-4)
+    np.testing.assert_allclose(image.metres(ALL_PIXELS), 7.0, atol=1e-4)
 
 
 @pytest.mark.parametrize(

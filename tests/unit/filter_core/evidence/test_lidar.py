@@ -88,7 +88,7 @@ RADAR_PLY = (
     b"property float x\nproperty float velocity\nend_header\n"
 )
 LONG_NAMES = "a column whose name is not 1 to 64 characters of text"
-SOUND = [
+VALID_FILES = [
     pytest.param(ascii_ply(), "lidar", "ply", id="ascii"),
     pytest.param(header("ascii", 0), "lidar", "ply", id="no points"),
     pytest.param(
@@ -103,7 +103,7 @@ SOUND = [
 ]
 
 
-@pytest.mark.parametrize(("content", "sensor", "kind"), SOUND)
+@pytest.mark.parametrize(("content", "sensor", "kind"), VALID_FILES)
 def test_check_points_detects_the_media_type_from_content(content, sensor, kind):
     assert check_points(content, sensor=sensor) == f"application/x-{kind}"
 

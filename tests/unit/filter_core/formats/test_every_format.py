@@ -72,11 +72,11 @@ def test_frame_without_boxes_is_exported_in_every_format(name):
     files = export(name, [frame("only/one")], **part)
 
     assert json.loads(files["manifest.json"])["counts"]["frames"]["in"] == 1
-    told = b"".join(
+    exported = b"".join(
         content for file, content in files.items() if file != "manifest.json"
     )
     # Tables have a row for each box, so they only count a frame without boxes.
-    assert b"one" in told or "decision_columns" in FORMATS[name].needs
+    assert b"one" in exported or "decision_columns" in FORMATS[name].needs
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +150,7 @@ def test_parquet_without_pyarrow_error_says_how_to_install_it(monkeypatch):
         format_of("decisions-parquet", ExportOptions())
 
 
-ALIKE = [
+CASE_VARIANTS = [
     "A/7",
     "a/7",
     "\u00c9",
@@ -165,7 +165,7 @@ ALIKE = [
 
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
 def test_exported_file_names_are_unique_ignoring_case(name, tmp_path):
-    keys = sorted(ALIKE)
+    keys = sorted(CASE_VARIANTS)
     files = export(name, [frame(key, box(0)) for key in keys])
 
     assert len({file.casefold() for file in files}) == len(files)
@@ -176,7 +176,7 @@ def test_exported_file_names_are_unique_ignoring_case(name, tmp_path):
 
 @pytest.mark.parametrize("name", ["coco", "yolo"], ids=["sub-folders", "flat names"])
 def test_first_of_case_colliding_names_is_not_renamed(name):
-    files = export(name, [frame(key, box(0)) for key in sorted(ALIKE)])
+    files = export(name, [frame(key, box(0)) for key in sorted(CASE_VARIANTS)])
 
     renamed = json.loads(files["manifest.json"])["renamed"]
     digests = [row["frame"] for row in renamed if "%~" in row["file"]]

@@ -13,8 +13,8 @@ from filter_core.formats.kitti import kitti_types
 from filter_core.formats.voc import whole_pixels
 from tests.support.exporting import HEAD, box, export, frame
 
-HERE = {"x": 1, "y": 0, "z": 2, "pitch": 0, "yaw": 0, "roll": 0}
-CUT = box("cut", (-10, 20, 30, 60), amodal_xyxy=[-10, 20, 30, 60])
+POSE = {"x": 1, "y": 0, "z": 2, "pitch": 0, "yaw": 0, "roll": 0}
+CLIPPED = box("cut", (-10, 20, 30, 60), amodal_xyxy=[-10, 20, 30, 60])
 GHOST = box("ghost", (50, 10, 70, 30), "rejected")
 
 
@@ -29,7 +29,7 @@ def elements(files, name):
 def test_coco_export_has_ids_from_one_and_xywh_boxes():
     files = export(
         "coco",
-        [frame("a/7", box(0), box(1, class_name="walker")), frame("b", CUT)],
+        [frame("a/7", box(0), box(1, class_name="walker")), frame("b", CLIPPED)],
         split=1.0,
     )
     made = document(files, "annotations/instances_train.json")
@@ -74,7 +74,7 @@ def test_coco_export_keeps_coco_keys_of_the_input():
 
 def test_coco_export_contains_3d_vertices_and_camera():
     corners = [[float(n), 0.0, 1.0] for n in range(8)]
-    camera = {"width": 100, "height": 80, "fov": 90.0, "transform": HERE}
+    camera = {"width": 100, "height": 80, "fov": 90.0, "transform": POSE}
     solid = box(0, given={"vertices": corners})
     one = frame("a", solid, annotation={"camera": camera})
 
@@ -106,7 +106,7 @@ def test_rejected_boxes_are_exported_as_dontcare_regions(name, file, says):
 
 
 def test_kitti_export_has_15_columns_and_defaults_for_unknown_values():
-    files = export("kitti", [frame("x/y z", box(0), CUT)], split=1.0)
+    files = export("kitti", [frame("x/y z", box(0), CLIPPED)], split=1.0)
 
     assert files["training/label_2/000000.txt"].decode().splitlines() == [
         "car 0.00 3 -10.00 10.00 20.00 30.00 60.00 "
@@ -179,7 +179,7 @@ def test_voc_export_uses_integer_pixels_from_one(xyxy, voc):
 def test_voc_export_has_a_file_per_image_and_truncated_flags():
     given = {"pose": "Left", "difficult": 1, "occluded": 1}
     files = export(
-        "voc", [frame("a", box(0, given=given), CUT), frame("b/c")], split=1.0
+        "voc", [frame("a", box(0, given=given), CLIPPED), frame("b/c")], split=1.0
     )
 
     root = elements(files, "Annotations/a.xml")
@@ -196,7 +196,7 @@ def test_voc_export_has_a_file_per_image_and_truncated_flags():
 
 def test_cvat_export_contains_verdict_and_reason_of_each_box():
     root = elements(
-        export("cvat", [frame("a<b", CUT, GHOST)], include="all"), "annotations.xml"
+        export("cvat", [frame("a<b", CLIPPED, GHOST)], include="all"), "annotations.xml"
     )
 
     assert root.findtext("version") == "1.1"

@@ -14,7 +14,7 @@ from tests.support.shared_data import shared
 from tests.support.sources import CHECKOUT
 
 WH = (200, 100)
-NOTHING = [float("nan")] * 4
+NAN_RECTANGLE = [float("nan")] * 4
 SMALL = CHECKOUT / "tests" / "data" / "published_corrections.json"
 
 
@@ -73,21 +73,40 @@ def test_no_boxes_give_empty_arrays():
             [-1, -1, 201, 101], [0, 0, 200, 100], BoxState.MEASURABLE, id="covers it"
         ),
         pytest.param(
-            [200.5, 0, 300, 50], NOTHING, BoxState.OUTSIDE_IMAGE, id="right of it"
-        ),
-        pytest.param([-9, 0, -1, 50], NOTHING, BoxState.OUTSIDE_IMAGE, id="left of it"),
-        pytest.param([0, 101, 9, 150], NOTHING, BoxState.OUTSIDE_IMAGE, id="below it"),
-        pytest.param([0, -9, 9, -0.1], NOTHING, BoxState.OUTSIDE_IMAGE, id="above it"),
-        pytest.param(
-            [200, 0, 300, 50], NOTHING, BoxState.DEGENERATE, id="touches the right edge"
+            [200.5, 0, 300, 50], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE, id="right of it"
         ),
         pytest.param(
-            [-9, 0, 0, 50], NOTHING, BoxState.DEGENERATE, id="touches the left edge"
+            [-9, 0, -1, 50], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE, id="left of it"
         ),
-        pytest.param([10, 10, 10, 40], NOTHING, BoxState.DEGENERATE, id="no width"),
-        pytest.param([30, 10, 10, 40], NOTHING, BoxState.DEGENERATE, id="inverted"),
         pytest.param(
-            [250, 10, 10, 40], NOTHING, BoxState.OUTSIDE_IMAGE, id="inverted, min out"
+            [0, 101, 9, 150], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE, id="below it"
+        ),
+        pytest.param(
+            [0, -9, 9, -0.1], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE, id="above it"
+        ),
+        pytest.param(
+            [200, 0, 300, 50],
+            NAN_RECTANGLE,
+            BoxState.DEGENERATE,
+            id="touches the right edge",
+        ),
+        pytest.param(
+            [-9, 0, 0, 50],
+            NAN_RECTANGLE,
+            BoxState.DEGENERATE,
+            id="touches the left edge",
+        ),
+        pytest.param(
+            [10, 10, 10, 40], NAN_RECTANGLE, BoxState.DEGENERATE, id="no width"
+        ),
+        pytest.param(
+            [30, 10, 10, 40], NAN_RECTANGLE, BoxState.DEGENERATE, id="inverted"
+        ),
+        pytest.param(
+            [250, 10, 10, 40],
+            NAN_RECTANGLE,
+            BoxState.OUTSIDE_IMAGE,
+            id="inverted, min out",
         ),
     ],
 )
@@ -160,7 +179,7 @@ def test_an_unknown_profile_is_refused(profile):
         pytest.param([5, 7, 5, 7], [5, 7, 6, 8], id="a point still has one"),
         pytest.param([199.5, 99.5, 200, 100], [199, 99, 200, 100], id="last pixel"),
         pytest.param([200, 100, 200, 100], [199, 99, 200, 100], id="on the far edge"),
-        pytest.param(NOTHING, [0, 0, 0, 0], id="no box, no pixel"),
+        pytest.param(NAN_RECTANGLE, [0, 0, 0, 0], id="no box, no pixel"),
     ],
 )
 def test_pixel_bounds_include_every_touched_pixel(box, expected):

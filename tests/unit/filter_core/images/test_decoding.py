@@ -198,7 +198,7 @@ def test_damaged_file_gives_the_same_result_as_opencv(seed):
 BODY = zlib.compress(rows(PIXELS[..., :3], b"\1"))
 FORM = bytes([8, RGB, 0, 0, 0])
 LARGER = struct.pack(">IIIIIHHBB", 0, WIDTH + 1, HEIGHT, 0, 0, 1, 10, 0, 0)
-UNSOUND = {
+MALFORMED = {
     "half a row too few": filtered(PIXELS[..., :3], b"\1", kept=slice(None, -50)),
     "a row too many": framed(PIXELS[:-1, :, :3], FORM, BODY),
     "a wrong sum behind": framed(PIXELS, FORM, BODY[:-1] + bytes([BODY[-1] ^ 1])),
@@ -220,7 +220,7 @@ UNSOUND = {
 }
 
 
-@pytest.mark.parametrize("content", UNSOUND.values(), ids=list(UNSOUND))
+@pytest.mark.parametrize("content", MALFORMED.values(), ids=list(MALFORMED))
 def test_malformed_png_gives_the_same_result_as_opencv(content):
     found, expected = decoded(content, "rgb"), by_opencv(content, "rgb")
 
@@ -229,7 +229,7 @@ def test_malformed_png_gives_the_same_result_as_opencv(content):
 
 
 END = chunk(b"IEND", b"")
-BEHIND_THE_PIXELS = {
+AFTER_THE_PIXELS = {
     "a chunk that has to be known": chunk(b"ABCD", b""),
     "a second header": FILES["rgb"][8:33],
     "pixels that do not fit their checksum": chunk(b"IDAT", b"abc")[:-1] + b"?",
@@ -239,7 +239,7 @@ BEHIND_THE_PIXELS = {
 }
 
 
-@pytest.mark.parametrize("found", BEHIND_THE_PIXELS.values(), ids=[*BEHIND_THE_PIXELS])
+@pytest.mark.parametrize("found", AFTER_THE_PIXELS.values(), ids=[*AFTER_THE_PIXELS])
 def test_fault_after_the_pixels_is_found_by_every_decoder(found):
     content = FILES["rgb"].removesuffix(END) + found + END
 

@@ -289,40 +289,52 @@ def text_chunk(size, kind=b"zTXt"):
     return chunk(kind, heads[kind] + packed)
 
 
-SOUND = chunk(b"IDAT", zlib.compress(b"\0" * (3 * 16)))
+VALID_PIXELS = chunk(b"IDAT", zlib.compress(b"\0" * (3 * 16)))
 HEADER = (5, 3, 8, 2)
 
 
 @pytest.mark.parametrize(
     ("chunks", "message"),
     [
-        pytest.param([chunk(b"IHDR", bytes(13)), SOUND], "one header", id="IHDR again"),
-        pytest.param([chunk(b"QRST"), SOUND], "b'QRST'", id="critical, unknown"),
         pytest.param(
-            [chunk(b"a\xffst"), SOUND], "not be ignored", id="a name of no letters"
+            [chunk(b"IHDR", bytes(13)), VALID_PIXELS], "one header", id="IHDR again"
+        ),
+        pytest.param([chunk(b"QRST"), VALID_PIXELS], "b'QRST'", id="critical, unknown"),
+        pytest.param(
+            [chunk(b"a\xffst"), VALID_PIXELS],
+            "not be ignored",
+            id="a name of no letters",
         ),
         pytest.param(
-            [SOUND, chunk(b"PLTE", bytes(3))], "before the pixels", id="PLTE too late"
-        ),
-        pytest.param([chunk(b"PLTE", bytes(4)), SOUND], "1 to 256 col", id="odd PLTE"),
-        pytest.param(
-            [chunk(b"PLTE", bytes(3))[:-1] + b"x", SOUND], "checksum", id="CRC"
+            [VALID_PIXELS, chunk(b"PLTE", bytes(3))],
+            "before the pixels",
+            id="PLTE too late",
         ),
         pytest.param(
-            [SOUND, chunk(b"tEXt", b"k\0v"), SOUND],
+            [chunk(b"PLTE", bytes(4)), VALID_PIXELS], "1 to 256 col", id="odd PLTE"
+        ),
+        pytest.param(
+            [chunk(b"PLTE", bytes(3))[:-1] + b"x", VALID_PIXELS], "checksum", id="CRC"
+        ),
+        pytest.param(
+            [VALID_PIXELS, chunk(b"tEXt", b"k\0v"), VALID_PIXELS],
             "between the chunks of pixels",
             id="apart",
         ),
         pytest.param(
-            [SOUND, chunk(b"fcTL", bytes(26))], "animated", id="animated later"
+            [VALID_PIXELS, chunk(b"fcTL", bytes(26))], "animated", id="animated later"
         ),
-        pytest.param([chunk(b"tEXt", b"k\0v")] * 501 + [SOUND], "500 ch", id="notes"),
         pytest.param(
-            [chunk(b"tEXt", bytes(1 << 20))] * 17 + [SOUND], "bytes besides", id="bytes"
+            [chunk(b"tEXt", b"k\0v")] * 501 + [VALID_PIXELS], "500 ch", id="notes"
+        ),
+        pytest.param(
+            [chunk(b"tEXt", bytes(1 << 20))] * 17 + [VALID_PIXELS],
+            "bytes besides",
+            id="bytes",
         ),
         *(
             pytest.param(
-                [text_chunk(9, kind)] * 17 + [SOUND],
+                [text_chunk(9, kind)] * 17 + [VALID_PIXELS],
                 "16 compr",
                 id=f"many {kind.decode()}",
             )
@@ -330,14 +342,16 @@ HEADER = (5, 3, 8, 2)
         ),
         *(
             pytest.param(
-                [text_chunk(2_500_000, kind)] * 2 + [SOUND],
+                [text_chunk(2_500_000, kind)] * 2 + [VALID_PIXELS],
                 "inflate",
                 id=f"large {kind.decode()}",
             )
             for kind in (b"zTXt", b"iTXt", b"iCCP")
         ),
         pytest.param(
-            [SOUND, text_chunk(5_000_000)], "inflate", id="inflated behind the pixels"
+            [VALID_PIXELS, text_chunk(5_000_000)],
+            "inflate",
+            id="inflated behind the pixels",
         ),
         pytest.param([chunk(b"IDAT", b"")] * 2000, "parts", id="many parts"),
         pytest.param([chunk(b"IEND", b"x")], "end has 1 bytes", id="IEND that is long"),
@@ -362,13 +376,15 @@ def test_png_with_unusual_chunks_is_refused(chunks, message):
 )
 def test_png_with_invalid_colour_type_or_depth_is_refused(header, message):
     with pytest.raises(ImageError, match=message):
-        read_image_header(png_of_chunks(header, SOUND))
+        read_image_header(png_of_chunks(header, VALID_PIXELS))
 
 
 def test_metadata_beside_the_pixels_is_accepted():
     notes = [chunk(b"tEXt", b"k\0v")] * 60 + [text_chunk(300_000)] * 10
     profile = text_chunk(500_000, b"iCCP")
-    content = png_of_chunks(HEADER, profile, *notes, SOUND, SOUND, *notes[:2])
+    content = png_of_chunks(
+        HEADER, profile, *notes, VALID_PIXELS, VALID_PIXELS, *notes[:2]
+    )
 
     assert read_image_header(content + bytes(4088)).wh == (5, 3)
     with pytest.raises(ImageError, match="4089 bytes follow its end"):
@@ -376,7 +392,7 @@ def test_metadata_beside_the_pixels_is_accepted():
 
 
 def test_partial_check_accepts_faults_in_the_middle_of_a_file():
-    damaged = png_of_chunks(HEADER, SOUND, chunk(b"tEXt"), SOUND)
+    damaged = png_of_chunks(HEADER, VALID_PIXELS, chunk(b"tEXt"), VALID_PIXELS)
     scans = SOI + frame() + scan() * 9 + EOI
 
     for content in (damaged, scans):

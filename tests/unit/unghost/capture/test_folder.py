@@ -7,7 +7,7 @@ import pytest
 from unghost.capture.folder import CaptureFolder, FrameRecord
 from unghost.capture.simulator import CaptureError
 
-ABOUT = {"scenario_digest": "d", "carla_version": "0.9.16", "map": "Town01"}
+RECORDING = {"scenario_digest": "d", "carla_version": "0.9.16", "map": "Town01"}
 FILES = {"rgb": (".png", b"picture"), "lidar": (".ply", b"points")}
 FRAME: FrameRecord = {
     "carla_version": "0.9.16",
@@ -24,7 +24,7 @@ FRAME: FrameRecord = {
 @pytest.fixture
 def folder(tmp_path):
     made = CaptureFolder(tmp_path / "out")
-    made.open(ABOUT)
+    made.open(RECORDING)
     return made
 
 
@@ -55,7 +55,7 @@ def test_capture_resumes_after_last_complete_manifest_line(folder):
         file.write(b'{"key": "Town01/0000')
 
     again = CaptureFolder(folder.path)
-    again.open(ABOUT)
+    again.open(RECORDING)
     again.add("Town01/000001", FILES, FRAME)
 
     assert [line["key"] for line in manifest_lines(again)] == [
@@ -64,17 +64,17 @@ def test_capture_resumes_after_last_complete_manifest_line(folder):
     ]
 
 
-@pytest.mark.parametrize("name", ABOUT)
+@pytest.mark.parametrize("name", RECORDING)
 def test_resuming_with_another_scenario_version_or_map_raises(folder, name):
     word = "scenario" if name == "scenario_digest" else name
     folder.add("Town01/000000", FILES, {"extra": {}})
 
     with pytest.raises(CaptureError, match=f"another {word}"):
-        CaptureFolder(folder.path).open({**ABOUT, name: "other"})
+        CaptureFolder(folder.path).open({**RECORDING, name: "other"})
 
 
 def test_folder_without_frames_accepts_a_changed_scenario(folder):
-    mended = {**ABOUT, "scenario_digest": "other"}
+    mended = {**RECORDING, "scenario_digest": "other"}
 
     CaptureFolder(folder.path).open(mended)
 
@@ -86,7 +86,7 @@ def test_foreign_capture_json_raises_and_is_not_overwritten(tmp_path, content):
     (tmp_path / "capture.json").write_text(content)
 
     with pytest.raises(CaptureError, match="contains no capture"):
-        CaptureFolder(tmp_path).open(ABOUT)
+        CaptureFolder(tmp_path).open(RECORDING)
 
     assert (tmp_path / "capture.json").read_text() == content
 
@@ -95,7 +95,7 @@ def test_folder_with_other_files_raises_capture_error(tmp_path):
     (tmp_path / "thesis.tex").write_text("x")
 
     with pytest.raises(CaptureError, match="contains no capture"):
-        CaptureFolder(tmp_path).open(ABOUT)
+        CaptureFolder(tmp_path).open(RECORDING)
 
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from unghost import Diff
 from unghost.cli.runs import rows_of
 
-ANSWER = {
+RESPONSE = {
     "run": 2,
     "against": 1,
     "compared": 9,
@@ -19,12 +19,12 @@ ANSWER = {
 def test_diff_rows_have_flips_per_class_in_both_directions():
     sides = {"car": {"kept_to_rejected": 2, "rejected_to_kept": 0}}
 
-    rows = rows_of(Diff.read({**ANSWER, "sides_by_class": sides}))
+    rows = rows_of(Diff.read({**RESPONSE, "sides_by_class": sides}))
 
     assert rows == [("car", 2, 2, 0), ("bus", 1, 0, 0), ("all", 3, 2, 0)]
 
 
 def test_diff_rows_without_flips_per_class_have_empty_directions():
-    rows = rows_of(Diff.read(ANSWER))
+    rows = rows_of(Diff.read(RESPONSE))
 
     assert rows == [("car", 2, None, None), ("bus", 1, None, None), ("all", 3, 2, 0)]

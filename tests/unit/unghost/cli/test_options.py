@@ -15,7 +15,7 @@ from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import keys_of
 from filter_core.evaluation.comparison import COMPARED
 from filter_core.formats.registry import EXPORT_FORMATS, LAYOUTS
-from tests.support.imports import HEAVY
+from tests.support.imports import LARGE_MODULES
 from unghost.cli.program import app
 from unghost.cli.sources import SegmentationReading, SourceOptions
 from unghost.client.discovery import BadServerUrl
@@ -99,7 +99,7 @@ def test_help_and_remote_commands_do_not_load_heavy_modules(words, tmp_path):
     )
 
     # pydantic may be loaded: Typer itself uses it to read arguments.
-    assert set(answer.stdout.split()).isdisjoint({*HEAVY} - {"pydantic"})
+    assert set(answer.stdout.split()).isdisjoint({*LARGE_MODULES} - {"pydantic"})
 
 
 def test_only_given_segmentation_options_are_passed_on():

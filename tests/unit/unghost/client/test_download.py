@@ -9,7 +9,7 @@ from datetime import datetime, timezone
 import httpx
 import pytest
 
-from tests.support.scripted_server import QUICK, Reply
+from tests.support.scripted_server import QUICK_RETRIES, Reply
 from unghost import DamagedDownload, Export
 from unghost.client.call import PATIENCE
 
@@ -87,7 +87,9 @@ def test_download_waits_for_a_server_restart(scripted, client, tmp_path):
 
 
 def test_later_download_resumes_from_the_part_file(scripted, client, tmp_path):
-    scripted.answer(*[Reply(body=CONTENT, hang_up=0)] * PATIENCE * QUICK.attempts)
+    scripted.answer(
+        *[Reply(body=CONTENT, hang_up=0)] * PATIENCE * QUICK_RETRIES.attempts
+    )
     with pytest.raises(httpx.RemoteProtocolError):
         client.download(EXPORT, tmp_path / "x.zip")
     (part,) = tmp_path.iterdir()

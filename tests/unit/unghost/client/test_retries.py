@@ -8,7 +8,7 @@ from datetime import datetime, timezone
 import httpx
 import pytest
 
-from tests.support.scripted_server import QUICK, Reply, json_reply, problem
+from tests.support.scripted_server import QUICK_RETRIES, Reply, json_reply, problem
 from unghost import Client, RetryPolicy, Unavailable
 from unghost.client.errors import retry_after_s
 
@@ -31,11 +31,11 @@ def test_lost_response_is_retried(scripted, client):
 
 
 def test_retries_are_limited_and_last_error_is_raised(scripted, client):
-    scripted.answer(*[problem(503, "database_busy")] * QUICK.attempts)
+    scripted.answer(*[problem(503, "database_busy")] * QUICK_RETRIES.attempts)
 
     with pytest.raises(Unavailable, match="it is database_busy"):
         client.version()
-    assert len(scripted.received_requests) == QUICK.attempts
+    assert len(scripted.received_requests) == QUICK_RETRIES.attempts
 
 
 def test_retried_post_has_the_same_idempotency_key(scripted, client):
@@ -82,7 +82,7 @@ def test_retry_waits_for_the_retry_after_header(scripted):
 
 def test_unreachable_server_raises_httpx_connect_error(closed_port):
     with (
-        Client(f"http://127.0.0.1:{closed_port}", retry=QUICK) as client,
+        Client(f"http://127.0.0.1:{closed_port}", retry=QUICK_RETRIES) as client,
         pytest.raises(httpx.ConnectError),
     ):
         client.version()

@@ -8,7 +8,7 @@ import httpx
 import pytest
 
 from tests.support.batch_server import BatchReply, BatchServer
-from tests.support.scripted_server import QUICK
+from tests.support.scripted_server import QUICK_RETRIES
 from unghost import (
     Client,
     Conflict,
@@ -31,7 +31,7 @@ def batches() -> Iterator[BatchServer]:
 
 @pytest.fixture
 def client(batches: BatchServer) -> Iterator[Client]:
-    with Client(batches.url, "secret", retry=QUICK) as client:
+    with Client(batches.url, "secret", retry=QUICK_RETRIES) as client:
         yield client
 
 
@@ -103,7 +103,7 @@ def test_push_retries_are_reset_only_by_answered_frames(batches, client):
     batches.replies = [BatchReply(lines=1)] * 9
     assert len(list(client.push("town", many(9)))) == 9
 
-    batches.replies = [BatchReply(lines=0)] * 2 * QUICK.attempts
+    batches.replies = [BatchReply(lines=0)] * 2 * QUICK_RETRIES.attempts
     with pytest.raises(httpx.TransportError):
         list(client.push("town", many(9)))
     assert batches.replies == []
@@ -132,7 +132,7 @@ def test_push_to_server_without_batches_sends_single_frames(batches, client):
 
 def test_push_through_a_proxy_sends_single_frames(batches, client, monkeypatch):
     monkeypatch.setenv("http_proxy", batches.url)
-    with Client("http://far.example", "secret", retry=QUICK) as far:
+    with Client("http://far.example", "secret", retry=QUICK_RETRIES) as far:
         list(far.push("town", [outgoing_frame("a")]))
 
     assert batches.put == ["http://far.example/api/v1/datasets/town/frames/a"]
@@ -237,7 +237,7 @@ def test_push_limits_keys_per_request_for_known_frames(batches, client):
 
 
 def test_push_survives_server_restart_while_requesting_known_frames(batches, client):
-    batches.dropped_requests = 2 * QUICK.attempts - 1
+    batches.dropped_requests = 2 * QUICK_RETRIES.attempts - 1
 
     assert outcomes_by_key(client.push("town", many(2))) == {
         "0": "stored",

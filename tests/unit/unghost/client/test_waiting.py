@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import httpx
 import pytest
 
-from tests.support.scripted_server import QUICK, Reply, json_reply, problem
+from tests.support.scripted_server import QUICK_RETRIES, Reply, json_reply, problem
 from unghost import Client, Export, Run
 from unghost.cli.export import wait_for_export
 from unghost.cli.runs import wait_for_run
@@ -36,7 +36,7 @@ def test_lost_server_while_waiting_for_a_run_prints_wait_command(closed_port, ca
     address = f"http://127.0.0.1:{closed_port}"
 
     with (
-        Client(address, "secret", retry=QUICK) as client,
+        Client(address, "secret", retry=QUICK_RETRIES) as client,
         pytest.raises(httpx.ConnectError),
     ):
         wait_for_run(client, Run.read(RUN), Screen())
@@ -71,7 +71,7 @@ def test_interrupting_wait_for_export_cancels_it_with_a_message(
 
 
 def test_waiting_for_a_run_survives_a_server_restart(scripted, client):
-    silence = [Reply(hang_up=0)] * (PATIENCE * QUICK.attempts - 1)
+    silence = [Reply(hang_up=0)] * (PATIENCE * QUICK_RETRIES.attempts - 1)
     done = {**RUN, "state": "done", "done": 9}
     scripted.answer(json_reply(RUN), *silence, json_reply(done))
 
@@ -81,7 +81,7 @@ def test_waiting_for_a_run_survives_a_server_restart(scripted, client):
 
 
 def test_waiting_for_an_export_survives_a_server_restart(scripted, client):
-    silence = [Reply(hang_up=0)] * (PATIENCE * QUICK.attempts - 1)
+    silence = [Reply(hang_up=0)] * (PATIENCE * QUICK_RETRIES.attempts - 1)
     scripted.answer(*silence, json_reply(EXPORT))
 
     assert client.wait_for_export(4, timeout_s=60).state == "done"

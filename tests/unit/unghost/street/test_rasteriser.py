@@ -19,7 +19,7 @@ def draw_triangles(triangles):
 
 
 def reference_nearness(triangles):
-    """The definition, pixel by pixel: three areas' signs tell if a centre is inside."""
+    """The definition, pixel by pixel: three areas' signs say if a centre is inside."""
     nearest = np.zeros((HEIGHT, WIDTH))
     for corners in np.array(triangles, float):
         a, b, c = corners

@@ -21,7 +21,7 @@ from filter_core.types import Answer, ReasonLabel, Verdict
 from unghost.wire import runs, words
 
 JOB_STATES = get_args(words.JobState)
-IN_FORCE = [answer for answer in get_args(words.Answer) if answer != "clear"]
+ANSWERS_BUT_CLEAR = [answer for answer in get_args(words.Answer) if answer != "clear"]
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_allowed_values_equal_those_of_library_and_server(hint, table):
         (tables.Run, "state", JOB_STATES),
         (tables.Export, "state", JOB_STATES),
         (tables.Review, "verdict", get_args(words.Answer)),
-        (tables.Decision, "review", IN_FORCE),
+        (tables.Decision, "review", ANSWERS_BUT_CLEAR),
     ],
 )
 def test_allowed_values_equal_those_of_database_constraints(table, column, taken):

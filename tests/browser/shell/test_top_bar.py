@@ -1,4 +1,4 @@
-"""The tabs that lead from one view of a dataset to another."""
+"""The top bar: who is signed in, and the tabs that lead to a dataset's views."""
 
 from __future__ import annotations
 
@@ -28,3 +28,10 @@ def test_current_tab_is_visible_on_a_phone(scene, open_window):
     tabs = page.get_by_role("navigation", name="Dataset")
 
     expect(tabs.locator("[aria-current=page]")).to_be_in_viewport(ratio=1)
+
+
+def test_reviewer_is_named_in_the_top_bar(scene, user):
+    page = user.open(scene.link())
+
+    expect(page.locator(".who")).to_have_text("Aadmin")
+    expect(page.locator(".who")).to_have_attribute("title", "Signed in as admin, admin")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,10 +17,17 @@ from app.context import ServiceContext
 from app.datasets.service import NewDataset, create_dataset
 from app.db.base import utc_now
 from app.db.bulk import insert_rows
+from app.db.engine import Database
+from app.db.migrate import migrate
 from app.db.tables import Box, Dataset, Frame, FrameEvidence
+from app.engine import LocalEngine
 from app.measuring.evidence import pack_numbers
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository
+from app.package import migrations_dir
+from app.process.lifespan import folder_pool, pixel_pool, register_kinds
+from app.settings import Settings
+from app.storage import FolderStorage
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.types import Evidence
@@ -39,6 +47,27 @@ class DatasetSpec:
     boxes_per_frame: int = BOXES_PER_FRAME
     annotated: bool = False
     seed: int = 20240401
+
+
+def open_context(folder: Path) -> ServiceContext:
+    """Open a data folder without driving its jobs; the caller closes the context.
+
+    A server may use the folder at the same time.
+    """
+    register_kinds()
+    folder.mkdir(parents=True, exist_ok=True)
+    settings = Settings(data=folder)
+    database = Database(settings.sqlalchemy_url)
+    migrate(database.engine, migrations_dir())
+    return ServiceContext(
+        settings=settings,
+        database=database,
+        storage=FolderStorage(folder / "blobs"),
+        engine=LocalEngine(settings.workers),
+        pixels=pixel_pool(settings, settings.workers),
+        drawers=pixel_pool(settings, 1),
+        folders=folder_pool(settings),
+    )
 
 
 def fill(context: ServiceContext, boxes: int, progress: Callable[[int], None]) -> int:

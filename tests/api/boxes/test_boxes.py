@@ -1,0 +1,51 @@
+"""Boxes over HTTP: how many a list has in total, and which boxes one overlaps."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support import frames as scene
+
+
+@pytest.mark.parametrize(
+    ("filters", "total"),
+    [
+        ({}, 6),
+        ({"verdict": "rejected"}, 3),
+        ({"review": "decided"}, 2),
+        ({"conflict": "true"}, 1),
+        ({"conflict": "false"}, 5),
+        ({"effective": "kept"}, 4),
+        ({"match_min": 50}, 3),
+        ({"class": "van"}, 0),
+    ],
+)
+def test_list_of_boxes_returns_the_total_count_on_request(api, dataset, filters, total):
+    real, ghost = (box["box_id"] for box in api.boxes(dataset)[:2])
+    api.review(real, "keep")
+    api.review(ghost, "keep")
+
+    page = api.json("/boxes", dataset=dataset, count="true", limit=1, **filters)
+
+    assert page["total"] == total
+    assert "total" not in api.json("/boxes", dataset=dataset, limit=1)
+
+
+def test_box_lists_the_boxes_that_it_overlaps_as_neighbours(api):
+    rectangles = {
+        "near": [8, 20, 24, 30],
+        "part": [20, 22, 33, 32],
+        "inside": [9, 21, 23, 29],
+        "far": [42, 3, 52, 11],
+    }
+    boxes = [
+        {"id": name, "class": "car", "xyxy": xyxy} for name, xyxy in rectangles.items()
+    ]
+    stored = api.upload_frame(
+        api.dataset(), "a", {**scene.annotation(), "boxes": boxes}
+    )
+    ids = {box["id"]: box["box_id"] for box in stored["decisions"]}
+
+    near = api.json(f"/boxes/{ids['near']}")
+
+    assert near["neighbours"] == [ids["part"], ids["inside"]]

@@ -1,0 +1,76 @@
+"""A package of the service imports only packages below it.
+
+A module directly below `app` counts as a package.
+"""
+
+from __future__ import annotations
+
+import ast
+from typing import Final
+
+from tests.support.sources import python_sources
+
+LEVELS: Final = (
+    {"__main__"},
+    {"serve"},
+    {"main"},
+    {"ops", "datasets"},
+    {"ingest"},
+    {"review", "quality", "process"},
+    {"runs", "exports"},
+    {"boxes"},
+    {"jobs"},
+    {"access"},
+    {"http", "maintenance"},
+    {"measuring"},
+    {"context"},
+    {"storage"},
+    {"engine"},
+    {"settings", "verdicts"},
+    {"db"},
+    {"incoming", "metrics"},
+    {"addresses", "errors", "logs", "memory", "package", "security"},
+)
+"""The packages from the top down: each may import only those of the lines below it."""
+
+
+def package_of(module: str) -> str:
+    """The package of a module: the part of its name after `app`; empty for `app`."""
+    return module.partition(".")[2].partition(".")[0]
+
+
+def imports_between_packages() -> set[tuple[str, str]]:
+    """(importing package, imported one) of all imports, also those in functions."""
+    pairs = set()
+    for source in python_sources("app"):
+        mine = package_of(source.name.removesuffix(".py").replace("/", "."))
+        for node in ast.walk(source.tree):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                named = [f"{node.module}.{alias.name}" for alias in node.names]
+                modules = named if node.module == "app" else [node.module]
+            elif isinstance(node, ast.Import):
+                modules = [alias.name for alias in node.names]
+            else:
+                continue
+            others = {package_of(name) for name in modules if name.startswith("app.")}
+            pairs |= {(mine, other) for other in others - {mine, "__init__"}}
+    return pairs
+
+
+def test_every_package_has_its_level():
+    named = {package for level in LEVELS for package in level}
+    found = {package for pair in imports_between_packages() for package in pair}
+
+    assert found - named - {"__init__"} == set()
+
+
+def test_packages_import_only_packages_of_lower_levels():
+    level_of = {name: number for number, level in enumerate(LEVELS) for name in level}
+
+    upwards = {
+        (one, other)
+        for one, other in imports_between_packages()
+        if level_of[one] >= level_of[other]
+    }
+
+    assert upwards == set()
