@@ -15,6 +15,7 @@ import { Suggestions } from "./suggestions.js";
 
 /** @typedef {import("../core/openapi.js").Agreement} Agreement */
 /** @typedef {import("../core/app.js").App} App */
+/** @typedef {import("../core/openapi.js").Reviewer} Reviewer */
 
 /** Where answers are given. @param {string} dataset @param {Record<string, string>} [query] */
 export const queueLink = (dataset, query = {}) => linkTo(ROUTES.some(({ name }) => name === "queue") ? "queue" : "frames", { dataset }, query);
@@ -86,7 +87,7 @@ const Empty = ({ dataset, truth, unsure, onInstances }) =>
 const Skeleton = () => html`<div class="quality" aria-hidden="true">${[0, 1, 2].map(() => html`<div class="panelbox"><div class="bone bone--tall shimmer"></div></div>`)}</div>
   <p class="sr-only" role="status">Loading quality</p>`;
 
-/** @param {{agreement: Agreement, reviewers: readonly {name: string, answers: number, keep: number, reject: number, unsure: number}[]}} props */
+/** @param {{agreement: Agreement, reviewers: readonly Reviewer[]}} props */
 export function Reviewers({ agreement, reviewers }) {
   return html`<section class="panelbox quality__wide" aria-labelledby="reviewers-title">
     <header class="panelbox__head"><h2 id="reviewers-title">People</h2><span class="faint">${countOf(reviewers.length, "reviewer")}</span></header>

@@ -54,14 +54,12 @@ export function litPixels(segmentation, form, box) {
 /** Whether the file itself can be shown as the mask; raw tags and swapped colours must be painted by the server. @param {SegmentationReport} form */
 export const isPaintedAlready = (form) => form.encoding === "palette" && form.channel_order === "rgb";
 
-/** @typedef {{encoding: string, channel_order: string, lossy: boolean}} PixelForm */
-
 /** How far a JPEG may have moved a colour, per channel: the server's own tolerance. */
 const LOSSY_TOLERANCE = 32;
 
 /**
  * A test for one pixel: do these three stored channels carry an accepted tag?
- * @param {readonly AcceptedTag[]} accepted @param {PixelForm} form
+ * @param {readonly AcceptedTag[]} accepted @param {Pick<SegmentationReport, "encoding" | "channel_order" | "lossy">} form
  * @returns {(c0: number, c1: number, c2: number) => boolean}
  */
 export function tagMatcher(accepted, form) {
