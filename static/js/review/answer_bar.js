@@ -4,7 +4,7 @@
 import { answerOf } from "../boxes/box.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
-import { Keys, keepFocus, useKeys } from "../core/keymap.js";
+import { Keys, keepFocus, useKeyText, useKeys, withKey } from "../core/keymap.js";
 import { countText } from "../core/numbers.js";
 
 /** @typedef {import("../core/app.js").Actions} Actions */
@@ -46,6 +46,7 @@ const ANSWERS_TO_MANY = /** @type {const} */ ([
 /** @param {{app: import("../core/app.js").App, selected: number, isAll: boolean, actions: Record<string, () => void>, onNone: () => void}} props */
 export function GridBar({ app, selected, isAll, actions, onNone }) {
   const rows = useKeys(app);
+  const escape = useKeyText(app, "escape");
   if (selected === 0) return null;
   /** @param {string} action */
   const keysOf = (action) => rows.find((row) => row.action === action)?.keys.slice(0, 1) ?? [];
@@ -57,7 +58,7 @@ export function GridBar({ app, selected, isAll, actions, onNone }) {
       </button>`,
     )}
     <span class="bar__rule" aria-hidden="true"></span>
-    <button class="answer" aria-label="Select none" title="Select none (Esc)" onClick=${onNone}><${Icon} name="cross" /></button>
+    <button class="answer" aria-label="Select none" title=${withKey("Select none", escape)} onClick=${onNone}><${Icon} name="cross" /></button>
   </div>`;
 }
 

@@ -243,6 +243,21 @@ def test_images_with_unreadable_labels_can_be_uploaded_without_labels(scene, use
     )
 
 
+def test_upload_dialog_that_cannot_be_loaded_shows_error_and_can_be_retried(town, user):
+    page = user.open("#/datasets")
+    route_loaded(page, "**/upload/dialog.js", lambda route: route.abort())
+    field = page.get_by_label("Upload a folder").last
+    field.set_input_files(town)
+    expect(page.get_by_role("alert")).to_contain_text(
+        "The upload dialog could not be loaded: Failed to fetch"
+    )
+    page.unroute("**/upload/dialog.js")
+
+    field.set_input_files(town)
+
+    expect(page.get_by_role("dialog", name="Upload")).to_be_visible()
+
+
 def test_failed_folder_reading_can_be_retried_and_cancelled(town, user):
     page = user.open("#/datasets")
     route_loaded(page, "**/api/v1/folders?*", lambda route: route.abort())
