@@ -4,7 +4,7 @@
 import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
 import { SORTS, countOfMore, cycleVerdict, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
 import { get } from "../core/api.js";
-import { useActions, useClosing, useHead, useLoaded, useTask, useTyped, useValue } from "../core/hooks.js";
+import { useActions, useClosing, useDataset, useHead, useLoaded, useTask, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { keyText, useKeyText } from "../core/keymap.js";
@@ -27,7 +27,7 @@ import { allBut, everything, nothing, sizeOf, toggled } from "./selection.js";
 export function GridView({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Grid · ${name}`, dataset: name });
-  const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
+  const dataset = useDataset(name);
   /** @param {Query} query */
   const setQuery = (query) => app.router.replace(linkTo("grid", { dataset: name }, query));
   const failed = dataset.state === "error" && !dataset.value;

@@ -5,25 +5,20 @@ import { listQuery } from "../boxes/filters.js";
 import { EVIDENCE, evidenceText } from "../boxes/wording.js";
 import { get, post } from "../core/api.js";
 import { useLoaded, useTask } from "../core/hooks.js";
-import { html, useEffect, useState } from "../core/html.js";
+import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, percentText } from "../core/numbers.js";
 import { FailureLine, Segments } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { RunStrip, isOver, useWatched } from "../jobs/job.js";
+import { RunStrip, isOver, useOpenRun, useWatched } from "../jobs/job.js";
 import { MeasureCell } from "./comparison.js";
-import { bandText } from "./measures.js";
+import { TRUTHS, bandText } from "./measures.js";
 
 /** @typedef {import("../core/app.js").App} App */
 /** @typedef {import("../core/openapi.js").ChannelScore} ChannelScore */
 /** @typedef {import("../core/openapi.js").Evaluation} Evaluation */
 /** @typedef {import("../core/openapi.js").Run} Run */
 /** @typedef {import("../core/openapi.js").Score} Score */
-
-const TRUTHS = [
-  { value: "instances", text: "Instances" },
-  { value: "people", text: "People" },
-];
 
 const BY = [
   { value: "all", text: "All boxes" },
@@ -48,6 +43,7 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
         ${isCounted && found.not_measured.length > 0 && html`<${MeasureButton} measuring=${measuring} />`}
       </span></header>
     ${measuring.run && html`<${RunStrip} app=${app} dataset=${dataset} run=${measuring.run} onClose=${measuring.close} />`}
+    ${measuring.search.error && html`<${FailureLine} what="Runs" error=${measuring.search.error} onRetry=${measuring.search.reload} />`}
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${!found && loaded.state === "loading" && html`<div class="bone bone--row shimmer" aria-hidden="true"></div><p class="sr-only" role="status">Loading the comparison of channels</p>`}
     ${found && (isCounted ? html`<${Compared} dataset=${dataset} found=${found} by=${by} active=${active} />` : html`<${Nothing} dataset=${dataset} found=${found} measuring=${measuring} onTruth=${onTruth} />`)}
@@ -73,7 +69,7 @@ function Nothing({ dataset, found, measuring, onTruth }) {
   return html`<p class="panelbox__empty">No frame has an instance image, so visibility is unknown. <button class="button button--small" onClick=${() => onTruth("people")}>Compare with people</button></p>`;
 }
 
-/** @typedef {{run: Run | null, isBusy: boolean, start: () => void, close: () => void}} Measuring */
+/** @typedef {{run: Run | null, search: ReturnType<typeof useOpenRun>, isBusy: boolean, start: () => void, close: () => void}} Measuring */
 
 /** @param {{measuring: Measuring}} props */
 const MeasureButton = ({ measuring: { start, isBusy } }) => html`<button class="button" disabled=${isBusy} onClick=${start}><${Icon} name="play" />Measure every channel</button>`;
@@ -87,24 +83,14 @@ function useMeasuring(app, dataset, onDone) {
     onDone();
   };
   const run = useWatched(asked, afterEnd);
-  useEffect(() => {
-    const stop = new AbortController();
-    const look = async () => {
-      const { items } = await get("/api/v1/datasets/{dataset}/runs", { path: { dataset }, query: { limit: 5 }, signal: stop.signal });
-      const open = items.find((one) => one.kind === "measure" && !isOver(one));
-      if (open) setAsked((now) => now ?? open);
-    };
-    // If this fails the button is still there; pressing it shows what is wrong.
-    look().catch(() => {});
-    return () => stop.abort();
-  }, [dataset]);
+  const search = useOpenRun(dataset, (found) => setAsked((now) => now ?? found), "measure");
   /** Measure every channel that the frames' files allow. */
   const start = useTask(async () => {
     const started = await post("/api/v1/datasets/{dataset}/evaluations", { path: { dataset } });
     if (isOver(started)) afterEnd(started);
     else setAsked(started);
   }, app.toasts.fail);
-  return { run, isBusy: start.isBusy || (run !== null && !isOver(run)), start: () => void start.run(), close: () => setAsked(null) };
+  return { run, search, isBusy: start.isBusy || (run !== null && !isOver(run)), start: () => void start.run(), close: () => setAsked(null) };
 }
 
 /** @param {{dataset: string, found: Evaluation, by: string, active: string}} props */

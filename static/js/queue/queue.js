@@ -5,8 +5,7 @@ import { answerOf, asShown } from "../boxes/box.js";
 import { cycleVerdict, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
 import { useBoxes } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
-import { get } from "../core/api.js";
-import { useActions, useHead, useLoaded, useValue } from "../core/hooks.js";
+import { useActions, useDataset, useHead, useValue } from "../core/hooks.js";
 import { html, useCallback, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, metresText } from "../core/numbers.js";
@@ -34,7 +33,7 @@ const RENEW_MS = 4 * 60_000;
 export function QueueView({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Queue · ${name}`, dataset: name });
-  const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
+  const dataset = useDataset(name);
   const session = sessionOf(app, name, route.query);
   /** @param {Query} query */
   const setQuery = (query) => app.router.replace(linkTo("queue", { dataset: name }, query));

@@ -3,7 +3,7 @@
 
 import { VerdictBar } from "../boxes/signs.js";
 import { get } from "../core/api.js";
-import { useHead, useLoaded, usePages } from "../core/hooks.js";
+import { useDataset, useHead, useLoaded, usePages } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { agoText, countOf, countText, tookText } from "../core/numbers.js";
 import { Failure, FailureLine } from "../core/parts.js";
@@ -30,7 +30,7 @@ function RunsOf({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Runs and exports · ${name}`, dataset: name });
   const [limit, setLimit] = useState(FIRST);
-  const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
+  const dataset = useDataset(name);
   const runs = useLoaded((signal) => get("/api/v1/datasets/{dataset}/runs", { path: { dataset: name }, query: { limit }, signal }), [name, limit]);
   const reload = () => (runs.reload(), dataset.reload());
   const isLoading = [dataset, runs].some((loaded) => loaded.state === "loading");

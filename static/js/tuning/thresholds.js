@@ -4,12 +4,12 @@
 import { StrokeSwatch, VerdictBar } from "../boxes/signs.js";
 import { get } from "../core/api.js";
 import { useFields } from "../core/form.js";
-import { useHead, useLoaded } from "../core/hooks.js";
+import { useDataset, useHead, useLoaded } from "../core/hooks.js";
 import { html, useEffect, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, FailureLine, Notice } from "../core/parts.js";
-import { RunStrip, isOver, useWatched } from "../jobs/job.js";
+import { RunStrip, isOver, useOpenRun, useWatched } from "../jobs/job.js";
 import { AllClasses, ClassCards, Reasons } from "./classes.js";
 import { THRESHOLD, effectiveEdits, keyValue, valueOf, valueText } from "./config.js";
 import { Delta, FlipPanel, Way } from "./flips.js";
@@ -29,7 +29,7 @@ export const ThresholdsView = ({ app, route }) => html`<${ThresholdsOf} key=${ro
 function ThresholdsOf({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Thresholds · ${name}`, dataset: name });
-  const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
+  const dataset = useDataset(name);
   const active = useLoaded((signal) => get("/api/v1/datasets/{dataset}/config", { path: { dataset: name }, signal }), [name]);
   const failed = [dataset, active].find((loaded) => loaded.state === "error");
   const counts = dataset.value?.counts;
@@ -58,7 +58,7 @@ function Tuner({ app, route, dataset, active, onApplied }) {
   const [started, setStarted] = useState(/** @type {Run | null} */ (null));
   const run = useWatched(started, (over) => over.state === "done" && over.activate && onApplied());
   const isRunning = run !== null && !isOver(run);
-  useOpenRun(dataset, setStarted);
+  const search = useOpenRun(dataset, (found) => setStarted((now) => now ?? found));
   // What has become active is no longer a change.
   useEffect(() => tuning.setEdits((held) => effectiveEdits(active.config, held)), [active]);
   /** @param {string} digest */
@@ -71,6 +71,7 @@ function Tuner({ app, route, dataset, active, onApplied }) {
   const isUnknown = tuning.preview?.needs_pixels === true;
   return html`<${Summary} tuning=${tuning} isRunning=${isRunning} onReset=${() => tuning.setEdits({})} onSave=${() => setSaving(true)} />
     ${run && html`<${RunStrip} app=${app} dataset=${dataset} run=${run} onClose=${() => setStarted(null)} />`}
+    ${search.error && html`<${FailureLine} what="Runs" error=${search.error} onRetry=${search.reload} />`}
     ${tuning.error && html`<${FailureLine} error=${tuning.error} onRetry=${tuning.retry} />`}
     ${!isUnknown && html`<${ChannelLine} config=${tuning.tried} keys=${keys.value ?? []} />`}
     <div class="tuning ${isUnknown ? "tuning--unknown" : ""}">
@@ -84,18 +85,6 @@ function Tuner({ app, route, dataset, active, onApplied }) {
       ${!isUnknown && html`<${FlipPanel} app=${app} tuning=${tuning} selected=${selected} way=${way} onWay=${(/** @type {string} */ flips) => tuning.look({ class: selected, scale, flips })} />`}
     </div>
     ${isSaving && html`<${SaveDialog} dataset=${dataset} tuning=${tuning} onClose=${() => setSaving(false)} onSaved=${onSaved} onRun=${setStarted} onOutdated=${onApplied} />`}`;
-}
-
-/** Find a run that is already running. @param {string} dataset @param {(run: Run) => void} onFound */
-function useOpenRun(dataset, onFound) {
-  useEffect(() => {
-    const stop = new AbortController();
-    get("/api/v1/datasets/{dataset}/runs", { path: { dataset }, query: { limit: 1 }, signal: stop.signal }).then(
-      ({ items: [newest] }) => newest && !isOver(newest) && onFound(newest),
-      () => {},
-    );
-    return () => stop.abort();
-  }, [dataset]);
 }
 
 const Empty = () => html`<${Notice} icon="layers" title="No boxes yet"><p>Histograms are shown once frames with boxes have been uploaded to this dataset.</p><//>`;

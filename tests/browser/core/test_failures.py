@@ -65,6 +65,8 @@ def segmentation(user: Visitor, street: Scene) -> None:
     ("asked", "go", "part"),
     [
         (r"/evaluations\?", view("quality"), "Channels compared"),
+        (r"/runs\?", view("quality"), "Channels compared"),
+        (r"/runs\?", view("thresholds"), ""),
         (r"/configs\?", view("thresholds"), "Versions"),
         (r"/openapi\.json", view("thresholds"), "Configuration"),
         (r"/exports\?", view("runs"), "Exports"),

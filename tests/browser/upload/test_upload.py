@@ -349,6 +349,21 @@ def create_dataset_with_token(route: Route, server: RunningServer) -> None:
     route.fulfill(response=route.fetch(headers={**route.request.headers, **shown}))
 
 
+def test_refused_new_dataset_shows_error_and_can_be_sent_again(town, user):
+    page = pick_folder(user, town)
+    problem = {"title": "Internal Server Error", "detail": "the disk is full"}
+    refuse = re.compile("/api/v1/datasets$")
+    route_loaded(page, refuse, lambda route: route.fulfill(status=500, json=problem))
+    send(page)
+    failure = page.get_by_role("dialog").get_by_role("alert")
+    expect(failure).to_have_text("the disk is full")
+    page.unroute(refuse)
+
+    send(page)
+
+    expect(page.locator(".upload-panel__text")).to_have_text("3 frames stored")
+
+
 def test_invalid_dataset_name_and_folder_without_frames_show_errors(
     town, user, tmp_path
 ):
