@@ -111,8 +111,8 @@ def frame(tools: Tools) -> Iterator[str]:
     user.open(scene.link("ghost"))
     many_boxes.review(scene, scene.box_id("ghost"), "reject")
     user.press("a")
-    expect(page.locator(".conflict")).to_be_visible()
-    yield "conflict"
+    expect(page.locator(".overtaken")).to_be_visible()
+    yield "overtaken"
 
     page.context.set_offline(True)
     user.press("j", "a")
@@ -150,8 +150,8 @@ def queue(tools: Tools) -> Iterator[str]:
     expect(page.locator(".stage[data-picture=shown]")).to_be_visible()
     many_boxes.review(scene, scene.box_id(many_boxes.queued_box_id(page)), "reject")
     user.press("a", "x")
-    expect(page.locator(".conflict")).to_be_visible()
-    yield "conflict"
+    expect(page.locator(".overtaken")).to_be_visible()
+    yield "overtaken"
 
     user.press("b")
     yield "blind"

@@ -1,5 +1,5 @@
 // @ts-check
-// The bars with buttons for answers, on one box and on many, and the notice of a conflict.
+// The bars with buttons for answers, on one box and on many, and the notice of an answer that somebody else overtook.
 
 import { answerOf } from "../boxes/box.js";
 import { html } from "../core/html.js";
@@ -67,13 +67,13 @@ export function GridBar({ app, selected, isAll, actions, onNone }) {
  * @param {{app: import("./answers.js").ReviewApp, box: Decision, item: import("./outbox.js").SingleAnswer,
  *   isNamed?: boolean, children?: unknown}} props  `isNamed`: the box is not the one on show
  */
-export function ConflictNotice({ app, box, item, isNamed = false, children }) {
+export function OvertakenNotice({ app, box, item, isNamed = false, children }) {
   const { reviewer = "", verdict = "clear" } = box.review ?? {};
   const theirs = verdict === "clear" ? "removed the answer" : `answered ${verdict}`;
-  return html`<section class="conflict" role="alert">
+  return html`<section class="overtaken" role="alert">
     <p>${isNamed && html`<${Icon} name="warn" /> ${box.class} ${box.id}: `}<b>${reviewer || "Somebody else"} ${theirs}</b> while you answered ${item.verdict}. Your answer was not saved.</p>
-    <div class="conflict__actions">
-      <button class="button button--small" onClick=${() => app.closeConflict(box.box_id)}>Keep theirs</button>
+    <div class="overtaken__actions">
+      <button class="button button--small" onClick=${() => app.closeOvertaken(box.box_id)}>Keep theirs</button>
       <button class="button button--small button--primary" onClick=${() => app.insist(item)}>Use mine: ${item.verdict}</button>
       ${children}
     </div>

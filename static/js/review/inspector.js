@@ -12,7 +12,7 @@ import { Keys, useKeys } from "../core/keymap.js";
 import { agoText, countOf, countText, exactPercentText, metresText, percentText, unbroken } from "../core/numbers.js";
 import { FailureLine } from "../core/parts.js";
 import { overlapping } from "../stage/geometry.js";
-import { ConflictNotice } from "./answer_bar.js";
+import { OvertakenNotice } from "./answer_bar.js";
 
 /** @typedef {import("./answers.js").ReviewApp} App */
 /** @typedef {import("../boxes/box.js").Decision} Decision */
@@ -37,7 +37,7 @@ export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentR
  *   actions: import("./frame.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props
  */
 function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
-  const mine = useValue(app.conflicts).get(box.box_id);
+  const mine = useValue(app.overtaken).get(box.box_id);
   // The server keeps a comment as part of an answer only. On a box that has none, the comment comes with "unsure", which
   // leaves the filter's verdict in force.
   const saveComment = (/** @type {string} */ text) => actions.saveComment(answerOf(box) ?? "unsure", text);
@@ -46,7 +46,7 @@ function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
       <h2>${box.class} <span class="faint">${box.id}</span></h2>
       <${VerdictBadge} verdict=${box.verdict} />
     </header>
-    ${mine && html`<${ConflictNotice} app=${app} box=${box} item=${mine} />`}
+    ${mine && html`<${OvertakenNotice} app=${app} box=${box} item=${mine} />`}
     <${AnswerLine} box=${box} isWaiting=${isWaiting} />
     <p class="inspector__sentence">${isVeiled(box) ? "Blind re-check: the filter's verdict is shown once you have answered." : unbroken(box.explanation || labelText(box))}</p>
     <${MatchBar} box=${box} />

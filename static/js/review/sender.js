@@ -42,7 +42,7 @@ const REQUESTS = {
 /**
  * @typedef {object} SenderEvents
  * @property {(stored: StoredReview) => void} onStored
- * @property {(item: SingleAnswer, current: Decision | null) => void} onConflict  the box was answered elsewhere since
+ * @property {(item: SingleAnswer, current: Decision | null) => void} onOvertaken  the box was answered elsewhere since
  *   this person saw it; `current`: the box as it is now
  * @property {(item: SingleAnswer, error: Error) => void} onRefused  the server will never store it
  * @property {(bulk: BulkAnswer, stored: ReviewBatch) => void} onBulkStored
@@ -199,7 +199,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
     // 412: the box was answered since the person saw it.
     const current = error.problem.current ?? null;
     if (current && isOwnAnswer(item, current)) return sendAsNew(item, current);
-    return drop(item, ({ onConflict }) => onConflict?.(item, current));
+    return drop(item, ({ onOvertaken }) => onOvertaken?.(item, current));
   }
 
   /** @param {Phase} phase @param {string} text  why @param {number | null} [seconds]  as the server has asked */
