@@ -199,7 +199,7 @@ def channels(tools: Tools) -> Iterator[str]:
     yield "measured"
 
     page.get_by_role("button", name="Compare with instances").click()
-    expect(page.locator(".field2__count")).to_have_text(["1", "1", "0", "0"])
+    expect(page.locator(".matrixcell__count")).to_have_text(["1", "1", "0", "0"])
     yield "instances"
 
 

@@ -45,7 +45,7 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
     ${measuring.run && html`<${RunStrip} app=${app} dataset=${dataset} run=${measuring.run} onClose=${measuring.close} />`}
     ${measuring.search.error && html`<${FailureLine} what="Runs" error=${measuring.search.error} onRetry=${measuring.search.reload} />`}
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
-    ${!found && loaded.state === "loading" && html`<div class="bone bone--row shimmer" aria-hidden="true"></div><p class="sr-only" role="status">Loading the comparison of channels</p>`}
+    ${!found && loaded.state === "loading" && html`<div class="skeleton skeleton--row shimmer" aria-hidden="true"></div><p class="sr-only" role="status">Loading the comparison of channels</p>`}
     ${found && (isCounted ? html`<${Compared} dataset=${dataset} found=${found} by=${by} active=${active} />` : html`<${Nothing} dataset=${dataset} found=${found} measuring=${measuring} onTruth=${onTruth} />`)}
   </section>`;
 }

@@ -54,7 +54,7 @@ function Matrix({ dataset, truth, confusion }) {
       ${["kept", "rejected"].map(
         (filter) => html`<tr key=${filter}>
           <th scope="row">filter ${filter === "kept" ? "keeps" : "rejects"}</th>
-          ${CELLS.filter((cell) => cell.filter === filter).map((cell) => html`<td key=${cell.cell}><${Field} confusion=${confusion} cell=${cell} href=${boxesOf(dataset, truth, cell)} /></td>`)}
+          ${CELLS.filter((cell) => cell.filter === filter).map((cell) => html`<td key=${cell.cell}><${MatrixCell} confusion=${confusion} cell=${cell} href=${boxesOf(dataset, truth, cell)} /></td>`)}
         </tr>`,
       )}
     </tbody>
@@ -62,15 +62,15 @@ function Matrix({ dataset, truth, confusion }) {
 }
 
 /** @param {{confusion: Confusion, cell: typeof CELLS[number], href: string | null}} props */
-function Field({ confusion, cell, href }) {
+function MatrixCell({ confusion, cell, href }) {
   const count = confusion[cell.cell];
   const share = shareOf(confusion, cell.cell);
-  const inner = html`<span class="field2__fill" style=${{ opacity: count ? 0.12 + 0.28 * share : 0 }}></span>
-    <span class="field2__sign"><${Icon} name=${cell.isAgreed ? "check" : "warn"} /></span>
-    <span class="field2__count num">${countText(count)}</span>
-    <span class="field2__share num">${percentOf(share)} %</span>
-    <span class="field2__text">${cell.text}</span>`;
-  const name = `field2 field2--${cell.isAgreed ? "agreed" : "differ"}`;
+  const inner = html`<span class="matrixcell__fill" style=${{ opacity: count ? 0.12 + 0.28 * share : 0 }}></span>
+    <span class="matrixcell__sign"><${Icon} name=${cell.isAgreed ? "check" : "warn"} /></span>
+    <span class="matrixcell__count num">${countText(count)}</span>
+    <span class="matrixcell__share num">${percentOf(share)} %</span>
+    <span class="matrixcell__text">${cell.text}</span>`;
+  const name = `matrixcell matrixcell--${cell.isAgreed ? "agreed" : "differ"}`;
   return count > 0 && href ? html`<a class=${name} href=${href}>${inner}</a>` : html`<span class=${name}>${inner}</span>`;
 }
 

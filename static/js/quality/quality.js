@@ -81,7 +81,7 @@ const Empty = ({ dataset, truth, unsure, onInstances }) =>
   ${unsure > 0 && html`<p class="faint">${countOf(unsure, "box", "boxes")} flagged as unsure ${unsure === 1 ? "does" : "do"} not count.</p>`}
 <//>`;
 
-const Skeleton = () => html`<div class="quality" aria-hidden="true">${[0, 1, 2].map(() => html`<div class="panelbox"><div class="bone bone--tall shimmer"></div></div>`)}</div>
+const Skeleton = () => html`<div class="quality" aria-hidden="true">${[0, 1, 2].map(() => html`<div class="panelbox"><div class="skeleton skeleton--tall shimmer"></div></div>`)}</div>
   <p class="sr-only" role="status">Loading quality</p>`;
 
 /** @param {{agreement: Agreement, reviewers: readonly Reviewer[]}} props */

@@ -1,7 +1,7 @@
 // @ts-check
 // The stage of the queue: the current box close up or in its frame, with a small map of the frame and a measure of its speed.
 
-import { isVeiled } from "../boxes/box.js";
+import { isWithheld } from "../boxes/box.js";
 import { useBoxes, useHeld } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
 import { useValue } from "../core/hooks.js";
@@ -22,11 +22,11 @@ const NONE = [];
 /**
  * @param {{app: App, box: Decision, see: (box: Decision) => Decision, media: import("../stage/media.js").Media, view: import("../core/observable.js").Value<"crop" | "frame">,
  *   actions: Actions, stageRef: {current: import("../stage/stage.js").Stage | null}}} props
- *   `box`: veiled until it is answered in a blind review; then its frame's other boxes are not shown either; `see`: what may be shown of those
+ *   `box`: withheld until it is answered in a blind review; then its frame's other boxes are not shown either; `see`: what may be shown of those
  */
 export function QueueStage({ app, box, see, media, view, actions, stageRef }) {
   const mode = useValue(view);
-  const isBlind = isVeiled(box);
+  const isBlind = isWithheld(box);
   const { value: frame = null, error, retry } = useLazy(media.frame);
   const { value: picture = null, error: noPicture } = useLazy(frame?.has_image ? media.picture : null);
   const inFrame = useBoxes(app.boxes, useHeld(app.boxes, frame && mode === "frame" && !isBlind ? frame.boxes : NONE));

@@ -1,7 +1,7 @@
 // @ts-check
 // Everything about one box: verdict, explanation, numbers, comment, overlapping boxes, history.
 
-import { answerOf, isUnanswered, isVeiled, seenRevision } from "../boxes/box.js";
+import { answerOf, isUnanswered, isWithheld, seenRevision } from "../boxes/box.js";
 import { AnswerSign, StrokeSwatch, VerdictBadge } from "../boxes/signs.js";
 import { ANSWER_TEXT, acceptedText, evidenceText, isByShare, labelText, matchText, reasonText } from "../boxes/wording.js";
 import { get } from "../core/api.js";
@@ -48,13 +48,13 @@ function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
     </header>
     ${mine && html`<${OvertakenNotice} app=${app} box=${box} item=${mine} />`}
     <${AnswerLine} box=${box} isWaiting=${isWaiting} />
-    <p class="inspector__sentence">${isVeiled(box) ? "Blind re-check: the filter's verdict is shown once you have answered." : unbroken(box.explanation || labelText(box))}</p>
+    <p class="inspector__sentence">${isWithheld(box) ? "Blind re-check: the filter's verdict is shown once you have answered." : unbroken(box.explanation || labelText(box))}</p>
     <${MatchBar} box=${box} />
     <${HiddenBy} box=${box} />
     <${Comment} box=${box} onSave=${saveComment} fieldRef=${commentRef} />
     <${Neighbours} boxes=${boxes} box=${box} onSelect=${actions.select} />
     <${Numbers} box=${box} />
-    ${!isVeiled(box) && html`<${History} app=${app} box=${box} />`}`;
+    ${!isWithheld(box) && html`<${History} app=${app} box=${box} />`}`;
 }
 
 /** @param {{box: Decision, isWaiting: boolean}} props */
@@ -72,7 +72,7 @@ function AnswerLine({ box, isWaiting }) {
 /** What decided: the share of matching pixels and the threshold, or another channel. @param {{box: Decision}} props */
 function MatchBar({ box }) {
   const { match_percent: match, threshold } = box;
-  if (!isByShare(box) && !isVeiled(box)) return html`<${OtherChannel} box=${box} />`;
+  if (!isByShare(box) && !isWithheld(box)) return html`<${OtherChannel} box=${box} />`;
   if (match === null || match === undefined) return null;
   const share = percentText(match, threshold);
   const limit = threshold === null ? "" : `threshold ${exactPercentText(threshold)}`;
@@ -238,7 +238,7 @@ export function History({ app, box }) {
     <h3>History</h3>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${!loaded.error && html`<ol class="history__list">
-      ${loaded.value?.items.map((item) => html`<li class="history__item">${item.kind === "review" ? html`<${ReviewLine} item=${item} />` : html`<${DecisionLine} item=${item} />`}</li>`) ?? html`<li class="history__wait" aria-hidden="true"><div class="bone" /><div class="bone bone--short" /></li>`}
+      ${loaded.value?.items.map((item) => html`<li class="history__item">${item.kind === "review" ? html`<${ReviewLine} item=${item} />` : html`<${DecisionLine} item=${item} />`}</li>`) ?? html`<li class="history__wait" aria-hidden="true"><div class="skeleton" /><div class="skeleton skeleton--short" /></li>`}
     </ol>`}
   </section>`;
 }

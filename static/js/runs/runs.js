@@ -59,7 +59,7 @@ function Runs({ app, dataset, runs, active, shown }) {
       <span class="faint">${open ? `${open} running or queued` : "a configuration applied to the whole dataset"}</span>
       <span class="panelbox__tools"><a class="button" href=${linkTo("thresholds", { dataset })}>Try thresholds</a></span>
     </header>
-    ${runs === null && html`<div aria-hidden="true">${[0, 1, 2].map(() => html`<div class="bone bone--row shimmer"></div>`)}</div><p class="sr-only" role="status">Loading runs</p>`}
+    ${runs === null && html`<div aria-hidden="true">${[0, 1, 2].map(() => html`<div class="skeleton skeleton--row shimmer"></div>`)}</div><p class="sr-only" role="status">Loading runs</p>`}
     ${runs?.length === 0 && html`<p class="panelbox__empty">No run yet.</p>`}
     <ul class="runs">
       ${runs?.map((run) => html`<li key=${run.id}><${RunRow} app=${app} dataset=${dataset} run=${run} isActive=${run.id === active} isShown=${run.id === shown} /></li>`)}
@@ -86,7 +86,7 @@ export function RunDiffPanel({ app, dataset, run, against, runs }) {
       <span class="panelbox__tools"><a class="button button--quiet" href=${linkTo("runs", { dataset })}>Close</a></span>
     </header>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
-    ${loaded.state === "loading" && html`<div class="bone bone--tall shimmer"></div>`}
+    ${loaded.state === "loading" && html`<div class="skeleton skeleton--tall shimmer"></div>`}
     ${diff && html`<${Between} app=${app} diff=${diff} runs=${runs} />`}
   </section>`;
 }

@@ -80,16 +80,16 @@ export function FlipPanel({ app, tuning, selected, way, onWay }) {
 /** @param {{app: App, tuning: Tuning, items: readonly import("../core/openapi.js").Flip[], wanted: number}} props */
 function Body({ app, tuning, items, wanted }) {
   const { preview, listed, isListed } = tuning;
-  if (!preview) return html`<div class="flippanel__list"><${Bones} /></div>`;
+  if (!preview) return html`<div class="flippanel__list"><${SkeletonCards} /></div>`;
   if (wanted === 0) return html`<p class="panelbox__empty">No verdict changes. Move a threshold to see which ones would.</p>`;
   return html`<div class="flippanel__list ${isListed ? "" : "is-behind"}" aria-busy=${!isListed}>
-    ${items.length === 0 && (isListed ? html`<p class="panelbox__empty">None of these is among the ${countText(listed?.flips?.items.length ?? 0)} nearest.</p>` : html`<${Bones} />`)}
+    ${items.length === 0 && (isListed ? html`<p class="panelbox__empty">None of these is among the ${countText(listed?.flips?.items.length ?? 0)} nearest.</p>` : html`<${SkeletonCards} />`)}
     <${FlipGrid} items=${items} />
     <${More} tuning=${tuning} shown=${items.length} wanted=${wanted} />
   </div>`;
 }
 
-const Bones = () => html`<ul class="flips" aria-hidden="true">${[0, 1, 2, 3, 4, 5].map(() => html`<li class="flip"><span class="flip__picture shimmer"></span></li>`)}</ul>`;
+const SkeletonCards = () => html`<ul class="flips" aria-hidden="true">${[0, 1, 2, 3, 4, 5].map(() => html`<li class="flip"><span class="flip__picture shimmer"></span></li>`)}</ul>`;
 
 /** @param {{tuning: Tuning, shown: number, wanted: number}} props */
 function More({ tuning, shown, wanted }) {

@@ -90,8 +90,8 @@ function Tuner({ app, route, dataset, active, onApplied }) {
 const Empty = () => html`<${Notice} icon="layers" title="No boxes yet"><p>Histograms are shown once frames with boxes have been uploaded to this dataset.</p><//>`;
 
 const Skeleton = () => html`<div aria-hidden="true">
-    <div class="bone bone--row shimmer"></div><div class="bone bone--chart shimmer"></div>
-    <div class="classcards">${[0, 1, 2, 3].map(() => html`<div class="bone bone--tall shimmer"></div>`)}</div>
+    <div class="skeleton skeleton--row shimmer"></div><div class="skeleton skeleton--chart shimmer"></div>
+    <div class="classcards">${[0, 1, 2, 3].map(() => html`<div class="skeleton skeleton--tall shimmer"></div>`)}</div>
   </div>
   <p class="sr-only" role="status">Loading thresholds</p>`;
 

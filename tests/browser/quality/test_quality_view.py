@@ -59,7 +59,7 @@ def quality_page(user: Visitor, street: Scene) -> Page:
 
 def test_confusion_matrix_cells_count_and_link_to_their_boxes(user, answered):
     page = quality_page(user, answered)
-    fields = page.locator(".field2__count")
+    fields = page.locator(".matrixcell__count")
     expect(fields).to_have_text(["8", "0", "4", "6"])
 
     page.get_by_role("link", name=re.compile("real boxes that were rejected")).click()
