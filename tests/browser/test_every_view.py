@@ -190,7 +190,7 @@ def channels(tools: Tools) -> Iterator[str]:
     stored = scene.api.put(f"/datasets/{scene.dataset}/frames/a", files=files)
     assert stored.status_code == 201, stored.text
     page = tools.user.open(f"#/datasets/{scene.dataset}/quality")
-    panel = page.get_by_role("region", name="Channels compared")
+    panel = page.get_by_role("region", name="Kinds of evidence compared")
     expect(panel).to_be_visible()
     yield "not measured"
 

@@ -3,7 +3,7 @@
 
 import { withheld } from "../boxes/box.js";
 import { Picture } from "../boxes/crops.js";
-import { FilterMenus, classChoices } from "../boxes/filter_bar.js";
+import { DECIDED, FilterMenus, UNDECIDED, classChoices } from "../boxes/filter_bar.js";
 import { isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
 import { AnswerSign } from "../boxes/signs.js";
 import { spokenText } from "../boxes/wording.js";
@@ -39,7 +39,7 @@ export function QueueHead({ app, session, classes, query, onChange }) {
 function Choices({ classes, query, onChange }) {
   const [isOpen, setOpen] = useState(false);
   const order = orderOf(query);
-  const own = { class: { choices: classChoices(classes) }, reason: { any: "Any reason in the image" }, review: { any: order === "audit" ? "Decided" : "Undecided" } };
+  const own = { class: { choices: classChoices(classes) }, reason: { any: "Any reason in the image" }, review: { any: order === "audit" ? DECIDED : UNDECIDED } };
   return html`<${Segments} label="Order" value=${order} choices=${ORDERS} onChange=${(/** @type {string} */ value) => onChange({ ...query, order: value })} />
     <button class="button queue__more ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
     <div class="queue__filters ${isOpen ? "is-open" : ""}" role="search" aria-label="Filter boxes">

@@ -304,7 +304,8 @@ function rowsOf(box) {
     ["Explained by", box.explained_by ? `box ${box.explained_by}` : null],
     ["Rectangle", xyxy ? xyxy.map((value) => Math.round(value * 10) / 10).join(", ") : "outside the image"],
     ["Segmentation", box.lossy ? "lossy" : null],
-    ["Run, config", `${box.run}, ${String(box.config ?? "").slice(0, 8)}`],
+    ["Run", String(box.run)],
+    ["Configuration", box.config.slice(0, 8)],
   ];
 }
 

@@ -147,7 +147,7 @@ function Boxes({ app, diff }) {
   );
   const shown = items.filter((flip) => !way || wayOf(flip) === way);
   return html`<div class="rundiff__boxes">
-    <${WayTabs} way=${way} lost=${diff.kept_to_rejected} won=${diff.rejected_to_kept} onChange=${setWay} />
+    <${WayTabs} way=${way} counts=${diff} onChange=${setWay} />
     <div class="rundiff__flips"><${FlipGrid} items=${shown} />
       ${error && html`<${FailureLine} error=${error} onRetry=${more} />`}
       ${!isDone && items.length > 0 && html`<p class="flippanel__more"><span class="faint">${countText(items.length)} of ${countOf(diff.total, "box", "boxes")}, nearest to the threshold first</span><button class="button button--small" onClick=${more}>Show more</button></p>`}

@@ -12,7 +12,7 @@ import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { RunStrip, isOver, useOpenRun, useWatched } from "../jobs/job.js";
 import { AllClasses, ClassCards, Reasons } from "./classes.js";
 import { THRESHOLD, effectiveEdits, keyValue, valueOf, valueText } from "./config.js";
-import { Delta, FlipPanel, Way } from "./flips.js";
+import { Delta, FlipPanel, Way, wayIn } from "./flips.js";
 import { useTuning } from "./preview.js";
 import { ConfigPanel, SaveDialog, Versions } from "./versions.js";
 
@@ -50,7 +50,8 @@ function ThresholdsOf({ app, route }) {
 
 /** @param {{app: App, route: Route, dataset: string, active: ConfigVersion, onApplied: () => void}} props */
 function Tuner({ app, route, dataset, active, onApplied }) {
-  const { class: selected = "", scale = "", flips: way = "" } = route.query;
+  const { class: selected = "", scale = "" } = route.query;
+  const way = wayIn(route.query);
   const tuning = useTuning(app, dataset, active, route.query);
   const keys = useFields("FilterConfigIn");
   const [isSaving, setSaving] = useState(false);
@@ -153,13 +154,13 @@ function Figure({ verdict, count, before }) {
 /** @param {{flips: import("../core/openapi.js").FlipCounts & {total: number} | null}} props */
 function Flips({ flips }) {
   return html`<div class="figures figures--flips">
-    <div class="figure" data-figure="lost">
-      <span class="figure__name"><${Way} way="lost" />kept → rejected</span>
+    <div class="figure" data-figure="kept_to_rejected">
+      <span class="figure__name"><${Way} way="kept_to_rejected" />kept → rejected</span>
       <span class="figure__value num">${flips ? countText(flips.kept_to_rejected) : "–"}</span>
       <span class="delta">would flip</span>
     </div>
-    <div class="figure" data-figure="won">
-      <span class="figure__name"><${Way} way="won" />rejected → kept</span>
+    <div class="figure" data-figure="rejected_to_kept">
+      <span class="figure__name"><${Way} way="rejected_to_kept" />rejected → kept</span>
       <span class="figure__value num">${flips ? countText(flips.rejected_to_kept) : "–"}</span>
       <span class="delta">would flip</span>
     </div>

@@ -30,7 +30,7 @@ def dataset(api: httpx.Client, request: pytest.FixtureRequest) -> str:
 
 
 def panel(page: Page) -> Locator:
-    return page.get_by_role("region", name="Channels compared")
+    return page.get_by_role("region", name="Kinds of evidence compared")
 
 
 def measured(user: Visitor, dataset: str) -> Locator:

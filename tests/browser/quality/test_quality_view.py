@@ -111,7 +111,9 @@ def test_suggested_threshold_opens_in_the_thresholds_view(user, answered):
 
     handle = page.get_by_role("slider", name="Threshold of car", exact=True)
     expect(handle).to_have_attribute("aria-valuenow", f"{suggested:g}")
-    expect(page.locator('[data-figure="won"] .figure__value')).to_have_text("4")
+    expect(
+        page.locator('[data-figure="rejected_to_kept"] .figure__value')
+    ).to_have_text("4")
 
 
 def test_suggested_threshold_is_saved_as_a_version_by_one_click(user, answered):
