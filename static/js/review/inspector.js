@@ -18,7 +18,6 @@ import { OvertakenNotice } from "./answer_bar.js";
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../core/openapi.js").Frame} Frame */
 /** @typedef {import("../core/openapi.js").HistoryEntry} HistoryEntry */
-/** @typedef {import("../core/openapi.js").AcceptedTag["rgb"]} Rgb */
 
 /**
  * @param {{app: App, frame: Frame, box: Decision | null, boxes: readonly Decision[], isWaiting: boolean,
@@ -105,8 +104,8 @@ function HiddenBy({ box }) {
     <h3>${box.verdict === "rejected" && isByShare(box) ? "Hidden by" : "Also in the box"}</h3>
     <ul>
       ${box.hidden_by.map(
-        ({ name, percent }) => html`<li>
-          <span class="hidden-by__name"><span class="swatch" style=${{ background: swatchOf(name) }} />${name}</span>
+        ({ name, rgb, percent }) => html`<li>
+          <span class="hidden-by__name"><span class="swatch" style=${{ background: `rgb(${rgb.join(" ")})` }} />${name}</span>
           <span class="hidden-by__track" aria-hidden="true"><span style=${{ width: `${Math.min(100, percent)}%` }} /></span>
           <span class="num">${percentText(percent)}</span>
         </li>`,
@@ -133,47 +132,6 @@ function FrameDetails({ app, frame, boxes, onStart }) {
     ${unanswered > 0 && html`<button class="button button--primary" onClick=${onStart}>Go to the next box without an answer<${Keys} app=${app} keys=${keys} /></button>`}
     <dl class="facts">${facts.map(([name, value]) => value && html`<div><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
     ${segmentation?.notes?.map((note) => html`<p class="faint">${note}</p>`)}`;
-}
-
-/** CARLA's colours by name (0.9.14 on), for swatches beside a tag's name. @type {Record<string, Rgb>} */
-const COLOR_OF = {
-  Unlabeled: [0, 0, 0],
-  Road: [128, 64, 128],
-  Sidewalk: [244, 35, 232],
-  Building: [70, 70, 70],
-  Wall: [102, 102, 156],
-  Fence: [190, 153, 153],
-  Pole: [153, 153, 153],
-  TrafficLight: [250, 170, 30],
-  TrafficSign: [220, 220, 0],
-  Vegetation: [107, 142, 35],
-  Terrain: [152, 251, 152],
-  Sky: [70, 130, 180],
-  Pedestrian: [220, 20, 60],
-  Rider: [255, 0, 0],
-  Car: [0, 0, 142],
-  Vehicle: [0, 0, 142],
-  Truck: [0, 0, 70],
-  Bus: [0, 60, 100],
-  Train: [0, 80, 100],
-  Motorcycle: [0, 0, 230],
-  Bicycle: [119, 11, 32],
-  Static: [110, 190, 160],
-  Dynamic: [170, 120, 50],
-  Other: [55, 90, 80],
-  Water: [45, 60, 150],
-  RoadLine: [157, 234, 50],
-  Ground: [81, 0, 81],
-  Bridge: [150, 100, 100],
-  RailTrack: [230, 150, 140],
-  GuardRail: [180, 165, 180],
-  Rock: [180, 130, 70],
-};
-
-/** @param {string} name @returns {string} a CSS color */
-export function swatchOf(name) {
-  const rgb = COLOR_OF[name];
-  return rgb ? `rgb(${rgb.join(" ")})` : "transparent";
 }
 
 /** The comments that were typed and not saved yet, by box. @type {Map<number, string>} */

@@ -294,7 +294,10 @@ def test_box_is_described_in_text_and_numbers(scene, user):
 
     panel = page.locator(".panel--inspector")
     expect(panel).to_contain_text("400 of 10\u2009000")
-    expect(panel.locator(".hidden-by li").first).to_contain_text("Vegetation96 %")
+    hider = panel.locator(".hidden-by li").first
+    expect(hider).to_contain_text("Vegetation96 %")
+    vegetation = "rgb(107, 142, 35)"
+    expect(hider.locator(".swatch")).to_have_css("background-color", vegetation)
     expect(panel.locator(".inspector__sentence")).to_contain_text("4 % of its pixels")
     stage = page.get_by_role("img", name="Frame run/000001")
     expect(stage).to_have_attribute(
