@@ -66,7 +66,7 @@ _Row = tuple[str, dict[str, Any], float | None]
 
 
 def _rows(street: dict[str, Any]) -> list[_Row]:
-    """The channels of one street with their costs."""
+    """The kinds of evidence of one street with their costs."""
     channels, cost = street["solid"]["channels"], street["cost"]
     rows: list[_Row] = [
         (title, channels[name], cost[name]) for name, title in NAMES.items()
@@ -106,7 +106,7 @@ def _lost(recorded: list[dict[str, int]], crowded: list[dict[str, int]]) -> str:
 
 def _table(rows: list[_Row]) -> str:
     with_cost = any(cost is not None for *_, cost in rows)
-    head = "| channel | precision | recall | F1 (95 %) | ghosts kept | visible lost |"
+    head = "| evidence | precision | recall | F1 (95 %) | ghosts kept | visible lost |"
     lines = [head + (" cost |" if with_cost else "")]
     lines.append("|---|--:|--:|--:|--:|--:|" + ("--:|" if with_cost else ""))
     for title, score, cost in rows:

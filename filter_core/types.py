@@ -736,11 +736,13 @@ _DECIDED_COLUMNS: Final = tuple(
 class HiddenBy(TypedDict):
     """A tag that a box's class does not accept.
 
-    `percent` is the share of the box's counted pixels that have it, 0..100.
+    `rgb` is its colour in the palette of the frame, and `percent` the share of the
+    box's counted pixels that have it, 0..100.
     """
 
     tag: int
     name: str
+    rgb: list[int]
     percent: float
 
 

@@ -50,8 +50,8 @@ MOST_DEPTH: Final = 32
 """Maximum depth of nested folders."""
 MOST_LONGER: Final = 4
 """Maximum size of the response, as a multiple of the maximum size of the folder."""
-_TEXTS: Final = (".txt", ".xml", ".json", ".jsonl", ".yaml", ".yml", ".names")
-"""Text files that some reader opens."""
+TEXT_SUFFIXES: Final = (".txt", ".xml", ".json", ".jsonl", ".yaml", ".yml", ".names")
+"""Text files that some reader opens. The page has these, too (`TEXT` in folder.js)."""
 _DEVICE: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
 """Names reserved for devices on Windows, with any suffix."""
 
@@ -320,7 +320,7 @@ class _Response:
             shown = name if top == "." else name[len(top) + 1 :]
             if manifest is not None:
                 yield shown, "no line of the manifest names it"
-            elif not name.lower().endswith((*IMAGE_SUFFIXES, *_TEXTS)):
+            elif not name.lower().endswith((*IMAGE_SUFFIXES, *TEXT_SUFFIXES)):
                 yield shown, "neither an image nor a label"
 
 

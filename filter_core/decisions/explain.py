@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -227,8 +227,9 @@ def hidden_by(
 
     Returns
     -------
-    list of {"tag", "name", "percent"}, the commonest first (ties: the lower tag)
-        Percent of all counted pixels. Tags that surround objects without hiding them
+    list of {"tag", "name", "rgb", "percent"}, the commonest first (ties: the lower tag)
+        `rgb` is the tag's colour in the palette, white for Unknown; `percent` is of all
+        counted pixels. Tags that surround objects without hiding them
         (Road, RoadLine, Sidewalk, Ground, Terrain, Sky) are left out.
     """
     total = sum(tag_counts)
@@ -239,20 +240,29 @@ def hidden_by(
         if count and column in hiding
     ]
     return [
-        {"tag": tag, "name": name, "percent": 100.0 * -negative / total}
-        for negative, tag, name in sorted(found)[:_MOST_SHOWN]
+        {
+            "tag": tag,
+            "name": name,
+            "rgb": list(rgb),
+            "percent": 100.0 * -negative / total,
+        }
+        for negative, tag, name, rgb in sorted(found)[:_MOST_SHOWN]
     ]
 
 
+_HidingTags: TypeAlias = Mapping[int, tuple[int, str, list[int]]]
+"""Tag, name and colour for each column."""
+
+
 @lru_cache(maxsize=1024)
-def _hiding_tags(accept_mask: int, family: str) -> Mapping[int, tuple[int, str]]:
-    """The columns of a histogram whose pixels hide a box: to each its tag and name."""
+def _hiding_tags(accept_mask: int, family: str) -> _HidingTags:
+    """The columns of a histogram whose pixels hide a box, with the tags they count."""
     palette = FAMILIES[family]
     tags = np.array([*range(UNKNOWN_COLUMN), UNKNOWN_TAG])
     named = [(tag, palette.name_of(tag)) for tag in tags.tolist()]
     accepted = accepts(accept_mask, tags).tolist()
     return {
-        column: (tag, name)
+        column: (tag, name, palette.rgb_table[tag].tolist())
         for column, (tag, name) in enumerate(named)
         if not accepted[column] and name not in _HIDES_NOTHING
     }

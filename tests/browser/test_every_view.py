@@ -111,8 +111,8 @@ def frame(tools: Tools) -> Iterator[str]:
     user.open(scene.link("ghost"))
     many_boxes.review(scene, scene.box_id("ghost"), "reject")
     user.press("a")
-    expect(page.locator(".conflict")).to_be_visible()
-    yield "conflict"
+    expect(page.locator(".overtaken")).to_be_visible()
+    yield "overtaken"
 
     page.context.set_offline(True)
     user.press("j", "a")
@@ -150,8 +150,8 @@ def queue(tools: Tools) -> Iterator[str]:
     expect(page.locator(".stage[data-picture=shown]")).to_be_visible()
     many_boxes.review(scene, scene.box_id(many_boxes.queued_box_id(page)), "reject")
     user.press("a", "x")
-    expect(page.locator(".conflict")).to_be_visible()
-    yield "conflict"
+    expect(page.locator(".overtaken")).to_be_visible()
+    yield "overtaken"
 
     user.press("b")
     yield "blind"
@@ -190,7 +190,7 @@ def channels(tools: Tools) -> Iterator[str]:
     stored = scene.api.put(f"/datasets/{scene.dataset}/frames/a", files=files)
     assert stored.status_code == 201, stored.text
     page = tools.user.open(f"#/datasets/{scene.dataset}/quality")
-    panel = page.get_by_role("region", name="Channels compared")
+    panel = page.get_by_role("region", name="Kinds of evidence compared")
     expect(panel).to_be_visible()
     yield "not measured"
 
@@ -199,7 +199,7 @@ def channels(tools: Tools) -> Iterator[str]:
     yield "measured"
 
     page.get_by_role("button", name="Compare with instances").click()
-    expect(page.locator(".field2__count")).to_have_text(["1", "1", "0", "0"])
+    expect(page.locator(".matrixcell__count")).to_have_text(["1", "1", "0", "0"])
     yield "instances"
 
 

@@ -188,7 +188,7 @@ def test_numbers_and_units_do_not_wrap_in_a_narrow_window(
     user = open_window(viewport=PHONE)
     user.page.route("**/quality?*", respond_with_many_answers)
     page = user.open(f"#/datasets/{scene.dataset}/quality")
-    shares = page.locator(".field2__share")
+    shares = page.locator(".matrixcell__share")
     expect(shares).to_have_count(4)
 
     assert shares.evaluate_all(BROKEN_WORDS) == []

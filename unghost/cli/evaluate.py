@@ -75,7 +75,7 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
         Path | None,
         typer.Option(
             metavar="FILE.svg",
-            help="Draw the F1 of each channel with its interval (SVG).",
+            help="Draw the F1 of each kind of evidence with its interval (SVG).",
             dir_okay=False,
         ),
     ] = None
@@ -106,12 +106,12 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
 
 
 def evaluate(options: EvaluateOptions) -> None:
-    """Compare the filter's channels with the ground truth, on a folder of frames.
+    """Compare the kinds of evidence with the ground truth, on a folder of frames.
 
     Precision, recall and F1 with 95 % intervals, ghosts kept and visible objects lost,
-    for each channel; by class and by distance too; with --json the worst boxes, and
-    with --suggest thresholds for each class with their curves. Exit code 3 if some
-    frames could not be used; they are listed.
+    for each kind of evidence, by class and by distance, too; with --json the worst
+    boxes, and with --suggest thresholds for each class with their curves. Exit code 3
+    if some frames could not be used; they are listed.
     """
     from filter_core.local import evaluate_source
 
@@ -162,7 +162,7 @@ def _task(options: EvaluateOptions) -> EvaluationTask:
 
 
 def _print_evaluation(result: EvaluationObject, screen: Screen) -> None:
-    """One table of the channels, one by distance and one by class."""
+    """One table of the kinds of evidence, one by distance and one by class."""
     channels = result["channels"]
     columns = ("channel", *_SCORE_COLUMNS, "judged")
     rows = [(name, *_score_row(one), one["judged"]) for name, one in channels.items()]
@@ -267,7 +267,7 @@ def _yaml(config: FilterConfig, found: list[ClassSuggestion]) -> str:
 
 
 def f1_plot(scores: Sequence[tuple[str, MeasuredObject | None]]) -> str:
-    """F1 of each channel with its 95 % interval, as an SVG document."""
+    """F1 of each kind of evidence with its 95 % interval, as an SVG document."""
     known = [(title, score) for title, score in scores if score is not None]
     lowest = min((score["low"] for _, score in known), default=0.0)
     ticks = [tick for tick in _TICKS if tick >= lowest - 0.1]
@@ -275,7 +275,7 @@ def f1_plot(scores: Sequence[tuple[str, MeasuredObject | None]]) -> str:
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {height}" '
         'font-family="system-ui, sans-serif" font-size="13" role="img" '
-        'aria-label="F1 of each channel with its 95 % interval">',
+        'aria-label="F1 of each kind of evidence with its 95 % interval">',
         f'<rect width="{_WIDTH}" height="{height}" fill="#ffffff"/>',
         *(_plot_tick(tick, ticks[0], height) for tick in ticks),
         *(

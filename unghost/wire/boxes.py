@@ -44,6 +44,7 @@ class HiddenBy(ResponseModel):
 
     tag: int
     name: str
+    rgb: Annotated[tuple[int, int, int], IfAbsent((255, 255, 255))]
     percent: float
 
 

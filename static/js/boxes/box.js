@@ -5,13 +5,13 @@
 /** @typedef {import("../core/openapi.js").Review["verdict"]} Answer  a person's answer; clear removes it */
 /** @typedef {{verdict: Answer, comment: string}} AnswerWithComment */
 /**
- * @typedef {StoredDecision["verdict"] | "veiled"} Verdict  the filter's verdict; veiled: hidden until the person has
+ * @typedef {StoredDecision["verdict"] | "withheld"} Verdict  the filter's verdict; withheld: hidden until the person has
  *   answered, on this page only
  */
 /**
  * A box as the page may show it.
  * @typedef {Omit<StoredDecision, "verdict" | "effective_verdict" | "reason">
- *   & {verdict: Verdict, effective_verdict: Verdict, reason: StoredDecision["reason"] | "veiled"}} Decision
+ *   & {verdict: Verdict, effective_verdict: Verdict, reason: StoredDecision["reason"] | "withheld"}} Decision
  */
 /** @typedef {NonNullable<Decision["xyxy"]>} Xyxy  image px, half-open: x_min y_min x_max y_max */
 
@@ -69,14 +69,14 @@ export function withStored(box, stored) {
 const copies = new WeakMap();
 
 /** The box without verdict, numbers and answers, for a blind review. @param {Decision} box @returns {Decision} */
-export function veiled(box) {
+export function withheld(box) {
   const known = copies.get(box);
   if (known) return known;
   const copy = Object.freeze({
     ...box,
-    verdict: /** @type {const} */ ("veiled"),
-    effective_verdict: /** @type {const} */ ("veiled"),
-    reason: /** @type {const} */ ("veiled"),
+    verdict: /** @type {const} */ ("withheld"),
+    effective_verdict: /** @type {const} */ ("withheld"),
+    reason: /** @type {const} */ ("withheld"),
     explanation: "",
     evidence: null,
     match_percent: null,
@@ -99,14 +99,14 @@ export function veiled(box) {
 const hasAnswer = (box) => answerOf(box) !== null;
 
 /**
- * The box as it may be shown: veiled in a blind review until it is answered. For an audit of answered boxes, `isOpen`
+ * The box as it may be shown: withheld in a blind review until it is answered. For an audit of answered boxes, `isOpen`
  * tells which ones this person has answered by now.
  * @param {Decision} box
  * @param {boolean} isBlind  the switch in the preferences
  * @param {(box: Decision) => boolean} [isOpen]
  * @returns {Decision}
  */
-export const asShown = (box, isBlind, isOpen = hasAnswer) => (isBlind && !isOpen(box) ? veiled(box) : box);
+export const asShown = (box, isBlind, isOpen = hasAnswer) => (isBlind && !isOpen(box) ? withheld(box) : box);
 
 /** @param {Decision} box */
-export const isVeiled = (box) => box.verdict === "veiled";
+export const isWithheld = (box) => box.verdict === "withheld";

@@ -20,10 +20,15 @@ export const VERDICT_CHOICES = [
 
 const REASON_CHOICES = Object.entries(REASONS).map(([value, text]) => ({ value, text }));
 
+/** Not the same as unanswered: what a box without a keep or reject is called. */
+export const UNDECIDED = "Undecided: no answer, or unsure";
+
+export const DECIDED = "Decided: keep or reject";
+
 /** @type {Choices} */
 export const REVIEW_CHOICES = [
-  { value: "undecided", text: "Undecided" },
-  { value: "decided", text: "Decided" },
+  { value: "undecided", text: UNDECIDED },
+  { value: "decided", text: DECIDED },
   { value: "keep", text: "Answered keep" },
   { value: "reject", text: "Answered reject" },
   { value: "unsure", text: "Unsure" },

@@ -133,8 +133,14 @@ export const isFiltered = (query) => Object.keys(selectionOf(query)).length > 0;
 /** How many filters of the menu "More" are set. @param {Query} query */
 export const countOfMore = (query) => MORE_KEYS.filter((key) => key in selectionOf(query)).length;
 
+/** @param {Query} query @param {readonly string[]} keys @returns {Query} */
+const without = (query, keys) => Object.fromEntries(Object.entries(query).filter(([key]) => !keys.includes(key)));
+
 /** @param {Query} query @returns {Query} without any filter; the order stays */
-export const withoutFilters = (query) => Object.fromEntries(Object.entries(query).filter(([key]) => !BOX_FILTER_KEYS.includes(key)));
+export const withoutFilters = (query) => without(query, BOX_FILTER_KEYS);
+
+/** @param {Query} query @returns {Query} without the filters that a frame has; those of the grid alone stay for the way back */
+export const withoutFrameFilters = (query) => without(query, FILTER_KEYS);
 
 const MOST = 50;
 

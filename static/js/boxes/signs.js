@@ -22,8 +22,8 @@ export function AnswerSign({ box, isWaiting }) {
 
 /** @param {{verdict: string}} props */
 export function VerdictBadge({ verdict }) {
-  const icon = { kept: "check", rejected: "cross", veiled: "blind" }[verdict] ?? "question";
-  return html`<span class="badge badge--${verdict}"><${Icon} name=${icon} />${verdict === "veiled" ? "hidden" : verdict}</span>`;
+  const icon = { kept: "check", rejected: "cross", withheld: "blind" }[verdict] ?? "question";
+  return html`<span class="badge badge--${verdict}"><${Icon} name=${icon} />${verdict === "withheld" ? "hidden" : verdict}</span>`;
 }
 
 /** The swatch draws the stroke that the stage draws: solid, dashed, dotted. @param {{verdict: string}} props */

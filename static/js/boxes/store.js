@@ -259,7 +259,7 @@ export function useHeld(boxes, came) {
 }
 
 /**
- * Boxes as they may be shown: veiled in a blind review until they are answered.
+ * Boxes as they may be shown: withheld in a blind review until they are answered.
  * @param {import("../core/app.js").App} app @param {readonly Decision[]} boxes
  */
 export function useAsShown(app, boxes) {

@@ -29,13 +29,13 @@ export const REASONS = {
 };
 
 /** In a blind review: in place of what the filter and others say. */
-const VEILED = "hidden until you answer";
+const WITHHELD = "hidden until you answer";
 
 /** @param {string} reason */
-export const reasonText = (reason) => (reason === "veiled" ? VEILED : (REASONS[reason] ?? reason.replaceAll("_", " ")));
+export const reasonText = (reason) => (reason === "withheld" ? WITHHELD : (REASONS[reason] ?? reason.replaceAll("_", " ")));
 
 /** @type {Record<Verdict, string>} the sign that goes with the colour */
-export const VERDICT_SIGN = { kept: "✓", rejected: "✕", unmeasured: "?", veiled: "•" };
+export const VERDICT_SIGN = { kept: "✓", rejected: "✕", unmeasured: "?", withheld: "•" };
 
 /** @type {Record<string, string>} */
 export const ANSWER_TEXT = { keep: "keep", reject: "reject", unsure: "unsure", clear: "removed the answer" };
@@ -86,7 +86,7 @@ function measureText(box) {
       return box.matched_pixels ? `too few ${tags.replaceAll(" + ", " or ")} pixels` : `no ${tags.replaceAll(" + ", " or ")} pixel`;
     case "out_of_range":
       return `${metresText(box.distance)}: out of range`;
-    case "veiled":
+    case "withheld":
       return `${box.class} ${box.id}`;
     default:
       return reasonText(box.reason);
@@ -115,7 +115,7 @@ export function shortText(box) {
 
 /** One sentence for screen readers. @param {Decision} box */
 export function spokenText(box) {
-  if (box.verdict === "veiled") return `${box.class} ${box.id}, ${VEILED}`;
+  if (box.verdict === "withheld") return `${box.class} ${box.id}, ${WITHHELD}`;
   const answer = box.review && box.review.verdict !== "clear" ? `, answered ${box.review.verdict}` : "";
   return `${box.class} ${box.id}, ${box.verdict}${answer}: ${labelText(box)}`;
 }

@@ -1,27 +1,12 @@
 // @ts-check
-// Draws charts. The chart library is loaded with the first chart; colours come from the style sheet.
+// Draws charts. The chart library is loaded with this module; colours come from the style sheet.
 
+import Plot from "../../vendor/uplot-1.6.32.module.js";
 import { onThemeChange } from "./prefs.js";
 
-/** @typedef {import("../../vendor/uplot-1.6.32.module.js").default} UPlot */
-/** @typedef {import("../../vendor/uplot-1.6.32.module.js").default.Options} Options */
-/** @typedef {import("../../vendor/uplot-1.6.32.module.js").default.AlignedData} Data */
+/** @typedef {Plot.Options} Options */
+/** @typedef {Plot.AlignedData} Data */
 /** @typedef {Record<string, string>} Ink  CSS colours by token name */
-
-/** @type {Promise<typeof import("../../vendor/uplot-1.6.32.module.js").default> | null} */
-let library = null;
-
-/** One fetch for all charts; a failed one may be tried again. */
-function loadLibrary() {
-  library ??= import("../../vendor/uplot-1.6.32.module.js").then(
-    (module) => module.default,
-    (error) => {
-      library = null;
-      throw error;
-    },
-  );
-  return library;
-}
 
 /** The longest delay of a redraw by `redrawSoon`. */
 const SOON_MS = 150;
@@ -46,7 +31,7 @@ const fontOf = (element) => `11px ${getComputedStyle(element).fontFamily}`;
  * @returns {{redraw: () => void, redrawSoon: () => void, update: () => void, stop: () => void}}
  */
 export function drawChart(element, prefs, describe, data) {
-  /** @type {UPlot | null} */
+  /** @type {Plot | null} */
   let plot = null;
   let isStopped = false;
   // Twenty charts may depend on one threshold: those out of sight are redrawn when they are scrolled into view.
@@ -70,8 +55,7 @@ export function drawChart(element, prefs, describe, data) {
   });
   sight.observe(element);
   const size = () => ({ width: Math.max(element.clientWidth, 40), height: Math.max(element.clientHeight, 40) });
-  const build = async () => {
-    const Plot = await loadLibrary();
+  const build = () => {
     if (isStopped) return;
     plot?.destroy();
     plot = new Plot({ ...describe(readInk(element), fontOf(element)), ...size() }, data(), element);
@@ -82,8 +66,8 @@ export function drawChart(element, prefs, describe, data) {
   const watcher = new ResizeObserver(() => plot?.setSize(size()));
   watcher.observe(element);
   // The attribute that switches the theme may be set by a later observer than this one.
-  const stopTheme = onThemeChange(prefs, () => requestAnimationFrame(() => void build()));
-  build().catch(() => (element.dataset.failed = "true"));
+  const stopTheme = onThemeChange(prefs, () => requestAnimationFrame(build));
+  build();
   return {
     redraw,
     // When there is time: charts that follow another one must not slow it down.

@@ -1,6 +1,7 @@
 // @ts-check
-// Hooks that views share: useValue, useLoaded, usePages, useTask, useActions, useTyped, useClosing, useHead.
+// Hooks that views share: useValue, useLoaded, useDataset, usePages, useTask, useActions, useTyped, useClosing, useHead.
 
+import { get } from "./api.js";
 import { useCallback, useEffect, useLayoutEffect, useRef, useState } from "./html.js";
 import { linkTo } from "./router.js";
 
@@ -45,6 +46,9 @@ export function useLoaded(load, deps) {
   if (error) return { state: "error", value, error, reload };
   return done && value !== null ? { state: "ready", value, error: null, reload } : { state: "loading", value, error: null, reload };
 }
+
+/** The dataset of a view. @param {string} name @param {unknown} [state]  when it changes, the dataset is loaded again */
+export const useDataset = (name, state) => useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name, state]);
 
 /**
  * Something that a person asks for, with its state: whether it is running (`isBusy`), and why it failed (`error`).

@@ -30,6 +30,7 @@ export const KEYMAP = [
   { action: "previousFrame", keys: ["PageUp"], help: "Previous frame", group: "Move" },
   { action: "grid", keys: ["G"], help: "Boxes as a grid; from the grid, frames", group: "Move" },
   { action: "select", keys: ["Space", "Enter"], help: "Select or deselect the box", group: "In the grid", where: "grid" },
+  { action: "open", keys: ["C"], help: "Open the box in its frame", group: "In the grid", where: "grid" },
   { action: "selectAll", keys: ["Ctrl+A"], help: "Select all boxes that match the filters", group: "In the grid", where: "grid" },
   { action: "clear", keys: ["Delete"], help: "Remove the answers", group: "In the grid", where: "grid" },
   { action: "left", keys: ["ArrowLeft"], help: "Left; Shift with an arrow extends the selection", group: "In the grid", where: "grid" },
@@ -78,6 +79,22 @@ export function keysIn(settings, view) {
   return rows.map((row) => (row.where ? row : { ...row, keys: row.keys.filter((key) => !taken.has(key)) }));
 }
 
+/**
+ * The key of an action in a view, as it is shown; empty if no key works there.
+ * @param {string} action @param {KeySettings} settings @param {string} [view]
+ */
+export function keyText(action, settings, view = "") {
+  const row = keysIn(settings, view).find((each) => each.action === action);
+  const key = row?.keys.find((name) => !isOff(name, row, settings));
+  return key === undefined ? "" : shownKey(key);
+}
+
+/** What a button does, with the key for it. @param {string} text @param {string} key  empty: there is none */
+export const withKey = (text, key) => (key ? `${text} (${key})` : text);
+
+/** `keyText` in the current view. @param {App} app @param {string} action */
+export const useKeyText = (app, action) => keyText(action, useValue(app.keys), useValue(app.router.route).name);
+
 /** The rows that are active in the current view. @param {App} app */
 export const useKeys = (app) => keysIn(useValue(app.keys), useValue(app.router.route).name);
 
@@ -89,10 +106,14 @@ export function actionOf(press, settings, view = "") {
   if (press.altKey) return null;
   const name = nameOf(press);
   const row = keysIn(settings, view).find(({ keys }) => keys.includes(name));
-  // Rows of one view move through its list, like the keys of any list box: they cannot be switched off.
-  if (!row || (settings.off && isCharacter(name) && !row.where)) return null;
-  return row.action;
+  return row && !isOff(name, row, settings) ? row.action : null;
 }
+
+/**
+ * Whether a key is switched off. Space as a key of one view selects in its list, as in any list box: it stays.
+ * @param {string} name @param {Binding} row @param {KeySettings} settings
+ */
+const isOff = (name, { where }, settings) => settings.off && isCharacter(name) && !(where && name === "Space");
 
 /** Character keys can be switched off (WCAG 2.1.4); arrows and Escape stay. @param {string} name */
 const isCharacter = (name) => name === "Space" || [...name.replace(/^Shift\+/, "")].length === 1;
@@ -185,10 +206,11 @@ export function HelpDialog({ app, onClose }) {
   const settings = useValue(app.keys);
   const [changing, setChanging] = useState("");
   const [taken, setTaken] = useState("");
+  const here = app.router.route.get().name;
 
   /** @param {KeyboardEvent} event */
   const onKeyDown = (event) => {
-    if (!changing) return event.key === "?" ? dialog.close() : undefined;
+    if (!changing) return actionOf(event, settings, here) === "help" ? dialog.close() : undefined;
     if (["Shift", "Control", "Alt", "Meta", "Tab"].includes(event.key) || event.ctrlKey || event.metaKey || event.altKey) return undefined;
     event.preventDefault();
     if (event.key !== "Escape") {
@@ -200,7 +222,6 @@ export function HelpDialog({ app, onClose }) {
     return setChanging("");
   };
 
-  const here = app.router.route.get().name;
   /** @param {Binding} row */
   const isHere = ({ action, where }) => (where ? where === here : action === "help" || app.actions.get().some((offered) => offered[action]));
   const held = new Map(keysIn(settings, here).map((row) => [row.action, row]));
@@ -255,9 +276,9 @@ export const keepFocus = (event) => event.preventDefault();
 
 /** @param {{app: App, action: string, icon: string, isOn?: boolean, run: (() => void) | undefined}} props */
 export function Toggle({ app, action, icon, isOn, run }) {
-  const row = useKeys(app).find((binding) => binding.action === action);
-  const title = `${row?.help ?? action}${row?.keys[0] ? ` (${row.keys[0]})` : ""}`;
-  return html`<button class="button button--quiet button--icon" aria-pressed=${isOn} aria-label=${row?.help ?? action} title=${title} onMouseDown=${keepFocus} onClick=${run}>
+  const key = useKeyText(app, action);
+  const help = KEYMAP.find((row) => row.action === action)?.help ?? action;
+  return html`<button class="button button--quiet button--icon" aria-pressed=${isOn} aria-label=${help} title=${withKey(help, key)} onMouseDown=${keepFocus} onClick=${run}>
     <${Icon} name=${icon} />
   </button>`;
 }

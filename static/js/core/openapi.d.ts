@@ -2387,6 +2387,12 @@ export interface components {
             tag: number;
             /** Name */
             name: string;
+            /** Rgb */
+            rgb: [
+                number,
+                number,
+                number
+            ];
             /** Percent */
             percent: number;
         };

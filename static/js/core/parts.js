@@ -1,6 +1,7 @@
 // @ts-check
 // General controls: Notice, Failure, FailureLine, Dialog, Command, Segments, Select, NumberField, FileList.
 
+import { ApiError } from "./api.js";
 import { html, useEffect, useRef, useState } from "./html.js";
 import { Icon } from "./icons.js";
 import { countText } from "./numbers.js";
@@ -18,7 +19,7 @@ export function Notice({ title, children, icon = "image", actions }) {
 
 /** In place of a view or a list that could not be loaded: why, in the server's words, and a button to try again. @param {{error: Error, onRetry: () => void}} props */
 export function Failure({ error, onRetry }) {
-  const { problem, status } = /** @type {{problem?: {title?: string, request_id?: string}, status?: number}} */ (error);
+  const { problem = null, status = 0 } = error instanceof ApiError ? error : {};
   return html`<${Notice} icon="warn" title=${problem?.title ?? "This could not be loaded"}
     actions=${html`${status === 404 && html`<a class="button button--primary" href=${linkTo("datasets")}>All datasets</a>`}<button class="button" onClick=${onRetry}>Try again</button>`}>
     <p role="alert">${error.message}</p>

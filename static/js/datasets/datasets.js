@@ -82,6 +82,6 @@ function Empty({ app }) {
 
 function Skeleton() {
   return html`<div class="page__head"><h1>Datasets</h1></div>
-    <div class="cards" aria-hidden="true">${[0, 1, 2].map(() => html`<div class="card card--skeleton"><div class="card__picture shimmer" /><div class="card__body"><div class="bone" /><div class="bone bone--short" /><div class="bone" /></div></div>`)}</div>
+    <div class="cards" aria-hidden="true">${[0, 1, 2].map(() => html`<div class="card card--skeleton"><div class="card__picture shimmer" /><div class="card__body"><div class="skeleton" /><div class="skeleton skeleton--short" /><div class="skeleton" /></div></div>`)}</div>
     <p class="sr-only" role="status">Loading datasets</p>`;
 }

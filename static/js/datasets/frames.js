@@ -6,7 +6,7 @@ import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js
 import { FILTER_KEYS, filtersOf, selectionOf } from "../boxes/filters.js";
 import { VerdictBar } from "../boxes/signs.js";
 import { get, url } from "../core/api.js";
-import { useHead, useLoaded, usePages, useTyped, useValue } from "../core/hooks.js";
+import { useDataset, useHead, usePages, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
@@ -26,7 +26,7 @@ export function FramesView({ app, route }) {
   useHead(app, { title: name, dataset: name });
   const uploads = useValue(app.uploads.ended);
   const [isOpen, setOpen] = useState(false);
-  const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name, uploads]);
+  const dataset = useDataset(name, uploads);
   const counts = dataset.value?.counts;
   /** @param {Query} query */
   const setQuery = (query) => app.router.replace(linkTo("frames", { dataset: name }, query));

@@ -61,7 +61,7 @@ function Changes({ app, dataset, onDone }) {
   const ask = (field) => html`<label class="field" title=${field.help}><span>${field.text}</span>
     <${Control} field=${field} value=${chosen[field.key] ?? stored[field.key]} onChange=${(/** @type {unknown} */ value) => setChosen({ ...chosen, [field.key]: value })} /></label>`;
   if (fields.state === "error") return html`<${FailureLine} what="Settings" error=${fields.error} onRetry=${fields.reload} />`;
-  if (!fields.value) return html`<div class="bone bone--tall shimmer"></div>`;
+  if (!fields.value) return html`<div class="skeleton skeleton--tall shimmer"></div>`;
   return html`<form class="upload" onSubmit=${submit}>
     ${fields.value.filter(({ kind }) => kind === "text").map(ask)}
     <div class="settings__grid">${fields.value.filter(({ kind }) => kind !== "text").map(ask)}</div>

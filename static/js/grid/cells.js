@@ -8,6 +8,7 @@ import { matchText, reasonText, spokenText } from "../boxes/wording.js";
 import { useActions, useValue } from "../core/hooks.js";
 import { Component, html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
+import { useKeyText, withKey } from "../core/keymap.js";
 import { HEAD_PX, WAYS, cellsIn, layoutOf, moved, offsetAt, offsetToShow, rowsInSight, scrollTopFor } from "./layout.js";
 import { createPicking, extended, focused, isSelected, lassoed, listenToLasso } from "./selection.js";
 
@@ -46,6 +47,7 @@ export function GridCells({ app, place, frameSize, actions }) {
   const [{ onPick, onOpen }] = useState(() => createPicking(place, actions));
   const rows = Array.from({ length: Math.max(0, sight.end - sight.first) }, (_, i) => sight.first + i);
   const waiting = app.sender.state.get().waitingInBulk;
+  const openTitle = withKey("Open in its frame", useKeyText(app, "open"));
   const focusId = pager.idAt(selection.focus);
   return html`<div class="grid-scroll" ref=${host} tabindex="0" role="grid" aria-label="Boxes" aria-multiselectable="true" data-known=${pager.known()}
     aria-rowcount=${layout.rows} aria-colcount=${layout.columns} aria-busy=${pager.known() === 0} aria-activedescendant=${focusId === undefined ? undefined : `cell-${focusId}`}>
@@ -53,7 +55,7 @@ export function GridCells({ app, place, frameSize, actions }) {
       ${rows.map(
         (row) => html`<${Row} key=${row} app=${app} row=${row} top=${HEAD_PX + row * layout.pitch + view.scrollTop - offset} layout=${layout} frameSize=${frameSize} waiting=${waiting}
           cells=${Array.from({ length: Math.min(layout.columns, layout.count - row * layout.columns) }, (_, i) => cellAt(place, row * layout.columns + i, blind))}
-          onPick=${onPick} onOpen=${onOpen} />`,
+          openTitle=${openTitle} onPick=${onPick} onOpen=${onOpen} />`,
       )}
       ${lasso && html`<div class="lasso" role="presentation" style=${placeOf(lasso, view.scrollTop - offset)} />`}
     </div>
@@ -174,33 +176,33 @@ const SMALL_PX = 112;
 
 /**
  * @typedef {{app: App, row: number, top: number, layout: Layout, frameSize: Size | null, waiting: ReadonlySet<number>, cells: readonly CellState[],
- *   onPick: OnPick, onOpen: (index: number) => void}} RowProps
+ *   openTitle: string, onPick: OnPick, onOpen: (index: number) => void}} RowProps
  */
 
 /** @param {RowProps} props */
-export function Row({ app, row, top, layout, frameSize, waiting, cells, onPick, onOpen }) {
+export function Row({ app, row, top, layout, frameSize, waiting, cells, openTitle, onPick, onOpen }) {
   return html`<div class="grid-row ${layout.cell < SMALL_PX ? "is-small" : ""}" role="row" aria-rowindex=${row + 1} style=${{ transform: `translateY(${top}px)`, gridTemplateColumns: `repeat(${layout.columns}, ${layout.cell}px)` }}>
     ${cells.map(
       (cell, column) => html`<${Cell} key=${cell.index} app=${app} cell=${cell} column=${column} size=${layout.cell} frameSize=${frameSize}
-        isWaiting=${cell.id !== undefined && waiting.has(cell.id)} onPick=${onPick} onOpen=${onOpen} />`,
+        isWaiting=${cell.id !== undefined && waiting.has(cell.id)} openTitle=${openTitle} onPick=${onPick} onOpen=${onOpen} />`,
     )}
   </div>`;
 }
 
-/** @typedef {{app: App, cell: CellState, column: number, size: number, frameSize: Size | null, isWaiting: boolean, onPick: OnPick, onOpen: (index: number) => void}} CellProps */
+/** @typedef {{app: App, cell: CellState, column: number, size: number, frameSize: Size | null, isWaiting: boolean, openTitle: string, onPick: OnPick, onOpen: (index: number) => void}} CellProps */
 
 /** @extends {Component<CellProps>} */
 class Cell extends Component {
   /** @param {CellProps} next */
   shouldComponentUpdate(next) {
-    const { cell, size, frameSize, isWaiting, onPick } = this.props;
+    const { cell, size, frameSize, isWaiting, openTitle, onPick } = this.props;
     const isSame = cell.id === next.cell.id && cell.box === next.cell.box && cell.isSelected === next.cell.isSelected && cell.isFocused === next.cell.isFocused;
     // A click counts from the selection as it is now.
-    return !isSame || size !== next.size || frameSize !== next.frameSize || isWaiting !== next.isWaiting || onPick !== next.onPick;
+    return !isSame || size !== next.size || frameSize !== next.frameSize || isWaiting !== next.isWaiting || openTitle !== next.openTitle || onPick !== next.onPick;
   }
 
   /** @param {CellProps} props */
-  render({ app, cell, column, size, frameSize, isWaiting, onPick, onOpen }) {
+  render({ app, cell, column, size, frameSize, isWaiting, openTitle, onPick, onOpen }) {
     const { id, box, index, isSelected, isFocused } = cell;
     const flags = `${isSelected ? "is-selected" : ""} ${isFocused ? "is-focused" : ""}`;
     return html`<div class="cell ${flags}" role="gridcell" id=${id === undefined ? undefined : `cell-${id}`} aria-selected=${isSelected} aria-colindex=${column + 1} data-index=${index}
@@ -210,7 +212,7 @@ class Cell extends Component {
         ${box && html`<${Picture} box=${box} size=${size} frameSize=${frameSize} />`}
         ${box === null && html`<div class="cell__none shimmer" />`}
         ${box === undefined && html`<div class="cell__none">no longer matches</div>`}
-        ${box && html`<${Marks} box=${box} isWaiting=${isWaiting} onOpen=${() => onOpen(index)} />`}
+        ${box && html`<${Marks} box=${box} isWaiting=${isWaiting} openTitle=${openTitle} onOpen=${() => onOpen(index)} />`}
       </div>
       ${box ? html`<${Caption} box=${box} />` : html`<div class="cell__caption" />`}
     </div>`;
@@ -226,8 +228,8 @@ function Caption({ box }) {
   </div>`;
 }
 
-/** @param {{box: Decision, isWaiting: boolean, onOpen: () => void}} props */
-function Marks({ box, isWaiting, onOpen }) {
+/** @param {{box: Decision, isWaiting: boolean, openTitle: string, onOpen: () => void}} props */
+function Marks({ box, isWaiting, openTitle, onOpen }) {
   /** @param {Event} event */
   const open = (event) => {
     event.stopPropagation();
@@ -236,5 +238,5 @@ function Marks({ box, isWaiting, onOpen }) {
   return html`<span class="cell__tick" aria-hidden="true"><${Icon} name="check" class="icon--bold" /></span>
     ${box.toss_up && html`<span class="cell__tossup" title="A toss-up: too few pixels to be certain">±</span>`}
     <span class="cell__answer" aria-hidden="true"><${AnswerSign} box=${box} isWaiting=${isWaiting} /></span>
-    <button class="cell__open" tabindex="-1" aria-hidden="true" title="Open in its frame (C)" onClick=${open} onDblClick=${(/** @type {Event} */ event) => event.stopPropagation()}><${Icon} name="fit" /></button>`;
+    <button class="cell__open" tabindex="-1" aria-hidden="true" title=${openTitle} onClick=${open} onDblClick=${(/** @type {Event} */ event) => event.stopPropagation()}><${Icon} name="fit" /></button>`;
 }

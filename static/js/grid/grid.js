@@ -4,9 +4,10 @@
 import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
 import { SORTS, countOfMore, cycleVerdict, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
 import { get } from "../core/api.js";
-import { useActions, useClosing, useHead, useLoaded, useTask, useTyped, useValue } from "../core/hooks.js";
+import { useActions, useClosing, useDataset, useHead, useLoaded, useTask, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
+import { keyText, useKeyText } from "../core/keymap.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
@@ -26,7 +27,7 @@ import { allBut, everything, nothing, sizeOf, toggled } from "./selection.js";
 export function GridView({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Grid · ${name}`, dataset: name });
-  const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
+  const dataset = useDataset(name);
   /** @param {Query} query */
   const setQuery = (query) => app.router.replace(linkTo("grid", { dataset: name }, query));
   const failed = dataset.state === "error" && !dataset.value;
@@ -150,8 +151,13 @@ export function createGridActions(app, dataset, page) {
     const total = pager.total();
     if (selection.all && total !== null) app.bulkAnswers.answerAll(dataset, verdict, selectionOf(query), { total, snapshot: pager.snapshot() });
     else if (selection.ids.size) app.bulkAnswers.answer(dataset, verdict, [...selection.ids], pager.revisions());
-    else return app.toasts.show("Select boxes first: click, drag, or press Space.");
+    else return app.toasts.show(`Select boxes first: ${howToSelect()}.`);
     select(nothing(selection));
+  }
+
+  function howToSelect() {
+    const key = keyText("select", app.keys.get(), "grid");
+    return key ? `click, drag, or press ${key}` : "click or drag";
   }
 
   function undo() {
@@ -198,7 +204,7 @@ export function createGridActions(app, dataset, page) {
       unsure: () => answer("unsure"),
       clear: () => answer("clear"),
       undo,
-      crop: open,
+      open,
       cycleVerdict: () => cycleVerdict(app),
       blind: () => app.prefs.change({ blind: !app.prefs.get().blind }),
       grid: () => app.router.go(linkTo("frames", { dataset }, now().query)),
@@ -289,6 +295,7 @@ function RangeEnd({ label, hint, most, value, onChange }) {
 export function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
   const total = pager.total();
   const report = useValue(app.bulkAnswers.report);
+  const key = useKeyText(app, "select");
   const left = pager.changed().filter((box) => !isShown(box, query)).length;
   const hidden = total !== null && inAll !== null && isFiltered(query) ? Math.max(0, inAll - total) : 0;
   return html`<div class="grid-status">
@@ -299,7 +306,7 @@ export function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll
     ${left > 0 && html`<button class="button button--small" onClick=${onUpdate}>${countOf(left, "box no longer matches", "boxes no longer match")} · update</button>`}
     ${pager.error() && html`<${FailureLine} error=${pager.error()} onRetry=${pager.retry} />`}
     <span class="grid-status__middle"></span>
-    <span class="faint grid-status__hint">${selected ? "" : "Click, drag or Space selects"}</span>
+    <span class="faint grid-status__hint">${selected ? "" : `Click${key ? `, drag or ${key}` : " or drag"} selects`}</span>
     ${total !== null && total > 0 && html`<button class="button button--small" onClick=${onAll}>Select all ${countText(total)}</button>`}
   </div>
   ${report && html`<${ReportLine} app=${app} report=${report} />`}`;

@@ -2,7 +2,7 @@
 // Runs and exports while they are on the page: their state, kept up to date, as bar and badge; cancelling them.
 
 import { ApiError, NoResponse, get, post } from "../core/api.js";
-import { useTask } from "../core/hooks.js";
+import { useLoaded, useTask } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
@@ -53,6 +53,22 @@ export function useWatched(run, onOver) {
   }, [run]);
   return seen && run && seen.id === run.id ? seen : run;
 }
+
+/**
+ * Look once for a run of the dataset that has not ended: somebody may have started it before this view was opened.
+ * @param {string} dataset @param {(run: Run) => void} onFound @param {Run["kind"]} [kind]  of any kind if left out
+ */
+export function useOpenRun(dataset, onFound, kind) {
+  const { value, error, reload } = useLoaded((signal) => get("/api/v1/datasets/{dataset}/runs", { path: { dataset }, query: { limit: NEWEST }, signal }), [dataset]);
+  useEffect(() => {
+    const open = value?.items.find((run) => !isOver(run) && (!kind || run.kind === kind));
+    if (open) onFound(open);
+  }, [value]);
+  return { error, reload };
+}
+
+/** Runs of a dataset are carried out one after the other: one that has not ended is among the newest. */
+const NEWEST = 5;
 
 const LOOK_AGAIN_MS = 5000;
 

@@ -5,25 +5,20 @@ import { listQuery } from "../boxes/filters.js";
 import { EVIDENCE, evidenceText } from "../boxes/wording.js";
 import { get, post } from "../core/api.js";
 import { useLoaded, useTask } from "../core/hooks.js";
-import { html, useEffect, useState } from "../core/html.js";
+import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, percentText } from "../core/numbers.js";
 import { FailureLine, Segments } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { RunStrip, isOver, useWatched } from "../jobs/job.js";
+import { RunStrip, isOver, useOpenRun, useWatched } from "../jobs/job.js";
 import { MeasureCell } from "./comparison.js";
-import { bandText } from "./measures.js";
+import { COUNTED, TRUTHS, bandText } from "./measures.js";
 
 /** @typedef {import("../core/app.js").App} App */
 /** @typedef {import("../core/openapi.js").ChannelScore} ChannelScore */
 /** @typedef {import("../core/openapi.js").Evaluation} Evaluation */
 /** @typedef {import("../core/openapi.js").Run} Run */
 /** @typedef {import("../core/openapi.js").Score} Score */
-
-const TRUTHS = [
-  { value: "instances", text: "Instances" },
-  { value: "people", text: "People" },
-];
 
 const BY = [
   { value: "all", text: "All boxes" },
@@ -40,16 +35,17 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
   const found = loaded.error ? null : loaded.value;
   const isCounted = found !== null && found.boxes > 0;
   return html`<section class="panelbox quality__wide" aria-labelledby="channels-title" aria-busy=${loaded.state === "loading"}>
-    <header class="panelbox__head"><h2 id="channels-title">Channels compared</h2>
+    <header class="panelbox__head"><h2 id="channels-title">Kinds of evidence compared</h2>
       <span class="faint">${truth === "people" ? "visible: people kept it" : "visible: it has a pixel in the instance image"}</span>
       <span class="panelbox__tools">
-        ${isCounted && html`<${Segments} label="Compare channels by" value=${by} choices=${BY} onChange=${setBy} />`}
+        ${isCounted && html`<${Segments} label="Compare kinds of evidence by" value=${by} choices=${BY} onChange=${setBy} />`}
         <${Segments} label="Compare with" value=${truth} choices=${TRUTHS} onChange=${onTruth} />
         ${isCounted && found.not_measured.length > 0 && html`<${MeasureButton} measuring=${measuring} />`}
       </span></header>
     ${measuring.run && html`<${RunStrip} app=${app} dataset=${dataset} run=${measuring.run} onClose=${measuring.close} />`}
+    ${measuring.search.error && html`<${FailureLine} what="Runs" error=${measuring.search.error} onRetry=${measuring.search.reload} />`}
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
-    ${!found && loaded.state === "loading" && html`<div class="bone bone--row shimmer" aria-hidden="true"></div><p class="sr-only" role="status">Loading the comparison of channels</p>`}
+    ${!found && loaded.state === "loading" && html`<div class="skeleton skeleton--row shimmer" aria-hidden="true"></div><p class="sr-only" role="status">Loading the comparison of kinds of evidence</p>`}
     ${found && (isCounted ? html`<${Compared} dataset=${dataset} found=${found} by=${by} active=${active} />` : html`<${Nothing} dataset=${dataset} found=${found} measuring=${measuring} onTruth=${onTruth} />`)}
   </section>`;
 }
@@ -73,7 +69,7 @@ function Nothing({ dataset, found, measuring, onTruth }) {
   return html`<p class="panelbox__empty">No frame has an instance image, so visibility is unknown. <button class="button button--small" onClick=${() => onTruth("people")}>Compare with people</button></p>`;
 }
 
-/** @typedef {{run: Run | null, isBusy: boolean, start: () => void, close: () => void}} Measuring */
+/** @typedef {{run: Run | null, search: ReturnType<typeof useOpenRun>, isBusy: boolean, start: () => void, close: () => void}} Measuring */
 
 /** @param {{measuring: Measuring}} props */
 const MeasureButton = ({ measuring: { start, isBusy } }) => html`<button class="button" disabled=${isBusy} onClick=${start}><${Icon} name="play" />Measure every channel</button>`;
@@ -87,32 +83,22 @@ function useMeasuring(app, dataset, onDone) {
     onDone();
   };
   const run = useWatched(asked, afterEnd);
-  useEffect(() => {
-    const stop = new AbortController();
-    const look = async () => {
-      const { items } = await get("/api/v1/datasets/{dataset}/runs", { path: { dataset }, query: { limit: 5 }, signal: stop.signal });
-      const open = items.find((one) => one.kind === "measure" && !isOver(one));
-      if (open) setAsked((now) => now ?? open);
-    };
-    // If this fails the button is still there; pressing it shows what is wrong.
-    look().catch(() => {});
-    return () => stop.abort();
-  }, [dataset]);
+  const search = useOpenRun(dataset, (found) => setAsked((now) => now ?? found), "measure");
   /** Measure every channel that the frames' files allow. */
   const start = useTask(async () => {
     const started = await post("/api/v1/datasets/{dataset}/evaluations", { path: { dataset } });
     if (isOver(started)) afterEnd(started);
     else setAsked(started);
   }, app.toasts.fail);
-  return { run, isBusy: start.isBusy || (run !== null && !isOver(run)), start: () => void start.run(), close: () => setAsked(null) };
+  return { run, search, isBusy: start.isBusy || (run !== null && !isOver(run)), start: () => void start.run(), close: () => setAsked(null) };
 }
 
 /** @param {{dataset: string, found: Evaluation, by: string, active: string}} props */
 export function ChannelTable({ dataset, found, by, active }) {
   const channels = Object.entries(found.channels);
   if (by === "all") return html`<${Whole} dataset=${dataset} channels=${channels} boxes=${found.boxes} active=${active} />`;
-  return html`<div class="tablewrap" role="group" aria-label="Channels" tabindex="0"><table class="table groups channels channels--matrix">
-    <caption class="sr-only">F1 of each channel by ${by}</caption>
+  return html`<div class="tablewrap" role="group" aria-label="Kinds of evidence" tabindex="0"><table class="table groups channels channels--matrix">
+    <caption class="sr-only">F1 of each kind of evidence by ${by}</caption>
     <thead><tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>${channels.map(([name]) => html`<th scope="col" key=${name}>${evidenceText(name)} <span class="faint">F1</span></th>`)}</tr></thead>
     <tbody>${groupsOf(channels, by).map(({ key, text, scores }) => html`<tr key=${key}>
       <th scope="row">${text}</th>
@@ -130,9 +116,9 @@ function groupsOf(channels, by) {
 }
 
 /** @param {{dataset: string, channels: readonly [string, ChannelScore][], boxes: number, active: string}} props */
-const Whole = ({ dataset, channels, boxes, active }) => html`<div class="tablewrap" role="group" aria-label="Channels" tabindex="0"><table class="table groups channels">
-  <caption class="sr-only">Precision, recall and F1 of each channel</caption>
-  <thead><tr><th scope="col">Channel</th><th class="is-num" scope="col" title="Boxes this channel could measure">Judged</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col">Kept ghosts</th><th class="is-num" scope="col">Lost boxes</th><th scope="col">Worst</th></tr></thead>
+const Whole = ({ dataset, channels, boxes, active }) => html`<div class="tablewrap" role="group" aria-label="Kinds of evidence" tabindex="0"><table class="table groups channels">
+  <caption class="sr-only">Precision, recall and F1 of each kind of evidence</caption>
+  <thead><tr><th scope="col">Evidence</th><th class="is-num" scope="col" title="Boxes that it could measure">Measured</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col" title=${COUNTED.kept}>Kept ghosts</th><th class="is-num" scope="col" title=${COUNTED.lost}>Lost boxes</th><th scope="col" title="The boxes that it got most clearly wrong">Worst</th></tr></thead>
   <tbody>${channels.map(([name, score]) => html`<tr key=${name}>
     <th scope="row">${evidenceText(name)}${name === active && html` <span class="tagword">active</span>`}<span class="faint channels__about">${EVIDENCE[name]?.about}</span></th>
     <td class="is-num num" title=${`${countText(score.judged)} of ${countText(boxes)} boxes`}>${percentText((100 * score.judged) / boxes)}</td>
@@ -145,7 +131,7 @@ const Whole = ({ dataset, channels, boxes, active }) => html`<div class="tablewr
   </tr>`)}</tbody>
 </table></div>`;
 
-/** A link to the boxes that a channel got most clearly wrong. @param {{dataset: string, name: string, worst: ChannelScore["worst"]}} props */
+/** A link to the boxes that a kind of evidence got most clearly wrong. @param {{dataset: string, name: string, worst: ChannelScore["worst"]}} props */
 function WorstLink({ dataset, name, worst }) {
   if (worst.length === 0) return html`<span class="faint">none</span>`;
   const link = linkTo("queue", { dataset }, listQuery(worst.map(({ box_id }) => box_id)));

@@ -6,7 +6,7 @@ import { Icon } from "../core/icons.js";
 import { countText } from "../core/numbers.js";
 import { Segments } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { CELLS, WORDS, answersIn, bandQuery, bandText, boxesOf, intervalText, percentOf, shareOf, shareText } from "./measures.js";
+import { CELLS, COUNTED, WORDS, answersIn, bandQuery, bandText, boxesOf, intervalText, percentOf, shareOf, shareText } from "./measures.js";
 
 /** @typedef {import("../core/openapi.js").Confusion} Confusion */
 /** @typedef {import("../core/openapi.js").Measure} Measure */
@@ -54,7 +54,7 @@ function Matrix({ dataset, truth, confusion }) {
       ${["kept", "rejected"].map(
         (filter) => html`<tr key=${filter}>
           <th scope="row">filter ${filter === "kept" ? "keeps" : "rejects"}</th>
-          ${CELLS.filter((cell) => cell.filter === filter).map((cell) => html`<td key=${cell.cell}><${Field} confusion=${confusion} cell=${cell} href=${boxesOf(dataset, truth, cell)} /></td>`)}
+          ${CELLS.filter((cell) => cell.filter === filter).map((cell) => html`<td key=${cell.cell}><${MatrixCell} confusion=${confusion} cell=${cell} href=${boxesOf(dataset, truth, cell)} /></td>`)}
         </tr>`,
       )}
     </tbody>
@@ -62,15 +62,15 @@ function Matrix({ dataset, truth, confusion }) {
 }
 
 /** @param {{confusion: Confusion, cell: typeof CELLS[number], href: string | null}} props */
-function Field({ confusion, cell, href }) {
+function MatrixCell({ confusion, cell, href }) {
   const count = confusion[cell.cell];
   const share = shareOf(confusion, cell.cell);
-  const inner = html`<span class="field2__fill" style=${{ opacity: count ? 0.12 + 0.28 * share : 0 }}></span>
-    <span class="field2__sign"><${Icon} name=${cell.isAgreed ? "check" : "warn"} /></span>
-    <span class="field2__count num">${countText(count)}</span>
-    <span class="field2__share num">${percentOf(share)} %</span>
-    <span class="field2__text">${cell.text}</span>`;
-  const name = `field2 field2--${cell.isAgreed ? "agreed" : "differ"}`;
+  const inner = html`<span class="matrixcell__fill" style=${{ opacity: count ? 0.12 + 0.28 * share : 0 }}></span>
+    <span class="matrixcell__sign"><${Icon} name=${cell.isAgreed ? "check" : "warn"} /></span>
+    <span class="matrixcell__count num">${countText(count)}</span>
+    <span class="matrixcell__share num">${percentOf(share)} %</span>
+    <span class="matrixcell__text">${cell.text}</span>`;
+  const name = `matrixcell matrixcell--${cell.isAgreed ? "agreed" : "differ"}`;
   return count > 0 && href ? html`<a class=${name} href=${href}>${inner}</a>` : html`<span class=${name}>${inner}</span>`;
 }
 
@@ -90,7 +90,7 @@ export function PerGroup({ dataset, quality }) {
       <span class="faint">dot: measured; line: 95 % interval; axis from 0 to 100 %</span>
       <span class="panelbox__tools"><${Segments} label="Compare by" value=${by} choices=${CHOICES} onChange=${setBy} /></span></header>
     <div class="tablewrap"><table class="table groups">
-      <thead><tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th><th class="is-num" scope="col">${WORDS[quality.truth].column}</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col">Kept ghosts</th><th class="is-num" scope="col">Lost boxes</th></tr></thead>
+      <thead><tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th><th class="is-num" scope="col">${WORDS[quality.truth].column}</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col" title=${COUNTED.kept}>Kept ghosts</th><th class="is-num" scope="col" title=${COUNTED.lost}>Lost boxes</th></tr></thead>
       <tbody>${groups.map((group) => html`<${Row} key=${group.key} dataset=${dataset} truth=${quality.truth} group=${group} />`)}</tbody>
     </table></div>
   </section>`;

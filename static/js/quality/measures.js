@@ -66,6 +66,9 @@ export function bandQuery(band) {
 export const worthTrying = (suggested, target = "f1") =>
   suggested.filter((one) => one.suggested !== one.current && (target !== "f1" || (one.f1_suggested ?? 0) > (one.f1_current ?? 0)));
 
+/** What the columns of errors count. */
+export const COUNTED = { kept: "Boxes that were kept although they should be rejected", lost: "Boxes that were rejected although they should be kept" };
+
 /** @typedef {typeof CELLS[number]} CellAbout */
 
 /**

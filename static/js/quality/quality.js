@@ -7,7 +7,7 @@ import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, Notice, Segments } from "../core/parts.js";
-import { ROUTES, linkTo } from "../core/router.js";
+import { linkTo } from "../core/router.js";
 import { Channels } from "./channels.js";
 import { ConfusionPanel, PerGroup } from "./comparison.js";
 import { FEW_ANSWERS, TRUTHS, WORDS, answersIn, kappaText } from "./measures.js";
@@ -15,9 +15,7 @@ import { Suggestions } from "./suggestions.js";
 
 /** @typedef {import("../core/openapi.js").Agreement} Agreement */
 /** @typedef {import("../core/app.js").App} App */
-
-/** Where answers are given. @param {string} dataset @param {Record<string, string>} [query] */
-export const queueLink = (dataset, query = {}) => linkTo(ROUTES.some(({ name }) => name === "queue") ? "queue" : "frames", { dataset }, query);
+/** @typedef {import("../core/openapi.js").Reviewer} Reviewer */
 
 /** @param {{app: App, route: import("../core/router.js").Route}} props */
 export const QualityView = ({ app, route }) => html`<${QualityOf} key=${route.params.dataset} app=${app} route=${route} />`;
@@ -69,7 +67,7 @@ function QualityOf({ app, route }) {
 /** @param {{dataset: string, answers: number}} props */
 const Few = ({ dataset, answers }) => html`<p class="fewanswers"><${Icon} name="warn" />
   <span><strong>${countOf(answers, "answer")} ${answers === 1 ? "is" : "are"} too few for a reliable result.</strong> Look at the intervals rather than the numbers. With about ${FEW_ANSWERS} answers the intervals become narrow.</span>
-  <a class="button button--small" href=${queueLink(dataset)}>Answer more</a></p>`;
+  <a class="button button--small" href=${linkTo("queue", { dataset })}>Answer more</a></p>`;
 
 /** @param {{dataset: string, truth: string, unsure: number, onInstances: () => void}} props */
 const Empty = ({ dataset, truth, unsure, onInstances }) =>
@@ -78,15 +76,15 @@ const Empty = ({ dataset, truth, unsure, onInstances }) =>
   <p>Instance images show what is visible. "Measure every channel" below reads those that were uploaded with the frames.</p>
 <//>`
     : html`<${Notice} icon="question" title="Nobody has answered yet"
-  actions=${html`<a class="button button--primary" href=${queueLink(dataset)}>Answer boxes</a><button class="button" onClick=${onInstances}>Compare with instances</button>`}>
+  actions=${html`<a class="button button--primary" href=${linkTo("queue", { dataset })}>Answer boxes</a><button class="button" onClick=${onInstances}>Compare with instances</button>`}>
   <p>This page compares the filter's verdicts with people's answers. Keep or reject some boxes first, both kept and rejected ones.</p>
   ${unsure > 0 && html`<p class="faint">${countOf(unsure, "box", "boxes")} flagged as unsure ${unsure === 1 ? "does" : "do"} not count.</p>`}
 <//>`;
 
-const Skeleton = () => html`<div class="quality" aria-hidden="true">${[0, 1, 2].map(() => html`<div class="panelbox"><div class="bone bone--tall shimmer"></div></div>`)}</div>
+const Skeleton = () => html`<div class="quality" aria-hidden="true">${[0, 1, 2].map(() => html`<div class="panelbox"><div class="skeleton skeleton--tall shimmer"></div></div>`)}</div>
   <p class="sr-only" role="status">Loading quality</p>`;
 
-/** @param {{agreement: Agreement, reviewers: readonly {name: string, answers: number, keep: number, reject: number, unsure: number}[]}} props */
+/** @param {{agreement: Agreement, reviewers: readonly Reviewer[]}} props */
 export function Reviewers({ agreement, reviewers }) {
   return html`<section class="panelbox quality__wide" aria-labelledby="reviewers-title">
     <header class="panelbox__head"><h2 id="reviewers-title">People</h2><span class="faint">${countOf(reviewers.length, "reviewer")}</span></header>

@@ -1,9 +1,9 @@
 // @ts-check
 // Above the queue's stage: order, filters, progress, and the strip with the boxes before and after the current one.
 
-import { veiled } from "../boxes/box.js";
+import { withheld } from "../boxes/box.js";
 import { Picture } from "../boxes/crops.js";
-import { FilterMenus, classChoices } from "../boxes/filter_bar.js";
+import { DECIDED, FilterMenus, UNDECIDED, classChoices } from "../boxes/filter_bar.js";
 import { isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
 import { AnswerSign } from "../boxes/signs.js";
 import { spokenText } from "../boxes/wording.js";
@@ -39,7 +39,7 @@ export function QueueHead({ app, session, classes, query, onChange }) {
 function Choices({ classes, query, onChange }) {
   const [isOpen, setOpen] = useState(false);
   const order = orderOf(query);
-  const own = { class: { choices: classChoices(classes) }, reason: { any: "Any reason in the image" }, review: { any: order === "audit" ? "Decided" : "Undecided" } };
+  const own = { class: { choices: classChoices(classes) }, reason: { any: "Any reason in the image" }, review: { any: order === "audit" ? DECIDED : UNDECIDED } };
   return html`<${Segments} label="Order" value=${order} choices=${ORDERS} onChange=${(/** @type {string} */ value) => onChange({ ...query, order: value })} />
     <button class="button queue__more ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
     <div class="queue__filters ${isOpen ? "is-open" : ""}" role="search" aria-label="Filter boxes">
@@ -83,7 +83,7 @@ export function QueueStrip({ app, session, line, isHidden, onShow }) {
       return html`<li key=${box.box_id}>
         <button class="strip-list__box ${isCovered ? "is-covered" : ""}" aria-current=${box.box_id === here ? "true" : undefined} aria-label=${isCovered ? `${box.class} ${box.id}` : spokenText(box)}
           title=${`${box.class} ${box.id}`} onClick=${() => onShow(lookedAt(line, box.box_id))}>
-          <${Picture} box=${isCovered ? veiled(box) : box} size=${SIZE_PX} frameSize=${null} />
+          <${Picture} box=${isCovered ? withheld(box) : box} size=${SIZE_PX} frameSize=${null} />
           ${!isCovered && html`<span class="cell__answer"><${AnswerSign} box=${box} isWaiting=${waiting.has(box.box_id)} /></span>`}
         </button>
       </li>`;

@@ -5,15 +5,14 @@ import { answerOf, asShown } from "../boxes/box.js";
 import { cycleVerdict, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
 import { useBoxes } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
-import { get } from "../core/api.js";
-import { useActions, useHead, useLoaded, useValue } from "../core/hooks.js";
+import { useActions, useDataset, useHead, useValue } from "../core/hooks.js";
 import { html, useCallback, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, metresText } from "../core/numbers.js";
 import { createValue } from "../core/observable.js";
 import { Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { AnswerBar, ConflictNotice } from "../review/answer_bar.js";
+import { AnswerBar, OvertakenNotice } from "../review/answer_bar.js";
 import { Inspector, forgetTyped, typedComment } from "../review/inspector.js";
 import { createMedia } from "../stage/media.js";
 import { createLookActions } from "../stage/view.js";
@@ -34,7 +33,7 @@ const RENEW_MS = 4 * 60_000;
 export function QueueView({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Queue · ${name}`, dataset: name });
-  const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
+  const dataset = useDataset(name);
   const session = sessionOf(app, name, route.query);
   /** @param {Query} query */
   const setQuery = (query) => app.router.replace(linkTo("queue", { dataset: name }, query));
@@ -87,7 +86,7 @@ function SessionView({ app, session, query, isEmpty, onQuery }) {
     ${box && shown
       ? html`<div class="review__stage queue__stage">
             <${QueueStage} app=${app} box=${shown} see=${see} media=${media.of(box.frame_id)} view=${view} actions=${actions.byName} stageRef=${stage} />
-            <${Conflicts} app=${app} session=${session} onShow=${actions.show} />
+            <${OvertakenNotices} app=${app} session=${session} onShow=${actions.show} />
             <${AnswerBar} app=${app} box=${shown} isWaiting=${isWaiting} actions=${actions.byName} />
           </div>
           ${isHidden
@@ -272,15 +271,15 @@ function doneText(verdicts) {
 }
 
 /** Notices for boxes that somebody else answered first. @param {{app: App, session: Session, onShow: (line: import("./line.js").Line) => void}} props */
-export function Conflicts({ app, session, onShow }) {
-  const conflicts = [...useValue(app.conflicts).values()].flatMap((item) => {
+export function OvertakenNotices({ app, session, onShow }) {
+  const overtaken = [...useValue(app.overtaken).values()].flatMap((item) => {
     const box = session.line.get().ids.includes(item.boxId) ? app.boxes.get(item.boxId) : undefined;
     return box ? [{ item, box }] : [];
   });
-  if (conflicts.length === 0) return null;
-  return html`<div class="queue__conflicts">
-    ${conflicts.map(
-      ({ item, box }) => html`<${ConflictNotice} key=${box.box_id} app=${app} box=${box} item=${item} isNamed=${true}>
+  if (overtaken.length === 0) return null;
+  return html`<div class="queue__overtaken">
+    ${overtaken.map(
+      ({ item, box }) => html`<${OvertakenNotice} key=${box.box_id} app=${app} box=${box} item=${item} isNamed=${true}>
         <button class="button button--small button--quiet" onClick=${() => onShow(lookedAt(session.line.get(), box.box_id))}>Look at it</button>
       <//>`,
     )}

@@ -1,12 +1,12 @@
 // @ts-check
 // The stage of the queue: the current box close up or in its frame, with a small map of the frame and a measure of its speed.
 
-import { isVeiled } from "../boxes/box.js";
+import { isWithheld } from "../boxes/box.js";
 import { useBoxes, useHeld } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
 import { useValue } from "../core/hooks.js";
 import { html, useLayoutEffect, useMemo, useRef } from "../core/html.js";
-import { Toggle } from "../core/keymap.js";
+import { Toggle, useKeyText, withKey } from "../core/keymap.js";
 import { Failure } from "../core/parts.js";
 import { useLazy } from "../stage/media.js";
 import { LookBar, StageView } from "../stage/view.js";
@@ -22,11 +22,11 @@ const NONE = [];
 /**
  * @param {{app: App, box: Decision, see: (box: Decision) => Decision, media: import("../stage/media.js").Media, view: import("../core/observable.js").Value<"crop" | "frame">,
  *   actions: Actions, stageRef: {current: import("../stage/stage.js").Stage | null}}} props
- *   `box`: veiled until it is answered in a blind review; then its frame's other boxes are not shown either; `see`: what may be shown of those
+ *   `box`: withheld until it is answered in a blind review; then its frame's other boxes are not shown either; `see`: what may be shown of those
  */
 export function QueueStage({ app, box, see, media, view, actions, stageRef }) {
   const mode = useValue(view);
-  const isBlind = isVeiled(box);
+  const isBlind = isWithheld(box);
   const { value: frame = null, error, retry } = useLazy(media.frame);
   const { value: picture = null, error: noPicture } = useLazy(frame?.has_image ? media.picture : null);
   const inFrame = useBoxes(app.boxes, useHeld(app.boxes, frame && mode === "frame" && !isBlind ? frame.boxes : NONE));
@@ -39,7 +39,7 @@ export function QueueStage({ app, box, see, media, view, actions, stageRef }) {
   if (error) return html`<div class="stage__note queue__note"><${Failure} error=${error} onRetry=${retry} /></div>`;
   return html`<${StageView} app=${app} frame=${frame} media=${media} boxes=${boxes} selected=${box} isCrop=${mode === "crop"} isDim=${mode === "crop"} scene=${box.box_id}
     label=${`Box: ${isBlind ? `${box.class} ${box.id}` : spokenText(box)}`} onCrop=${() => view.set(view.get() === "crop" ? "frame" : "crop")} stageRef=${stageRef}>
-    ${frame && html`<${Minimap} frame=${frame} picture=${picture} box=${box} mode=${mode} onClick=${actions.crop} />`}
+    ${frame && html`<${Minimap} app=${app} frame=${frame} picture=${picture} box=${box} mode=${mode} onClick=${actions.crop} />`}
     ${frame && html`<${QueueLook} app=${app} frame=${frame} mode=${mode} isBlind=${isBlind} actions=${actions} />`}
   <//>`;
 }
@@ -56,13 +56,14 @@ function QueueLook({ app, frame, mode, isBlind, actions }) {
 /** Twice what it is wide on the page, for sharp screens. */
 const MINIMAP_PX = 336;
 
-/** A small picture of the frame that shows where the box is. @param {{frame: Frame, picture: HTMLImageElement | null, box: Decision, mode: string, onClick: (() => void) | undefined}} props */
-function Minimap({ frame, picture, box, mode, onClick }) {
+/** A small picture of the frame that shows where the box is. @param {{app: App, frame: Frame, picture: HTMLImageElement | null, box: Decision, mode: string, onClick: (() => void) | undefined}} props */
+function Minimap({ app, frame, picture, box, mode, onClick }) {
   const { width, height } = frame;
+  const key = useKeyText(app, "crop");
   if (!width || !height || !box.xyxy || !picture || mode === "frame") return null;
   const [x0, y0, x1, y1] = box.xyxy;
   const place = { left: `${(100 * x0) / width}%`, top: `${(100 * y0) / height}%`, width: `${(100 * (x1 - x0)) / width}%`, height: `${(100 * (y1 - y0)) / height}%` };
-  return html`<button class="minimap" title="The whole frame (C)" aria-label="Show the whole frame" onClick=${onClick} style=${{ aspectRatio: `${width} / ${height}` }}>
+  return html`<button class="minimap" title=${withKey("The whole frame", key)} aria-label="Show the whole frame" onClick=${onClick} style=${{ aspectRatio: `${width} / ${height}` }}>
     <${SmallPicture} picture=${picture} /><span class="minimap__box" style=${place} />
   </button>`;
 }

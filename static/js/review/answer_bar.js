@@ -1,10 +1,10 @@
 // @ts-check
-// The bars with buttons for answers, on one box and on many, and the notice of a conflict.
+// The bars with buttons for answers, on one box and on many, and the notice of an answer that somebody else overtook.
 
 import { answerOf } from "../boxes/box.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
-import { Keys, keepFocus, useKeys } from "../core/keymap.js";
+import { Keys, keepFocus, useKeyText, useKeys, withKey } from "../core/keymap.js";
 import { countText } from "../core/numbers.js";
 
 /** @typedef {import("../core/app.js").Actions} Actions */
@@ -46,6 +46,7 @@ const ANSWERS_TO_MANY = /** @type {const} */ ([
 /** @param {{app: import("../core/app.js").App, selected: number, isAll: boolean, actions: Record<string, () => void>, onNone: () => void}} props */
 export function GridBar({ app, selected, isAll, actions, onNone }) {
   const rows = useKeys(app);
+  const escape = useKeyText(app, "escape");
   if (selected === 0) return null;
   /** @param {string} action */
   const keysOf = (action) => rows.find((row) => row.action === action)?.keys.slice(0, 1) ?? [];
@@ -57,7 +58,7 @@ export function GridBar({ app, selected, isAll, actions, onNone }) {
       </button>`,
     )}
     <span class="bar__rule" aria-hidden="true"></span>
-    <button class="answer" aria-label="Select none" title="Select none (Esc)" onClick=${onNone}><${Icon} name="cross" /></button>
+    <button class="answer" aria-label="Select none" title=${withKey("Select none", escape)} onClick=${onNone}><${Icon} name="cross" /></button>
   </div>`;
 }
 
@@ -66,13 +67,13 @@ export function GridBar({ app, selected, isAll, actions, onNone }) {
  * @param {{app: import("./answers.js").ReviewApp, box: Decision, item: import("./outbox.js").SingleAnswer,
  *   isNamed?: boolean, children?: unknown}} props  `isNamed`: the box is not the one on show
  */
-export function ConflictNotice({ app, box, item, isNamed = false, children }) {
+export function OvertakenNotice({ app, box, item, isNamed = false, children }) {
   const { reviewer = "", verdict = "clear" } = box.review ?? {};
   const theirs = verdict === "clear" ? "removed the answer" : `answered ${verdict}`;
-  return html`<section class="conflict" role="alert">
+  return html`<section class="overtaken" role="alert">
     <p>${isNamed && html`<${Icon} name="warn" /> ${box.class} ${box.id}: `}<b>${reviewer || "Somebody else"} ${theirs}</b> while you answered ${item.verdict}. Your answer was not saved.</p>
-    <div class="conflict__actions">
-      <button class="button button--small" onClick=${() => app.closeConflict(box.box_id)}>Keep theirs</button>
+    <div class="overtaken__actions">
+      <button class="button button--small" onClick=${() => app.closeOvertaken(box.box_id)}>Keep theirs</button>
       <button class="button button--small button--primary" onClick=${() => app.insist(item)}>Use mine: ${item.verdict}</button>
       ${children}
     </div>

@@ -1,5 +1,5 @@
 // @ts-check
-// Answers on one box: giving and undoing them, conflicts, and what the page does when the server has responded.
+// Answers on one box: giving and undoing them, those that somebody else overtook, and what the page does when the server has responded.
 // `answer` gives one. outbox.js keeps it until it is stored, boxes/store.js shows it meanwhile, and sender.js sends it
 // and calls one of the events below. Answers on many boxes are in bulk.js.
 
@@ -16,7 +16,7 @@ import { createSender } from "./sender.js";
 /** @typedef {import("./outbox.js").SingleAnswer} SingleAnswer */
 
 /**
- * Answers, for the whole page: giving and undoing them, those not saved yet, and conflicts.
+ * Answers, for the whole page: giving and undoing them, those not saved yet, and those overtaken.
  * @param {import("../core/app.js").App} app @param {Boxes} boxes @param {Storage} storage
  * @param {{tab: string, openTabs: () => Promise<import("../core/tab.js").OpenTabs>}} tabs  the id of this tab, and
  *   those of the tabs that are open now: each sends its own answers
@@ -29,14 +29,14 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   /** The frame on which an answer was stored last: views drop their copies of it. Of all frames, if `id` is null. */
   const changedFrame = createValue(/** @type {{id: number | null}} */ ({ id: null }));
   /** Answers that were not saved because somebody else had answered first, by box. */
-  const conflicts = createValue(/** @type {ReadonlyMap<number, SingleAnswer>} */ (new Map()));
+  const overtaken = createValue(/** @type {ReadonlyMap<number, SingleAnswer>} */ (new Map()));
 
-  /** A conflict that the person has seen, or has answered. @param {number} boxId */
-  function closeConflict(boxId) {
-    if (!conflicts.get().has(boxId)) return;
-    const rest = new Map(conflicts.get());
+  /** The person has seen who answered first, or has answered again. @param {number} boxId */
+  function closeOvertaken(boxId) {
+    if (!overtaken.get().has(boxId)) return;
+    const rest = new Map(overtaken.get());
     rest.delete(boxId);
-    conflicts.set(rest);
+    overtaken.set(rest);
   }
 
   /** @param {Decision} box @param {AnswerWithComment} answer @returns {boolean} false: there is no room for it */
@@ -45,7 +45,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     boxes.holdAnswered([boxId]); // so that a late response with the old box is recognised
     if (!sender.addAnswer({ boxId, frameId, verdict, comment, seenRevision: seenRevision(box) })) return false;
     steps.noteAnswer(boxId);
-    closeConflict(boxId);
+    closeOvertaken(boxId);
     return true;
   }
 
@@ -94,11 +94,11 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
       boxes.receiveAnswers(new Map([[boxId, { revision, given: (box) => withStored(box, stored) }]]));
     },
 
-    onConflict(item, current) {
+    onOvertaken(item, current) {
       steps.forget(item.boxId);
-      conflicts.set(new Map(conflicts.get()).set(item.boxId, item));
+      overtaken.set(new Map(overtaken.get()).set(item.boxId, item));
       if (current) boxes.receive([current]);
-      // The view of this box shows the conflict itself, and so does the queue.
+      // The view of this box shows it itself, and so does the queue.
       const { name, query } = app.router.route.get();
       if (name === "queue" || query.box === String(item.boxId)) return;
       const reviewer = current?.review?.reviewer || "Somebody else";
@@ -162,11 +162,11 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     changedFrame,
     sender,
     bulkAnswers,
-    conflicts,
+    overtaken,
     answer,
     undo,
     resume,
-    closeConflict,
+    closeOvertaken,
 
     /** Replace somebody else's answer with one that was not saved because of it. @param {SingleAnswer} item */
     insist: ({ boxId, verdict, comment }) => answer(boxId, verdict, comment),

@@ -2,7 +2,7 @@
 // The boxes of a frame as a list, with filters.
 
 import { FilterMenus, VERDICT_CHOICES, VerdictFilter } from "../boxes/filter_bar.js";
-import { FILTER_KEYS, countsBy } from "../boxes/filters.js";
+import { countsBy, withoutFrameFilters } from "../boxes/filters.js";
 import { AnswerSign, StrokeSwatch } from "../boxes/signs.js";
 import { matchText, reasonText } from "../boxes/wording.js";
 import { Component, html, useEffect, useRef } from "../core/html.js";
@@ -33,7 +33,7 @@ export function BoxList({ boxes, shown, selected, query, waiting, onSelect, onQu
     <p class="panel__count" role="status">
       <span>${countOf(shown.length, "box", "boxes")}</span>
       ${hidden > 0 && html`<span class="panel__hidden">${countText(hidden)} hidden
-        <button class="button button--quiet button--small" onClick=${() => onQuery(cleared(query))}>Show all</button></span>`}
+        <button class="button button--quiet button--small" onClick=${() => onQuery(withoutFrameFilters(query))}>Show all</button></span>`}
     </p>
     ${boxes.length === 0 && html`<p class="panel__empty">This frame has no boxes.</p>`}
     <ul class="boxes" role="listbox" aria-label="Boxes of this frame" tabindex="0" ref=${list}
@@ -42,9 +42,6 @@ export function BoxList({ boxes, shown, selected, query, waiting, onSelect, onQu
     </ul>
   </aside>`;
 }
-
-/** @param {Query} query @returns {Query} */
-const cleared = (query) => Object.fromEntries(Object.entries(query).filter(([key]) => !(/** @type {readonly string[]} */ (FILTER_KEYS)).includes(key)));
 
 /** @param {{boxes: readonly Decision[], query: Query, onQuery: (query: Query) => void}} props */
 function Filters({ boxes, query, onQuery }) {

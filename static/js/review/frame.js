@@ -153,9 +153,9 @@ function Tabs({ tab, count, onChange }) {
 function Skeleton({ app, last }) {
   useHead(app, { title: "", dataset: last?.dataset });
   return html`<main id="main" class="review" tabindex="-1" aria-busy="true">
-      <aside class="panel panel--list">${Array.from({ length: 8 }, () => html`<div class="bone bone--row" />`)}</aside>
+      <aside class="panel panel--list">${Array.from({ length: 8 }, () => html`<div class="skeleton skeleton--row" />`)}</aside>
       <div class="review__stage"><div class="stage shimmer" /></div>
-      <aside class="panel panel--inspector"><div class="bone" /><div class="bone bone--short" /><div class="bone bone--tall" /></aside>
+      <aside class="panel panel--inspector"><div class="skeleton" /><div class="skeleton skeleton--short" /><div class="skeleton skeleton--tall" /></aside>
       <p class="sr-only" role="status">Loading the frame</p>
     </main>`;
 }

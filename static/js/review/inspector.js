@@ -1,7 +1,7 @@
 // @ts-check
 // Everything about one box: verdict, explanation, numbers, comment, overlapping boxes, history.
 
-import { answerOf, isUnanswered, isVeiled, seenRevision } from "../boxes/box.js";
+import { answerOf, isUnanswered, isWithheld, seenRevision } from "../boxes/box.js";
 import { AnswerSign, StrokeSwatch, VerdictBadge } from "../boxes/signs.js";
 import { ANSWER_TEXT, acceptedText, evidenceText, isByShare, labelText, matchText, reasonText } from "../boxes/wording.js";
 import { get } from "../core/api.js";
@@ -12,13 +12,12 @@ import { Keys, useKeys } from "../core/keymap.js";
 import { agoText, countOf, countText, exactPercentText, metresText, percentText, unbroken } from "../core/numbers.js";
 import { FailureLine } from "../core/parts.js";
 import { overlapping } from "../stage/geometry.js";
-import { ConflictNotice } from "./answer_bar.js";
+import { OvertakenNotice } from "./answer_bar.js";
 
 /** @typedef {import("./answers.js").ReviewApp} App */
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../core/openapi.js").Frame} Frame */
 /** @typedef {import("../core/openapi.js").HistoryEntry} HistoryEntry */
-/** @typedef {import("../core/openapi.js").AcceptedTag["rgb"]} Rgb */
 
 /**
  * @param {{app: App, frame: Frame, box: Decision | null, boxes: readonly Decision[], isWaiting: boolean,
@@ -37,7 +36,7 @@ export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentR
  *   actions: import("./frame.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props
  */
 function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
-  const mine = useValue(app.conflicts).get(box.box_id);
+  const mine = useValue(app.overtaken).get(box.box_id);
   // The server keeps a comment as part of an answer only. On a box that has none, the comment comes with "unsure", which
   // leaves the filter's verdict in force.
   const saveComment = (/** @type {string} */ text) => actions.saveComment(answerOf(box) ?? "unsure", text);
@@ -46,15 +45,15 @@ function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
       <h2>${box.class} <span class="faint">${box.id}</span></h2>
       <${VerdictBadge} verdict=${box.verdict} />
     </header>
-    ${mine && html`<${ConflictNotice} app=${app} box=${box} item=${mine} />`}
+    ${mine && html`<${OvertakenNotice} app=${app} box=${box} item=${mine} />`}
     <${AnswerLine} box=${box} isWaiting=${isWaiting} />
-    <p class="inspector__sentence">${isVeiled(box) ? "Blind re-check: the filter's verdict is shown once you have answered." : unbroken(box.explanation || labelText(box))}</p>
+    <p class="inspector__sentence">${isWithheld(box) ? "Blind re-check: the filter's verdict is shown once you have answered." : unbroken(box.explanation || labelText(box))}</p>
     <${MatchBar} box=${box} />
     <${HiddenBy} box=${box} />
     <${Comment} box=${box} onSave=${saveComment} fieldRef=${commentRef} />
     <${Neighbours} boxes=${boxes} box=${box} onSelect=${actions.select} />
     <${Numbers} box=${box} />
-    ${!isVeiled(box) && html`<${History} app=${app} box=${box} />`}`;
+    ${!isWithheld(box) && html`<${History} app=${app} box=${box} />`}`;
 }
 
 /** @param {{box: Decision, isWaiting: boolean}} props */
@@ -72,7 +71,7 @@ function AnswerLine({ box, isWaiting }) {
 /** What decided: the share of matching pixels and the threshold, or another channel. @param {{box: Decision}} props */
 function MatchBar({ box }) {
   const { match_percent: match, threshold } = box;
-  if (!isByShare(box) && !isVeiled(box)) return html`<${OtherChannel} box=${box} />`;
+  if (!isByShare(box) && !isWithheld(box)) return html`<${OtherChannel} box=${box} />`;
   if (match === null || match === undefined) return null;
   const share = percentText(match, threshold);
   const limit = threshold === null ? "" : `threshold ${exactPercentText(threshold)}`;
@@ -105,8 +104,8 @@ function HiddenBy({ box }) {
     <h3>${box.verdict === "rejected" && isByShare(box) ? "Hidden by" : "Also in the box"}</h3>
     <ul>
       ${box.hidden_by.map(
-        ({ name, percent }) => html`<li>
-          <span class="hidden-by__name"><span class="swatch" style=${{ background: swatchOf(name) }} />${name}</span>
+        ({ name, rgb, percent }) => html`<li>
+          <span class="hidden-by__name"><span class="swatch" style=${{ background: `rgb(${rgb.join(" ")})` }} />${name}</span>
           <span class="hidden-by__track" aria-hidden="true"><span style=${{ width: `${Math.min(100, percent)}%` }} /></span>
           <span class="num">${percentText(percent)}</span>
         </li>`,
@@ -133,47 +132,6 @@ function FrameDetails({ app, frame, boxes, onStart }) {
     ${unanswered > 0 && html`<button class="button button--primary" onClick=${onStart}>Next box without an answer<${Keys} app=${app} keys=${keys} /></button>`}
     <dl class="facts">${facts.map(([name, value]) => value && html`<div><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
     ${segmentation?.notes?.map((note) => html`<p class="faint">${note}</p>`)}`;
-}
-
-/** CARLA's colours by name (0.9.14 on), for swatches beside a tag's name. @type {Record<string, Rgb>} */
-const COLOR_OF = {
-  Unlabeled: [0, 0, 0],
-  Road: [128, 64, 128],
-  Sidewalk: [244, 35, 232],
-  Building: [70, 70, 70],
-  Wall: [102, 102, 156],
-  Fence: [190, 153, 153],
-  Pole: [153, 153, 153],
-  TrafficLight: [250, 170, 30],
-  TrafficSign: [220, 220, 0],
-  Vegetation: [107, 142, 35],
-  Terrain: [152, 251, 152],
-  Sky: [70, 130, 180],
-  Pedestrian: [220, 20, 60],
-  Rider: [255, 0, 0],
-  Car: [0, 0, 142],
-  Vehicle: [0, 0, 142],
-  Truck: [0, 0, 70],
-  Bus: [0, 60, 100],
-  Train: [0, 80, 100],
-  Motorcycle: [0, 0, 230],
-  Bicycle: [119, 11, 32],
-  Static: [110, 190, 160],
-  Dynamic: [170, 120, 50],
-  Other: [55, 90, 80],
-  Water: [45, 60, 150],
-  RoadLine: [157, 234, 50],
-  Ground: [81, 0, 81],
-  Bridge: [150, 100, 100],
-  RailTrack: [230, 150, 140],
-  GuardRail: [180, 165, 180],
-  Rock: [180, 130, 70],
-};
-
-/** @param {string} name @returns {string} a CSS color */
-export function swatchOf(name) {
-  const rgb = COLOR_OF[name];
-  return rgb ? `rgb(${rgb.join(" ")})` : "transparent";
 }
 
 /** The comments that were typed and not saved yet, by box. @type {Map<number, string>} */
@@ -238,7 +196,7 @@ export function History({ app, box }) {
     <h3>History</h3>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${!loaded.error && html`<ol class="history__list">
-      ${loaded.value?.items.map((item) => html`<li class="history__item">${item.kind === "review" ? html`<${ReviewLine} item=${item} />` : html`<${DecisionLine} item=${item} />`}</li>`) ?? html`<li class="history__wait" aria-hidden="true"><div class="bone" /><div class="bone bone--short" /></li>`}
+      ${loaded.value?.items.map((item) => html`<li class="history__item">${item.kind === "review" ? html`<${ReviewLine} item=${item} />` : html`<${DecisionLine} item=${item} />`}</li>`) ?? html`<li class="history__wait" aria-hidden="true"><div class="skeleton" /><div class="skeleton skeleton--short" /></li>`}
     </ol>`}
   </section>`;
 }
@@ -304,7 +262,8 @@ function rowsOf(box) {
     ["Explained by", box.explained_by ? `box ${box.explained_by}` : null],
     ["Rectangle", xyxy ? xyxy.map((value) => Math.round(value * 10) / 10).join(", ") : "outside the image"],
     ["Segmentation", box.lossy ? "lossy" : null],
-    ["Run, config", `${box.run}, ${String(box.config ?? "").slice(0, 8)}`],
+    ["Run", String(box.run)],
+    ["Configuration", box.config.slice(0, 8)],
   ];
 }
 

@@ -9,6 +9,8 @@ import { isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outb
 
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../core/openapi.js").Review} StoredReview */
+/** @typedef {import("../core/openapi.js").ReviewBatch} ReviewBatch */
+/** @typedef {import("../core/openapi.js").UndoneBatch} UndoneBatch */
 /** @typedef {import("./outbox.js").SingleAnswer} SingleAnswer */
 /** @typedef {import("./outbox.js").BulkAnswer} BulkAnswer */
 /** @typedef {import("./outbox.js").BulkUndo} BulkUndo */
@@ -16,20 +18,10 @@ import { isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outb
 /** @typedef {import("./outbox.js").OutboxItem} OutboxItem */
 
 /**
- * @typedef {object} BulkStored  the response to a bulk answer
- * @property {number} id  of the batch
- * @property {number} count
- * @property {number[]} skipped  boxes that were deleted or replaced since they were seen
- * @property {number[]} stale  boxes that were answered since they were seen
- */
-
-/** @typedef {{id: number, undone: number, skipped: number[]}} UndoStored  the response to the undo of a bulk answer */
-
-/**
  * @typedef {object} Requests  each resolves when the server has stored the item
  * @property {(item: SingleAnswer) => Promise<StoredReview>} answer
- * @property {(bulk: BulkAnswer) => Promise<BulkStored>} bulkAnswer
- * @property {(undo: BulkUndo) => Promise<UndoStored>} bulkUndo
+ * @property {(bulk: BulkAnswer) => Promise<ReviewBatch>} bulkAnswer
+ * @property {(undo: BulkUndo) => Promise<UndoneBatch>} bulkUndo
  */
 
 /** @type {Requests} */
@@ -50,13 +42,13 @@ const REQUESTS = {
 /**
  * @typedef {object} SenderEvents
  * @property {(stored: StoredReview) => void} onStored
- * @property {(item: SingleAnswer, current: Decision | null) => void} onConflict  the box was answered elsewhere since
+ * @property {(item: SingleAnswer, current: Decision | null) => void} onOvertaken  the box was answered elsewhere since
  *   this person saw it; `current`: the box as it is now
  * @property {(item: SingleAnswer, error: Error) => void} onRefused  the server will never store it
- * @property {(bulk: BulkAnswer, stored: BulkStored) => void} onBulkStored
+ * @property {(bulk: BulkAnswer, stored: ReviewBatch) => void} onBulkStored
  * @property {(bulk: BulkAnswer, error: Error) => void} onBulkRefused
  * @property {(bulk: BulkAnswer) => void} onBulkDiscarded
- * @property {(undo: BulkUndo, stored: UndoStored) => void} onUndoStored
+ * @property {(undo: BulkUndo, stored: UndoneBatch) => void} onUndoStored
  * @property {(undo: BulkUndo, error: Error) => void} onUndoRefused  the server will never do it
  * @property {() => void} onSignedOut  the server stores nothing until somebody signs in
  * @property {() => void} onFull  something was not put into the outbox: this browser has no room for it
@@ -207,7 +199,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
     // 412: the box was answered since the person saw it.
     const current = error.problem.current ?? null;
     if (current && isOwnAnswer(item, current)) return sendAsNew(item, current);
-    return drop(item, ({ onConflict }) => onConflict?.(item, current));
+    return drop(item, ({ onOvertaken }) => onOvertaken?.(item, current));
   }
 
   /** @param {Phase} phase @param {string} text  why @param {number | null} [seconds]  as the server has asked */

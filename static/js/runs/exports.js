@@ -77,7 +77,7 @@ async function download(id) {
 /** The counts of the archive's manifest; zeros are left out. @param {{counts: Record<string, unknown>}} props */
 function ExportCounts({ counts }) {
   const { lines, classes } = countLinesOf(counts);
-  return html`<dl class="books num">
+  return html`<dl class="exportcounts num">
       ${lines.map(({ text, count }) => html`<div key=${text}><dt>${text}</dt><dd>${countText(count)}</dd></div>`)}
     </dl>
     ${classes.length > 0 &&

@@ -3,7 +3,7 @@
 
 import { VerdictBar } from "../boxes/signs.js";
 import { get } from "../core/api.js";
-import { useHead, useLoaded, usePages } from "../core/hooks.js";
+import { useDataset, useHead, useLoaded, usePages } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { agoText, countOf, countText, tookText } from "../core/numbers.js";
 import { Failure, FailureLine } from "../core/parts.js";
@@ -30,7 +30,7 @@ function RunsOf({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Runs and exports · ${name}`, dataset: name });
   const [limit, setLimit] = useState(FIRST);
-  const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
+  const dataset = useDataset(name);
   const runs = useLoaded((signal) => get("/api/v1/datasets/{dataset}/runs", { path: { dataset: name }, query: { limit }, signal }), [name, limit]);
   const reload = () => (runs.reload(), dataset.reload());
   const isLoading = [dataset, runs].some((loaded) => loaded.state === "loading");
@@ -59,7 +59,7 @@ function Runs({ app, dataset, runs, active, shown }) {
       <span class="faint">${open ? `${open} running or queued` : "a configuration applied to the whole dataset"}</span>
       <span class="panelbox__tools"><a class="button" href=${linkTo("thresholds", { dataset })}>Try thresholds</a></span>
     </header>
-    ${runs === null && html`<div aria-hidden="true">${[0, 1, 2].map(() => html`<div class="bone bone--row shimmer"></div>`)}</div><p class="sr-only" role="status">Loading runs</p>`}
+    ${runs === null && html`<div aria-hidden="true">${[0, 1, 2].map(() => html`<div class="skeleton skeleton--row shimmer"></div>`)}</div><p class="sr-only" role="status">Loading runs</p>`}
     ${runs?.length === 0 && html`<p class="panelbox__empty">No run yet.</p>`}
     <ul class="runs">
       ${runs?.map((run) => html`<li key=${run.id}><${RunRow} app=${app} dataset=${dataset} run=${run} isActive=${run.id === active} isShown=${run.id === shown} /></li>`)}
@@ -86,7 +86,7 @@ export function RunDiffPanel({ app, dataset, run, against, runs }) {
       <span class="panelbox__tools"><a class="button button--quiet" href=${linkTo("runs", { dataset })}>Close</a></span>
     </header>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
-    ${loaded.state === "loading" && html`<div class="bone bone--tall shimmer"></div>`}
+    ${loaded.state === "loading" && html`<div class="skeleton skeleton--tall shimmer"></div>`}
     ${diff && html`<${Between} app=${app} diff=${diff} runs=${runs} />`}
   </section>`;
 }
@@ -147,7 +147,7 @@ function Boxes({ app, diff }) {
   );
   const shown = items.filter((flip) => !way || wayOf(flip) === way);
   return html`<div class="rundiff__boxes">
-    <${WayTabs} way=${way} lost=${diff.kept_to_rejected} won=${diff.rejected_to_kept} onChange=${setWay} />
+    <${WayTabs} way=${way} counts=${diff} onChange=${setWay} />
     <div class="rundiff__flips"><${FlipGrid} items=${shown} />
       ${error && html`<${FailureLine} error=${error} onRetry=${more} />`}
       ${!isDone && items.length > 0 && html`<p class="flippanel__more"><span class="faint">${countText(items.length)} of ${countOf(diff.total, "box", "boxes")}, nearest to the threshold first</span><button class="button button--small" onClick=${more}>Show more</button></p>`}

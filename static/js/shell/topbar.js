@@ -5,7 +5,7 @@ import { filtersOf } from "../boxes/filters.js";
 import { useClosing, useValue } from "../core/hooks.js";
 import { html, useLayoutEffect, useRef, useState } from "../core/html.js";
 import { Icon, Mark } from "../core/icons.js";
-import { perform } from "../core/keymap.js";
+import { perform, useKeyText } from "../core/keymap.js";
 import { countOf } from "../core/numbers.js";
 import { ROUTES, linkTo } from "../core/router.js";
 
@@ -82,6 +82,7 @@ function Menu({ app }) {
 /** @param {{app: App, close: () => void}} props */
 function MenuPanel({ app, close }) {
   const prefs = useValue(app.prefs);
+  const helpKey = useKeyText(app, "help");
   return html`<div class="menu__panel" role="group" aria-label="Settings">
     <div class="menu__label" id="theme-label">Appearance</div>
     <div class="segments segments--wide" role="group" aria-labelledby="theme-label">
@@ -91,7 +92,7 @@ function MenuPanel({ app, close }) {
         </button>`,
       )}
     </div>
-    <button class="menu__item" onClick=${() => (close(), perform(app, "help"))}><${Icon} name="keyboard" />Keys<kbd aria-hidden="true">?</kbd></button>
+    <button class="menu__item" onClick=${() => (close(), perform(app, "help"))}><${Icon} name="keyboard" />Keys${helpKey && html`<kbd aria-hidden="true">${helpKey}</kbd>`}</button>
     <button class="menu__item" onClick=${() => app.signOut().catch(app.toasts.fail)}>
       <${Icon} name="exit" />Sign out
     </button>

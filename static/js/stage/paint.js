@@ -24,10 +24,10 @@ import { outline, paintLabel, paintMark, paintShortLabels, solidLines } from "./
 /** @typedef {{box: Decision, rect: Xyxy}} Placed */
 
 /** @type {readonly Verdict[]} */
-const VERDICTS = ["veiled", "unmeasured", "rejected", "kept"];
+const VERDICTS = ["withheld", "unmeasured", "rejected", "kept"];
 
 /** @type {Record<Verdict, number[]>} solid, dashed, dotted */
-const DASHES = { kept: [], rejected: [7, 4], unmeasured: [2, 3], veiled: [] };
+const DASHES = { kept: [], rejected: [7, 4], unmeasured: [2, 3], withheld: [] };
 
 /** Opacity of the other boxes while one is selected: those that overlap it are dimmed less. */
 const DIMMED = { neighbours: 0.62, others: 0.28 };
@@ -41,8 +41,8 @@ export function readInks(host) {
   /** @param {string} name */
   const token = (name) => style.getPropertyValue(name).trim();
   return {
-    stroke: { kept: token("--ink-kept"), rejected: token("--ink-rejected"), unmeasured: token("--ink-unmeasured"), veiled: token("--ink-unmeasured") },
-    label: { kept: token("--ink-kept-fill"), rejected: token("--ink-rejected-fill"), unmeasured: token("--ink-unmeasured-fill"), veiled: token("--ink-unmeasured-fill") },
+    stroke: { kept: token("--ink-kept"), rejected: token("--ink-rejected"), unmeasured: token("--ink-unmeasured"), withheld: token("--ink-unmeasured") },
+    label: { kept: token("--ink-kept-fill"), rejected: token("--ink-rejected-fill"), unmeasured: token("--ink-unmeasured-fill"), withheld: token("--ink-unmeasured-fill") },
     text: token("--ink-text"),
     casing: token("--ink-casing"),
     halo: token("--ink-halo"),
@@ -110,17 +110,17 @@ function paintPicture(ctx, picture, { snapshot, view }, smooth = view.scale < CR
 /** @param {CanvasRenderingContext2D} ctx @param {Scene} scene */
 export function paintTop(ctx, scene) {
   const { snapshot, view, size, hovered, inks } = scene;
-  const { selected, lit } = snapshot;
+  const { selected, highlight } = snapshot;
   ctx.clearRect(0, 0, size.width, size.height);
   if (hovered?.xyxy && hovered.box_id !== selected?.box_id) paintForward(ctx, hovered, scene);
   if (!selected?.xyxy) return;
-  if (lit) paintLit(ctx, lit, view);
+  if (highlight) paintHighlight(ctx, highlight, view);
   if (snapshot.edges && selected.edges) paintEdges(ctx, selected.edges, view, inks);
   paintForward(ctx, selected, scene);
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {import("./pixels.js").Lit} lit @param {import("./geometry.js").View} view */
-function paintLit(ctx, { canvas, bounds }, view) {
+/** @param {CanvasRenderingContext2D} ctx @param {import("./pixels.js").Highlight} highlight @param {import("./geometry.js").View} view */
+function paintHighlight(ctx, { canvas, bounds }, view) {
   ctx.imageSmoothingEnabled = false;
   const { scale, x, y } = view;
   ctx.drawImage(canvas, bounds.x * scale + x, bounds.y * scale + y, bounds.width * scale, bounds.height * scale);

@@ -1,5 +1,5 @@
 // @ts-check
-// The stored pixels of a segmentation, and the highlighted ("lit") matching pixels of a box.
+// The stored pixels of a segmentation, and the highlighted matching pixels of a box.
 
 import { pixelBounds } from "./geometry.js";
 
@@ -8,12 +8,12 @@ import { pixelBounds } from "./geometry.js";
 /** @typedef {import("../core/openapi.js").AcceptedTag["rgb"]} Rgb */
 /** @typedef {import("../core/openapi.js").SegmentationReport} SegmentationReport */
 /** @typedef {{x: number, y: number, width: number, height: number}} Bounds */
-/** @typedef {{canvas: HTMLCanvasElement, bounds: Bounds, count: number}} Lit */
+/** @typedef {{canvas: HTMLCanvasElement, bounds: Bounds, count: number}} Highlight */
 
 /** RGBA of highlighted pixels, a colour that no CARLA scene has; and below, a shade for all other pixels of the box. */
-const LIT = [255, 221, 51, 168];
+const MATCHING = [255, 221, 51, 168];
 
-const UNLIT = [8, 10, 14, 96];
+const OTHERS = [8, 10, 14, 96];
 
 /**
  * A canvas with the stored values: no colour management, no premultiplication.
@@ -37,13 +37,13 @@ function contextOf(canvas) {
 /**
  * A drawing of the matching pixels of a box; null if there is nothing to highlight.
  * @param {HTMLCanvasElement} segmentation @param {SegmentationReport} form @param {Decision} box
- * @returns {Lit | null}
+ * @returns {Highlight | null}
  */
-export function litPixels(segmentation, form, box) {
+export function highlightOf(segmentation, form, box) {
   if (!box.xyxy || !box.accepted_tags?.length) return null;
   const bounds = pixelBounds(box.xyxy, segmentation);
   const pixels = contextOf(segmentation).getImageData(bounds.x, bounds.y, bounds.width, bounds.height);
-  const count = lightPixels(pixels.data, tagMatcher(box.accepted_tags, form), LIT, UNLIT);
+  const count = highlightPixels(pixels.data, tagMatcher(box.accepted_tags, form), MATCHING, OTHERS);
   const canvas = document.createElement("canvas");
   canvas.width = bounds.width;
   canvas.height = bounds.height;
@@ -54,14 +54,12 @@ export function litPixels(segmentation, form, box) {
 /** Whether the file itself can be shown as the mask; raw tags and swapped colours must be painted by the server. @param {SegmentationReport} form */
 export const isPaintedAlready = (form) => form.encoding === "palette" && form.channel_order === "rgb";
 
-/** @typedef {{encoding: string, channel_order: string, lossy: boolean}} PixelForm */
-
 /** How far a JPEG may have moved a colour, per channel: the server's own tolerance. */
 const LOSSY_TOLERANCE = 32;
 
 /**
  * A test for one pixel: do these three stored channels carry an accepted tag?
- * @param {readonly AcceptedTag[]} accepted @param {PixelForm} form
+ * @param {readonly AcceptedTag[]} accepted @param {Pick<SegmentationReport, "encoding" | "channel_order" | "lossy">} form
  * @returns {(c0: number, c1: number, c2: number) => boolean}
  */
 export function tagMatcher(accepted, form) {
@@ -83,18 +81,18 @@ export function tagMatcher(accepted, form) {
 const isNear = (found, wanted) => Math.abs(found - wanted) <= LOSSY_TOLERANCE;
 
 /**
- * Light the matching pixels: `lit` where the tag is accepted, `unlit` elsewhere.
+ * Colour the pixels: `matching` where the tag is accepted, `others` elsewhere.
  * @param {Uint8ClampedArray} rgba of the segmentation; replaced in place
  * @param {(c0: number, c1: number, c2: number) => boolean} matches
- * @param {readonly number[]} lit rgba @param {readonly number[]} unlit rgba
- * @returns {number} how many pixels are lit
+ * @param {readonly number[]} matching rgba @param {readonly number[]} others rgba
+ * @returns {number} how many pixels match
  */
-export function lightPixels(rgba, matches, lit, unlit) {
+export function highlightPixels(rgba, matches, matching, others) {
   let count = 0;
   for (let i = 0; i < rgba.length; i += 4) {
-    const isLit = matches(rgba[i] ?? 0, rgba[i + 1] ?? 0, rgba[i + 2] ?? 0);
-    if (isLit) count++;
-    rgba.set(isLit ? lit : unlit, i);
+    const isMatch = matches(rgba[i] ?? 0, rgba[i + 1] ?? 0, rgba[i + 2] ?? 0);
+    if (isMatch) count++;
+    rgba.set(isMatch ? matching : others, i);
   }
   return count;
 }

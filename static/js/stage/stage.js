@@ -18,7 +18,7 @@ import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "
  * @property {number} opacity  of the mask
  * @property {readonly Decision[]} boxes
  * @property {Decision | null} selected  one of `boxes`
- * @property {import("./pixels.js").Lit | null} lit
+ * @property {import("./pixels.js").Highlight | null} highlight
  * @property {boolean} edges
  * @property {boolean} crop  show the selected box's surroundings rather than the frame
  * @property {boolean} [dim]  darken all but the selected box
@@ -187,7 +187,7 @@ export function createStage(host, events) {
       if (hovered) hovered = next.boxes.find(({ box_id }) => box_id === hovered?.box_id) ?? null;
       if (before && !isNewImage) follow(before, next);
       else restore(false);
-      invalidate(before && sameBut(before, next, "lit") ? "top" : "all");
+      invalidate(before && sameBut(before, next, "highlight") ? "top" : "all");
     },
     fit: () => fit(true),
     mode: () => mode,

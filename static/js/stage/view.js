@@ -1,7 +1,7 @@
 // @ts-check
 // A frame on the stage with its boxes, as a component; the bar over it, and the actions of both.
 
-import { isVeiled } from "../boxes/box.js";
+import { isWithheld } from "../boxes/box.js";
 import { useValue } from "../core/hooks.js";
 import { html, useLayoutEffect, useMemo, useRef } from "../core/html.js";
 import { Toggle } from "../core/keymap.js";
@@ -9,7 +9,7 @@ import { FailureLine, Notice } from "../core/parts.js";
 import { onThemeChange } from "../core/prefs.js";
 import { clamp } from "./geometry.js";
 import { useLazy } from "./media.js";
-import { litPixels } from "./pixels.js";
+import { highlightOf } from "./pixels.js";
 import { createStage } from "./stage.js";
 
 /** @typedef {import("../core/app.js").Actions} Actions */
@@ -29,11 +29,11 @@ export function StageView({ app, frame, media, boxes, selected, isCrop, isDim = 
   const prefs = useValue(app.prefs);
   const { value: picture = null, error: noPicture, retry: retryPicture } = useLazy(frame?.has_image ? media.picture : null);
   const { value: mask = null, error: noMask, retry: retryMask } = useLazy(frame && prefs.mask ? media.mask : null);
-  const isLit = prefs.lit && selected !== null && !isVeiled(selected);
-  const { value: pixels, error: noPixels, retry: retryPixels } = useLazy(frame && isLit ? media.segmentation : null);
-  const lit = useMemo(
-    () => (isLit && pixels && frame?.segmentation ? litPixels(pixels, frame.segmentation, selected) : null),
-    [isLit, selected?.box_id, selected?.accepted_tags, pixels],
+  const isHighlighted = prefs.lit && selected !== null && !isWithheld(selected);
+  const { value: pixels, error: noPixels, retry: retryPixels } = useLazy(frame && isHighlighted ? media.segmentation : null);
+  const highlight = useMemo(
+    () => (isHighlighted && pixels && frame?.segmentation ? highlightOf(pixels, frame.segmentation, selected) : null),
+    [isHighlighted, selected?.box_id, selected?.accepted_tags, pixels],
   );
   const hasNoPicture = frame !== null && !frame.has_image;
   const noSegmentation = noMask ?? noPixels;
@@ -51,12 +51,12 @@ export function StageView({ app, frame, media, boxes, selected, isCrop, isDim = 
   useLayoutEffect(() => {
     if (!frame) return;
     const { opacity, edges } = prefs;
-    stageRef.current?.update({ image: imageSize(frame, picture), picture, mask, opacity, boxes, selected, lit, edges, crop: isCrop, dim: isDim, scene });
-  }, [frame, picture, mask, prefs.opacity, boxes, selected, lit, prefs.edges, isCrop, isDim]);
+    stageRef.current?.update({ image: imageSize(frame, picture), picture, mask, opacity, boxes, selected, highlight, edges, crop: isCrop, dim: isDim, scene });
+  }, [frame, picture, mask, prefs.opacity, boxes, selected, highlight, prefs.edges, isCrop, isDim]);
 
   return html`<div class="stage-wrap">
     <div class="stage" ref=${host} role="img" aria-label=${label} data-box=${selected?.box_id ?? ""} data-mode=${isCrop ? "crop" : "frame"}
-      data-picture=${picture ? "shown" : hasNoPicture || noPicture ? "failed" : "loading"} data-mask=${mask ? "on" : "off"} data-lit=${lit?.count ?? ""}></div>
+      data-picture=${picture ? "shown" : hasNoPicture || noPicture ? "failed" : "loading"} data-mask=${mask ? "on" : "off"} data-highlighted=${highlight?.count ?? ""}></div>
     ${hasNoPicture && html`<div class="stage__note"><${Notice} title="This frame has no image"><p>Its boxes and numbers are here all the same.</p><//></div>`}
     ${!picture && !hasNoPicture && !noPicture && html`<div class="stage__loading shimmer" aria-hidden="true"></div>`}
     <div class="stage__failures">

@@ -94,7 +94,7 @@ function ClassCard({ app, tuning, name, counts, scale, isSelected }) {
       <button class="classcard__name" aria-pressed=${isSelected} title=${isSelected ? "Show all classes again" : `Show reasons and flips of ${name} alone`}
         onClick=${() => look({ class: isSelected ? "" : name, scale })}>${name}</button>
       ${hasOwn(tried, name)
-        ? html`<button class="button button--quiet button--small" onClick=${follow} title=${`Follow all classes (${percentText(Number(valueOf(tried, THRESHOLD)))})`}><${Icon} name="undo" />own</button>`
+        ? html`<button class="button button--quiet button--small" onClick=${follow} title=${`Follow all classes (${percentText(Number(valueOf(tried, THRESHOLD)))})`}><${Icon} name="undo" />Follow all</button>`
         : html`<span class="faint classcard__follows">as for all</span>`}
       <${NumberField} label=${`Threshold of ${name}, percent`} unit="%" value=${threshold} parse=${typedPercent} onChange=${set} isSet=${path in edits} />
     </header>
@@ -126,7 +126,7 @@ export function Reasons({ tuning, selected }) {
   return html`<section class="panelbox" aria-labelledby="reasons-title">
     <header class="panelbox__head"><h2 id="reasons-title">Reasons${selected ? `: ${selected}` : ""}</h2></header>
     <div class="tablewrap"><table class="table">
-      <thead><tr><th scope="col">Reason</th><th class="is-num" scope="col">Now</th><th class="is-num" scope="col">Tried</th><th class="is-num" scope="col">Change</th><th class="table__bar" aria-hidden="true"></th></tr></thead>
+      <thead><tr><th scope="col">Reason</th><th class="is-num" scope="col">Active</th><th class="is-num" scope="col">New</th><th class="is-num" scope="col">Change</th><th class="table__bar" aria-hidden="true"></th></tr></thead>
       <tbody>
         ${reasons.map(
           (reason) => html`<tr key=${reason}>

@@ -11,25 +11,31 @@ import { linkTo } from "../core/router.js";
 /** @typedef {import("../core/app.js").App} App */
 /** @typedef {import("../core/openapi.js").Flip} Flip */
 /** @typedef {import("./preview.js").Tuning} Tuning */
-/** @typedef {"lost" | "won"} WayOf */
+/** @typedef {"kept_to_rejected" | "rejected_to_kept"} WayOf */
 
 /** The crop of a card: its height in px, and how much around the box it shows. */
 const CROP = { height: 144, pad: 0.6 };
 
 export const WAYS = /** @type {const} */ ({
-  lost: { text: "kept → rejected", spoken: "from kept to rejected" },
-  won: { text: "rejected → kept", spoken: "from rejected to kept" },
+  kept_to_rejected: { after: "rejected", text: "kept → rejected", spoken: "from kept to rejected" },
+  rejected_to_kept: { after: "kept", text: "rejected → kept", spoken: "from rejected to kept" },
 });
 
-/** @param {Flip} flip @returns {WayOf} */
-export const wayOf = (flip) => (flip.before.verdict === "kept" ? "lost" : "won");
+/** Ways by the names that earlier versions of the page have written into addresses. @type {Record<string, WayOf>} */
+const RENAMED = { lost: "kept_to_rejected", won: "rejected_to_kept" };
 
-/** @param {{way: string, lost: number, won: number, onChange: (way: WayOf | "") => void}} props */
-export function WayTabs({ way, lost, won, onChange }) {
+/** Which flips an address shows; all if it is empty. @param {import("../core/router.js").Query} query */
+export const wayIn = ({ flips = "" }) => RENAMED[flips] ?? flips;
+
+/** @param {Flip} flip @returns {WayOf} */
+export const wayOf = (flip) => (flip.before.verdict === "kept" ? "kept_to_rejected" : "rejected_to_kept");
+
+/** @param {{way: string, counts: Record<WayOf, number>, onChange: (way: WayOf | "") => void}} props */
+export function WayTabs({ way, counts, onChange }) {
   const choices = /** @type {const} */ ([
-    { value: "", count: lost + won, text: "All" },
-    { value: "lost", count: lost, text: WAYS.lost.text },
-    { value: "won", count: won, text: WAYS.won.text },
+    { value: "", count: sumOf(counts), text: "All" },
+    { value: "kept_to_rejected", count: counts.kept_to_rejected, text: WAYS.kept_to_rejected.text },
+    { value: "rejected_to_kept", count: counts.rejected_to_kept, text: WAYS.rejected_to_kept.text },
   ]);
   return html`<div class="segments segments--wide waytabs" role="group" aria-label="Which flips">
     ${choices.map(
@@ -40,6 +46,9 @@ export function WayTabs({ way, lost, won, onChange }) {
   </div>`;
 }
 
+/** @param {Record<WayOf, number>} counts */
+const sumOf = (counts) => counts.kept_to_rejected + counts.rejected_to_kept;
+
 /** @param {{items: readonly Flip[]}} props */
 export const FlipGrid = ({ items }) => html`<ul class="flips">
   ${items.map((flip) => html`<li key=${flip.box_id}><${FlipCard} flip=${flip} /></li>`)}
@@ -49,7 +58,7 @@ export const FlipGrid = ({ items }) => html`<ul class="flips">
 function FlipCard({ flip }) {
   const way = wayOf(flip);
   const match = flip.match_percent === null ? "no match" : percentText(flip.match_percent);
-  return html`<a class="flip flip--${way}" href=${linkTo("frame", { id: flip.frame_id }, { box: String(flip.box_id) })}
+  return html`<a class="flip flip--${WAYS[way].after}" href=${linkTo("frame", { id: flip.frame_id }, { box: String(flip.box_id) })}
     title=${`${flip.class}, ${match}: ${reasonText(flip.before.reason)} → ${reasonText(flip.after.reason)}`}>
     <span class="flip__picture">
       <${NearPicture} url=${cropUrl(flip.box_id, CROP)}><${Icon} name="image" /><//>
@@ -66,13 +75,13 @@ export function FlipPanel({ app, tuning, selected, way, onWay }) {
   const flips = preview?.flips;
   const counts = (selected ? flips?.by_class[selected] : flips) ?? { kept_to_rejected: 0, rejected_to_kept: 0 };
   const items = (listed?.flips?.items ?? []).filter((flip) => (!selected || flip.class === selected) && (!way || wayOf(flip) === way));
-  const wanted = way === "lost" ? counts.kept_to_rejected : way === "won" ? counts.rejected_to_kept : counts.kept_to_rejected + counts.rejected_to_kept;
+  const wanted = way === "kept_to_rejected" || way === "rejected_to_kept" ? counts[way] : sumOf(counts);
   return html`<aside class="panelbox flippanel" aria-labelledby="flips-title">
     <header class="panelbox__head">
       <h2 id="flips-title">Would flip${selected ? `: ${selected}` : ""}</h2>
       <span class="faint">nearest to the threshold first</span>
     </header>
-    <${WayTabs} way=${way} lost=${counts.kept_to_rejected} won=${counts.rejected_to_kept} onChange=${onWay} />
+    <${WayTabs} way=${way} counts=${counts} onChange=${onWay} />
     <${Body} app=${app} tuning=${tuning} items=${items} wanted=${wanted} />
   </aside>`;
 }
@@ -80,16 +89,16 @@ export function FlipPanel({ app, tuning, selected, way, onWay }) {
 /** @param {{app: App, tuning: Tuning, items: readonly import("../core/openapi.js").Flip[], wanted: number}} props */
 function Body({ app, tuning, items, wanted }) {
   const { preview, listed, isListed } = tuning;
-  if (!preview) return html`<div class="flippanel__list"><${Bones} /></div>`;
+  if (!preview) return html`<div class="flippanel__list"><${SkeletonCards} /></div>`;
   if (wanted === 0) return html`<p class="panelbox__empty">No verdict changes. Move a threshold to see which ones would.</p>`;
   return html`<div class="flippanel__list ${isListed ? "" : "is-behind"}" aria-busy=${!isListed}>
-    ${items.length === 0 && (isListed ? html`<p class="panelbox__empty">None of these is among the ${countText(listed?.flips?.items.length ?? 0)} nearest.</p>` : html`<${Bones} />`)}
+    ${items.length === 0 && (isListed ? html`<p class="panelbox__empty">None of these is among the ${countText(listed?.flips?.items.length ?? 0)} nearest.</p>` : html`<${SkeletonCards} />`)}
     <${FlipGrid} items=${items} />
     <${More} tuning=${tuning} shown=${items.length} wanted=${wanted} />
   </div>`;
 }
 
-const Bones = () => html`<ul class="flips" aria-hidden="true">${[0, 1, 2, 3, 4, 5].map(() => html`<li class="flip"><span class="flip__picture shimmer"></span></li>`)}</ul>`;
+const SkeletonCards = () => html`<ul class="flips" aria-hidden="true">${[0, 1, 2, 3, 4, 5].map(() => html`<li class="flip"><span class="flip__picture shimmer"></span></li>`)}</ul>`;
 
 /** @param {{tuning: Tuning, shown: number, wanted: number}} props */
 function More({ tuning, shown, wanted }) {
@@ -106,5 +115,5 @@ export function Delta({ count, before }) {
   return html`<span class="delta num ${by === 0 ? "is-none" : ""}">${by === 0 ? "±0" : `${by > 0 ? "+" : "−"}${countText(Math.abs(by))}`}</span>`;
 }
 
-/** The sign of a flip's new verdict. @param {{way: "lost" | "won"}} props */
-export const Way = ({ way }) => html`<span class="way way--${way}" aria-hidden="true"><${Icon} name=${way === "lost" ? "cross" : "check"} /></span>`;
+/** The sign of a flip's new verdict. @param {{way: WayOf}} props */
+export const Way = ({ way }) => html`<span class="way way--${WAYS[way].after}" aria-hidden="true"><${Icon} name=${WAYS[way].after === "rejected" ? "cross" : "check"} /></span>`;

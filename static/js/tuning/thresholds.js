@@ -4,15 +4,15 @@
 import { StrokeSwatch, VerdictBar } from "../boxes/signs.js";
 import { get } from "../core/api.js";
 import { useFields } from "../core/form.js";
-import { useHead, useLoaded } from "../core/hooks.js";
+import { useDataset, useHead, useLoaded } from "../core/hooks.js";
 import { html, useEffect, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, FailureLine, Notice } from "../core/parts.js";
-import { RunStrip, isOver, useWatched } from "../jobs/job.js";
+import { RunStrip, isOver, useOpenRun, useWatched } from "../jobs/job.js";
 import { AllClasses, ClassCards, Reasons } from "./classes.js";
 import { THRESHOLD, effectiveEdits, keyValue, valueOf, valueText } from "./config.js";
-import { Delta, FlipPanel, Way } from "./flips.js";
+import { Delta, FlipPanel, Way, wayIn } from "./flips.js";
 import { useTuning } from "./preview.js";
 import { ConfigPanel, SaveDialog, Versions } from "./versions.js";
 
@@ -29,7 +29,7 @@ export const ThresholdsView = ({ app, route }) => html`<${ThresholdsOf} key=${ro
 function ThresholdsOf({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Thresholds · ${name}`, dataset: name });
-  const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
+  const dataset = useDataset(name);
   const active = useLoaded((signal) => get("/api/v1/datasets/{dataset}/config", { path: { dataset: name }, signal }), [name]);
   const failed = [dataset, active].find((loaded) => loaded.state === "error");
   const counts = dataset.value?.counts;
@@ -50,7 +50,8 @@ function ThresholdsOf({ app, route }) {
 
 /** @param {{app: App, route: Route, dataset: string, active: ConfigVersion, onApplied: () => void}} props */
 function Tuner({ app, route, dataset, active, onApplied }) {
-  const { class: selected = "", scale = "", flips: way = "" } = route.query;
+  const { class: selected = "", scale = "" } = route.query;
+  const way = wayIn(route.query);
   const tuning = useTuning(app, dataset, active, route.query);
   const keys = useFields("FilterConfigIn");
   const [isSaving, setSaving] = useState(false);
@@ -58,7 +59,7 @@ function Tuner({ app, route, dataset, active, onApplied }) {
   const [started, setStarted] = useState(/** @type {Run | null} */ (null));
   const run = useWatched(started, (over) => over.state === "done" && over.activate && onApplied());
   const isRunning = run !== null && !isOver(run);
-  useOpenRun(dataset, setStarted);
+  const search = useOpenRun(dataset, (found) => setStarted((now) => now ?? found));
   // What has become active is no longer a change.
   useEffect(() => tuning.setEdits((held) => effectiveEdits(active.config, held)), [active]);
   /** @param {string} digest */
@@ -71,6 +72,7 @@ function Tuner({ app, route, dataset, active, onApplied }) {
   const isUnknown = tuning.preview?.needs_pixels === true;
   return html`<${Summary} tuning=${tuning} isRunning=${isRunning} onReset=${() => tuning.setEdits({})} onSave=${() => setSaving(true)} />
     ${run && html`<${RunStrip} app=${app} dataset=${dataset} run=${run} onClose=${() => setStarted(null)} />`}
+    ${search.error && html`<${FailureLine} what="Runs" error=${search.error} onRetry=${search.reload} />`}
     ${tuning.error && html`<${FailureLine} error=${tuning.error} onRetry=${tuning.retry} />`}
     ${!isUnknown && html`<${ChannelLine} config=${tuning.tried} keys=${keys.value ?? []} />`}
     <div class="tuning ${isUnknown ? "tuning--unknown" : ""}">
@@ -86,23 +88,11 @@ function Tuner({ app, route, dataset, active, onApplied }) {
     ${isSaving && html`<${SaveDialog} dataset=${dataset} tuning=${tuning} onClose=${() => setSaving(false)} onSaved=${onSaved} onRun=${setStarted} onOutdated=${onApplied} />`}`;
 }
 
-/** Find a run that is already running. @param {string} dataset @param {(run: Run) => void} onFound */
-function useOpenRun(dataset, onFound) {
-  useEffect(() => {
-    const stop = new AbortController();
-    get("/api/v1/datasets/{dataset}/runs", { path: { dataset }, query: { limit: 1 }, signal: stop.signal }).then(
-      ({ items: [newest] }) => newest && !isOver(newest) && onFound(newest),
-      () => {},
-    );
-    return () => stop.abort();
-  }, [dataset]);
-}
-
 const Empty = () => html`<${Notice} icon="layers" title="No boxes yet"><p>Histograms are shown once frames with boxes have been uploaded to this dataset.</p><//>`;
 
 const Skeleton = () => html`<div aria-hidden="true">
-    <div class="bone bone--row shimmer"></div><div class="bone bone--chart shimmer"></div>
-    <div class="classcards">${[0, 1, 2, 3].map(() => html`<div class="bone bone--tall shimmer"></div>`)}</div>
+    <div class="skeleton skeleton--row shimmer"></div><div class="skeleton skeleton--chart shimmer"></div>
+    <div class="classcards">${[0, 1, 2, 3].map(() => html`<div class="skeleton skeleton--tall shimmer"></div>`)}</div>
   </div>
   <p class="sr-only" role="status">Loading thresholds</p>`;
 
@@ -164,13 +154,13 @@ function Figure({ verdict, count, before }) {
 /** @param {{flips: import("../core/openapi.js").FlipCounts & {total: number} | null}} props */
 function Flips({ flips }) {
   return html`<div class="figures figures--flips">
-    <div class="figure" data-figure="lost">
-      <span class="figure__name"><${Way} way="lost" />kept → rejected</span>
+    <div class="figure" data-figure="kept_to_rejected">
+      <span class="figure__name"><${Way} way="kept_to_rejected" />kept → rejected</span>
       <span class="figure__value num">${flips ? countText(flips.kept_to_rejected) : "–"}</span>
       <span class="delta">would flip</span>
     </div>
-    <div class="figure" data-figure="won">
-      <span class="figure__name"><${Way} way="won" />rejected → kept</span>
+    <div class="figure" data-figure="rejected_to_kept">
+      <span class="figure__name"><${Way} way="rejected_to_kept" />rejected → kept</span>
       <span class="figure__value num">${flips ? countText(flips.rejected_to_kept) : "–"}</span>
       <span class="delta">would flip</span>
     </div>

@@ -2,7 +2,7 @@
 // The dialog of an upload: what the server found in the dropped files, and the dataset that they are uploaded to.
 
 import { ApiError, get } from "../core/api.js";
-import { useLoaded } from "../core/hooks.js";
+import { useLoaded, useTask } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, sizeText } from "../core/numbers.js";
@@ -128,25 +128,24 @@ function Review({ app, found, plan, typed, setTyped, close }) {
   const name = typed ?? (app.head.get().dataset || slugOf(found.top));
   const [lossy, setLossy] = useState(false);
   const [replace, setReplace] = useState(false);
-  const [refusal, setRefusal] = useState("");
-  const [isBusy, setBusy] = useState(false);
+  /** What is wrong with the name. */
+  const [fault, setFault] = useState("");
   const field = useRef(/** @type {HTMLInputElement | null} */ (null));
   useEffect(() => field.current?.focus(), []);
   const there = known.find((dataset) => dataset.name === name);
   const count = plan.frames.length;
 
-  /** @param {SubmitEvent} event */
-  const submit = async (event) => {
-    event.preventDefault();
-    if (!NAME.test(name)) return setRefusal(name ? NAME_RULE : "Give the dataset a name.");
-    setBusy(true);
+  const { run: start, isBusy, error } = useTask(async () => {
     /** @type {import("./sender.js").Order["reading"]} */
     const reading = lossy ? { lossy_segmentation: "nearest" } : {};
-    const order = { dataset: name, isNew: !there, classes: plan.classes, reading, frames: plan.frames, replace };
-    return app.uploads.start(order).then(close, (error) => {
-      setRefusal(error.message);
-      setBusy(false);
-    });
+    await app.uploads.start({ dataset: name, isNew: !there, classes: plan.classes, reading, frames: plan.frames, replace });
+    close();
+  });
+  /** @param {SubmitEvent} event */
+  const submit = (event) => {
+    event.preventDefault();
+    if (NAME.test(name)) void start();
+    else setFault(name ? NAME_RULE : "Give the dataset a name.");
   };
 
   return html`<form class="upload" onSubmit=${submit} novalidate>
@@ -155,20 +154,21 @@ function Review({ app, found, plan, typed, setTyped, close }) {
     ${count > 0 && html`<${PlanTable} plan=${plan} />`}
     <label class="field">
       <span>Dataset</span>
-      <input ref=${field} name="dataset" list="upload-datasets" value=${name} spellcheck=${false} autocomplete="off" maxlength="100" aria-invalid=${refusal !== ""} aria-describedby="upload-where upload-error"
-        onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => (setTyped(event.currentTarget.value.trim()), setRefusal(""))} />
+      <input ref=${field} name="dataset" list="upload-datasets" value=${name} spellcheck=${false} autocomplete="off" maxlength="100" aria-invalid=${fault !== ""} aria-describedby="upload-where upload-error"
+        onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => (setTyped(event.currentTarget.value.trim()), setFault(""))} />
       <datalist id="upload-datasets">${known.map((dataset) => html`<option value=${dataset.name} />`)}</datalist>
     </label>
     ${datasets.error
       ? html`<${FailureLine} what="List of datasets" error=${datasets.error} onRetry=${datasets.reload} />`
       : html`<p id="upload-where" class="faint">${!isKnown ? "Loading the list of datasets …" : there ? `Adds to a dataset that has ${countOf(there.counts.frames, "frame")}. Frames that are already stored are not stored again.` : "A new dataset will be created."}</p>`}
-    <p id="upload-error" class="field__error" role="alert">${refusal}</p>
+    <p id="upload-error" class="field__error" role="alert">${fault}</p>
     ${there
       ? html`<label class="switch"><input type="checkbox" checked=${replace} onChange=${() => setReplace(!replace)} /><span>Replace frames whose content has changed</span></label>`
       : html`<label class="switch"><input type="checkbox" checked=${lossy} onChange=${() => setLossy(!lossy)} /><span>Accept JPEG segmentations; match each pixel to the nearest colour</span></label>`}
     <${Hints} plan=${plan} name=${name} top=${found.top} />
     <${FileList} title="Cannot be read" items=${plan.problems.map(({ key, why }) => ({ name: key, why: withoutName(why, key) }))} isOpen=${true} />
     <${FileList} title="Did not match" items=${plan.unmatched.map(({ path, why }) => ({ name: path, why }))} isOpen=${plan.frames.length === 0} />
+    ${error && html`<${FailureLine} error=${error} />`}
     <footer class="dialog__foot">
       <button type="button" class="button" onClick=${close}>Cancel</button>
       <button class="button button--primary" disabled=${isBusy || !isKnown || count === 0}>${count === 0 ? "Nothing to upload" : `Upload ${countOf(count, "frame")}`}</button>

@@ -56,9 +56,9 @@ function useDrop(app) {
 function LateDialog({ app, dropped }) {
   const [late, setLate] = useState(/** @type {typeof import("./dialog.js") | null} */ (null));
   useEffect(() => {
-    import("./dialog.js").then(setLate, () => {
+    import("./dialog.js").then(setLate, (error) => {
       app.uploads.dropped.set(null);
-      app.toasts.show("The server does not answer; try again when it is back.", { kind: "error" });
+      app.toasts.show(`The upload dialog could not be loaded: ${error.message}`, { kind: "error" });
     });
   }, []);
   return late && html`<${late.UploadDialog} app=${app} dropped=${dropped} />`;

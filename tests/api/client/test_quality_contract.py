@@ -1,4 +1,4 @@
-"""The client against a real server: quality, and channels compared."""
+"""The client against a real server: quality, and kinds of evidence compared."""
 
 from __future__ import annotations
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import tarfile
 import threading
 
@@ -12,9 +13,11 @@ import cv2
 import numpy as np
 import pytest
 
+from app.ingest.folder import TEXT_SUFFIXES
 from filter_core.formats.registry import FORMATS, LAYOUTS, read_source
 from tests.support.api import BASE
 from tests.support.archives import END, header_of, lines_of
+from tests.support.sources import CHECKOUT
 from tests.support.waiting import until
 
 TAR = {"Content-Type": "application/x-tar"}
@@ -121,6 +124,51 @@ def test_every_layout_is_read_as_the_library_reads_it(admin, tmp_path, layout):
     }
     assert frame["annotation"] is not None
     assert frame["files"]
+
+
+PAGE = (CHECKOUT / "static/js/upload/folder.js").read_text("utf-8")
+
+
+def page_pattern(name):
+    """A regular expression of the page; Python reads these in the same way."""
+    (found,) = re.findall(rf"^const {name} = /(.+)/(i?);", PAGE, re.MULTILINE)
+    pattern, flag = found
+    return re.compile(pattern.replace(r"\/", "/"), re.IGNORECASE if flag else 0)
+
+
+def part_sent_by_the_page(name, content):
+    if page_pattern("TEXT").search(name):
+        return content
+    return content[:24] if page_pattern("SIZED").search(name) else b""
+
+
+def read_as(layout, folder, files):
+    """What the library finds in these files once they are written to the folder."""
+    for name, content in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+    found = read_source(folder, layout)
+    frames = [(one.key, one.annotation, one.problem) for one in found]
+    return found.classes, found.count, found.unmatched, frames
+
+
+@pytest.mark.parametrize("layout", LAYOUTS[1:])
+def test_page_sends_the_content_that_the_reader_of_each_layout_needs(tmp_path, layout):
+    files = {
+        name: PICTURE if name.endswith((".png", ".jpg")) else content
+        for name, content in FOLDERS[layout].items()
+    }
+    sent = {name: part_sent_by_the_page(name, files[name]) for name in files}
+
+    assert read_as(layout, tmp_path / "sent", sent) == read_as(
+        layout, tmp_path / "whole", files
+    )
+
+
+def test_page_sends_the_content_of_every_text_that_the_service_knows():
+    sent = page_pattern("TEXT")
+
+    assert [end for end in TEXT_SUFFIXES if not sent.search(f"a{end}")] == []
 
 
 def test_image_size_is_read_from_its_first_bytes(admin):

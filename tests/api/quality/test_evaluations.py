@@ -1,4 +1,4 @@
-"""Channels compared over HTTP; the truth is instances or people's answers."""
+"""Kinds of evidence compared over HTTP; the truth is instances or people's answers."""
 
 from __future__ import annotations
 

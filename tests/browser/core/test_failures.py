@@ -64,7 +64,9 @@ def segmentation(user: Visitor, street: Scene) -> None:
 @pytest.mark.parametrize(
     ("asked", "go", "part"),
     [
-        (r"/evaluations\?", view("quality"), "Channels compared"),
+        (r"/evaluations\?", view("quality"), "Kinds of evidence compared"),
+        (r"/runs\?", view("quality"), "Kinds of evidence compared"),
+        (r"/runs\?", view("thresholds"), ""),
         (r"/configs\?", view("thresholds"), "Versions"),
         (r"/openapi\.json", view("thresholds"), "Configuration"),
         (r"/exports\?", view("runs"), "Exports"),
@@ -109,7 +111,7 @@ def test_failed_history_does_not_show_history_of_previous_box(user, street):
 
 def test_failed_channel_comparison_clears_the_previous_result(user, street):
     view("quality")(user, street)
-    channels = user.page.get_by_role("region", name="Channels compared")
+    channels = user.page.get_by_role("region", name="Kinds of evidence compared")
     of_instances = channels.get_by_text("Only the segmentation has been measured.")
     expect(of_instances).to_be_visible()
 

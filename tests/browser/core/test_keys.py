@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import pytest
@@ -264,6 +265,65 @@ def test_rebinding_reports_a_key_taken_from_another_action(scene, user):
 
     taken = page.get_by_role("dialog").get_by_role("status")
     expect(taken).to_have_text("M is no longer a key for: Segmentation over the image")
+
+
+def change_keys(page: Page, **keys: str) -> None:
+    """Store these keys of actions as the help does, and load the page again."""
+    settings = {"off": False, "keys": {action: [key] for action, key in keys.items()}}
+    page.evaluate(
+        "(text) => localStorage.setItem('unghost.keys.v1', text)", json.dumps(settings)
+    )
+    page.reload()
+
+
+def test_tooltips_and_hints_of_the_grid_show_changed_keys(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/grid")
+    cells = page.locator(".cell")
+    expect(cells).to_have_count(5)
+    opens = page.locator(".cell__open").first
+    expect(opens).to_have_attribute("title", "Open in its frame (C)")
+
+    change_keys(page, select="S", open="Y", escape="Q", help="H")
+
+    expect(page.locator(".grid-status__hint")).to_have_text("Click, drag or S selects")
+    expect(opens).to_have_attribute("title", "Open in its frame (Y)")
+    user.press("x")
+    expect(page.locator(".toast")).to_have_text(
+        "Select boxes first: click, drag, or press S."
+    )
+    user.press("s")
+    none = page.get_by_role("button", name="Select none")
+    expect(none).to_have_attribute("title", "Select none (Q)")
+    page.get_by_role("button", name="Settings").click()
+    expect(page.locator(".menu__item kbd")).to_have_text("H")
+    user.press("h")
+    expect(page.get_by_role("dialog", name="Keys")).to_be_visible()
+    user.press("h")
+    expect(page.get_by_role("dialog", name="Keys")).to_be_hidden()
+    user.press("y")
+    expect(page.locator(".stage")).to_be_visible()
+
+
+def test_tooltips_show_no_key_where_none_works(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/grid")
+    opens = page.locator(".cell__open").first
+    expect(opens).to_have_attribute("title", "Open in its frame (C)")
+    user.press("?")
+
+    page.get_by_label("Single-key shortcuts").uncheck()
+    user.press("Escape")
+
+    expect(opens).to_have_attribute("title", "Open in its frame")
+
+
+def test_tooltips_of_the_queue_show_changed_keys(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/queue")
+    minimap = page.get_by_role("button", name="Show the whole frame")
+    expect(minimap).to_have_attribute("title", "The whole frame (C)")
+
+    change_keys(page, crop="Y")
+
+    expect(minimap).to_have_attribute("title", "The whole frame (Y)")
 
 
 def test_single_key_shortcuts_can_be_disabled(scene, user):

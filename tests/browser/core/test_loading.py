@@ -71,6 +71,20 @@ def test_view_module_that_fails_to_load_can_be_retried(scene, user):
     expect(page.locator("h1")).to_have_text("run/000001")
 
 
+def test_chart_library_that_fails_to_load_can_be_retried(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/frames")
+    expect(page.locator("a.thumb")).to_have_count(1)
+    route_loaded(page, "**/uplot-*.js", lambda route: route.abort())
+    page.evaluate(f"location.hash = '#/datasets/{scene.dataset}/thresholds'")
+    expect(page.get_by_role("alert")).to_be_visible()
+
+    page.unroute("**/uplot-*.js")
+    page.get_by_role("button", name="Try again").click()
+
+    expect(page.locator(".histogram--large canvas")).to_be_visible()
+    expect(page.get_by_role("alert")).to_have_count(0)
+
+
 def test_view_is_not_rebuilt_when_the_selected_box_changes(scene, user):
     page = user.open(scene.link("ghost"))
     page.locator(".stage").evaluate("(stage) => { stage.mark = 'same'; }")

@@ -224,7 +224,7 @@ def test_blind_re_check_hides_verdicts_of_unanswered_boxes(sixty_boxes, user):
 
     expect(cell(page, 1).locator(".cell__box--kept")).to_be_visible()
     for index in (0, 2, 3):
-        expect(cell(page, index).locator(".cell__box--veiled")).to_be_visible()
+        expect(cell(page, index).locator(".cell__box--withheld")).to_be_visible()
         name = cell(page, index).locator(".sr-only").inner_text()
         assert not re.search("kept|rejected|%|pixel", name)
 

@@ -30,7 +30,7 @@ def dataset(api: httpx.Client, request: pytest.FixtureRequest) -> str:
 
 
 def panel(page: Page) -> Locator:
-    return page.get_by_role("region", name="Channels compared")
+    return page.get_by_role("region", name="Kinds of evidence compared")
 
 
 def measured(user: Visitor, dataset: str) -> Locator:
@@ -87,10 +87,10 @@ def test_filter_is_compared_with_instances_without_answers(user, dataset):
 
     panel(page).get_by_role("button", name="Measure every channel").click()
 
-    expect(page.locator(".field2__count")).to_have_text(
+    expect(page.locator(".matrixcell__count")).to_have_text(
         ["1", "1", "0", "0"], timeout=20_000
     )
-    expect(page.locator("a.field2")).to_have_count(0)
+    expect(page.locator("a.matrixcell")).to_have_count(0)
     expect(page.locator(".matrix")).to_contain_text("is not visible")
     card = page.get_by_role("article", name="car")
     expect(card).to_contain_text("2 boxes")

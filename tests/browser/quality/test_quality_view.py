@@ -59,7 +59,7 @@ def quality_page(user: Visitor, street: Scene) -> Page:
 
 def test_confusion_matrix_cells_count_and_link_to_their_boxes(user, answered):
     page = quality_page(user, answered)
-    fields = page.locator(".field2__count")
+    fields = page.locator(".matrixcell__count")
     expect(fields).to_have_text(["8", "0", "4", "6"])
 
     page.get_by_role("link", name=re.compile("real boxes that were rejected")).click()
@@ -111,7 +111,9 @@ def test_suggested_threshold_opens_in_the_thresholds_view(user, answered):
 
     handle = page.get_by_role("slider", name="Threshold of car", exact=True)
     expect(handle).to_have_attribute("aria-valuenow", f"{suggested:g}")
-    expect(page.locator('[data-figure="won"] .figure__value')).to_have_text("4")
+    expect(
+        page.locator('[data-figure="rejected_to_kept"] .figure__value')
+    ).to_have_text("4")
 
 
 def test_suggested_threshold_is_saved_as_a_version_by_one_click(user, answered):

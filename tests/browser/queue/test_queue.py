@@ -213,11 +213,11 @@ def test_held_down_key_answers_only_one_box(twenty_boxes, user):
 def test_view_keys_work_in_the_queue(twenty_boxes, user):
     page = open_queue(user, twenty_boxes)
     stage = page.locator(".stage")
-    expect(stage).not_to_have_attribute("data-lit", "")
+    expect(stage).not_to_have_attribute("data-highlighted", "")
 
     user.press("l", "m")
 
-    expect(stage).to_have_attribute("data-lit", "")
+    expect(stage).to_have_attribute("data-highlighted", "")
     mask = page.get_by_role("button", name="Segmentation over the image")
     expect(mask).to_have_attribute("aria-pressed", "true")
     before = float((stage.get_attribute("data-view") or "").split()[0])

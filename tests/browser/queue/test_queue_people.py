@@ -29,7 +29,7 @@ def open_queue(person: Visitor, scene: Scene, **query: str) -> Page:
     return page
 
 
-def test_conflict_shows_the_earlier_answer_and_keeps_queue_position(
+def test_overtaken_answer_shows_the_earlier_answer_and_keeps_queue_position(
     twenty_boxes, open_window: OpenWindow
 ):
     ada, bo = open_window(), open_window()
@@ -42,11 +42,11 @@ def test_conflict_shows_the_earlier_answer_and_keeps_queue_position(
     bo.press("a", "a")
 
     place = queued_box_id(page)
-    conflict = page.locator(".conflict")
-    expect(conflict).to_contain_text(f"car {contested}: admin answered reject")
-    expect(conflict).to_contain_text("while you answered keep")
+    notice = page.locator(".overtaken")
+    expect(notice).to_contain_text(f"car {contested}: admin answered reject")
+    expect(notice).to_contain_text("while you answered keep")
     assert queued_box_id(page) == place
-    conflict.get_by_role("button", name="Look at it").click()
+    notice.get_by_role("button", name="Look at it").click()
     expect(page.locator(".inspector__head h2")).to_contain_text(contested)
     expect(page.locator(".answerline")).to_contain_text("reject by admin")
     assert twenty_boxes.review(contested)["verdict"] == "reject"

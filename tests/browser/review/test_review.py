@@ -209,12 +209,12 @@ def test_history_shows_the_filter_and_every_answer(scene, user):
     expect(items.nth(2)).to_contain_text("rejected, below threshold · 4 % of 10 %")
 
 
-SHOWN_AT = """(bone, ms) => {
-  for (const animation of bone.getAnimations()) {
+SHOWN_AT = """(skeleton, ms) => {
+  for (const animation of skeleton.getAnimations()) {
     animation.pause();
     animation.currentTime = ms;
   }
-  return getComputedStyle(bone).opacity !== "0";
+  return getComputedStyle(skeleton).opacity !== "0";
 }"""
 HEIGHT = "(element) => element.offsetHeight"
 
@@ -228,10 +228,10 @@ def test_loading_history_keeps_its_height_and_does_not_flash(scene, user):
 
     user.press("j")
 
-    bone = history.locator(".bone").first
-    expect(bone).to_be_attached()
+    skeleton = history.locator(".skeleton").first
+    expect(skeleton).to_be_attached()
     expect(history.locator(".history__item")).to_have_count(0)
-    assert [bone.evaluate(SHOWN_AT, ms) for ms in (50, 1000)] == [False, True]
+    assert [skeleton.evaluate(SHOWN_AT, ms) for ms in (50, 1000)] == [False, True]
     loading = history.evaluate(HEIGHT)
     held.pop().continue_()
     expect(history.locator(".history__item")).to_have_count(1)
@@ -294,7 +294,10 @@ def test_box_is_described_in_text_and_numbers(scene, user):
 
     panel = page.locator(".panel--inspector")
     expect(panel).to_contain_text("400 of 10\u2009000")
-    expect(panel.locator(".hidden-by li").first).to_contain_text("Vegetation96 %")
+    hider = panel.locator(".hidden-by li").first
+    expect(hider).to_contain_text("Vegetation96 %")
+    vegetation = "rgb(107, 142, 35)"
+    expect(hider.locator(".swatch")).to_have_css("background-color", vegetation)
     expect(panel.locator(".inspector__sentence")).to_contain_text("4 % of its pixels")
     stage = page.get_by_role("img", name="Frame run/000001")
     expect(stage).to_have_attribute(

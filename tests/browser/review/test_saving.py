@@ -1,4 +1,4 @@
-"""No answer is lost: offline, after a reload, signed out, in conflicts, across tabs."""
+"""No answer is lost: offline, after a reload, signed out, overtaken, across tabs."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_unsent_answer_is_kept_while_signed_out(scene, user, server):
     assert scene.review("ghost")["verdict"] == "keep"
 
 
-def test_conflicting_answer_is_not_stored_and_the_first_is_shown(
+def test_overtaken_answer_is_not_stored_and_the_first_is_shown(
     scene: Scene, open_window: OpenWindow
 ):
     ada, bo = open_window(), open_window()
@@ -120,13 +120,13 @@ def test_conflicting_answer_is_not_stored_and_the_first_is_shown(
 
     bo.press("a")
 
-    conflict = page.locator(".conflict")
-    expect(conflict).to_contain_text("admin answered reject while you answered keep")
+    notice = page.locator(".overtaken")
+    expect(notice).to_contain_text("admin answered reject while you answered keep")
     expect(page.locator(".answerline")).to_contain_text("reject by admin")
     assert scene.revision("ghost") == 1
 
 
-def test_conflict_can_be_resolved_with_own_answer(scene, user):
+def test_overtaken_answer_can_replace_the_other_one(scene, user):
     page = user.open(scene.link("ghost"))
     post_answer(scene, "ghost", "reject")
     user.press("a")
@@ -134,25 +134,25 @@ def test_conflict_can_be_resolved_with_own_answer(scene, user):
     page.get_by_role("button", name="Use mine: keep").click()
 
     user.wait_until_saved()
-    expect(page.locator(".conflict")).to_have_count(0)
+    expect(page.locator(".overtaken")).to_have_count(0)
     review = scene.review("ghost")
     assert (review["verdict"], review["revision"]) == ("keep", 2)
 
 
-def test_conflict_can_be_resolved_with_the_other_answer(scene, user):
+def test_overtaken_answer_can_be_given_up(scene, user):
     page = user.open(scene.link("ghost"))
     post_answer(scene, "ghost", "reject")
     user.press("a")
 
     page.get_by_role("button", name="Keep theirs").click()
 
-    expect(page.locator(".conflict")).to_have_count(0)
+    expect(page.locator(".overtaken")).to_have_count(0)
     user.press("z")
     expect(page.locator(".toast", has_text="Nothing to undo.")).to_be_visible()
     assert scene.review("ghost")["verdict"] == "reject"
 
 
-def test_conflict_on_another_frame_links_to_its_box(scene, user):
+def test_overtaken_answer_on_another_frame_links_to_its_box(scene, user):
     scene.push("run/000002")
     page = user.page
     page.route("**/reviews", lambda route: route.abort())
@@ -166,11 +166,11 @@ def test_conflict_on_another_frame_links_to_its_box(scene, user):
     page.get_by_role("link", name="Show box").click()
 
     expect(page.locator("h1")).to_have_text("run/000001")
-    expect(page.locator(".conflict")).to_contain_text("Your answer was not saved")
+    expect(page.locator(".overtaken")).to_contain_text("Your answer was not saved")
 
 
 def test_unsent_answers_of_an_open_tab_are_not_sent_by_another_tab(scene, open_window):
-    """Formerly the first tab sent them, and the second got a conflict with them."""
+    """Formerly the first tab sent them, and the second was overtaken by them."""
     first = open_window(color_scheme="light")
     first.open(scene.link("real"))
     second = Visitor(first.page.context.new_page(), first.url)
@@ -187,7 +187,7 @@ def test_unsent_answers_of_an_open_tab_are_not_sent_by_another_tab(scene, open_w
     second.press("x")
 
     second.wait_until_saved()
-    expect(second.page.locator(".conflict")).to_have_count(0)
+    expect(second.page.locator(".overtaken")).to_have_count(0)
     assert scene.review("ghost")["verdict"] == "reject"
 
 

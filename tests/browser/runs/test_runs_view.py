@@ -122,7 +122,7 @@ def test_two_runs_are_compared_by_class_by_key_and_by_box(user, street):
     ).to_be_visible()
     expect(page.get_by_role("row", name="car 1")).to_be_visible()
     expect(page.get_by_role("row", name="threshold_small_box 40 60")).to_be_visible()
-    expect(page.locator(".flip--lost")).to_have_count(1)
+    expect(page.locator(".flip--rejected")).to_have_count(1)
     expect(page).to_have_url(re.compile(rf"run={second}$"))
 
     against = page.get_by_label("Run to compare with")
@@ -130,7 +130,7 @@ def test_two_runs_are_compared_by_class_by_key_and_by_box(user, street):
     began = street.api.get(f"/datasets/{street.dataset}/runs").json()["items"][-1]["id"]
     against.select_option(str(began))
 
-    expect(page.locator(".flip--lost")).to_have_count(2)
+    expect(page.locator(".flip--rejected")).to_have_count(2)
     expect(page.get_by_role("row", name="threshold_small_box 10 60")).to_be_visible()
 
 

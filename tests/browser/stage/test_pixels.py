@@ -1,6 +1,6 @@
 """The pixels that the stage really draws, and how it zooms and pans.
 
-Looked at are strokes, mask, lit pixels, 3D edges and marks of answers.
+Looked at are strokes, mask, highlighted pixels, 3D edges and marks of answers.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def test_verdicts_are_shown_as_text_and_icons(scene: Scene, user: Visitor):
 def test_matching_pixels_of_the_selected_box_are_highlighted(make_scene, user, form):
     scene = make_scene(form=form)
     page = user.open(scene.link("hidden"))
-    expect(page.locator(".stage")).to_have_attribute("data-lit", "400")
+    expect(page.locator(".stage")).to_have_attribute("data-highlighted", "400")
     wait_for_drawing(page)
 
     scale, *_ = view(page)
@@ -63,7 +63,7 @@ def test_matching_pixels_of_the_selected_box_are_highlighted(make_scene, user, f
         400 * scale**2, rel=0.25
     )
     user.press("l")
-    expect(page.locator(".stage")).to_have_attribute("data-lit", "")
+    expect(page.locator(".stage")).to_have_attribute("data-highlighted", "")
     wait_for_drawing(page)
     assert count_lit_pixels(layer(page, "top")) == 0
 
@@ -71,7 +71,7 @@ def test_matching_pixels_of_the_selected_box_are_highlighted(make_scene, user, f
 def test_box_without_matching_pixels_highlights_none(scene, user):
     page = user.open(scene.link("ghost"))
 
-    expect(page.locator(".stage")).to_have_attribute("data-lit", "0")
+    expect(page.locator(".stage")).to_have_attribute("data-highlighted", "0")
     wait_for_drawing(page)
     assert count_lit_pixels(layer(page, "top")) == 0
 

@@ -57,8 +57,8 @@ def test_dragging_a_threshold_updates_counts_and_lists_flips(user, street):
 
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
     expect(figure(page, "kept")).to_have_text("2")
-    expect(figure(page, "lost")).to_have_text("2")
-    expect(page.locator(".flip--lost")).to_have_count(2)
+    expect(figure(page, "kept_to_rejected")).to_have_text("2")
+    expect(page.locator(".flip--rejected")).to_have_count(2)
     expect(page.locator(".flip img").first).to_have_attribute(
         "src", re.compile("blob:")
     )
@@ -69,9 +69,9 @@ def test_dragging_a_threshold_updates_counts_and_lists_flips(user, street):
 
 def test_flip_links_to_its_box_in_its_frame(user, street):
     page = open_thresholds(user, street, "?threshold_small_box=50")
-    expect(page.locator(".flip--lost")).to_have_count(1)
+    expect(page.locator(".flip--rejected")).to_have_count(1)
 
-    page.locator(".flip--lost").click()
+    page.locator(".flip--rejected").click()
 
     box = next(one for one in street.frame["boxes"] if one["id"] == "car-30")
     expect(page).to_have_url(re.compile(rf"#/frames/\d+\?box={box['box_id']}$"))
@@ -90,8 +90,8 @@ def test_class_threshold_is_set_by_keyboard(user, street):
     expect(figure(page, "kept")).to_have_text("1")
     user.press("Home")
     expect(figure(page, "kept")).to_have_text("5")
-    expect(figure(page, "won")).to_have_text("1")
-    page.get_by_role("button", name="own").click()
+    expect(figure(page, "rejected_to_kept")).to_have_text("1")
+    page.get_by_role("button", name="Follow all").click()
     expect(handle(page, "car")).to_have_attribute("aria-valuenow", "10")
 
 
@@ -160,7 +160,7 @@ def test_save_and_apply_starts_a_run_and_activates_the_version(user, street):
     assert applied_config(street)["threshold_small_box"] == 40
     page.get_by_role("link", name="See what changed").click()
     expect(page.get_by_role("heading", name=re.compile("What run"))).to_be_visible()
-    expect(page.locator(".flip--lost")).to_have_count(1)
+    expect(page.locator(".flip--rejected")).to_have_count(1)
 
 
 def test_older_version_can_be_previewed_and_activated_again(user, street):
@@ -171,7 +171,7 @@ def test_older_version_can_be_previewed_and_activated_again(user, street):
 
     page.get_by_role("button", name="Try").click()
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "10")
-    expect(figure(page, "won")).to_have_text("2")
+    expect(figure(page, "rejected_to_kept")).to_have_text("2")
     page.get_by_role("button", name="Apply").click()
 
     expect(page.locator(".runstrip--done")).to_be_visible()
@@ -413,7 +413,9 @@ def test_save_dialog_shows_no_flips_if_its_preview_failed(street, user):
     page = open_thresholds(user, street)
     field = page.locator("input[aria-label='Threshold of all classes']")
     field.fill("60")
-    expect(page.locator('[data-figure="lost"] .figure__value')).to_have_text("2")
+    expect(
+        page.locator('[data-figure="kept_to_rejected"] .figure__value')
+    ).to_have_text("2")
     route_loaded(page, "**/preview", lambda route: route.fulfill(status=503, body="{}"))
     field.fill("90")
     expect(page.get_by_role("alert")).to_be_visible()

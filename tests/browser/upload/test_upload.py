@@ -243,6 +243,21 @@ def test_images_with_unreadable_labels_can_be_uploaded_without_labels(scene, use
     )
 
 
+def test_upload_dialog_that_cannot_be_loaded_shows_error_and_can_be_retried(town, user):
+    page = user.open("#/datasets")
+    route_loaded(page, "**/upload/dialog.js", lambda route: route.abort())
+    field = page.get_by_label("Upload a folder").last
+    field.set_input_files(town)
+    expect(page.get_by_role("alert")).to_contain_text(
+        "The upload dialog could not be loaded: Failed to fetch"
+    )
+    page.unroute("**/upload/dialog.js")
+
+    field.set_input_files(town)
+
+    expect(page.get_by_role("dialog", name="Upload")).to_be_visible()
+
+
 def test_failed_folder_reading_can_be_retried_and_cancelled(town, user):
     page = user.open("#/datasets")
     route_loaded(page, "**/api/v1/folders?*", lambda route: route.abort())
@@ -332,6 +347,21 @@ def create_dataset_with_token(route: Route, server: RunningServer) -> None:
     """Make the dataset with the token, although the page has lost its session."""
     shown = {"authorization": f"Bearer {server.token}"}
     route.fulfill(response=route.fetch(headers={**route.request.headers, **shown}))
+
+
+def test_refused_new_dataset_shows_error_and_can_be_sent_again(town, user):
+    page = pick_folder(user, town)
+    problem = {"title": "Internal Server Error", "detail": "the disk is full"}
+    refuse = re.compile("/api/v1/datasets$")
+    route_loaded(page, refuse, lambda route: route.fulfill(status=500, json=problem))
+    send(page)
+    failure = page.get_by_role("dialog").get_by_role("alert")
+    expect(failure).to_have_text("the disk is full")
+    page.unroute(refuse)
+
+    send(page)
+
+    expect(page.locator(".upload-panel__text")).to_have_text("3 frames stored")
 
 
 def test_invalid_dataset_name_and_folder_without_frames_show_errors(

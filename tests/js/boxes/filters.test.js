@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { countOfMore, countsBy, filtersOf, isFiltered, listQuery, listedOf, neighbour, nextUnanswered, selectionOf, shownBoxes, sortOf, withoutFilters, withoutList } from "../../../static/js/boxes/filters.js";
+import { countOfMore, countsBy, filtersOf, isFiltered, listQuery, listedOf, neighbour, nextUnanswered, selectionOf, shownBoxes, sortOf, withoutFilters, withoutFrameFilters, withoutList } from "../../../static/js/boxes/filters.js";
 import { decision } from "../../support/page/builders.js";
 
 /** @param {string} verdict */
@@ -73,6 +73,10 @@ test("clearing the filters keeps the order", () => {
   assert.ok(isFiltered(query));
   assert.deepEqual(withoutFilters(query), { sort: "id" });
   assert.ok(!isFiltered(withoutFilters(query)));
+});
+
+test("removing the filters of a frame keeps those that only the grid has", () => {
+  assert.deepEqual(withoutFrameFilters({ verdict: "kept", review: "none", match_min: "5", sort: "id" }), { match_min: "5", sort: "id" });
 });
 
 test("listed boxes keep the order of the address, each once", () => {

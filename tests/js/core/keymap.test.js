@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { DEFAULT_SETTINGS, KEYMAP, actionOf, keysIn, loadKeys, nameOf, rebind, saveKeys } from "../../../static/js/core/keymap.js";
+import { DEFAULT_SETTINGS, KEYMAP, actionOf, keyText, keysIn, loadKeys, nameOf, rebind, saveKeys } from "../../../static/js/core/keymap.js";
 import { memoryStorage } from "../../support/page/builders.js";
 
 /** @param {string} key @param {object} [some] */
@@ -49,6 +49,19 @@ test("with single-key shortcuts switched off, only keys that type no character w
   assert.equal(actionOf(press(" "), off, "grid"), "select");
   assert.equal(actionOf(press("ArrowRight"), off), "next");
   assert.equal(actionOf(press("Escape"), off), "escape");
+});
+
+test("with single-key shortcuts switched off, a letter does not work in the grid either", () => {
+  const settings = { ...rebind(DEFAULT_SETTINGS, "select", "S"), off: true };
+  assert.equal(actionOf(press("s"), settings, "grid"), null);
+  assert.equal(actionOf(press("c"), settings, "grid"), null);
+});
+
+test("the key of an action is the first that works in the view, as it is shown", () => {
+  const texts = (/** @type {import("../../../static/js/core/keymap.js").KeySettings} */ settings) => [keyText("unsure", settings, "frame"), keyText("unsure", settings, "grid"), keyText("select", settings, "grid"), keyText("escape", settings, "grid"), keyText("select", settings, "frame")];
+  assert.deepEqual(texts(DEFAULT_SETTINGS), ["Space", "U", "Space", "Esc", ""]);
+  assert.deepEqual(texts(rebind(DEFAULT_SETTINGS, "unsure", "Q")), ["Q", "Q", "Space", "Esc", ""]);
+  assert.deepEqual(texts({ ...DEFAULT_SETTINGS, off: true }), ["", "", "Space", "Esc", ""]);
 });
 
 test("a key that is given to another action is taken from its former one", () => {

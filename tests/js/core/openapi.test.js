@@ -33,7 +33,7 @@ const sorted = (words) => [...words].sort();
 const TABLES = [
   ["reasons", Object.keys(REASONS), wordsOf("Decision", "reason")],
   ["kinds of evidence", Object.keys(EVIDENCE), wordsOf("Decision", "evidence")],
-  ["verdicts, and that of a box whose verdict is not shown", Object.keys(VERDICT_SIGN), [...wordsOf("Decision", "verdict"), "veiled"]],
+  ["verdicts, and that of a box whose verdict is not shown", Object.keys(VERDICT_SIGN), [...wordsOf("Decision", "verdict"), "withheld"]],
   ["answers", Object.keys(ANSWER_TEXT), wordsOf("ReviewIn", "verdict")],
   ["orders of the queue", ORDERS.map(({ value }) => value), wordsOf("QueueIn", "order")],
 ];

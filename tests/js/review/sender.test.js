@@ -80,7 +80,7 @@ function senderOf(tab = "t1") {
   const sender = createSender(outbox, requests, (run, ms) => void timers.push({ run, ms }));
   sender.observe({
     onStored: (stored) => told.push(["stored", stored.box_id, stored.revision]),
-    onConflict: (item, current) => told.push(["conflict", item.verdict, current?.review?.verdict]),
+    onOvertaken: (item, current) => told.push(["overtaken", item.verdict, current?.review?.verdict]),
     onRefused: (item, error) => told.push(["refused", item.verdict, error.message]),
     onBulkStored: (_, { stale }) => told.push(["bulk stored", stale]),
     onBulkRefused: (_, error) => told.push(["bulk refused", error.message]),
@@ -162,7 +162,7 @@ test("a refused bulk answer leaves the outbox, is not sent again, and is no long
   assert.deepEqual(told, [["bulk refused", "too many"]]);
 });
 
-test("a conflict with a cleared answer after an own bulk answer on a filter is reported, not overwritten", async () => {
+test("if somebody else clears an answer after an own bulk answer on a filter, that is reported, not overwritten", async () => {
   const { sender } = senderOf();
   sender.addBulkAnswer({ dataset: "d", verdict: "reject", filter: { class: "car" }, snapshot: "s", count: 2 });
   await settled();
@@ -170,7 +170,7 @@ test("a conflict with a cleared answer after an own bulk answer on a filter is r
   sender.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 1 });
   await settled();
 
-  assert.deepEqual(told, [["bulk stored", []], ["conflict", "keep", undefined]]);
+  assert.deepEqual(told, [["bulk stored", []], ["overtaken", "keep", undefined]]);
 });
 
 test("an answer whose response was lost is sent again unchanged, before an older one of a closed tab", async () => {
@@ -186,10 +186,10 @@ test("an answer whose response was lost is sent again unchanged, before an older
 
   assert.deepEqual(verdicts(), [[1, "reject", 0], [1, "reject", 0], [1, "keep", 0]]);
   assert.equal(sent[0]?.key, sent[1]?.key);
-  assert.deepEqual(told, [["stored", 1, 1], ["conflict", "keep", "keep"]]);
+  assert.deepEqual(told, [["stored", 1, 1], ["overtaken", "keep", "keep"]]);
 });
 
-test("another person's answer that was hidden by an own unsent one is a conflict, not overwritten", async () => {
+test("another person's answer that was hidden by an own unsent one is reported, not overwritten", async () => {
   refusals = [new NoResponse("away")];
   const { sender } = senderOf();
   answerMany(sender, "reject", [1, 2], [0, 0]);
@@ -199,7 +199,7 @@ test("another person's answer that was hidden by an own unsent one is a conflict
 
   await settled();
 
-  assert.deepEqual(told, [["bulk stored", [1]], ["conflict", "keep", "keep"]]);
+  assert.deepEqual(told, [["bulk stored", [1]], ["overtaken", "keep", "keep"]]);
 });
 
 test("of several answers on a box that were never sent, only the last one is kept", async () => {
@@ -291,14 +291,14 @@ test("after an unexpected error in the page, the answer is sent again", async ()
   assert.deepEqual([sender.state.get().phase, outbox.items()], ["saved", []]);
 });
 
-test("a conflict is reported with the other person's answer, is not repeated, and does not stop other answers", async () => {
+test("an overtaken answer is reported with the other person's answer, is not repeated, and does not stop other answers", async () => {
   const theirs = decision({ review: { verdict: "reject", reviewer: "bo", revision: 3 } });
   refusals = [new ApiError(412, { current: theirs }, null)];
   const { sender } = senderOf();
   answer(sender, 1, "keep");
   answer(sender, 2, "keep");
   await settled();
-  assert.deepEqual(told, [["conflict", "keep", "reject"], ["stored", 2, 1]]);
+  assert.deepEqual(told, [["overtaken", "keep", "reject"], ["stored", 2, 1]]);
   assert.equal(sender.state.get().phase, "saved");
 });
 
@@ -408,7 +408,7 @@ test("an unsent answer is not replaced by a later one if a bulk answer on the bo
   assert.deepEqual([...revisions], [[7, 1], [1, 3]]);
 });
 
-test("after a conflict, later own answers on the box overwrite nothing either", async () => {
+test("after an overtaken answer, later own answers on the box overwrite nothing either", async () => {
   refusals = [new NoResponse("away"), new NoResponse("away")];
   const { sender } = senderOf();
   answer(sender, 1, "keep");
@@ -420,7 +420,7 @@ test("after a conflict, later own answers on the box overwrite nothing either", 
 
   await sender.resume();
 
-  assert.deepEqual(told.map((event) => event.slice(0, 2)), [["conflict", "keep"], ["bulk stored", [1]], ["conflict", "reject"]]);
+  assert.deepEqual(told.map((event) => event.slice(0, 2)), [["overtaken", "keep"], ["bulk stored", [1]], ["overtaken", "reject"]]);
   assert.equal(revisions.get(1), 1);
 });
 
@@ -437,7 +437,7 @@ test("discarding a refused bulk answer keeps answers that were given after it", 
   assert.deepEqual(sender.state.get().bulkItems, []);
 });
 
-test("an answer after an own bulk answer on a filter has no conflict with that bulk answer", async () => {
+test("an answer after an own bulk answer on a filter is not overtaken by that bulk answer", async () => {
   refusals = [new NoResponse("away"), new NoResponse("away")];
   const { sender } = senderOf();
   sender.addBulkAnswer({ dataset: "d", verdict: "reject", filter: { class: "car" }, snapshot: "s", count: 2 });
@@ -449,7 +449,7 @@ test("an answer after an own bulk answer on a filter has no conflict with that b
 
   await sender.resume();
 
-  assert.deepEqual(told.map((event) => event.slice(0, 3)), [["bulk stored", []], ["stored", 1, 2], ["conflict", "keep", "keep"]]);
+  assert.deepEqual(told.map((event) => event.slice(0, 3)), [["bulk stored", []], ["stored", 1, 2], ["overtaken", "keep", "keep"]]);
 });
 
 /** Undos that are not stored yet: the bulk answer's key, the state, and the reason to wait. @param {any} sender */
@@ -565,7 +565,7 @@ test("a refused undo is reported, and does not stop later answers", async () => 
   assert.deepEqual(told, [["undo refused", 7, "was undone already"], ["stored", 1, 2]]);
 });
 
-test("an answer after undoing an own bulk answer on a filter has no conflict with that undo", async () => {
+test("an answer after undoing an own bulk answer on a filter is not overtaken by that undo", async () => {
   revisions = new Map([[1, 1], [2, 1]]);
   refusals = [new NoResponse("away")];
   const { sender } = senderOf();

@@ -1,15 +1,15 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { lightPixels, tagMatcher } from "../../../static/js/stage/pixels.js";
+import { highlightPixels, tagMatcher } from "../../../static/js/stage/pixels.js";
 
 /** @type {any} */
 const CAR = { tag: 14, name: "Car", rgb: [0, 0, 142] };
 /** @type {any} */
 const RIDER = { tag: 13, name: "Rider", rgb: [255, 0, 0] };
 const RGB = { encoding: "palette", channel_order: "rgb", lossy: false };
-const LIT = [1, 2, 3, 4];
-const UNLIT = [9, 9, 9, 9];
+const MATCHING = [1, 2, 3, 4];
+const OTHERS = [9, 9, 9, 9];
 
 test("in a palette image, only the exact colour matches", () => {
   const matches = tagMatcher([CAR, RIDER], RGB);
@@ -37,8 +37,8 @@ test("nothing matches an empty accept set", () => {
   assert.ok(!tagMatcher([], RGB)(0, 0, 142));
 });
 
-test("lightPixels colours matching pixels and the others differently, and gives the number of matches", () => {
+test("highlightPixels colours matching pixels and the others differently, and gives the number of matches", () => {
   const rgba = new Uint8ClampedArray([0, 0, 142, 255, 70, 70, 70, 255]);
-  assert.equal(lightPixels(rgba, tagMatcher([CAR], RGB), LIT, UNLIT), 1);
-  assert.deepEqual([...rgba], [...LIT, ...UNLIT]);
+  assert.equal(highlightPixels(rgba, tagMatcher([CAR], RGB), MATCHING, OTHERS), 1);
+  assert.deepEqual([...rgba], [...MATCHING, ...OTHERS]);
 });

@@ -93,7 +93,8 @@ def test_explanation_of_a_ghost_names_the_tag_that_hides_it():
     assert decision["explanation"] == (
         "rejected: none of its pixels are Pedestrian; Vegetation covers 100 %"
     )
-    assert decision["hidden_by"] == [{"tag": 9, "name": "Vegetation", "percent": 100.0}]
+    hider = {"tag": 9, "name": "Vegetation", "rgb": [107, 142, 35], "percent": 100.0}
+    assert decision["hidden_by"] == [hider]
 
 
 def test_box_without_a_segmentation_is_unmeasured():

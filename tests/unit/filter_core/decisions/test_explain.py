@@ -15,9 +15,15 @@ from filter_core.decisions.explain import (
     rounded_percent,
 )
 from filter_core.evidence_kinds import CHANNELS, ChannelName
+from filter_core.segmentation.palettes import FAMILIES
 from filter_core.types import N_TAGS, HiddenBy, Reason
 
-VEGETATION: HiddenBy = {"tag": 9, "name": "Vegetation", "percent": 71.2}
+VEGETATION: HiddenBy = {
+    "tag": 9,
+    "name": "Vegetation",
+    "rgb": [107, 142, 35],
+    "percent": 71.2,
+}
 
 
 CHANNEL_OF: dict[Reason, ChannelName] = {
@@ -278,9 +284,9 @@ def test_hidden_by_lists_tags_that_the_class_does_not_accept():
     row = counts(t14=10, t9=50, t3=20, t6=15, t5=4, t1=1)
 
     assert hidden_by(row, 1 << 14, "carla-0.9.14") == [
-        {"tag": 9, "name": "Vegetation", "percent": 50.0},
-        {"tag": 3, "name": "Building", "percent": 20.0},
-        {"tag": 6, "name": "Pole", "percent": 15.0},
+        {"tag": 9, "name": "Vegetation", "rgb": [107, 142, 35], "percent": 50.0},
+        {"tag": 3, "name": "Building", "rgb": [70, 70, 70], "percent": 20.0},
+        {"tag": 6, "name": "Pole", "rgb": [153, 153, 153], "percent": 15.0},
     ]
 
 
@@ -297,3 +303,19 @@ def test_hidden_by_names_unknown_pixels_and_sorts_ties_by_tag():
     names = [one["name"] for one in hidden_by(row, 0, "carla-0.9.14")]
 
     assert names == ["Building", "Unknown"]
+
+
+@pytest.mark.parametrize("palette", FAMILIES.values(), ids=FAMILIES)
+def test_hidden_by_has_the_colours_of_the_frames_palette(palette):
+    for tag in palette.tags:
+        row = counts(**{f"t{tag.tag}": 1})
+
+        found = [one["rgb"] for one in hidden_by(row, 0, palette.name)]
+
+        assert found in ([list(tag.rgb)], []), tag.name
+
+
+def test_hidden_by_shows_unknown_pixels_in_the_colour_of_a_drawn_segmentation():
+    (unknown,) = hidden_by(counts(t30=1), 0, "carla-0.9.14")
+
+    assert unknown["rgb"] == [255, 255, 255]
