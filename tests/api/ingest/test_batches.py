@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 from tests.support import frames as scene
-from tests.support.api import BASE, Api
+from tests.support.api import BASE
 from tests.support.archives import (
     END,
     TAR,
@@ -238,16 +238,6 @@ def test_batch_without_the_role_or_a_token_is_refused(as_role, service):
         without = nobody.post(path, content=b"x" * 2000, headers=TAR)
 
     assert (answer.status_code, without.status_code) == (403, 401)
-
-
-def test_too_large_batch_returns_413(admin):
-    api = Api(admin)
-    members = [("a.json", b"{}"), ("a.image.png", bytes(1_100_000))]
-
-    answer = send(api, api.dataset(), tar_archive(members))
-
-    # The Content-Length is already too large: nothing has to be read.
-    assert (answer.status_code, answer.json()["code"]) == (413, "too_large")
 
 
 def test_only_the_frames_over_their_limits_are_refused_in_a_batch(start_api):

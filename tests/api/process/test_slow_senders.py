@@ -165,9 +165,3 @@ def test_slow_sender_does_not_time_out(service):
         answer = connection.recv(65536)
 
     assert answer.startswith(b"HTTP/1.1 201 ")
-
-
-def test_too_large_login_body_returns_413(service, anonymous):
-    answer = anonymous.post("/api/v1/session", json={"token": "x" * 5_000})
-
-    assert (answer.status_code, answer.json()["code"]) == (413, "too_large")
