@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 from typing import Final
 
+from tests.support.documents import names_in_rows, read
 from tests.support.sources import python_sources
 
 LEVELS: Final = (
@@ -74,3 +75,14 @@ def test_packages_import_only_packages_of_lower_levels():
     }
 
     assert upwards == set()
+
+
+def test_table_of_the_architecture_has_the_order_of_the_levels():
+    level_of = {name: number for number, level in enumerate(LEVELS) for name in level}
+
+    rows = names_in_rows(read("ARCHITECTURE.md"), "### app")
+    names = [name.removesuffix("/").removesuffix(".py") for row in rows for name in row]
+
+    assert sorted(names) == sorted(level_of.keys() - {"__main__"})
+    levels = [level_of[name] for name in names]
+    assert levels == sorted(levels)

@@ -14,11 +14,14 @@ from pathlib import PurePosixPath
 
 import pytest
 
+from app.db import tables
+from app.db.tables import access
 from app.ingest.batch import LONGEST_WAIT_S, MOST_TOGETHER
 from app.jobs.attempts import MOST_ATTEMPTS
 from app.jobs.events import INTERVAL_S
 from app.jobs.leases import LEASE_LASTS, RENEW_EVERY_S, WATCHDOG_EVERY_S
 from app.runs.measure import COMMIT_EVERY_S
+from tests.support.documents import names_in_rows
 from tests.support.sources import (
     CHECKOUT,
     PRODUCT,
@@ -248,3 +251,10 @@ def test_table_of_figures_counts_small_modules_with_one_importer():
 
     named = "modules of under 80 lines that one other module imports"
     assert int(figures_now()[named]) == len(small)
+
+
+def test_table_of_stored_data_has_every_table_of_the_database_once():
+    rows = names_in_rows(TEXT, "## What is stored")
+
+    declared = {**tables.Frame.metadata.tables, **access.Token.metadata.tables}
+    assert sorted(name for row in rows for name in row) == sorted(declared)

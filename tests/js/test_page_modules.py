@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from tests.support.documents import names_in_rows, read
 from tests.support.sources import CHECKOUT
 
 STATIC = CHECKOUT / "static"
@@ -39,6 +40,17 @@ def test_modules_import_from_folders_below_their_own():
                 upwards.append(f"{own}/{file.name} imports {named}")
 
     assert upwards == []
+
+
+def test_table_of_the_architecture_has_the_order_of_the_levels():
+    level_of = {name: level for level, names in enumerate(LEVELS) for name in names}
+
+    rows = names_in_rows(read("ARCHITECTURE.md"), "## The review page")
+    folders = [name.removesuffix("/") for row in rows for name in row]
+
+    assert sorted(folders) == sorted(level_of.keys() - {"."})
+    levels = [level_of[folder] for folder in folders]
+    assert levels == sorted(levels)
 
 
 def test_each_test_is_named_for_the_module_it_tests():

@@ -42,3 +42,18 @@ def anchors(text: str) -> set[str]:
 def blocks(text: str, language: str) -> list[str]:
     """The contents of the code blocks that are marked with a language."""
     return [code for found, code in _BLOCK.findall(text) if found == language]
+
+
+def names_in_rows(text: str, heading: str) -> list[list[str]]:
+    """The names in code style in the first cell of each row of a section's tables.
+
+    Parameters
+    ----------
+    text : str
+        A Markdown document.
+    heading : str
+        The heading of the section, with its number signs: ``"## What is stored"``.
+    """
+    section = text.partition(f"\n{heading}\n")[2]
+    rows = re.findall(r"^\| (`.+?`) \|", re.split(r"\n#+ ", section)[0], re.MULTILINE)
+    return [re.findall(r"`(.+?)`", row) for row in rows]
