@@ -79,7 +79,7 @@ class GracefulServer(uvicorn.Server):
             await asyncio.sleep(_POLL_S)
         cut_off = _unfinished(begun)
         if cut_off:
-            server_log.warning("%d requests took too long and are cancelled", cut_off)
+            server_log.warning("%d requests are cancelled: they took too long", cut_off)
         left_s = max(1, int(until - time.monotonic()))
         self.config.timeout_graceful_shutdown = left_s
         await _cancel(begun)

@@ -141,5 +141,5 @@ def test_worker_without_a_scheduler_exits_with_69_and_the_reason(made, tmp_path)
     )
 
     assert answer.code == EXIT_UNREACHABLE
-    words = rf"takes this worker at {address}: (Connection refused|Timed out [a-z ]+)"
+    words = rf"the scheduler at {address}: (Connection refused|Timed out [a-z ]+)"
     assert re.search(words, answer.err), answer.err

@@ -222,7 +222,7 @@ def test_worker_without_a_valid_certificate_cannot_join(running_cluster, tmp_pat
     assert codes == [EXIT_UNREACHABLE, EXIT_UNREACHABLE, 1], [
         other.log_text for other in others
     ]
-    assert "no scheduler takes this worker" in others[0].log_text
+    assert "cannot connect to the scheduler" in others[0].log_text
     assert "UNGHOST_TLS_CA" in others[2].log_text
     assert not any("joined" in other.log_text for other in others)
 

@@ -183,7 +183,7 @@ def test_worker_that_lost_its_scheduler_exits_with_69_and_a_message(made):
 
         assert worker.wait_for_exit() == 69
     assert "lost the connection" in worker.log_text
-    assert "no scheduler takes this worker" in worker.log_text
+    assert "cannot connect to the scheduler" in worker.log_text
 
 
 def test_child_process_of_a_killed_worker_ends(made):

@@ -77,7 +77,7 @@ def test_restore_repairs_its_own_bucket_but_refuses_one_with_other_files(
     restore(settings(tmp_path / "again", filled_bucket), kept.path, silently)
     with running_services(tmp_path / "data", **filled_bucket.settings) as services:
         services.context.storage.put({"0" * 64: b"newer"})
-    with pytest.raises(CannotMaintain, match="1 files that are not in the backup"):
+    with pytest.raises(CannotMaintain, match="1 files there are not in the backup"):
         restore(settings(tmp_path / "third", filled_bucket), kept.path, silently)
 
     assert doctor_findings(tmp_path / "again", **filled_bucket.settings).keys() <= {

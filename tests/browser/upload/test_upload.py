@@ -155,7 +155,7 @@ def test_dropped_voc_files_are_read_and_errors_are_listed(scene, user):
 
     page.evaluate(DROP, encode_files(files))
     expect(page.get_by_label("Cannot be read")).to_contain_text(
-        "w w.xml, line 1, column 4: not XML"
+        "w w.xml, line 1, column 4: cannot be read as XML"
     )
     send(page)
 
