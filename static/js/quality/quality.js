@@ -39,7 +39,7 @@ function QualityOf({ app, route }) {
   const known = quality ? answersIn(quality.confusion) : 0;
   const truth = quality?.truth ?? against;
   const setAgainst = (/** @type {string} */ wanted) => change({ against: wanted === "people" ? "" : wanted });
-  return html`<main id="main" class="page" tabindex="-1" aria-busy=${!quality}>
+  return html`<main id="main" class="page" tabindex="-1" aria-busy=${loaded.state === "loading"}>
       <div class="page__head">
         <h1>Quality</h1>
         ${quality && html`<span class="faint">the filter against ${WORDS[truth].head(known)}${truth === "people" && quality.unsure > 0 ? `, and ${countText(quality.unsure)} unsure` : ""}</span>`}

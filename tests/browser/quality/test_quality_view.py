@@ -142,6 +142,8 @@ def test_saving_a_suggestion_fails_once_if_active_version_changed(user, answered
 
     expect(page.get_by_role("alert")).to_contain_text("somebody has applied another")
     assert answered.api.get(path).json()["items"] == before
+    # The page loads the other version now.
+    expect(page.get_by_role("main")).to_have_attribute("aria-busy", "false")
     button.click()
     expect(page.get_by_text("Saved as version")).to_be_visible()
     newest = answered.api.get(path).json()["items"][0]["config"]["classes"]
