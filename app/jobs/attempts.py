@@ -20,19 +20,19 @@ anew.
   `reset`, as `Task.reset_attempts`. The next driver finds in the row how many processes
   in succession have died and stored nothing.
 
-**How the next attempt differs.** The numbers in brackets are `Chunk.attempts` during
-the attempt. A driver counts its own attempt beforehand, a worker is counted when it has
-died; so the driver's numbers are higher by one.
+**How the next attempt differs.**
 
 | attempt | by a worker | by the driver |
 |---|---|---|
-| first | whole chunk (0) | whole chunk (1) |
-| second | whole chunk, alone (1) | frame by frame (2) |
-| third | frame by frame, alone (2) | frame by frame (3) |
+| first | whole chunk | whole chunk |
+| second | whole chunk, alone | frame by frame |
+| third | frame by frame, alone | frame by frame |
 | then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
 
-Once an attempt of a driver has stored something, the next one is a first one again:
-three drivers in succession have to die and store nothing.
+During the first attempt, `Chunk.attempts` is 0 for a worker, but 1 for a driver, which
+counts its own attempt beforehand. Once an attempt of a driver has stored something, the
+next one is a first one again: three drivers in succession have to die and store
+nothing.
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
 the cause. Each of them is submitted again while no other one is in progress
@@ -40,16 +40,16 @@ the cause. Each of them is submitted again while no other one is in progress
 
 *Frame by frame* (`is_one_by_one`): each result is stored before the next frame begins.
 So the first frame without a result is the cause. Without workers it becomes a chunk of
-its own, in quarantine, and the rest of the chunk is tried again. But each of many such
-frames in a row would end three processes. So if the frame before it in the dataset has
-ended processes, too, and is in quarantine for that, the rest of the chunk is put there
-together with it. (Frames in between that cannot be read make no difference.)
+its own, in quarantine, and the rest of the chunk is tried again. If many frames in a
+row end processes, this takes three processes for each of them. So if the frame before
+it in the dataset is in quarantine because it ended processes, the rest of the chunk is
+put there, too. (Unreadable frames in between make no difference.)
 
-A frame whose images cannot be read, since they crash the child processes that decode
-them or need too much time or memory, ends no process. `refuse` puts its chunk into
-quarantine once all its other frames are stored. Frame by frame, `refuse_frame` puts the
-frame alone there at once: otherwise it would be the first frame without a result, and
-be taken for the cause if a later frame ends the process.
+**An unreadable frame** ends no process: only the child processes that decode its images
+die, or exceed their limits of time or memory. `refuse` puts its chunk into quarantine
+once all its other frames are stored. Frame by frame, `refuse_frame` puts the frame
+alone there at once. Otherwise it would be the first frame without a result, and taken
+for the cause when another frame ends the process.
 """
 
 from __future__ import annotations

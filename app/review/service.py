@@ -1,9 +1,9 @@
 """Stores a person's answer on one box.
 
 1. `create_review` (`routes`) passes the request to `review_box`.
-2. `review_box` reads the current state of the box (`ReviewRepository.state`). This is
-   the first SQL statement: it begins the transaction, and waits until no other one
-   writes (`app.db.turns`).
+2. `review_box` reads the current state of the box (`ReviewRepository.state`). With this
+   SQL statement, the first one, the transaction begins: it waits until no other one
+   writes, and claims the idempotency key of the request (`app.http.transaction`).
 3. `ReviewRepository.answer_box` inserts the answer as a row of `reviews`, if the box
    still has the revision that the person saw; if not, `review_box` raises StaleReview,
    and the client gets the status 412.

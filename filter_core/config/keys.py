@@ -72,13 +72,15 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
             evidence=(SEMANTIC,),
         )
 
-    `evidence` names the kinds of evidence whose rules use the key. It is left out for
-    the keys of reasons with `before_channels`, which matter for every kind.
+    `evidence` names the kinds of evidence whose rules use the key. It is left out if
+    the key matters for every kind: if it decides boxes before pixels are looked at
+    (`Reason.before_channels`), as `max_distance` does.
 
     Three classes in `filter.py` have these keys, with other types:
 
-    - `ClassLimits`, the values that apply to one class: the number. (`DecideConfig`
-      extends it: its values apply to the classes that override none.)
+    - `ClassLimits`, the values that apply to one class: the number. `DecideConfig`
+      extends it with keys that no class overrides; its own values apply to all classes
+      without an override;
     - `ClassConfig`, the values that one class overrides: the number, or `INHERIT`;
     - `LimitsByClass`, the values that apply to each of K classes: an array of K
       numbers.

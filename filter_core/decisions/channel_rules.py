@@ -5,7 +5,7 @@ with a number for a box decides, and overwrites what the rules of the segmentati
 decided, except for reasons that need no pixels (`Reason.before_channels`). A box that
 no channel has a number for keeps its decision. `_CHANNELS` has one row per
 channel: the number that it compares, the number that is needed, and the reason of the
-boxes that it rejects. Its sentences are in `explain`.
+boxes that it rejects. The sentences of channels are in `explain`.
 """
 
 from __future__ import annotations

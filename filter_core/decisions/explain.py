@@ -347,12 +347,13 @@ def _out_of_range(box: ExplainedBox) -> str:
     distance = box.distance if box.distance is not None else float("nan")
     low, high = box.limits.min_distance, box.limits.max_distance
     if low is not None and distance < low:
-        limit, words = low, "at least"
+        limit, words = low, "at least {} m are needed"
     elif high is not None and distance > high:
-        limit, words = high, "at most"
+        limit, words = high, "at most {} m are allowed"
     else:
-        return "it is not in the range of distances that is wanted"
-    return f"it is {_metres(distance, limit)} away, {words} {limit:.15g} m are wanted"
+        return "its distance is outside the allowed range"
+    needed = words.format(f"{limit:.15g}")
+    return f"it is {_metres(distance, limit)} away, {needed}"
 
 
 def _unmapped(box: ExplainedBox) -> str:

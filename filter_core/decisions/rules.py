@@ -104,12 +104,13 @@ def _decide_block(
     size = _per_box(limits.size_big_box, class_index)
     large = area >= size if _as_carlasimu(limits) else area > size
     reason = _first_reason(_rules(evidence, rows, limits, large))
-    # thresholds[large, class_index, reason], with `large` as 0 or 1, in a third of the
-    # time.
+    # This gives thresholds[large, class_index, reason], with `large` as 0 or 1, and
+    # takes a third of the time.
     _, classes, reasons = thresholds.shape
     place = (large * np.int32(classes) + class_index) * np.int32(reasons) + reason
     threshold = thresholds.take(place)
-    # Under carlasimu the match can exceed 100.
+    # Under carlasimu the match can exceed 100: pixels are counted in the truncated box,
+    # as a share of the area of the box as it was given.
     margin = np.minimum(evidence.match_percent[rows], 100.0) - threshold
     decisions.reason[rows] = reason
     decisions.threshold[rows] = threshold
@@ -182,9 +183,8 @@ def _first_reason(rules: Sequence[_Rule]) -> NDArray[np.uint8]:
     """(N,) uint8: the reason of the first rule that holds for a box, else VISIBLE."""
     # (R, N): 1 where a rule holds, else 0. (`np.select` takes ten times as long.)
     ranks = np.array([holds for _, holds in rules]).view(np.uint8)
-    # Now the row of the first rule has R where the rule holds, the next one R - 1, and
-    # the last one 1. So the largest number of a box belongs to the first rule that
-    # holds for it; 0: none does.
+    # Where it holds, the first rule now has R, the second R - 1, ..., the last one 1.
+    # So the largest number of a box belongs to the first rule that holds; 0: none does.
     ranks *= np.arange(len(rules), 0, -1, dtype=np.uint8)[:, np.newaxis]
     by_rank = [Reason.VISIBLE, *(reason for reason, _ in reversed(rules))]
     reason: NDArray[np.uint8] = np.array(by_rank, np.uint8).take(ranks.max(axis=0))

@@ -43,14 +43,17 @@ class CvatWriter:
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
-        self._images = context.spool()
+        self._images = context.spool()  # a temporary file
 
     def image(self, out: OutFrame) -> str:
         """The path of a frame's image in the export."""
         return f"images/{out.stem}{out.suffix}"
 
     def labels(self, band: str, out: OutFrame) -> None:
-        """One image with its boxes; `band` is empty, as CVAT has no distance bands."""
+        """One image with its boxes.
+
+        `band` is always empty: only some formats can be exported in bands of distance.
+        """
         width, height = out.frame.wh
         head = attributes(
             id=out.number,

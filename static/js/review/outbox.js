@@ -9,15 +9,15 @@
 // revision*: that of the box as the person saw it. If the box has a newer one when the item arrives, somebody else has
 // answered it meanwhile, and the server refuses the item. Two rules keep seen revisions right while items wait:
 //
-// 1. When an item is added (`add`), and an earlier item on the same box waits in any tab, the new item gets the seen
-//    revision of that one, even if the page has loaded a newer revision since. The page shows the waiting answer in
-//    place of what others have answered, so the person cannot have seen theirs. For example, an answer on a box at
-//    revision 3 waits. Somebody else answers the box, and the page loads it at revision 4. The person answers it once
-//    more. This answer gets revision 3, too: the server refuses it, and the person learns of the other answer.
-// 2. When an item is stored (`finish`), its boxes have the next revision. This is the person's own answer, so the later
-//    items of this tab on these boxes get that revision. One that may have reached the server does not: it must be
-//    sent again exactly as it was. Later items of other tabs do not either: the server refuses them, and the person
-//    chooses.
+// 1. While an answer waits, the page shows it in place of what others have answered meanwhile: the person cannot see
+//    theirs. So an item that is added behind it on the same box gets the same seen revision (`add`), and not a newer one
+//    that the page may have loaded. For example, an answer on a box at revision 3 waits. Somebody else answers the box,
+//    and the page loads it at revision 4. The person answers it once more. This answer gets revision 3, too: the server
+//    refuses it, and the person learns of the other answer.
+// 2. When an item is stored, its boxes have the next revision. The later items of this tab on these boxes get that
+//    revision (`finish`), since the answer in between is the person's own. Two kinds of items keep theirs: one that may
+//    have reached the server, which must be sent again exactly as it was, and those of other tabs, which the server then
+//    refuses, so that the person chooses.
 
 import { randomId } from "../core/tab.js";
 

@@ -113,7 +113,7 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
                 distance=312.4,
                 limits=ClassLimits(max_distance=200),
             ),
-            "rejected: it is 312 m away, at most 200 m are wanted",
+            "rejected: it is 312 m away, at most 200 m are allowed",
         ),
         (
             ExplainedBox(
@@ -122,7 +122,7 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
                 distance=4.996,
                 limits=ClassLimits(min_distance=5),
             ),
-            "rejected: it is 4.996 m away, at least 5 m are wanted",
+            "rejected: it is 4.996 m away, at least 5 m are needed",
         ),
         (
             ExplainedBox(Reason.UNMAPPED_CLASS, "bike"),
