@@ -297,7 +297,7 @@ class _Child:
             self._pipe.recv_bytes()  # ready: the timeout does not include the start
         except (EOFError, OSError) as exc:
             self._process.join(_END_S)
-            raise _ChildDied(_ending(self._process.exitcode)) from exc
+            raise _ChildDied(ending_text(self._process.exitcode)) from exc
 
     def is_alive(self) -> bool:
         """Whether the process runs."""
@@ -313,7 +313,7 @@ class _Child:
             return _read_answer(self._pipe.recv_bytes())
         except (EOFError, OSError) as exc:
             self._process.join(_END_S)
-            raise _ChildDied(_ending(self._process.exitcode)) from exc
+            raise _ChildDied(ending_text(self._process.exitcode)) from exc
 
     def _wait(self, seconds: float, given_up: threading.Event | None) -> None:
         if given_up is None:
@@ -377,7 +377,8 @@ def _is_value(found: object) -> bool:
     return is_named or (isinstance(found, type) and is_dataclass(found))
 
 
-def _ending(exitcode: int | None) -> str:
+def ending_text(exitcode: int | None) -> str:
+    """How a process ended, as a predicate: ``was ended by SIGKILL``."""
     if exitcode is not None and exitcode < 0:
         with suppress(ValueError):
             return f"was ended by {signal.Signals(-exitcode).name}"

@@ -269,7 +269,7 @@ def _findings(
     open_exports = rows.open_exports()
     there = {file.digest: file for file in store.files()}
     damaged = verifying.damaged(there) if verifying else set()
-    state = "match their hashes" if verifying else "exist and have their sizes"
+    state = "match their hashes" if verifying else "exist and have the right size"
     yield _of_rows("files", frames, there, damaged, state)
     yield _of_rows("exports", exports, there, damaged, state)
     used = {file.sha256 for file in (*frames, *exports)}

@@ -25,6 +25,7 @@ from app.addresses import LOCAL_ENGINE, EngineAddress
 from app.context import ServiceContext
 from app.db.transient import in_a_line, is_transient
 from app.engine import UnusableEngine
+from app.engine.children import ending_text
 from app.engine.cluster import work_with
 from app.engine.dask import (
     NOWHERE,
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from distributed import Security, Worker
 
 REFUSED: Final = 1
-"""Exit status of a working process whose settings cannot be used."""
+"""Exit status of a worker process whose settings cannot be used."""
 AWAY: Final = 74
 """Exit status: it could not connect to the scheduler or to the database."""
 LOST: Final = 75
@@ -74,7 +75,7 @@ class Place:
 
 @dataclass
 class Supervisor:
-    """Starts a working process, and restarts it whenever it dies."""
+    """Starts a worker process, and restarts it whenever it dies."""
 
     settings: Settings
     place: Place
@@ -98,7 +99,7 @@ class Supervisor:
                 return status
             if status != LOST:
                 server_log.warning(
-                    "a worker process ended with exit code %d; starting another", status
+                    "a worker process %s; starting another", ending_text(status)
                 )
             is_old = time.monotonic() - begun > _SHORT_LIFE_S
             pause = _PAUSE_S if is_old else min(2 * pause, _LONGEST_PAUSE_S)
@@ -287,7 +288,7 @@ def _wait_for_parent(notify: partial[object]) -> None:
 
 
 def main() -> int:
-    """The working process; its settings are UNGHOST_* variables."""
+    """The worker process; its settings are UNGHOST_* variables."""
     parser = ArgumentParser(prog="app.process.worker")
     parser.add_argument("--host")
     parser.add_argument("--port", type=int, default=0)

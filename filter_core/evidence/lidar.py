@@ -235,7 +235,9 @@ def _parsed_npy(content: bytes, *, whole: bool = False) -> NDArray[np.generic]:
 
     `whole`: nothing may follow the array. ValueError says what is wrong with a file.
     """
-    size = _NPY_LENGTH_BYTES.get(content[6]) if len(content) > 8 else None
+    if len(content) <= 8:
+        raise ValueError(f"a file of {len(content)} bytes")
+    size = _NPY_LENGTH_BYTES.get(content[6])
     if not content.startswith(_NPY_MAGIC) or size is None:
         raise ValueError("an unknown version of the format")
     start = 8 + size

@@ -162,8 +162,8 @@ class CaptureFolder:
             if known.get(name) != new.get(name):
                 what = "scenario" if name == "scenario_digest" else name
                 raise CaptureError(
-                    f"{self.path} holds a capture with another {what}: choose another "
-                    "--output, or use the same one again"
+                    f"{self.path} contains a capture with another {what}: choose "
+                    "another --output, or use the same one again"
                 )
 
     def _read_keys(self) -> list[str]:

@@ -162,5 +162,5 @@ def gc(options: GarbageOptions) -> None:
         found.as_dict(),
         f"{done} {found.files} files of {found.size_bytes} bytes and "
         f"{found.leftovers} incomplete ones; {found.too_young} unused ones are kept, "
-        "since they are too new",
+        "since they are younger than --grace",
     )

@@ -69,7 +69,9 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
     ] = None
     channel: Annotated[
         list[EvidenceName] | None,
-        typer.Option(help="A channel to compare; may be repeated; default: all."),
+        typer.Option(
+            help="A kind of evidence to compare; may be repeated; default: all."
+        ),
     ] = None
     plot: Annotated[
         Path | None,
@@ -164,7 +166,7 @@ def _task(options: EvaluateOptions) -> EvaluationTask:
 def _print_evaluation(result: EvaluationObject, screen: Screen) -> None:
     """One table of the kinds of evidence, one by distance and one by class."""
     channels = result["channels"]
-    columns = ("channel", *_SCORE_COLUMNS, "judged")
+    columns = ("evidence", *_SCORE_COLUMNS, "measured")
     rows = [(name, *_score_row(one), one["judged"]) for name, one in channels.items()]
     screen.table(columns, rows)
     by_distance = {
@@ -173,7 +175,9 @@ def _print_evaluation(result: EvaluationObject, screen: Screen) -> None:
     }
     by_class = {name: one["by_class"] for name, one in channels.items()}
     for title, parts in (("metres", by_distance), ("class", by_class)):
-        screen.table((title, "channel", *_SCORE_COLUMNS), _parts_rows(parts), tag=title)
+        screen.table(
+            (title, "evidence", *_SCORE_COLUMNS), _parts_rows(parts), tag=title
+        )
 
 
 def _parts_rows(

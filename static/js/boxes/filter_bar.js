@@ -20,7 +20,7 @@ export const VERDICT_CHOICES = [
 
 const REASON_CHOICES = Object.entries(REASONS).map(([value, text]) => ({ value, text }));
 
-/** Not the same as unanswered: what a box without a keep or reject is called. */
+/** A box without keep or reject. One that was answered with unsure is undecided, but it is not unanswered. */
 export const UNDECIDED = "Undecided: no answer, or unsure";
 
 export const DECIDED = "Decided: keep or reject";

@@ -25,7 +25,7 @@ export const KEYMAP = [
   { action: "comment", keys: ["E"], help: "Write a comment", group: "Answer" },
   { action: "next", keys: ["J", "ArrowRight"], help: "Next box", group: "Move" },
   { action: "previous", keys: ["ArrowLeft"], help: "Previous box", group: "Move" },
-  { action: "nextUnanswered", keys: ["Shift+J"], help: "Next box that nobody has answered", group: "Move" },
+  { action: "nextUnanswered", keys: ["Shift+J"], help: "Next box without an answer", group: "Move" },
   { action: "nextFrame", keys: ["PageDown"], help: "Next frame", group: "Move" },
   { action: "previousFrame", keys: ["PageUp"], help: "Previous frame", group: "Move" },
   { action: "grid", keys: ["G"], help: "Boxes as a grid; from the grid, frames", group: "Move" },
@@ -44,6 +44,7 @@ export const KEYMAP = [
   { action: "mask", keys: ["M"], help: "Segmentation over the image", group: "Look" },
   { action: "opacityDown", keys: ["["], help: "Segmentation fainter", group: "Look" },
   { action: "opacityUp", keys: ["]"], help: "Segmentation stronger", group: "Look" },
+  // "lit" is also the name of the preference: both are stored in browsers.
   { action: "lit", keys: ["L"], help: "Highlight the matching pixels", group: "Look" },
   { action: "cycleVerdict", keys: ["V"], help: "Show kept, rejected or all boxes", group: "Look" },
   { action: "crop", keys: ["C"], help: "Zoom to the box, and back", group: "Look" },
@@ -67,9 +68,15 @@ export function nameOf(press) {
   return key;
 }
 
-/** The table with the keys that the person has changed. @param {KeySettings} settings @returns {Binding[]} */
+/**
+ * The table with the keys that the person has changed. A default key that the person has given to another action stays
+ * with that action: the default may be of a later version than the choice.
+ * @param {KeySettings} settings @returns {Binding[]}
+ */
 export function boundKeys(settings) {
-  return KEYMAP.map((row) => ({ ...row, keys: settings.keys[row.action] ?? row.keys }));
+  /** @param {string | undefined} where */
+  const chosen = (where) => new Set(KEYMAP.flatMap((row) => (row.where === where ? (settings.keys[row.action] ?? []) : [])));
+  return KEYMAP.map((row) => ({ ...row, keys: settings.keys[row.action] ?? row.keys.filter((key) => !chosen(row.where).has(key)) }));
 }
 
 /** The rows that are active in a view. A key that a row of this view uses is removed from the general rows. @param {KeySettings} settings @param {string} view @returns {Binding[]} */
@@ -111,7 +118,7 @@ export function actionOf(press, settings, view = "") {
 
 /**
  * Whether a key is switched off. Space as a key of one view selects in its list, as in any list box: it stays.
- * @param {string} name @param {Binding} row @param {KeySettings} settings
+ * @param {string} name @param {Pick<Binding, "where">} row @param {KeySettings} settings
  */
 const isOff = (name, { where }, settings) => settings.off && isCharacter(name) && !(where && name === "Space");
 
@@ -255,7 +262,7 @@ function Row({ app, row, isOff, changing, onChange }) {
     <dt>${row.help}${isOff && html`<span class="sr-only"> (not in this view)</span>`}</dt>
     <dd>
       <span class="sr-only">${row.keys.join(" or ") || "no key"}</span>
-      <${Keys} app=${app} keys=${row.keys} />
+      <${Keys} app=${app} keys=${row.keys} where=${row.where} />
       <button class="button button--quiet button--small ${isChanging ? "is-changing" : ""}" aria-label=${`Change the key: ${row.help}`} onClick=${() => onChange(isChanging ? "" : row.action)}>
         ${isChanging ? "Press a key…" : "Change"}
       </button>
@@ -263,11 +270,14 @@ function Row({ app, row, isOff, changing, onChange }) {
   </div>`;
 }
 
-/** The keys of an action, drawn as key caps. @param {{app: import("./app.js").App, keys: readonly string[]}} props */
-export function Keys({ app, keys }) {
-  const { off } = useValue(app.keys);
+/**
+ * The keys of an action, drawn as key caps; those that are switched off are struck through.
+ * @param {{app: import("./app.js").App, keys: readonly string[], where?: string}} props  `where`: as in `Binding`
+ */
+export function Keys({ app, keys, where }) {
+  const settings = useValue(app.keys);
   return html`<span class="keys" aria-hidden="true">
-    ${keys.map((key) => html`<kbd class=${off && [...key].length === 1 ? "is-off" : ""}>${shownKey(key)}</kbd>`)}
+    ${keys.map((key) => html`<kbd class=${isOff(key, { where }, settings) ? "is-off" : ""}>${shownKey(key)}</kbd>`)}
   </span>`;
 }
 

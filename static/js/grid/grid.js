@@ -1,5 +1,5 @@
 // @ts-check
-// The grid view: filters, status, answers on many boxes that are not saved yet, and the bar for selected boxes.
+// The grid view: filters, status, bulk answers that are not saved yet, and the bar for selected boxes.
 
 import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
 import { SORTS, countOfMore, cycleVerdict, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
@@ -312,7 +312,7 @@ export function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll
   ${report && html`<${ReportLine} app=${app} report=${report} />`}`;
 }
 
-/** The boxes that an answer on many boxes, or its undo, did not change. @param {{app: App, report: import("../review/bulk.js").Report}} props */
+/** The boxes that a bulk answer, or its undo, did not change. @param {{app: App, report: import("../review/bulk.js").Report}} props */
 function ReportLine({ app, report }) {
   const shown = report.boxes.slice(0, 12);
   return html`<div class="strip" role="status">
@@ -334,7 +334,7 @@ const WILL = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: 
 /** @type {Record<string, string>} */
 const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused" };
 
-/** Answers on many boxes, and undos of such answers, that the server has not stored, each with what the person can do about it. @param {{app: App, dataset: string}} props */
+/** Bulk answers, and their undos, that the server has not stored, each with what the person can do about it. @param {{app: App, dataset: string}} props */
 export function UnsentBulkAnswers({ app, dataset }) {
   const { bulkItems } = useValue(app.sender.state);
   const unsent = bulkItems.filter(({ item, state }) => item.dataset === dataset && state !== "sending");

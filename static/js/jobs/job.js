@@ -61,14 +61,14 @@ export function useWatched(run, onOver) {
 export function useOpenRun(dataset, onFound, kind) {
   const { value, error, reload } = useLoaded((signal) => get("/api/v1/datasets/{dataset}/runs", { path: { dataset }, query: { limit: NEWEST }, signal }), [dataset]);
   useEffect(() => {
-    const open = value?.items.find((run) => !isOver(run) && (!kind || run.kind === kind));
+    const open = value?.items.findLast((run) => !isOver(run) && (!kind || run.kind === kind));
     if (open) onFound(open);
   }, [value]);
   return { error, reload };
 }
 
-/** Runs of a dataset are carried out one after the other: one that has not ended is among the newest. */
-const NEWEST = 5;
+/** How many of the newest runs are looked at. Of several that have not ended, the oldest is carried out first. */
+const NEWEST = 20;
 
 const LOOK_AGAIN_MS = 5000;
 

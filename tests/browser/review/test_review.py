@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import re
 
+import numpy as np
 import pytest
 from playwright.sync_api import Route, expect
 
+from filter_core.segmentation.palettes import FAMILIES
+from tests.support.frames import png
+from tests.support.page import scenes
 from tests.support.page.scenes import CAR, Scene, get
 from tests.support.page.stage import point, wait_for_drawing
 from tests.support.page.windows import FILL, PHONE, Visitor, route_loaded
@@ -304,6 +309,28 @@ def test_box_is_described_in_text_and_numbers(scene, user):
         "aria-label",
         re.compile(r"4 % Car < 10 % · hidden by Vegetation 96 %$"),
     )
+
+
+def test_hiding_tag_has_the_colour_of_the_frames_palette(api, user):
+    palette = FAMILIES["carla-0.9.10"]
+    tags = np.full((scenes.HEIGHT, scenes.WIDTH), palette.tag_of("Vehicle"), np.uint8)
+    walker = {"class": "walker", "xyxy": scenes.WALKER}
+    files = {
+        "image": ("image.png", scenes.picture(), "image/png"),
+        "segmentation": ("tags.png", png(palette.paint(tags)), "image/png"),
+        "annotation": ("a.json", json.dumps({"boxes": [walker]}), "application/json"),
+    }
+    made = api.post("/datasets", json={"name": "older", "palette": palette.name})
+    assert made.status_code == 201, made.text
+    frame = api.put("/datasets/older/frames/1", files=files).json()
+
+    box_id = frame["decisions"][0]["box_id"]
+    page = user.open(f"#/frames/{frame['frame']['id']}?box={box_id}")
+
+    hider = page.locator(".hidden-by li").first
+    expect(hider).to_contain_text("Vehicle100 %")
+    swatch = hider.locator(".swatch")
+    expect(swatch).to_have_css("background-color", "rgb(0, 0, 142)")
 
 
 def test_emptied_comment_field_does_not_hide_a_stored_comment(scene, user):

@@ -81,6 +81,13 @@ test("changed keys survive a reload, and an unreadable entry of the storage is i
   assert.deepEqual(loadKeys(storage), DEFAULT_SETTINGS);
 });
 
+test("a key that was chosen for an action stays with it, if a later version has it as the default of another one", () => {
+  const settings = { off: false, keys: { clear: ["C"] } };
+  assert.equal(actionOf(press("c"), settings, "grid"), "clear");
+  const keys = keysIn(settings, "grid").flatMap((row) => row.keys);
+  assert.equal(new Set(keys).size, keys.length);
+});
+
 test("a changed key of an action is kept although earlier versions called the action otherwise", () => {
   const storage = memoryStorage();
   storage.setItem("unghost.keys.v1", JSON.stringify({ off: false, keys: { nextUndecided: ["N"] } }));

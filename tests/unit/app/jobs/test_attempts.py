@@ -144,7 +144,7 @@ def rerun(street):
     return street.run(FROM_PIXELS).id
 
 
-def test_adjacent_quarantined_frames_are_reported_as_a_range(street):
+def test_consecutive_killing_frames_are_quarantined_together(street):
     run_id = request_run_with_attempts(
         street, (0, 0, MOST_ATTEMPTS), (1, 5, MOST_ATTEMPTS), (6, 11, 0)
     )
@@ -156,7 +156,7 @@ def test_adjacent_quarantined_frames_are_reported_as_a_range(street):
     assert run.done == FRAMES - 6
 
 
-def test_range_of_quarantined_frames_ignores_ids_of_other_datasets(services):
+def test_consecutive_frames_are_those_of_one_dataset(services):
     """Frames of another dataset, stored at the same time, have the ids in between."""
     street, other = services.dataset(), services.dataset()
     for number in range(FRAMES):
@@ -172,7 +172,7 @@ def test_range_of_quarantined_frames_ignores_ids_of_other_datasets(services):
     assert run.error["detail"].startswith("frames '00', '01' to '05' crashed")
 
 
-def test_measured_frame_splits_the_range_of_quarantined_frames(street):
+def test_measured_frame_separates_killing_frames(street):
     """The first chunk is in quarantine, but all frames after its first are measured."""
     run_id = request_run_with_attempts(
         street, (1, 2, 0), (3, 5, MOST_ATTEMPTS), (6, 11, 0)
@@ -188,7 +188,7 @@ def test_measured_frame_splits_the_range_of_quarantined_frames(street):
     assert run.error["detail"].startswith("frames '00', '03' crashed the process")
 
 
-def test_unreadable_frames_are_reported_apart_from_killing_frames(street):
+def test_unreadable_frame_does_not_separate_killing_frames(street):
     run_id = request_run_with_attempts(
         street, (0, 0, MOST_ATTEMPTS), (1, 1, 0), (2, 5, MOST_ATTEMPTS)
     )
@@ -231,7 +231,7 @@ def test_unreadable_frame_is_not_counted_as_killing_its_process(services):
     assert run.done == FRAMES - 2
 
 
-def test_worker_quarantines_an_unreadable_frame_before_it_measures_the_next(services):
+def test_unreadable_frame_is_quarantined_before_the_next_is_measured(services):
     """So the unreadable frame is not taken for the cause if the next one kills it."""
     street = services.dataset()
     put_large(street, "00")

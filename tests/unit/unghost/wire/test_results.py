@@ -54,10 +54,11 @@ def test_frame_has_its_files_as_typed_objects():
 
 
 def test_fields_that_older_servers_lack_have_defaults():
-    decision = Decision.read({**DECISION, "hidden_by": None})
+    decision = Decision.read({**DECISION, "hidden_by": None, "revision": None})
 
     assert decision.hidden_by == ()
     assert decision.revision == 0
+    assert Decision.read(DECISION).hidden_by[0].rgb == (255, 255, 255)
 
 
 @pytest.mark.parametrize(
