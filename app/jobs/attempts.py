@@ -74,7 +74,7 @@ from app.measuring.queries import frame_before
 from filter_core.errors import FilterError
 
 MOST_ATTEMPTS: Final = 3
-"""After as many dead processes a chunk, or a frame of it, is put into quarantine."""
+"""After so many dead processes, a chunk or a frame of it is put into quarantine."""
 _PAUSE_S: Final = 0.5
 
 log = logging.getLogger(__name__)
@@ -272,7 +272,7 @@ def _split_first(
 ) -> Chunk:
     """Make the first unfinished frame a chunk of its own; the chunk begins after it.
 
-    If the chunk has no other unfinished frame, it is the chunk itself.
+    Returns the new chunk, or the chunk itself if it has no other unfinished frame.
     """
     if len(unfinished) < 2:
         return chunk

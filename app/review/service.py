@@ -2,7 +2,7 @@
 
 1. `create_review` (`routes`) passes the request to `review_box`.
 2. `review_box` reads the current state of the box (`ReviewRepository.state`). With this
-   SQL statement, the first one, the transaction begins: it waits until no other one
+   first SQL statement, the transaction begins: it waits until no other transaction
    writes, and claims the idempotency key of the request (`app.http.transaction`).
 3. `ReviewRepository.answer_box` inserts the answer as a row of `reviews`, if the box
    still has the revision that the person saw; if not, `review_box` raises StaleReview,

@@ -71,8 +71,8 @@ def decide_all(task: Task[Run]) -> None:
         The run has ended, or is being cancelled.
     """
     context = task.context
-    # The result is dropped: it is in the cache now, so that below no lock is held while
-    # a million numbers are loaded.
+    # This only loads the boxes into the cache, so that below no lock is held while a
+    # million numbers are loaded.
     with context.database.read() as session:
         run = task.row(session)
         if context.one(ColumnCache).fits(session, run.dataset_id):

@@ -79,8 +79,8 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     Three classes in `filter.py` have these keys, with other types:
 
     - `ClassLimits`, the values that apply to one class: the number. `DecideConfig`
-      extends it with keys that no class overrides; its own values apply to all classes
-      without an override;
+      extends `ClassLimits` with keys that no class overrides: the values of a
+      configuration apply to all classes without an override;
     - `ClassConfig`, the values that one class overrides: the number, or `INHERIT`;
     - `LimitsByClass`, the values that apply to each of K classes: an array of K
       numbers.
