@@ -72,7 +72,7 @@ def test_the_curl_example_uploads_a_frame(tmp_path):
         answers = subprocess.run(curl, check=True, capture_output=True, text=True)
 
     dataset, frame = json_documents(answers.stdout)
-    assert dataset["name"] == "town10"
+    assert dataset["name"] == "town11"
     assert [decision["verdict"] for decision in frame["decisions"]] == ["kept"]
 
 

@@ -70,13 +70,32 @@ export function nameOf(press) {
 
 /**
  * The table with the keys that the person has changed. A default key that the person has given to another action stays
- * with that action: the default may be of a later version than the choice.
+ * with that action: the default may be of a later version than the choice. A default of one view, such as Space in the
+ * grid, takes precedence over what the person has chosen for all views, but a letter does not.
  * @param {KeySettings} settings @returns {Binding[]}
  */
 export function boundKeys(settings) {
   /** @param {string | undefined} where */
-  const chosen = (where) => new Set(KEYMAP.flatMap((row) => (row.where === where ? (settings.keys[row.action] ?? []) : [])));
-  return KEYMAP.map((row) => ({ ...row, keys: settings.keys[row.action] ?? row.keys.filter((key) => !chosen(row.where).has(key)) }));
+  const chosen = (where) => KEYMAP.flatMap((row) => (row.where === where ? (settings.keys[row.action] ?? []) : []));
+  return KEYMAP.map((row) => {
+    const taken = new Set([...chosen(row.where), ...chosen(undefined).filter(isLetter)]);
+    return { ...row, keys: settings.keys[row.action] ?? row.keys.filter((key) => !taken.has(key)) };
+  });
+}
+
+/** @param {string} name */
+const isLetter = (name) => /^\p{L}$/u.test(name);
+
+/**
+ * What the person is told about the actions that lose a key because it is given to another one.
+ * @param {KeySettings} before @param {KeySettings} after @param {string} name  of the key
+ */
+export function lossText(before, after, name) {
+  const now = new Map(boundKeys(after).map((row) => [row.action, row.keys]));
+  const losers = boundKeys(before).filter(({ action, keys }) => keys.includes(name) && !now.get(action)?.includes(name));
+  return losers
+    .map(({ action, help }) => `${shownKey(name)} is no longer a key for: ${help}${now.get(action)?.length ? "" : ", which has no key now"}`)
+    .join(". ");
 }
 
 /** The rows that are active in a view. A key that a row of this view uses is removed from the general rows. @param {KeySettings} settings @param {string} view @returns {Binding[]} */
@@ -205,7 +224,8 @@ export function isTyping({ target, key }) {
   return key === " " && target.matches("button, a, summary, input, [role=option], [role=menuitemradio]");
 }
 
-const GROUPS = /** @type {const} */ (["Answer", "Look", "Move", "In the grid", "Page"]);
+/** In two columns of about the same length. */
+const GROUPS = /** @type {const} */ (["Answer", "Look", "Page", "Move", "In the grid"]);
 
 /** @param {{app: App, onClose: () => void}} props */
 export function HelpDialog({ app, onClose }) {
@@ -221,10 +241,9 @@ export function HelpDialog({ app, onClose }) {
     if (["Shift", "Control", "Alt", "Meta", "Tab"].includes(event.key) || event.ctrlKey || event.metaKey || event.altKey) return undefined;
     event.preventDefault();
     if (event.key !== "Escape") {
-      const { where } = KEYMAP.find(({ action }) => action === changing) ?? {};
-      const loser = boundKeys(settings).find((row) => row.action !== changing && row.where === where && row.keys.includes(nameOf(event)));
-      setTaken(loser ? `${shownKey(nameOf(event))} is no longer a key for: ${loser.help}` : "");
-      app.keys.set(rebind(settings, changing, nameOf(event)));
+      const changed = rebind(settings, changing, nameOf(event));
+      setTaken(lossText(settings, changed, nameOf(event)));
+      app.keys.set(changed);
     }
     return setChanging("");
   };

@@ -59,7 +59,7 @@ function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
 /** @param {{box: Decision, isWaiting: boolean}} props */
 function AnswerLine({ box, isWaiting }) {
   const answer = answerOf(box);
-  if (!answer) return html`<p class="answerline faint">Nobody has answered yet.</p>`;
+  if (!answer) return html`<p class="answerline faint">It has no answer.</p>`;
   const state = isWaiting ? "not saved yet" : "saved";
   return html`<p class="answerline">
     <${AnswerSign} box=${box} isWaiting=${isWaiting} />

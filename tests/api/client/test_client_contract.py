@@ -195,7 +195,9 @@ def test_bulk_review_of_a_stale_selection_raises_stale_review(client, filled):
     (one, *_) = client.boxes(filled, verdict="rejected")
     client.review(one.box_id, "reject", seen_revision=one.revision)
 
-    with pytest.raises(unghost.StaleReview, match="boxes now, 3 in the snapshot") as caught:
+    with pytest.raises(
+        unghost.StaleReview, match="boxes now, 3 in the snapshot"
+    ) as caught:
         client.bulk_review(filled, "keep", seen)
     assert caught.value.code == "stale_snapshot"
     assert (caught.value.current or {})["total"] == 3

@@ -264,7 +264,9 @@ def test_rebinding_reports_a_key_taken_from_another_action(scene, user):
     user.press("m")
 
     taken = page.get_by_role("dialog").get_by_role("status")
-    expect(taken).to_have_text("M is no longer a key for: Segmentation over the image")
+    expect(taken).to_have_text(
+        "M is no longer a key for: Segmentation over the image, which has no key now"
+    )
 
 
 def change_keys(page: Page, **keys: str) -> None:

@@ -126,7 +126,7 @@ def test_undo_returns_to_the_box_and_removes_its_answer(twenty_boxes, user, key)
 
     user.press(key)
     shows(page, second)
-    expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
+    expect(page.locator(".answerline")).to_have_text("It has no answer.")
     user.press(key)
 
     shows(page, first)

@@ -62,7 +62,7 @@ def test_undo_removes_the_last_answer(scene, user, key):
 
     user.press(key)
 
-    expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
+    expect(page.locator(".answerline")).to_have_text("It has no answer.")
     user.wait_until_saved()
     assert (scene.review("ghost"), scene.revision("ghost")) == (None, 2)
 
@@ -87,7 +87,7 @@ def test_undo_returns_to_the_frame_of_the_answer(scene, user):
     user.press("z")
 
     expect(page.locator("h1")).to_have_text("run/000001")
-    expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
+    expect(page.locator(".answerline")).to_have_text("It has no answer.")
     user.wait_until_saved()
     assert scene.review("ghost") is None
 
@@ -111,7 +111,7 @@ def test_key_pressed_when_a_frame_appears_is_handled(scene, user):
 
     user.press("PageDown")
 
-    expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
+    expect(page.locator(".answerline")).to_have_text("It has no answer.")
     expect(page.locator("h1")).to_have_text("run/000001")
 
 
@@ -268,7 +268,7 @@ def test_refused_answer_shows_error_and_box_stays_unanswered(scene, user):
     expect(page.get_by_role("alert")).to_have_text(
         re.compile("Not saved: viewers cannot review")
     )
-    expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
+    expect(page.locator(".answerline")).to_have_text("It has no answer.")
 
 
 def test_answer_is_retried_after_503_with_the_same_idempotency_key(scene, user):

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { DEFAULT_SETTINGS, KEYMAP, actionOf, keyText, keysIn, loadKeys, nameOf, rebind, saveKeys } from "../../../static/js/core/keymap.js";
+import { DEFAULT_SETTINGS, KEYMAP, actionOf, keyText, keysIn, loadKeys, lossText, nameOf, rebind, saveKeys } from "../../../static/js/core/keymap.js";
 import { memoryStorage } from "../../support/page/builders.js";
 
 /** @param {string} key @param {object} [some] */
@@ -79,6 +79,17 @@ test("changed keys survive a reload, and an unreadable entry of the storage is i
   assert.equal(actionOf(press("q"), loadKeys(storage)), "fit");
   storage.setItem("unghost.keys.v1", "not json");
   assert.deepEqual(loadKeys(storage), DEFAULT_SETTINGS);
+});
+
+test("a letter that was chosen for an action works in the grid, too, and the person is told who loses it", () => {
+  const settings = rebind(DEFAULT_SETTINGS, "keep", "C");
+  assert.equal(actionOf(press("c"), settings, "grid"), "keep");
+  assert.equal(
+    lossText(DEFAULT_SETTINGS, settings, "C"),
+    "C is no longer a key for: Open the box in its frame, which has no key now. " +
+      "C is no longer a key for: Zoom to the box, and back, which has no key now",
+  );
+  assert.equal(lossText(DEFAULT_SETTINGS, rebind(DEFAULT_SETTINGS, "keep", "X"), "X"), "X is no longer a key for: Reject the box");
 });
 
 test("a key that was chosen for an action stays with it, if a later version has it as the default of another one", () => {
