@@ -21,6 +21,7 @@ from app.engine.certificates import NODES
 from app.engine.dask import Certificates, run_scheduler
 from tests.support.command_line import CommandLine
 from tests.support.services import running_services
+from tests.support.threads import in_thread
 
 EXIT_UNREACHABLE = 69
 HOSTS = ("scheduler.lab", "10.0.0.5")
@@ -82,7 +83,7 @@ def test_key_matches_its_certificate(made, name):
 
 def test_scheduler_without_certificates_is_refused_on_public_address():
     with pytest.raises(UnusableEngine, match="let anybody run code"):
-        run_scheduler("0.0.0.0", 0, Certificates(), print)
+        in_thread(run_scheduler, "0.0.0.0", 0, Certificates(), print)
 
 
 @pytest.mark.parametrize(
@@ -99,14 +100,14 @@ def test_wrong_certificate_or_key_file_is_refused_and_named(made, wrong, words):
     shown = Certificates(**{part: made[0] / name for part, name in names.items()})
 
     with pytest.raises(UnusableEngine, match=words):
-        run_scheduler("127.0.0.1", 0, shown, print)
+        in_thread(run_scheduler, "127.0.0.1", 0, shown, print)
 
 
 def test_scheduler_names_the_missing_certificate_file(made):
     shown = Certificates(made[0] / "ca.pem", made[0] / "nothing.pem", None)
 
     with pytest.raises(UnusableEngine, match=r"there is no file .*nothing.pem"):
-        run_scheduler("127.0.0.1", 0, shown, print)
+        in_thread(run_scheduler, "127.0.0.1", 0, shown, print)
 
 
 def test_scheduler_on_a_port_in_use_exits_with_a_message(made, tmp_path):

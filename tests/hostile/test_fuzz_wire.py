@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import base64
 import json
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import pairwise
 
@@ -29,6 +28,7 @@ from tests.support.hostile.mutations import (
 )
 from tests.support.hostile.openapi_cases import DATASET
 from tests.support.hostile.wire_samples import ARCHIVES, FORM, MEDIA_TYPE
+from tests.support.threads import in_thread
 
 pytestmark = pytest.mark.long
 
@@ -67,9 +67,8 @@ def test_any_multipart_form_is_read_or_refused(content, media_type):
         for start, end in pairwise([*range(0, len(content), 500), len(content)]):
             yield content[start:end]
 
-    # In a thread: browser tests may have left an event loop in this one.
-    with ThreadPoolExecutor(1) as thread, little_memory(), suppress(AppError):
-        thread.submit(asyncio.run, read_parts(media_type, stream(), limits)).result()
+    with little_memory(), suppress(AppError):
+        in_thread(asyncio.run, read_parts(media_type, stream(), limits))
 
 
 def check_no_server_error(answer):

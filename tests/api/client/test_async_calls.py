@@ -13,6 +13,7 @@ import pytest
 import unghost
 from tests.support import frames
 from tests.support.servers import RunningServer
+from tests.support.threads import in_thread
 from unghost import wire
 from unghost.client.api import Api
 from unghost.client.call import Call, Listing, query_of
@@ -67,7 +68,7 @@ def test_async_client_awaits_a_call(server, client, filled):
                 await asking.dataset("nowhere")
             return dataset
 
-    assert asyncio.run(ask()) == client.dataset(filled)
+    assert in_thread(asyncio.run, ask()) == client.dataset(filled)
 
 
 def test_async_client_iterates_over_pages(server, client, filled):
@@ -76,7 +77,7 @@ def test_async_client_iterates_over_pages(server, client, filled):
             frames: AsyncIterator[wire.FrameSummary] = asking.frames(filled, limit=2)
             return [frame async for frame in frames]
 
-    found = asyncio.run(ask())
+    found = in_thread(asyncio.run, ask())
 
     assert len(found) == 3
     assert found == list(client.frames(filled))
@@ -97,7 +98,7 @@ def test_async_client_sends_form_json_and_yaml_calls(server, client, dataset):
             )
             return stored, review, version
 
-    stored, review, version = asyncio.run(ask())
+    stored, review, version = in_thread(asyncio.run, ask())
 
     assert stored.created
     assert client.box(review.box_id).review.verdict == "keep"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import pairwise
 
@@ -13,6 +12,7 @@ from hypothesis import strategies as st
 
 from app.errors import AppError, BadRequest, TooLarge
 from app.http.bodies import Part, PartLimits, read_parts
+from tests.support.threads import in_thread
 
 BOUNDARY = b"b0undary"
 MEDIA_TYPE = 'multipart/form-data; boundary="b0undary"'
@@ -45,16 +45,7 @@ def read(body, limits=HIGH_LIMITS, *, cuts=(), media_type=MEDIA_TYPE):
         for start, end in pairwise(edges):
             yield body[start:end]
 
-    return run_in_thread(read_parts(media_type, stream(), limits))
-
-
-def run_in_thread(work):
-    """The result of a coroutine.
-
-    It runs in another thread, since browser tests keep an event loop in this one.
-    """
-    with ThreadPoolExecutor(1) as thread:
-        return thread.submit(asyncio.run, work).result()
+    return in_thread(asyncio.run, read_parts(media_type, stream(), limits))
 
 
 def error_of_reading(*args, **options):
@@ -119,7 +110,7 @@ def test_too_large_part_is_refused_before_it_is_read_completely():
             yield body[start : start + 100]
 
     with pytest.raises(TooLarge, match=r"'image'.*1000 bytes"):
-        run_in_thread(read_parts(MEDIA_TYPE, stream(), PartLimits(3, 1000)))
+        in_thread(asyncio.run, read_parts(MEDIA_TYPE, stream(), PartLimits(3, 1000)))
     assert taken < 1500
 
 

@@ -18,6 +18,7 @@ from app.ingest.rows import NewFrame
 from app.ingest.service import add_frame
 from filter_core.errors import FilterError
 from tests.support import frames as scene
+from tests.support.threads import in_thread
 
 DIFFERING_KEYS = {
     *("id", "box_id", "frame_id", "run", "created_at", "dataset", "url"),
@@ -102,7 +103,7 @@ def test_batch_gives_the_same_results_as_single_uploads(services, frames, replac
     alone, together = services.dataset(), services.dataset()
 
     statuses = list(upload_one_by_one(alone, frames, replace))
-    ended = asyncio.run(upload_as_batch(together, frames, replace))
+    ended = in_thread(asyncio.run, upload_as_batch(together, frames, replace))
 
     assert [expected_status(frame) for frame in ended] == statuses
     assert described_frames(together) == described_frames(alone)

@@ -11,6 +11,7 @@ from fastapi import FastAPI
 
 from app.errors import Unprocessable
 from app.http.bodies import StrictRequest, run_off_loop
+from tests.support.threads import in_thread
 
 
 def request_with(body):
@@ -34,15 +35,17 @@ def test_event_loop_runs_while_a_large_body_is_parsed():
         asyncio.get_running_loop().call_soon(let_go.set)
         return await working
 
-    assert asyncio.run(main())
+    assert in_thread(asyncio.run, main())
 
 
 def test_small_body_is_parsed_in_the_event_loop_thread():
     async def main():
         request = request_with(b"")
-        return await run_off_loop(request, b"x", lambda _: threading.get_ident())
+        working = await run_off_loop(request, b"x", lambda _: threading.get_ident())
+        return working, threading.get_ident()
 
-    assert asyncio.run(main()) == threading.get_ident()
+    working, looping = in_thread(asyncio.run, main())
+    assert working == looping
 
 
 @pytest.mark.parametrize(
@@ -58,7 +61,7 @@ def test_small_body_is_parsed_in_the_event_loop_thread():
 )
 def test_invalid_or_too_large_json_body_has_one_error(body, code):
     with pytest.raises(Unprocessable) as refused:
-        asyncio.run(request_with(body).json())
+        in_thread(asyncio.run, request_with(body).json())
 
     (fault,) = refused.value.faults
     assert (refused.value.kind, fault.code) == ("invalid_request", code)
