@@ -54,7 +54,7 @@ def check_run_results(
     """Check that a run's results are complete, as if no process had died meanwhile.
 
     Every box must be there once, with the right verdict. `empty` of the frames have no
-    boxes; the others are those of `fill`.
+    boxes; the others are those of `create_slow_dataset`.
     """
     assert (run["state"], run["done"], run["total"]) == ("done", frames, frames), run
     shown = api.boxes(dataset, limit=1000)

@@ -20,18 +20,9 @@ def api(service) -> Iterator[Api]:
         yield Api(client)
 
 
-@pytest.fixture
-def street(api):
-    """A frame with many boxes, and their ids."""
-    boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(BOXES)]
-    name = api.dataset()
-    stored = api.upload_frame(name, "a", {**scene.annotation(), "boxes": boxes})
-    return name, [box["box_id"] for box in stored["decisions"]]
-
-
-def test_replaced_frame_is_returned_without_querying_evidence(service, api, street):
+def test_replaced_frame_is_returned_without_querying_evidence(service, api):
     """Every other writer waits for queries within the transaction."""
-    name, ids = street
+    name, ids = api.dataset_of_cars(BOXES)
     assert api.review(ids[3], "keep", comment="seen").status_code == 201
     boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(BOXES)]
     boxes[4] = {"class": "car", "xyxy": scene.IN_THE_SKY}
@@ -48,8 +39,8 @@ def test_replaced_frame_is_returned_without_querying_evidence(service, api, stre
     assert frame["counts"]["reviewed"] == 1
 
 
-def test_frame_is_read_with_one_query_per_table(service, api, street):
-    name, _ = street
+def test_frame_is_read_with_one_query_per_table(service, api):
+    name, _ = api.dataset_of_cars(BOXES)
     frame = api.json(f"/datasets/{name}/frames")["items"][0]["id"]
 
     with statements_of(service.app.state.database.engine) as found:

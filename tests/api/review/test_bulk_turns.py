@@ -12,7 +12,6 @@ import pytest
 
 from app.db.engine import Database
 from app.review.service import review_box
-from tests.support import frames as scene
 from tests.support.api import Api
 from tests.support.database_access import record_access
 from tests.support.databases import url_of
@@ -32,10 +31,7 @@ def api(service) -> Iterator[Api]:
 @pytest.fixture
 def street(api):
     """A frame with many boxes, and their ids."""
-    boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(BOXES)]
-    name = api.dataset()
-    stored = api.upload_frame(name, "a", {**scene.annotation(), "boxes": boxes})
-    return name, [box["box_id"] for box in stored["decisions"]]
+    return api.dataset_of_cars(BOXES)
 
 
 @contextmanager

@@ -203,19 +203,30 @@ def test_unreadable_frame_does_not_separate_killing_frames(street):
     assert run.error["detail"].endswith("frame '01' cannot be read: it is so")
 
 
-def test_unreadable_frame_is_not_counted_as_killing_its_process(services):
-    """The unreadable frame is first, and refused before the next ends the process."""
+def run_with_unreadable_frame(services):
+    """A run whose first frame cannot be read, and that is processed frame by frame.
+
+    Returns its dataset, its id, the id of that frame, and a `look` for `ObservedEngine`
+    that stops the engine when the second frame begins.
+    """
     street = services.dataset()
     put_large(street, "00")
     for number in range(1, FRAMES):
         put(street, number)
     run_id = request_run_with_attempts(street, (0, FRAMES - 1, MOST_ATTEMPTS - 1))
-    (large, deadly, *_) = frame_ids(street)
+    (large, second, *_) = frame_ids(street)
 
     def stop(engine, frame_id):
-        if frame_id == deadly:
+        if frame_id == second:
             engine.stopping.set()
             raise JobStopped(run_job(run_id))
+
+    return street, run_id, large, stop
+
+
+def test_unreadable_frame_is_not_counted_as_killing_its_process(services):
+    """The unreadable frame is first, and refused before the next ends the process."""
+    street, run_id, large, stop = run_with_unreadable_frame(services)
 
     with closing(PixelPool(1, memory_bytes=32 * 2**20)) as pixels:
         drive_run(street, run_id, stop, pixels=pixels)
@@ -233,17 +244,7 @@ def test_unreadable_frame_is_not_counted_as_killing_its_process(services):
 
 def test_unreadable_frame_is_quarantined_before_the_next_is_measured(services):
     """So the unreadable frame is not taken for the cause if the next one kills it."""
-    street = services.dataset()
-    put_large(street, "00")
-    for number in range(1, FRAMES):
-        put(street, number)
-    run_id = request_run_with_attempts(street, (0, FRAMES - 1, MOST_ATTEMPTS - 1))
-    (large, second, *_) = frame_ids(street)
-
-    def stop(engine, frame_id):
-        if frame_id == second:
-            engine.stopping.set()
-            raise JobStopped(run_job(run_id))
+    street, run_id, large, stop = run_with_unreadable_frame(services)
 
     with (
         closing(PixelPool(1, memory_bytes=32 * 2**20)) as pixels,
