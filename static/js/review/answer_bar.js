@@ -1,5 +1,5 @@
 // @ts-check
-// The bars with buttons for answers, on one box and on many, and the notice of an answer that somebody else overtook.
+// The bars with buttons for answers, on one box and on many, and the notice that somebody else has answered first.
 
 import { answerOf } from "../boxes/box.js";
 import { html } from "../core/html.js";
