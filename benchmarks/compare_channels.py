@@ -33,8 +33,7 @@ from filter_core.annotation.frame import FORMS_3D
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.evaluation.comparison import EvaluationObject
-from filter_core.formats.manifest import MANIFEST_NAME
-from filter_core.formats.reading import FrameSource
+from filter_core.formats.reading import MANIFEST_NAME, FrameSource
 from filter_core.formats.registry import read_source
 from filter_core.local import (
     EvaluationTask,

@@ -23,19 +23,19 @@ from filter_core.formats.format import (
 )
 from filter_core.formats.reading import (
     KEYS_NAME,
+    MANIFEST_NAME,
     MAX_KEY,
     MAX_LABEL_BYTES,
     FrameSet,
     FrameSource,
     ReadOptions,
     last_name,
+    manifests_below,
     walk,
 )
 from filter_core.formats.writing import ExportContext, OutFrame, Traits
 from filter_core.json_text import read_json
 from filter_core.values import shown
-
-MANIFEST_NAME: Final = "manifest.jsonl"
 
 SEMANTIC_LIDAR_POINT: Final = np.dtype(
     [
@@ -66,7 +66,7 @@ MANIFEST: Final = Format(
 def _recognise(source: Source) -> Recognition:
     path = source.path
     if path.is_file():
-        return "none" if path.suffix.lower() == ".json" else "certain"
+        return "certain" if path.suffix.lower() == ".jsonl" else "none"
     if (path / MANIFEST_NAME).is_file():
         return "certain"
     return "none" if manifest_of(path) is None else "fallback"
@@ -75,16 +75,17 @@ def _recognise(source: Source) -> Recognition:
 def manifest_of(source: Path) -> Path | None:
     """The manifest of a folder, or the file itself; None if there is none.
 
-    In a folder that is ``manifest.jsonl``, else the only other ``.jsonl`` file in it.
+    In a folder that is ``manifest.jsonl``, else the only one of this name in its
+    sub-folders, else the only other ``.jsonl`` file in it.
     """
     if source.is_file():
         return source
     path = source / MANIFEST_NAME
     if path.is_file():
         return path
-    lines = (name for name in walk(source, (".jsonl",)) if last_name(name) != KEYS_NAME)
-    first, second = next(lines, None), next(lines, None)
-    return source / first if first is not None and second is None else None
+    names = [name for name in walk(source, (".jsonl",)) if last_name(name) != KEYS_NAME]
+    found = manifests_below(source) or names
+    return source / found[0] if len(found) == 1 else None
 
 
 FRAME_FILES: Final = (

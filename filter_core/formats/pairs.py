@@ -24,6 +24,7 @@ from filter_core.formats.reading import (
     Unmatched,
     frame_key,
     holds_boxes,
+    manifests_below,
     read_label_bytes,
     segmentation_folder,
     walk,
@@ -46,8 +47,10 @@ PAIRS: Final = Format(
 @PAIRS.recogniser
 def _recognise(source: Source) -> Recognition:
     root = source.path
-    # Labels of an unknown layout must not be ignored silently.
+    # Labels of an unknown layout must not be ignored silently, nor must manifests.
     if root.is_file() or any(map(holds_boxes, source.label_files)):
+        return "none"
+    if manifests_below(root):
         return "none"
     return "fallback" if any(True for _ in walk(root, IMAGE_SUFFIXES)) else "none"
 
@@ -55,17 +58,23 @@ def _recognise(source: Source) -> Recognition:
 _ENDING: Final = re.compile(r"[-_. ](seg|segmentation|semantic)$", re.IGNORECASE)
 
 
+_OTHER_FOLDERS: Final = frozenset({"depth", "instances", "instance", "ignore_mask"})
+"""Names of folders whose images are not the camera's."""
+
+
 @PAIRS.reader
 def read_pairs(root: Path, options: ReadOptions) -> FrameSet:
     """A frame for each image; an annotation that cannot be read is its problem.
 
-    Label files of other layouts are listed as unmatched.
+    Label files of other layouts, and images in a folder of another sensor, are listed
+    as unmatched.
     """
     tags = options.segmentation or segmentation_folder(root)
     names = list(walk(root, IMAGE_SUFFIXES, [tags] if tags else []))
     beside = {name for name in names if _ENDING.search(Path(name).stem)}
+    others = [name for name in names if name not in beside and _is_other_sensor(name)]
     labels = options.labels or root
-    images = FileIndex(name for name in names if name not in beside)
+    images = FileIndex(name for name in names if name not in beside.union(others))
     folder_tags = FileIndex(walk(tags, IMAGE_SUFFIXES) if tags else ())
     beside_tags = FileIndex(sorted(beside), _key_without_ending)
     annotations = FileIndex(walk(labels, (".json",)))
@@ -89,6 +98,7 @@ def read_pairs(root: Path, options: ReadOptions) -> FrameSet:
         *folder_tags.left_over(_NO_IMAGE),
         *beside_tags.left_over(_NO_IMAGE),
         *annotations.left_over("no image of this name"),
+        *(Unmatched(name, _OTHER_SENSOR) for name in others),
         *_foreign_labels(labels),
     )
     return FrameSet(
@@ -100,6 +110,16 @@ def read_pairs(root: Path, options: ReadOptions) -> FrameSet:
 
 
 _NO_IMAGE: Final = "no image for this segmentation"
+
+_OTHER_SENSOR: Final = (
+    "images of depth, instances or ignored regions belong to a frame only if a "
+    "manifest names them"
+)
+
+
+def _is_other_sensor(name: str) -> bool:
+    folders = name.lower().split("/")[:-1]
+    return not _OTHER_FOLDERS.isdisjoint(folders)
 
 
 @dataclass(frozen=True)

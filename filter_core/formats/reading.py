@@ -28,6 +28,8 @@ MAX_KEY: Final = 512
 KEYS_NAME: Final = "frames.jsonl"
 """The list of frames' keys in an export, by which the keys are restored."""
 
+MANIFEST_NAME: Final = "manifest.jsonl"
+
 IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg")
 
 _FOLDER_WORDS: Final = frozenset(
@@ -159,6 +161,12 @@ def band_folders(root: Path) -> list[Path]:
     if not any((root / name).is_dir() for name in ("labels", "Annotations")):
         return []
     return [path for path in root.iterdir() if _BAND.fullmatch(path.name)]
+
+
+def manifests_below(folder: Path) -> list[str]:
+    """Every ``manifest.jsonl`` in a folder and its sub-folders, relative to it."""
+    lines = walk(folder, (".jsonl",))
+    return [name for name in lines if last_name(name) == MANIFEST_NAME]
 
 
 def walk(

@@ -37,7 +37,12 @@ from filter_core.formats.kitti import KITTI
 from filter_core.formats.label_studio import LABEL_STUDIO
 from filter_core.formats.manifest import MANIFEST
 from filter_core.formats.pairs import PAIRS
-from filter_core.formats.reading import FrameSet, ReadOptions
+from filter_core.formats.reading import (
+    MANIFEST_NAME,
+    FrameSet,
+    ReadOptions,
+    manifests_below,
+)
 from filter_core.formats.tally import Counts
 from filter_core.formats.voc import VOC
 from filter_core.formats.yolo import YOLO
@@ -130,6 +135,11 @@ def detect_layout(source: Path) -> str:
     if found:
         raise LayoutError(
             f"{source.name}: could be {' or '.join(found)}; name the layout"
+        )
+    if several := manifests_below(source):
+        raise LayoutError(
+            f"{source.name}: expected one {MANIFEST_NAME}, found {len(several)}; "
+            f"give the folder of one of them, such as {Path(several[0]).parent}"
         )
     *first, last = (one.recognised_by for one in _IN_ORDER_OF_TRIAL if one.recognise)
     raise LayoutError(

@@ -17,7 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.formats.manifest import MANIFEST_NAME, SEMANTIC_LIDAR_POINT
+from filter_core.formats.manifest import SEMANTIC_LIDAR_POINT
+from filter_core.formats.reading import MANIFEST_NAME
 from unghost.capture.simulator import (
     CaptureError,
     Image,

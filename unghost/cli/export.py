@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from unghost.cli.options import DatasetName, OutputOptions, ServerOptions, listed
-from unghost.cli.screen import Screen, partly_done, refusal
+from unghost.cli.screen import Screen, naming_options, partly_done, refusal
 from unghost.cli.sources import (
     SegmentationReading,
     SourceOptions,
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 _LISTS: Final = ("bands",)
 """Options that take several values, separated by commas."""
+
+_OPTION_OF_FIELD: Final = {"/format": "--format", "/options/": "--option "}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +97,10 @@ def export(options: ExportOptions) -> None:
     """
     screen = options.screen
     with options.connect() as client:
-        started = client.start_export(options.dataset, options.format, **options.given)
+        with naming_options(_OPTION_OF_FIELD):
+            started = client.start_export(
+                options.dataset, options.format, **options.given
+            )
         screen.note(f"export {started.id} of {options.dataset} ({options.format})")
         done = wait_for_export(client, started, screen)
         _download(client, done, options)

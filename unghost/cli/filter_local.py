@@ -90,7 +90,7 @@ def filter_local(options: FilterOptions) -> None:
 
 def _spare_source(options: FilterOptions) -> None:
     """Decisions must not take the place of what they were made from."""
-    from filter_core.formats.manifest import MANIFEST_NAME
+    from filter_core.formats.reading import MANIFEST_NAME
 
     source = options.source
     manifest = source / MANIFEST_NAME if source.is_dir() else source

@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Final, get_args
 import typer
 
 from unghost.cli.options import ServerOptions
-from unghost.cli.screen import Refused, Screen, partly_done, refusal
+from unghost.cli.screen import (
+    Refused,
+    Screen,
+    naming_options,
+    partly_done,
+    refusal,
+)
 from unghost.cli.sources import (
     SegmentationReading,
     SourceFolder,
@@ -34,6 +40,7 @@ _LOOKED_AT: Final = 500
 """Boxes without tags whose classes are named."""
 _LISTED: Final = 20
 """Problems that are listed one by one, of each kind."""
+_OPTION_OF_FIELD: Final = {"/name": "--dataset", "/classes": "--classes"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +94,8 @@ def ensure_dataset(
     Raises
     ------
     Refused
-        It is there, with other options than those given.
+        It is there, with other options than those given; or it cannot have this name
+        or these classes.
     """
     from unghost.client.errors import Conflict, NotFound
 
@@ -95,7 +103,10 @@ def ensure_dataset(
         dataset = client.dataset(name)
     except NotFound:
         try:
-            return client.create_dataset(name, classes=list(classes) or None, **options)
+            with naming_options(_OPTION_OF_FIELD):
+                return client.create_dataset(
+                    name, classes=list(classes) or None, **options
+                )
         except Conflict:  # another push made it just now
             dataset = client.dataset(name)
     for option, value in options.items():

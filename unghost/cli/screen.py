@@ -57,6 +57,34 @@ def refused_on(*errors: type[Exception]) -> Iterator[None]:
         raise Refused(str(exc)) from exc
 
 
+@contextmanager
+def naming_options(option_of_field: Mapping[str, str]) -> Iterator[None]:
+    """Name the command's options in a refusal, where the server names fields.
+
+    Parameters
+    ----------
+    option_of_field : mapping of str to str
+        The beginning of a field's JSON pointer, and what replaces it.
+
+    Raises
+    ------
+    Refused
+        The server refuses the content of the request (`Invalid`); with all faults.
+    """
+    from unghost.client.errors import Invalid
+
+    try:
+        yield
+    except Invalid as error:
+        lines = [str(fault) for fault in error.errors] or [error.detail]
+        for field, option in option_of_field.items():
+            lines = [
+                option + line.removeprefix(field) if line.startswith(field) else line
+                for line in lines
+            ]
+        raise Refused("\n  ".join(lines)) from error
+
+
 def partly_done(done: int) -> typer.Exit:
     """Exit of a command that was partly done: code 3, or 1 if nothing was done."""
     return typer.Exit(PARTLY if done else REFUSED)

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.formats.manifest import MANIFEST_NAME
+from filter_core.formats.reading import MANIFEST_NAME
 from filter_core.geometry.camera import Camera
 from filter_core.types import FloatArray
 from unghost.street.camera import Photographer, Planes, Stage, pixel_centres

@@ -317,22 +317,26 @@ def test_labels_are_exported_to_a_file(unghost, pushed_dataset, tmp_path):
     assert (tmp_path / "out.zip").read_bytes()[:2] == b"PK"
 
 
-def test_unknown_export_option_is_refused_by_the_server(unghost, pushed_dataset):
-    wrong = (
-        "export",
-        pushed_dataset,
-        "--format",
-        "yolo",
-        "-o",
-        "x.zip",
-        "--option",
-        "color=1",
-    )
+def test_refused_export_names_the_options_of_the_command(unghost, pushed_dataset):
+    options = {
+        "unghost: --option color: unknown name": ("yolo", "color=1"),
+        "unghost: --option split: expected a number": ("yolo", "split=often"),
+        "unghost: --format: expected 'yolo', 'coco'": ("ylo", "split=0.9"),
+    }
 
-    answer = unghost(*wrong)
+    for words, (format_, option) in options.items():
+        answer = unghost(
+            "export", pushed_dataset, "--format", format_, "-O", option, "-o", "x.zip"
+        )
+        assert answer.code == REFUSED
+        assert answer.err.startswith(words)
+
+
+def test_refused_name_of_a_dataset_names_the_option(unghost, tmp_path):
+    answer = unghost("push", frames_in(tmp_path, 1), "--dataset", "Town 10")
 
     assert answer.code == REFUSED
-    assert "color" in answer.err
+    assert answer.err.startswith("unghost: --dataset: expected 1 to 100 of a-z")
 
 
 def test_token_is_read_from_the_data_folder_in_the_current_folder(server, tmp_path):

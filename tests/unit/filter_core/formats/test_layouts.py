@@ -338,6 +338,35 @@ def test_yolo_labels_without_class_names_are_not_silently_ignored(tmp_path):
     assert keys(read_source(tmp_path, "pairs")) == ["1"]
 
 
+def test_folder_above_one_manifest_is_read_by_that_manifest(tmp_path):
+    files = {"run/rgb/1.png": None, "run/truth.jsonl": "{}"}
+    write_files(tmp_path, {**files, "run/manifest.jsonl": '{"key": "a"}'})
+
+    found = read_source(tmp_path)
+
+    assert (found.layout, keys(found)) == ("manifest", ["a"])
+
+
+def test_folder_above_several_manifests_is_refused_and_one_is_named(tmp_path):
+    manifests = dict.fromkeys(("a/manifest.jsonl", "b/manifest.jsonl"), "{}")
+    write_files(tmp_path, {**manifests, "a/depth/1.png": None, "b/rgb/1.png": None})
+
+    with pytest.raises(LayoutError) as caught:
+        read_source(tmp_path)
+
+    assert caught.value.detail == (
+        f"{tmp_path.name}: expected one manifest.jsonl, found 2; give the folder of "
+        "one of them, such as a"
+    )
+
+
+def test_a_single_image_is_not_taken_for_a_manifest(tmp_path):
+    write_files(tmp_path, {"1.png": None})
+
+    with pytest.raises(LayoutError, match=r"1\.png: no layout recognised"):
+        read_source(tmp_path / "1.png")
+
+
 def test_folder_with_two_possible_layouts_is_refused(tmp_path):
     write_files(tmp_path, {"a.xml": "", "labels/1.txt": "", "data.yaml": NAMES})
 

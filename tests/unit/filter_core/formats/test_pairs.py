@@ -96,3 +96,14 @@ def test_labels_of_other_layouts_are_listed_as_unmatched(tmp_path):
     found = read_source(tmp_path, "pairs")
 
     assert [one.path for one in found.unmatched] == ["1.txt", "a.xml"]
+
+
+def test_depth_and_instance_images_are_unmatched_and_not_frames(tmp_path):
+    names = ("rgb/1.png", "seg/rgb/1.png", "depth/1.png", "a/instances/1.png")
+    write_files(tmp_path, dict.fromkeys(names))
+
+    found = read_source(tmp_path)
+
+    assert [frame.key for frame in found] == ["rgb/1"]
+    assert [one.path for one in found.unmatched] == ["a/instances/1.png", "depth/1.png"]
+    assert "only if a manifest names them" in found.unmatched[0].why
