@@ -1,6 +1,7 @@
 // @ts-check
 // The grid view: filters, status, bulk answers that are not saved yet, and the bar for selected boxes.
 
+import { isUnanswered } from "../boxes/box.js";
 import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
 import { SORTS, countOfMore, cycleVerdict, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
 import { get } from "../core/api.js";
@@ -150,9 +151,17 @@ export function createGridActions(app, dataset, page) {
     const { selection, pager, query } = now();
     const total = pager.total();
     if (selection.all && total !== null) app.bulkAnswers.answerAll(dataset, verdict, selectionOf(query), { total, snapshot: pager.snapshot() });
-    else if (selection.ids.size) app.bulkAnswers.answer(dataset, verdict, [...selection.ids], pager.revisions());
+    else if (selection.ids.size) answerSelected(verdict, [...selection.ids]);
     else return app.toasts.show(`Select boxes first: ${howToSelect()}.`);
     select(nothing(selection));
+  }
+
+  /** @param {Answer} verdict @param {number[]} ids */
+  function answerSelected(verdict, ids) {
+    const unanswered = new Set(verdict === "clear" ? app.boxes.all(ids).filter(isUnanswered).map(({ box_id }) => box_id) : []);
+    const meant = ids.filter((id) => !unanswered.has(id));
+    if (meant.length === 0) app.toasts.show("None of these boxes has an answer.");
+    else app.bulkAnswers.answer(dataset, verdict, meant, now().pager.revisions());
   }
 
   function howToSelect() {

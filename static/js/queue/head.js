@@ -12,7 +12,7 @@ import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Segments } from "../core/parts.js";
-import { ahead, currentOf, isBlind, lookedAt, paceOf } from "./line.js";
+import { ahead, currentOf, inOrder, isBlind, lookedAt, paceOf } from "./line.js";
 import { ORDERS, orderOf } from "./session.js";
 
 /** @typedef {import("../review/answers.js").ReviewApp} App */
@@ -40,7 +40,7 @@ function Choices({ classes, query, onChange }) {
   const [isOpen, setOpen] = useState(false);
   const order = orderOf(query);
   const own = { class: { choices: classChoices(classes) }, reason: { any: "Any reason in the image" }, review: { any: order === "audit" ? DECIDED : UNDECIDED } };
-  return html`<${Segments} label="Order" value=${order} choices=${ORDERS} onChange=${(/** @type {string} */ value) => onChange({ ...query, order: value })} />
+  return html`<${Segments} label="Order" value=${order} choices=${ORDERS} onChange=${(/** @type {string} */ value) => onChange(inOrder(query, value))} />
     <button class="button queue__more ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
     <div class="queue__filters ${isOpen ? "is-open" : ""}" role="search" aria-label="Filter boxes">
       <${FilterMenus} query=${query} keys=${["verdict", "class", "reason", "review"]} own=${own} onChange=${onChange} onClear=${isFiltered(query) ? () => onChange(withoutFilters(query)) : null} />
@@ -57,7 +57,7 @@ function Progress({ session }) {
   const all = session.order === "audit" ? (left ?? 0) : done + (left ?? 0);
   const percent = all ? Math.floor((100 * done) / all) : 0;
   return html`<div class="queue__progress">
-    <p role="status"><b class="num">${countText(done)}</b> answered${left !== null && html` · <b class="num">${countText(left)}</b> ${session.order === "audit" ? "to audit" : session.query.review ? "left" : "unanswered"}`}
+    <p role="status">${session.order === "audit" && left !== null ? html`<b class="num">${countText(done)}</b> of <b class="num">${countText(left)}</b> audited` : html`<b class="num">${countText(done)}</b> answered${left !== null && html` · <b class="num">${countText(left)}</b> ${session.query.review ? "left" : "unanswered"}`}`}
       ${pace !== null && html`<span class="faint"> · ${countText(Math.round(pace))} per minute</span>`}
       ${comparisons.length > 0 && html`<span class="faint"> · agreed on ${countText(comparisons.filter(({ agrees }) => agrees).length)} of ${countText(comparisons.length)}</span>`}</p>
     <div class="progress__track" role="progressbar" aria-label="answered" aria-valuemin="0" aria-valuemax="100" aria-valuenow=${percent}><span class="progress__fill" style=${{ width: `${percent}%` }} /></div>

@@ -92,6 +92,11 @@ export function isBlind(query, prefs) {
   return query.order === "audit" || prefs.blind === true;
 }
 
+/** The queue in another order. An audit begins blind, also if the order before was not. @param {Query} query @param {string} order @returns {Query} */
+export function inOrder({ blind = "", ...query }, order) {
+  return { ...query, order, blind: order === "audit" && blind === "off" ? "" : blind };
+}
+
 /** Compare a blind answer with the earlier answer, or else with the filter's verdict. @param {Decision} before @param {Answer} answer @returns {Comparison | null} null: nothing to compare with */
 export function compared(before, answer) {
   if (answer !== "keep" && answer !== "reject") return null;

@@ -98,10 +98,12 @@ export const editsBetween = (before, after) =>
 export const configQuery = (config, query) =>
   Object.fromEntries(Object.entries(query).filter(([path]) => parsePath(path).name !== null || (path in config && path !== "classes")));
 
-/** The edits that an address names. @param {ConfigBody} config @param {Record<string, string>} query @returns {Edits} */
+/** The edits that an address names; without those that are no number where one is needed. @param {ConfigBody} config @param {Record<string, string>} query @returns {Edits} */
 export function editsOf(config, query) {
   const known = Object.entries(configQuery(config, query));
-  return effectiveEdits(config, Object.fromEntries(known.map(([path, text]) => [path, text === FOLLOW ? undefined : parseValue(text)])));
+  const edits = known.map(([path, text]) => /** @type {const} */ ([path, text === FOLLOW ? undefined : parseValue(text)]));
+  const usable = edits.filter(([path, value]) => typeof value !== "string" || typeof valueOf(config, parsePath(path).key) !== "number");
+  return effectiveEdits(config, Object.fromEntries(usable));
 }
 
 /** @param {string} text @returns {ConfigValue} */

@@ -74,6 +74,20 @@ def test_delete_key_removes_answers_of_selected_boxes(many, user, page):
     assert answers(many) == {"b1": "reject"}
 
 
+def test_delete_key_leaves_out_boxes_without_an_answer(many, user, page):
+    select_range(page, 2, 3)
+    user.press("x")
+    expect(toast(page)).to_contain_text("2 boxes rejected")
+    select_range(page, 0, 3)
+
+    user.press("Delete")
+
+    expect(toast(page)).to_contain_text("2 boxes without an answer again")
+    select_range(page, 0, 3)
+    user.press("Delete")
+    expect(toast(page)).to_have_text("None of these boxes has an answer.")
+
+
 def test_undo_reverts_only_the_latest_bulk_answer(many, user, page):
     select_range(page, 0, 1)
     user.press("x")

@@ -287,7 +287,9 @@ def test_end_of_queue_shows_summary_and_next_steps(scene, user):
     user.wait_until_saved()
     assert len(answers(scene)) == 4
     page.get_by_role("link", name="Audit the answers").click()
-    expect(page.locator(".queue__progress")).to_contain_text("3 to audit")
+    expect(page.locator(".queue__progress")).to_contain_text("0 of 3 audited")
+    user.press("a")
+    expect(page.locator(".queue__progress")).to_contain_text("1 of 3 audited")
 
 
 def test_next_boxes_are_prefetched(scene, user):

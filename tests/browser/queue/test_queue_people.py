@@ -117,6 +117,17 @@ def test_audit_hides_verdict_and_answers_until_answered(scene, user):
     expect(page.locator(".answerline")).to_contain_text("reject")
 
 
+def test_audit_is_blind_again_after_another_order_was_not(twenty_boxes, user):
+    many_boxes.review(twenty_boxes, twenty_boxes.box_id("b0"), "keep")
+    page = open_queue(user, twenty_boxes, blind="off")
+    expect(page.locator(".badge").first).to_be_visible()
+
+    page.get_by_role("radio", name="Audit").click()
+
+    expect(page.get_by_label("Blind")).to_be_checked()
+    expect(page.locator(".badge")).to_have_count(0)
+
+
 def test_agreement_is_shown_beside_the_next_box(twenty_boxes, user):
     for name in ("b0", "b2"):
         many_boxes.review(twenty_boxes, twenty_boxes.box_id(name), "keep")

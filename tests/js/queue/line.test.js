@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { EMPTY, afterAnswer, afterUndo, ahead, compared, currentOf, inHand, isBlind, joined, lookedAt, nextOpen, paceOf, passed, skippedAgain, stepped } from "../../../static/js/queue/line.js";
+import { EMPTY, afterAnswer, afterUndo, ahead, compared, currentOf, inHand, inOrder, isBlind, joined, lookedAt, nextOpen, paceOf, passed, skippedAgain, stepped } from "../../../static/js/queue/line.js";
 import { decision } from "../../support/page/builders.js";
 
 const five = joined(EMPTY, [1, 2, 3, 4, 5]);
@@ -79,6 +79,12 @@ test("an audit hides verdicts unless the address asks for them", () => {
   assert.ok(!isBlind({}, { blind: false }));
   assert.ok(isBlind({}, { blind: true }));
   assert.ok(isBlind({ blind: "on" }, {}));
+});
+
+test("an audit begins blind, also if the order before was not; other orders keep the choice", () => {
+  assert.ok(isBlind(inOrder({ order: "doubt", blind: "off" }, "audit"), {}));
+  assert.deepEqual(inOrder({ class: "car", blind: "on" }, "audit"), { class: "car", order: "audit", blind: "on" });
+  assert.deepEqual(inOrder({ blind: "off" }, "random"), { order: "random", blind: "off" });
 });
 
 test("an answer is compared with the earlier answer, else with the filter's verdict", () => {

@@ -52,6 +52,10 @@ test("every kind of edit can be written to an address and read from it again", (
   assert.deepEqual(editsOf({ ...ACTIVE, min_distance: 5 }, { min_distance: "null" }), { min_distance: null });
 });
 
+test("an address cannot set a number to a text", () => {
+  assert.deepEqual(editsOf(ACTIVE, { threshold_small_box: "abc", "classes.car.threshold_small_box": "x", profile: "carlasimu" }), { profile: "carlasimu" });
+});
+
 test("edits lead from either configuration to the other; differences list keys for all classes first", () => {
   const other = withEdits(ACTIVE, { profile: "carlasimu", "classes.traffic_light.threshold_small_box": undefined });
 
