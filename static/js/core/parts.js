@@ -99,11 +99,11 @@ export function Command({ text }) {
   </div>`;
 }
 
-/** A choice among a few values, as a row of buttons. @param {{label: string, value: string, choices: readonly {value: string, text: string}[], onChange: (value: string) => void}} props */
+/** A choice among a few values, as a row of buttons. @param {{label: string, value: string, choices: readonly {value: string, text: string, title?: string}[], onChange: (value: string) => void}} props */
 export function Segments({ label, value, choices, onChange }) {
   return html`<div class="segments" role="group" aria-label=${label}>
     ${choices.map(
-      (choice) => html`<button type="button" class="segments__item" aria-pressed=${choice.value === value} onClick=${() => onChange(choice.value)}>
+      (choice) => html`<button type="button" class="segments__item" title=${choice.title} aria-pressed=${choice.value === value} onClick=${() => onChange(choice.value)}>
         ${choice.text}
       </button>`,
     )}

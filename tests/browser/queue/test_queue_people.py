@@ -122,7 +122,9 @@ def test_audit_is_blind_again_after_another_order_was_not(twenty_boxes, user):
     page = open_queue(user, twenty_boxes, blind="off")
     expect(page.locator(".badge").first).to_be_visible()
 
-    page.get_by_role("radio", name="Audit").click()
+    audit = page.get_by_role("button", name="Audit")
+    expect(audit).to_have_attribute("title", "Look again at what people have answered")
+    audit.click()
 
     expect(page.get_by_label("Blind")).to_be_checked()
     expect(page.locator(".badge")).to_have_count(0)
