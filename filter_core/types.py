@@ -495,8 +495,9 @@ class Reason(IntEnum):
         needs no pixels. (For NO_SEGMENTATION it is False: a channel, such as ``lidar``,
         may still decide.)
     in_image : bool
-        Something of the box is in the image, so that a person can judge it. The page's
-        queue lists the reasons of others by name: `static/js/queue/session.js`.
+        Whether some of the box is in the image; if not, no person can judge it. The
+        page's queue repeats the names of the reasons for which it is False
+        (`static/js/queue/session.js`).
     """
 
     OUTSIDE_IMAGE = _ReasonRow(1, before_channels=True, in_image=False)

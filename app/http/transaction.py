@@ -44,10 +44,10 @@ _Result = TypeVar("_Result")
 
 
 async def writers_turn(request: Request) -> AsyncIterator[None]:
-    """Limit how many requests write at the same time; the others wait without a thread.
+    """Limit how many requests have a thread in order to write; others wait without one.
 
-    Only one transaction writes at a time. If all threads waited for it, no thread would
-    be left to commit it.
+    Only one transaction writes at a time, and the threads of other requests wait until
+    it ends. If all threads waited, no thread would be left to commit it.
     """
     places: CapacityLimiter = request.app.state.writers
     try:

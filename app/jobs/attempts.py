@@ -43,7 +43,7 @@ So the first frame without a result is the cause. Without workers it becomes a c
 its own, in quarantine, and the rest of the chunk is tried again. If many frames in a
 row end processes, this takes three processes for each of them. So if the frame before
 it in the dataset is in quarantine because it ended processes, the rest of the chunk is
-put there, too. (Unreadable frames in between make no difference.)
+put into quarantine, too. (Unreadable frames in between make no difference.)
 
 **An unreadable frame** ends no process: only the child processes that decode its images
 die, or exceed their limits of time or memory. `refuse` puts its chunk into quarantine
@@ -115,8 +115,8 @@ class Attempt:
         """Count the attempt; False if the chunk is in quarantine.
 
         True also for a chunk that is done or gone, which the work itself finds out.
-        After too many attempts the chunk is put there, or only the frame that is the
-        cause: then the rest of the chunk is worked on.
+        After too many attempts, this puts the chunk into quarantine, or only the frame
+        that is the cause: then the rest of the chunk is worked on.
 
         Raises
         ------

@@ -100,9 +100,9 @@ class JobLease:
             Another process drives the job.
         """
         now = _now(session)
-        # A process that is just ending the job has locked the row. It is not waited
-        # for: `skip_locked` passes the row over, and `_add` inserts no second one. So
-        # LeaseLost is raised.
+        # If another process is just ending the job, it has locked the row. This does
+        # not wait for it: `skip_locked` passes the row over, `_add` inserts no second
+        # one, and LeaseLost is raised.
         lease = _locked(session, self.job, skip_locked=True)
         if lease is not None:
             if lease.holder != self._holder and not _is_void(lease, now):

@@ -45,7 +45,7 @@ def work_in_driver(context: ServiceContext, kind: str, job_id: int, number: int)
     task.reset_attempts = attempt.reset
     outcome = _outcome(task, lambda: _do(task) if attempt.begin() else QUARANTINED)
     # A chunk that is done or in quarantine is not begun again: its count is of no use.
-    # (A final step is, if it has found new frames: it has reset the count itself.)
+    # (A final step that has found new frames is begun again, and has reset its count.)
     if outcome not in (DONE, QUARANTINED):
         attempt.end()
     return outcome

@@ -239,9 +239,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
    * @param {SingleAnswer} item @param {Decision} current
    */
   function isOwnAnswer(item, current) {
-    // An answer given before the bulk answer is sent before it, too (unless it was taken over from another tab). So the
-    // box has its newer revision from something else.
-    if (!lastOnFilter || item.order < lastOnFilter.order) return false;
+    if (!lastOnFilter) return false;
+    // Given before the bulk answer, but sent after it: taken over from another tab. The person chooses between the two.
+    if (item.order < lastOnFilter.order) return false;
     if (current.review) return current.review.reviewer === item.person;
     // The box has no answer now: only an undo, or the bulk answer "clear", leaves it without one.
     return isBulkUndo(lastOnFilter) || lastOnFilter.verdict === "clear";
