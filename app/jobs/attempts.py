@@ -39,11 +39,12 @@ the cause. Each of them is submitted again while no other one is in progress
 (`JobDriver`), so that if a process dies again, this chunk is the cause.
 
 *Frame by frame* (`is_one_by_one`): each result is stored before the next frame begins.
-So the first frame without a result is the cause. Without workers it becomes a chunk of
-its own, in quarantine, and the rest of the chunk is tried again. If many frames in a
-row end processes, this takes three processes for each of them. So if the frame before
-it in the dataset is in quarantine because it ended processes, the rest of the chunk is
-put into quarantine, too. (Unreadable frames in between make no difference.)
+So the first frame without a result is the cause. Without workers, the cause becomes a
+chunk of its own, in quarantine, and the rest of the chunk is tried again: each cause
+takes three processes. That would be too many for a long row of such frames. So if the
+cause directly follows a frame that is in quarantine because it ended processes, the
+rest of the chunk is put into quarantine together with the cause. (Directly: in the
+order of the dataset, unreadable frames skipped.)
 
 **An unreadable frame** ends no process: only the child processes that decode its images
 die, or exceed their limits of time or memory. `refuse` puts its chunk into quarantine

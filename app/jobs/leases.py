@@ -143,7 +143,7 @@ class JobLease:
                 if lease is None:
                     return
                 if is_open(session, self.job):
-                    # Not deleted: for a job without a row, the watchdog waits
+                    # Not deleted: the watchdog leaves a job that has no lease alone for
                     # `UNDRIVEN_FOR_S`. The holder is emptied so that a renewal that has
                     # begun already does not prolong the lease.
                     lease.holder, lease.until = "", _now(session)

@@ -1,15 +1,15 @@
 """Stores a person's answer on one box.
 
 1. `create_review` (`routes`) passes the request to `review_box`.
-2. `review_box` reads the current state of the box (`ReviewRepository.state`). With this
-   first SQL statement, the transaction begins: it waits until no other transaction
-   writes, and claims the idempotency key of the request (`app.http.transaction`).
+2. `review_box` reads the current state of the box (`ReviewRepository.state`). Before
+   this first SQL statement runs, `app.http.transaction` begins the transaction, waits
+   until no other one writes, and reserves the idempotency key of the request.
 3. `ReviewRepository.answer_box` inserts the answer as a row of `reviews`, if the box
    still has the revision that the person saw; if not, `review_box` raises StaleReview,
    and the client gets the status 412.
-4. `answer_box` then ends the claim on the box and calls `copy_answers`
-   (`app.boxes.current`), which copies the answer to the decision of the box and moves
-   the box to another tally.
+4. `answer_box` then ends the claim on the box (the queue reserves a box for one person)
+   and calls `copy_answers` (`app.boxes.current`), which copies the answer to the
+   decision of the box and moves the box to another tally.
 5. `commit_and_respond` (`app.http.transaction`) commits, and only then is the stored
    answer sent back.
 

@@ -76,14 +76,14 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     the key matters for every kind: if it decides boxes before pixels are looked at
     (`Reason.before_channels`), as `max_distance` does.
 
-    Three classes in `filter.py` have these keys, with other types:
+    Three classes in `filter.py` inherit these keys. They differ in the type of a value:
 
-    - `ClassLimits`, the values that apply to one class: the number. `DecideConfig`
-      extends `ClassLimits` with keys that no class overrides: the values of a
-      configuration apply to all classes without an override;
-    - `ClassConfig`, the values that one class overrides: the number, or `INHERIT`;
-    - `LimitsByClass`, the values that apply to each of K classes: an array of K
-      numbers.
+    - `ClassLimits`, for one class: a number;
+    - `ClassConfig`, for what one class overrides: a number, or `INHERIT`;
+    - `LimitsByClass`, for K classes: an array of K numbers.
+
+    `DecideConfig` extends `ClassLimits`. Its numbers apply to all classes that do not
+    override them.
     """
 
     threshold_small_box: NumberT = key(
@@ -139,10 +139,10 @@ class OnlyClassKeys:
 
 @dataclass(frozen=True, kw_only=True)
 class DecidingKeys:
-    """The keys that verdicts depend on once everything is measured.
+    """The keys that `decide` reads and that no class overrides.
 
-    Some of them change what is measured as well: those have `needs_pixels`, since after
-    a change of them images may have to be read again.
+    A change of those with `needs_pixels` also changes what is measured, so that images
+    may have to be read again.
     """
 
     profile: Profile = key(

@@ -48,7 +48,8 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
     """Decide each box: by the first rule whose condition holds, or by a channel.
 
     Where a channel of the configuration has a number for a box, its rule replaces the
-    decision, unless that follows from the box alone (`Reason.before_channels`).
+    decision, unless the reason of that decision needs no pixels
+    (`Reason.before_channels`).
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 // @ts-check
-// Hooks that views share: useValue, useLoaded, useDataset, usePages, useTask, useActions, useTyped, useClosing, useHead.
+// Hooks that views share: useValue, useLoaded, useDataset, useDatasets, useNewest, usePages, useTask, useActions, useTyped, useClosing, useHead.
 
 import { get } from "./api.js";
 import { useCallback, useEffect, useLayoutEffect, useRef, useState } from "./html.js";
@@ -49,6 +49,39 @@ export function useLoaded(load, deps) {
 
 /** The dataset of a view. @param {string} name @param {unknown} [state]  when it changes, the dataset is loaded again */
 export const useDataset = (name, state) => useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name, state]);
+
+/** Most items of a list that the API returns at once. */
+const MOST_AT_ONCE = 1000;
+
+/** @template T @typedef {{items: T[], next_cursor: string | null}} ListPage  a page of a list, as the API returns it */
+
+/** All items of a list. @template T @param {(query: {limit: number, cursor?: string}) => Promise<ListPage<T>>} load @returns {Promise<ListPage<T>>} */
+async function allOf(load) {
+  const items = [];
+  let next = await load({ limit: MOST_AT_ONCE });
+  items.push(...next.items);
+  while (next.next_cursor !== null) {
+    next = await load({ limit: MOST_AT_ONCE, cursor: next.next_cursor });
+    items.push(...next.items);
+  }
+  return { items, next_cursor: null };
+}
+
+/** All datasets. @param {unknown} [state]  when it changes, they are loaded again */
+export const useDatasets = (state) => useLoaded((signal) => allOf((query) => get("/api/v1/datasets", { query, signal })), [state]);
+
+/**
+ * The newest items of a list, or all of them once `showOlder` was called; it is null if there are no older ones.
+ * @template T
+ * @param {number} size  how many items are the newest
+ * @param {(query: {limit: number, cursor?: string}, signal: AbortSignal) => Promise<ListPage<T>>} load
+ * @param {readonly unknown[]} deps  when they change, the list is loaded again
+ */
+export function useNewest(size, load, deps) {
+  const [isAll, setAll] = useState(false);
+  const loaded = useLoaded((signal) => (isAll ? allOf((query) => load(query, signal)) : load({ limit: size }, signal)), [...deps, isAll]);
+  return { ...loaded, showOlder: !isAll && loaded.value?.next_cursor ? () => setAll(true) : null };
+}
 
 /**
  * Something that a person asks for, with its state: whether it is running (`isBusy`), and why it failed (`error`).
@@ -154,8 +187,6 @@ export function useTitle(title) {
  * @template T
  * @typedef {{items: readonly T[], cursor: string | null, isDone: boolean, error: Error | null}} Pages
  */
-
-const MOST_AT_ONCE = 1000;
 
 /** Lists that were left, by key: how many items were shown, and the scroll position, to be restored. @type {Map<string, {shown: number, scroll: number}>} */
 const left = new Map();

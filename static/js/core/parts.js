@@ -147,16 +147,21 @@ export function NumberField({ label, value, unit, step = 0.5, isEmptyAllowed = f
 
 const MOST_LISTED = 200;
 
-/** @param {{title: string, items: readonly {name: string, why: string, more?: readonly string[]}[], isOpen?: boolean}} props */
-export function FileList({ title, items, isOpen = false }) {
+/**
+ * Files or frames, each with its reason.
+ * @param {{title: string, items: readonly {name: string, why: string, more?: readonly string[]}[], total?: number,
+ *   isOpen?: boolean}} props  `total`: how many there are, if `items` are only the first of them
+ */
+export function FileList({ title, items, total = items.length, isOpen = false }) {
   if (items.length === 0) return null;
+  const listed = items.slice(0, MOST_LISTED);
   return html`<details class="filelist" open=${isOpen}>
-    <summary>${title} <span class="num">${countText(items.length)}</span></summary>
+    <summary>${title} <span class="num">${countText(total)}</span></summary>
     <ul tabindex="0" aria-label=${title}>
-      ${items.slice(0, MOST_LISTED).map(
+      ${listed.map(
         ({ name, why, more = [] }) => html`<li><b>${name}</b> <span>${why}</span>${more.length > 0 && html`<ul>${more.map((line) => html`<li>${line}</li>`)}</ul>`}</li>`,
       )}
-      ${items.length > MOST_LISTED && html`<li class="faint">and ${countText(items.length - MOST_LISTED)} more</li>`}
+      ${total > listed.length && html`<li class="faint">and ${countText(total - listed.length)} more</li>`}
     </ul>
   </details>`;
 }

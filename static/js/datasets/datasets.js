@@ -3,8 +3,8 @@
 
 import { NearPicture } from "../boxes/crops.js";
 import { ReviewProgress, StrokeSwatch, VerdictBar } from "../boxes/signs.js";
-import { get, url } from "../core/api.js";
-import { useHead, useLoaded, useValue } from "../core/hooks.js";
+import { url } from "../core/api.js";
+import { useDatasets, useHead, useValue } from "../core/hooks.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
@@ -19,7 +19,7 @@ import { UploadButtons } from "../upload/upload.js";
 export function DatasetsView({ app }) {
   useHead(app, { title: "Datasets", crumbs: [] });
   const uploads = useValue(app.uploads.ended);
-  const loaded = useLoaded((signal) => get("/api/v1/datasets", { query: { limit: 500 }, signal }), [uploads]);
+  const loaded = useDatasets(uploads);
   const datasets = loaded.value?.items;
   return html`<main id="main" class="page" tabindex="-1" aria-busy=${loaded.state === "loading"}>
       ${loaded.state === "error" && html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`}

@@ -34,7 +34,9 @@ function Problems({ app, dataset }) {
   if (loaded.state === "error") return html`<${FailureLine} what="Refused frames" error=${loaded.error} onRetry=${loaded.reload} />`;
   const items = (loaded.value?.items ?? []).map(({ key, error }) => ({ name: key, why: error.detail }));
   if (loaded.value && items.length === 0) return html`<p class="faint">No frame was refused.</p>`;
-  return html`<${FileList} title="Refused frames" items=${items} isOpen=${true} />`;
+  // The counts may be older than the list.
+  const total = loaded.value?.next_cursor ? Math.max(dataset.counts.problems, items.length) : items.length;
+  return html`<${FileList} title="Refused frames" items=${items} total=${total} isOpen=${true} />`;
 }
 
 /** What can be changed of a dataset: its description, and how its segmentations are read. @param {{app: App, dataset: Dataset, onDone: () => void}} props */

@@ -121,7 +121,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     },
 
     onSignedOut() {
-      // The session that was refused is over, but somebody has signed in again meanwhile: send with the new one.
+      // If somebody has signed in again meanwhile, only the old session was refused: send with the new one.
       if (app.isSignedIn.get()) void resume();
     },
   });

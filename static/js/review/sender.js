@@ -365,8 +365,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
     discard,
 
     /**
-     * Take over the items of closed tabs. `resume` sends those of this person, and those that this tab had before it
-     * was loaded again.
+     * Take over the items of closed tabs. `resume` then sends the items of the person who is signed in: these, and
+     * those that this tab itself had before it was loaded again.
      * @param {import("../core/tab.js").OpenTabs} openTabs
      */
     takeOver(openTabs) {

@@ -3,7 +3,7 @@
 
 import { get, post } from "../core/api.js";
 import { AskField, describeApi, fieldsOf, optionsOf } from "../core/form.js";
-import { useLoaded, useTask } from "../core/hooks.js";
+import { useLoaded, useNewest, useTask } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText, sizeText, splitText } from "../core/numbers.js";
@@ -17,11 +17,12 @@ import { Canceller, JobBar, StateBadge, isOver, percentDone, useLookAgain } from
 /** @typedef {import("../core/form.js").Field} Field */
 /** @typedef {import("../core/form.js").Schema} Schema */
 
-const SHOWN = 50;
+/** How many exports are shown at first. */
+const NEWEST = 50;
 
 /** @param {{app: App, dataset: string}} props */
 export function Exports({ app, dataset }) {
-  const loaded = useLoaded((signal) => get("/api/v1/datasets/{dataset}/exports", { path: { dataset }, query: { limit: SHOWN }, signal }), [dataset]);
+  const loaded = useNewest(NEWEST, (query, signal) => get("/api/v1/datasets/{dataset}/exports", { path: { dataset }, query, signal }), [dataset]);
   const form = useLoaded(async () => exportForm(await describeApi()), []);
   const [isAsking, setAsking] = useState(false);
   const items = loaded.value?.items;
@@ -42,6 +43,7 @@ export function Exports({ app, dataset }) {
     <ul class="runs">
       ${items?.map((one) => html`<li key=${one.id}><${ExportRow} app=${app} item=${one} form=${form.value} /></li>`)}
     </ul>
+    ${loaded.showOlder && html`<p class="more"><button class="button" onClick=${loaded.showOlder}>Older exports</button></p>`}
   </section>`;
 }
 

@@ -3,7 +3,7 @@
 
 import { VerdictBar } from "../boxes/signs.js";
 import { get } from "../core/api.js";
-import { useDataset, useHead, useLoaded, usePages } from "../core/hooks.js";
+import { useDataset, useHead, useLoaded, useNewest, usePages } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { agoText, countOf, countText, tookText } from "../core/numbers.js";
 import { Failure, FailureLine } from "../core/parts.js";
@@ -19,8 +19,8 @@ import { Exports } from "./exports.js";
 /** @typedef {import("../core/openapi.js").Run} Run */
 /** @typedef {import("../core/openapi.js").Diff} RunDiff */
 
-const FIRST = 25;
-const MOST = 1000;
+/** How many runs are shown at first. */
+const NEWEST = 25;
 
 /** @param {{app: App, route: Route}} props */
 export const RunsView = ({ app, route }) => html`<${RunsOf} key=${route.params.dataset} app=${app} route=${route} />`;
@@ -29,9 +29,8 @@ export const RunsView = ({ app, route }) => html`<${RunsOf} key=${route.params.d
 function RunsOf({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Runs and exports · ${name}`, dataset: name });
-  const [limit, setLimit] = useState(FIRST);
   const dataset = useDataset(name);
-  const runs = useLoaded((signal) => get("/api/v1/datasets/{dataset}/runs", { path: { dataset: name }, query: { limit }, signal }), [name, limit]);
+  const runs = useNewest(NEWEST, (query, signal) => get("/api/v1/datasets/{dataset}/runs", { path: { dataset: name }, query, signal }), [name]);
   const reload = () => (runs.reload(), dataset.reload());
   const isLoading = [dataset, runs].some((loaded) => loaded.state === "loading");
   useLookAgain({ state: isLoading ? "loading" : runs.state, value: runs.value, reload }, runs.value?.items ?? []);
@@ -43,15 +42,14 @@ function RunsOf({ app, route }) {
         ? html`<${Failure} error=${failed.error} onRetry=${reload} />`
         : html`${run && html`<${RunDiffPanel} key=${`${run} ${against}`} app=${app} dataset=${name} run=${Number(run)} against=${Number(against) || null} runs=${runs.value?.items ?? []} />`}
             <div class="jobs">
-              <${Runs} app=${app} dataset=${name} runs=${runs.value?.items ?? null} active=${dataset.value?.active_run ?? null} shown=${Number(run) || null} />
+              <${Runs} app=${app} dataset=${name} runs=${runs.value?.items ?? null} active=${dataset.value?.active_run ?? null} shown=${Number(run) || null} showOlder=${runs.showOlder} />
               <${Exports} app=${app} dataset=${name} />
-            </div>
-            ${runs.value?.next_cursor && limit < MOST && html`<p class="more"><button class="button" onClick=${() => setLimit(MOST)}>Older runs</button></p>`}`}
+            </div>`}
     </main>`;
 }
 
-/** @param {{app: App, dataset: string, runs: readonly Run[] | null, active: number | null, shown: number | null}} props */
-function Runs({ app, dataset, runs, active, shown }) {
+/** @param {{app: App, dataset: string, runs: readonly Run[] | null, active: number | null, shown: number | null, showOlder: (() => void) | null}} props */
+function Runs({ app, dataset, runs, active, shown, showOlder }) {
   const open = runs?.filter((run) => !isOver(run)).length ?? 0;
   return html`<section class="panelbox" aria-labelledby="runs-title">
     <header class="panelbox__head">
@@ -64,6 +62,7 @@ function Runs({ app, dataset, runs, active, shown }) {
     <ul class="runs">
       ${runs?.map((run) => html`<li key=${run.id}><${RunRow} app=${app} dataset=${dataset} run=${run} isActive=${run.id === active} isShown=${run.id === shown} /></li>`)}
     </ul>
+    ${showOlder && html`<p class="more"><button class="button" onClick=${showOlder}>Older runs</button></p>`}
   </section>`;
 }
 
@@ -72,8 +71,11 @@ const PAGE = 60;
 /** @param {number} run @param {{against: number | null, limit: number, cursor?: string}} query @param {AbortSignal} [signal] */
 const diffOf = (run, query, signal) => get("/api/v1/runs/{run_id}/diff", { path: { run_id: run }, query, signal });
 
-/** @param {string} digest @param {AbortSignal} signal */
-const configOf = (digest, signal) => get("/api/v1/configs/{digest}", { path: { digest }, signal });
+/** The configuration that a run applied. @param {number} run @param {AbortSignal} signal */
+async function configOf(run, signal) {
+  const { config: digest } = await get("/api/v1/runs/{run_id}", { path: { run_id: run }, signal });
+  return get("/api/v1/configs/{digest}", { path: { digest }, signal });
+}
 
 /** @param {{app: App, dataset: string, run: number, against: number | null, runs: readonly Run[]}} props */
 export function RunDiffPanel({ app, dataset, run, against, runs }) {
@@ -87,7 +89,7 @@ export function RunDiffPanel({ app, dataset, run, against, runs }) {
     </header>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${loaded.state === "loading" && html`<div class="skeleton skeleton--tall shimmer"></div>`}
-    ${diff && html`<${Between} app=${app} diff=${diff} runs=${runs} />`}
+    ${diff && html`<${Between} app=${app} diff=${diff} />`}
   </section>`;
 }
 
@@ -105,11 +107,11 @@ function Against({ dataset, run, against, runs }) {
   </label>`;
 }
 
-/** @param {{app: App, diff: RunDiff, runs: readonly Run[]}} props */
-function Between({ app, diff, runs }) {
-  if (diff.total === 0) return html`<p class="panelbox__empty">No verdict changed${diff.against ? ` since run ${diff.against}` : ""}.</p><${Keys} app=${app} diff=${diff} runs=${runs} />`;
+/** @param {{app: App, diff: RunDiff}} props */
+function Between({ app, diff }) {
+  if (diff.total === 0) return html`<p class="panelbox__empty">No verdict changed${diff.against ? ` since run ${diff.against}` : ""}.</p><${Keys} diff=${diff} />`;
   return html`<div class="rundiff__body">
-    <div class="rundiff__tables"><${PerClass} diff=${diff} /><${Keys} app=${app} diff=${diff} runs=${runs} /></div>
+    <div class="rundiff__tables"><${PerClass} diff=${diff} /><${Keys} diff=${diff} /></div>
     <${Boxes} app=${app} diff=${diff} />
   </div>`;
 }
@@ -127,16 +129,15 @@ function PerClass({ diff }) {
   </table></div>`;
 }
 
-/** Which keys the two configurations differ in. @param {{app: App, diff: RunDiff, runs: readonly Run[]}} props */
-function Keys({ app, diff, runs }) {
-  const [before, after] = [diff.against, diff.run].map((id) => runs.find((run) => run.id === id)?.config);
-  const loaded = useLoaded(async (signal) => (before && after ? Promise.all([configOf(before, signal), configOf(after, signal)]) : null), [before, after]);
+/** Which keys the two configurations differ in. @param {{diff: RunDiff}} props */
+function Keys({ diff: { run, against } }) {
+  const loaded = useLoaded(async (signal) => (against ? Promise.all([configOf(against, signal), configOf(run, signal)]) : null), [against, run]);
   if (loaded.error) return html`<${FailureLine} what="Configurations" error=${loaded.error} onRetry=${loaded.reload} />`;
   if (!loaded.value) return null;
   const rows = differences(loaded.value[0].config, loaded.value[1].config);
   return rows.length === 0
     ? html`<p class="faint">Both runs applied the same configuration.</p>`
-    : html`<${DiffTable} rows=${rows} names=${[`Run ${diff.against}`, `Run ${diff.run}`]} />`;
+    : html`<${DiffTable} rows=${rows} names=${[`Run ${against}`, `Run ${run}`]} />`;
 }
 
 /** @param {{app: App, diff: RunDiff}} props */

@@ -3,7 +3,7 @@
 
 import { get, post, put } from "../core/api.js";
 import { Control } from "../core/form.js";
-import { useLoaded, useTask } from "../core/hooks.js";
+import { useNewest, useTask } from "../core/hooks.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText } from "../core/numbers.js";
@@ -16,7 +16,8 @@ import { differences, editsBetween, keyValue, toYaml, valueOf, valueText } from 
 /** @typedef {import("../core/form.js").Field} Field */
 /** @typedef {import("./preview.js").Tuning} Tuning */
 
-const SHOWN = 50;
+/** How many versions are shown at first. */
+const NEWEST = 50;
 
 /** Make a version the active one, through a run. @param {string} dataset @param {string} digest */
 const activate = (dataset, digest) => put("/api/v1/datasets/{dataset}/config", { path: { dataset }, body: { digest } });
@@ -38,10 +39,10 @@ export async function requireActive(dataset, digest, onOutdated, more = "The pag
  */
 export function Versions({ app, dataset, tuning, saved, isRunning, onRun }) {
   const { active } = tuning;
-  const loaded = useLoaded((signal) => get("/api/v1/datasets/{dataset}/configs", { path: { dataset }, query: { limit: SHOWN }, signal }), [dataset, active.digest, saved]);
+  const loaded = useNewest(NEWEST, (query, signal) => get("/api/v1/datasets/{dataset}/configs", { path: { dataset }, query, signal }), [dataset, active.digest, saved]);
   const { run: apply, isBusy } = useTask(async (/** @type {string} */ digest) => onRun(await activate(dataset, digest)), app.toasts.fail);
   return html`<section class="panelbox" aria-labelledby="versions-title">
-    <header class="panelbox__head"><h2 id="versions-title">Versions</h2><span class="faint">${loaded.value ? countOf(loaded.value.items.length, "version") : ""}</span></header>
+    <header class="panelbox__head"><h2 id="versions-title">Versions</h2><span class="faint">${loaded.value ? `${loaded.showOlder ? "the newest " : ""}${countOf(loaded.value.items.length, "version")}` : ""}</span></header>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     <ul class="versions">
       ${loaded.value?.items.map(
@@ -57,6 +58,7 @@ export function Versions({ app, dataset, tuning, saved, isRunning, onRun }) {
         </li>`,
       )}
     </ul>
+    ${loaded.showOlder && html`<p class="more"><button class="button" onClick=${loaded.showOlder}>Older versions</button></p>`}
   </section>`;
 }
 

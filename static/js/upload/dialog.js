@@ -1,8 +1,8 @@
 // @ts-check
 // The dialog of an upload: what the server found in the dropped files, and the dataset that they are uploaded to.
 
-import { ApiError, get } from "../core/api.js";
-import { useLoaded, useTask } from "../core/hooks.js";
+import { ApiError } from "../core/api.js";
+import { useDatasets, useTask } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, sizeText } from "../core/numbers.js";
@@ -121,7 +121,7 @@ const commandOf = (top, name) => `unghost push ${top || "FOLDER"} --dataset ${na
 
 /** @param {{app: App, found: Found, plan: Plan, typed: string | null, setTyped: (name: string) => void, close: () => void}} props */
 function Review({ app, found, plan, typed, setTyped, close }) {
-  const datasets = useLoaded((signal) => get("/api/v1/datasets", { query: { limit: 500 }, signal }), []);
+  const datasets = useDatasets();
   const known = datasets.value?.items ?? [];
   // Until the list is loaded it is not known whether a dataset of this name exists.
   const isKnown = datasets.value !== null;

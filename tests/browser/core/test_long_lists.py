@@ -1,0 +1,144 @@
+"""Lists that the API returns in pages: the view shows all items, or says how many more.
+
+Here the pages are short, so that few items fill more than one.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+from playwright.sync_api import Page, Route, expect
+
+from tests.support.page import scenes
+from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.tuning import car_at
+from tests.support.page.windows import Visitor
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def street(make_scene: MakeScene) -> Scene:
+    return make_scene(boxes=[car_at(30, 0), car_at(55, 1)])
+
+
+def shorten_pages(page: Page, path: str, items: int = 2) -> None:
+    """Let pages of the list at this path of the API have so many items."""
+
+    def ask_for_fewer(route: Route) -> None:
+        url = re.sub(r"\blimit=\d+", f"limit={items}", route.request.url)
+        route.continue_(url=url)
+
+    page.route(re.compile(rf"/api/v1{path}\?"), ask_for_fewer)
+
+
+@pytest.fixture
+def last_dataset(user: Visitor, make_scene: MakeScene) -> str:
+    """The dataset that is last in the list, on the second of two pages."""
+    scene, *_ = (make_scene() for _ in range(3))
+    listed = scenes.get(scene.api, "/datasets?limit=1000")["items"]
+    names = [dataset["name"] for dataset in listed]
+    shorten_pages(user.page, "/datasets", (len(names) + 1) // 2)
+    return str(names[-1])
+
+
+def start_runs(street: Scene) -> list[int]:
+    """Three runs, each after the one before it, with their ids."""
+    for percent in (40, 60, 70):
+        street.decide(threshold_small_box=percent)
+    runs = scenes.get(street.api, f"/datasets/{street.dataset}/runs")["items"]
+    return sorted(int(run["id"]) for run in runs)
+
+
+def test_all_datasets_are_listed(user, last_dataset):
+    page = user.open("#/datasets")
+
+    expect(page.get_by_role("heading", name=last_dataset, exact=True)).to_be_visible()
+
+
+def test_upload_knows_all_datasets(user, last_dataset):
+    page = user.open("#/datasets")
+    given = {
+        "9.png": scenes.picture(),
+        "9_seg.png": scenes.segmentation("raw"),
+        "9.json": json.dumps({"boxes": scenes.BOXES}).encode(),
+    }
+    page.get_by_label("Upload files").last.set_input_files(
+        [
+            {"name": name, "mimeType": "application/octet-stream", "buffer": data}
+            for name, data in given.items()
+        ]
+    )
+
+    page.get_by_label("Dataset", exact=True).fill(last_dataset)
+
+    where = page.locator("#upload-where")
+    expect(where).to_contain_text("Adds to a dataset that has 1 frame.")
+
+
+def test_older_runs_are_shown_on_request(user, street):
+    first, *others = start_runs(street)
+    shorten_pages(user.page, "/datasets/[^/]+/runs")
+    page = user.open(f"#/datasets/{street.dataset}/runs")
+    expect(page.get_by_role("article", name=re.compile("^Run"))).to_have_count(2)
+
+    page.get_by_role("button", name="Older runs").click()
+
+    expect(page.get_by_role("article", name=f"Run {first}", exact=True)).to_be_visible()
+    expect(page.get_by_role("article", name=re.compile("^Run"))).to_have_count(
+        len(others) + 1
+    )
+    expect(page.get_by_role("button", name="Older runs")).to_have_count(0)
+
+
+def test_older_exports_are_shown_on_request(user, street):
+    path = f"/datasets/{street.dataset}/exports"
+    for _ in range(3):
+        assert street.api.post(path, json={"format": "yolo"}).status_code == 202
+    shorten_pages(user.page, "/datasets/[^/]+/exports")
+    page = user.open(f"#/datasets/{street.dataset}/runs")
+    exports = page.get_by_role("article", name=re.compile("^Export"))
+    expect(exports).to_have_count(2)
+
+    page.get_by_role("button", name="Older exports").click()
+
+    expect(exports).to_have_count(3)
+
+
+def test_older_versions_are_shown_on_request(user, street):
+    start_runs(street)
+    shorten_pages(user.page, "/datasets/[^/]+/configs")
+    page = user.open(f"#/datasets/{street.dataset}/thresholds")
+    versions = page.get_by_role("region", name="Versions")
+    expect(versions).to_contain_text("the newest 2 versions")
+
+    versions.get_by_role("button", name="Older versions").click()
+
+    expect(versions).to_contain_text("4 versions")
+    expect(versions.locator("li")).to_have_count(4)
+
+
+def test_runs_that_are_not_listed_are_compared_by_key(user, street):
+    first, second, *_ = start_runs(street)
+    shorten_pages(user.page, "/datasets/[^/]+/runs", 1)
+
+    page = user.open(f"#/datasets/{street.dataset}/runs?run={second}&against={first}")
+
+    row = page.get_by_role("row", name=re.compile(r"^threshold_small_box \d+ \d+$"))
+    expect(row).to_be_visible()
+
+
+def test_settings_say_how_many_more_frames_were_refused(user, street):
+    bad = {"annotation": ("a.json", '{"boxes": [{"class": "car"}]}')}
+    for number in range(3):
+        street.api.put(f"/datasets/{street.dataset}/frames/bad{number}", files=bad)
+    shorten_pages(user.page, "/datasets/[^/]+/problems")
+    page = user.open(f"#/datasets/{street.dataset}/frames")
+
+    page.get_by_role("button", name="Dataset settings").click()
+
+    refused = page.get_by_role("dialog").locator(".filelist")
+    expect(refused.locator("summary")).to_contain_text("3")
+    expect(refused.get_by_role("listitem").last).to_have_text("and 1 more")
