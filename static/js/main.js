@@ -11,7 +11,7 @@ import { loginOf } from "./core/router.js";
 import { nameThisTab } from "./core/tab.js";
 import { createAnswers } from "./review/answers.js";
 import { Shell } from "./shell/shell.js";
-import { createUploads, uploadCalls } from "./upload/sender.js";
+import { createUploads, uploadCalls } from "./upload/uploader.js";
 
 /** @param {string} id */
 function element(id) {

@@ -12,7 +12,7 @@ import { Command, Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { UploadButtons } from "../upload/upload.js";
 
-/** @typedef {import("../upload/sender.js").UploadApp} App */
+/** @typedef {import("../upload/uploader.js").UploadApp} App */
 /** @typedef {import("../core/openapi.js").Dataset} Dataset */
 
 /** @param {{app: App}} props */

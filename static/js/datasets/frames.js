@@ -14,7 +14,7 @@ import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { DatasetDialog } from "./settings.js";
 
-/** @typedef {import("../upload/sender.js").UploadApp} App */
+/** @typedef {import("../upload/uploader.js").UploadApp} App */
 /** @typedef {import("../core/openapi.js").FrameSummary} FrameItem */
 /** @typedef {import("../core/router.js").Query} Query */
 

@@ -14,7 +14,7 @@ import { FramesView } from "../datasets/frames.js";
 import { Uploads } from "../upload/upload.js";
 import { TopBar, hasTabs } from "./topbar.js";
 
-/** @typedef {import("../review/answers.js").ReviewApp & import("../upload/sender.js").UploadApp} App */
+/** @typedef {import("../review/answers.js").ReviewApp & import("../upload/uploader.js").UploadApp} App */
 /** @typedef {import("../core/router.js").Route} Route */
 /** @typedef {(props: {app: App, route: Route}) => unknown} View */
 
@@ -136,7 +136,7 @@ function UnknownView({ app, route }) {
     </main>`;
 }
 
-/** @param {{app: import("../review/answers.js").ReviewApp & import("../upload/sender.js").UploadApp}} props */
+/** @param {{app: import("../review/answers.js").ReviewApp & import("../upload/uploader.js").UploadApp}} props */
 export function Newcomer({ app }) {
   const newcomer = useValue(app.newcomer);
   const person = useValue(app.person);
@@ -226,7 +226,7 @@ function credentialIn(text) {
   return text.startsWith("uc_") ? { code: text } : { token: text };
 }
 
-/** @param {{app: import("../review/answers.js").ReviewApp & import("../upload/sender.js").UploadApp}} props */
+/** @param {{app: import("../review/answers.js").ReviewApp & import("../upload/uploader.js").UploadApp}} props */
 export function Toasts({ app }) {
   const toasts = useValue(app.toasts.list);
   return html`<div class="toasts">

@@ -9,7 +9,7 @@ import { countOf, countText, sizeText } from "../core/numbers.js";
 import { Command, Dialog, FailureLine, FileList, Segments, useDialog } from "../core/parts.js";
 import { hasImages, readFolder, topOf, visibleEntries } from "./folder.js";
 
-/** @typedef {import("./sender.js").UploadApp} App */
+/** @typedef {import("./uploader.js").UploadApp} App */
 /** @typedef {import("./folder.js").Entry} Entry */
 /** @typedef {import("./folder.js").Plan} Plan */
 /** @typedef {import("./folder.js").Reading} Reading */
@@ -136,7 +136,7 @@ function Review({ app, found, plan, typed, setTyped, close }) {
   const count = plan.frames.length;
 
   const { run: start, isBusy, error } = useTask(async () => {
-    /** @type {import("./sender.js").Order["reading"]} */
+    /** @type {import("./uploader.js").Order["reading"]} */
     const reading = lossy ? { lossy_segmentation: "nearest" } : {};
     await app.uploads.start({ dataset: name, isNew: !there, classes: plan.classes, reading, frames: plan.frames, replace });
     close();

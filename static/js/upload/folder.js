@@ -2,7 +2,7 @@
 // Reads dropped files: their names and labels are sent to the server, which answers with the frames it found. No DOM.
 
 import { ask } from "../core/api.js";
-import { contentOf } from "./sender.js";
+import { contentOf } from "./uploader.js";
 
 /** @typedef {import("../core/openapi.js").FolderHead} FolderHead */
 /** @typedef {import("../core/openapi.js").FolderFrame} FolderFrame */

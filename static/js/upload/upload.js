@@ -7,11 +7,11 @@ import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { FailureLine, FileList } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { doneOf, isOver } from "./sender.js";
+import { doneOf, isOver } from "./uploader.js";
 
-/** @typedef {import("./sender.js").UploadApp} App */
+/** @typedef {import("./uploader.js").UploadApp} App */
 /** @typedef {import("./folder.js").Entry} Entry */
-/** @typedef {import("./sender.js").Progress} Progress */
+/** @typedef {import("./uploader.js").Progress} Progress */
 
 /** The parts of uploads that are shown over any view: drop zone, dialog, panel. @param {{app: App}} props */
 export function Uploads({ app }) {
@@ -152,7 +152,7 @@ async function collect(entry, entries) {
 /** @param {FileSystemDirectoryReader} reader @returns {Promise<FileSystemEntry[]>} */
 const portion = (reader) => new Promise((resolve, reject) => reader.readEntries(resolve, reject));
 
-/** @type {Record<import("./sender.js").Phase, string>} */
+/** @type {Record<import("./uploader.js").Phase, string>} */
 const PHASES = {
   sending: "Uploading",
   paused: "Paused",
@@ -163,9 +163,9 @@ const PHASES = {
   stopped: "Stopped",
 };
 
-/** @param {{app: import("./sender.js").UploadApp, job: import("./sender.js").Job}} props */
-export function UploadPanel({ app, job: { dataset, sender } }) {
-  const progress = useValue(sender.state);
+/** @param {{app: import("./uploader.js").UploadApp, job: import("./uploader.js").Job}} props */
+export function UploadPanel({ app, job: { dataset, uploader } }) {
+  const progress = useValue(uploader.state);
   const { phase, total, refused, trouble } = progress;
   const done = doneOf(progress);
   const percent = total ? Math.floor((100 * done) / total) : 100;
@@ -182,10 +182,10 @@ export function UploadPanel({ app, job: { dataset, sender } }) {
     ${trouble && html`<${FailureLine} error=${{ message: trouble }} />`}
     <${FileList} title="Refused" items=${refused.map(({ key, why, more }) => ({ name: key, why, more }))} isOpen=${isEnd} />
     <footer class="upload-panel__foot">
-      ${!isEnd && html`<button class="button" onClick=${sender.cancel}>Cancel</button>`}
-      ${phase === "sending" && html`<button class="button" onClick=${sender.pause}>Pause</button>`}
-      ${!isEnd && phase !== "sending" && html`<button class="button button--primary" onClick=${sender.resume}>Resume</button>`}
-      ${phase === "done" && refused.length > 0 && html`<button class="button" onClick=${sender.retry}>Retry refused frames</button>`}
+      ${!isEnd && html`<button class="button" onClick=${uploader.cancel}>Cancel</button>`}
+      ${phase === "sending" && html`<button class="button" onClick=${uploader.pause}>Pause</button>`}
+      ${!isEnd && phase !== "sending" && html`<button class="button button--primary" onClick=${uploader.resume}>Resume</button>`}
+      ${phase === "done" && refused.length > 0 && html`<button class="button" onClick=${uploader.retry}>Retry refused frames</button>`}
       ${isEnd && done > refused.length && html`<a class="button button--primary" href=${linkTo("frames", { dataset })} onClick=${app.uploads.dismiss}>Open the frames</a>`}
     </footer>
   </section>`;

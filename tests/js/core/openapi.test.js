@@ -9,7 +9,7 @@ import { BOX_FILTER_KEYS, SORTS, VERDICT_CYCLE } from "../../../static/js/boxes/
 import { ANSWER_TEXT, EVIDENCE, REASONS, VERDICT_SIGN } from "../../../static/js/boxes/wording.js";
 import { ORDERS } from "../../../static/js/queue/session.js";
 import { exportForm } from "../../../static/js/runs/exports.js";
-import { FILE_KINDS } from "../../../static/js/upload/sender.js";
+import { FILE_KINDS } from "../../../static/js/upload/uploader.js";
 
 const OPENAPI = JSON.parse(readFileSync(new URL("../../pins/stored/openapi.json", import.meta.url), "utf8"));
 

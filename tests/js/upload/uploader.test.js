@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { ApiError, NoResponse } from "../../../static/js/core/api.js";
-import { createUploader } from "../../../static/js/upload/sender.js";
+import { createUploader } from "../../../static/js/upload/uploader.js";
 
 /** @param {number} count @returns {any[]} */
 const frames = (count) => Array.from({ length: count }, (_, i) => ({ key: String(i), annotation: {}, files: {} }));
@@ -16,17 +16,17 @@ function sending(count) {
   /** @type {{run: () => void, delayMs: number}[]} */
   const timers = [];
   const put = (/** @type {{key: string}} */ { key }, /** @type {AbortSignal} */ signal) => new Promise((resolve, reject) => calls.push({ key, signal, resolve, reject }));
-  const sender = createUploader(frames(count), /** @type {any} */ (put), (run, delayMs) => timers.push({ run, delayMs }));
+  const uploader = createUploader(frames(count), /** @type {any} */ (put), (run, delayMs) => timers.push({ run, delayMs }));
   const outline = () => {
-    const { phase, stored, same, refused } = sender.state.get();
+    const { phase, stored, same, refused } = uploader.state.get();
     return [phase, stored, same, refused.map(({ key }) => key).join()];
   };
-  return { sender, calls, timers, outline };
+  return { uploader, calls, timers, outline };
 }
 
 test("four frames are sent at a time, and the end state counts new and known ones", async () => {
-  const { sender, calls, outline } = sending(6);
-  sender.resume();
+  const { uploader, calls, outline } = sending(6);
+  uploader.resume();
   assert.equal(calls.length, 4);
 
   for (let i = 0; i < 6; i++) {
@@ -38,16 +38,16 @@ test("four frames are sent at a time, and the end state counts new and known one
 });
 
 test("a refused frame is listed with the server's message, and can be sent again", async () => {
-  const { sender, calls, outline } = sending(2);
-  sender.resume();
+  const { uploader, calls, outline } = sending(2);
+  uploader.resume();
   const errors = [{ pointer: "/boxes/0", detail: "no geometry" }, { pointer: "/boxes/1", detail: "no class" }];
   calls[0]?.reject(new ApiError(422, { detail: "many faults", errors, more_errors: 7 }, null));
   calls[1]?.resolve(true);
   await settled();
   assert.deepEqual(outline(), ["done", 1, 0, "0"]);
-  assert.deepEqual(sender.state.get().refused, [{ key: "0", why: "many faults", more: ["/boxes/0: no geometry", "/boxes/1: no class", "and 7 more"] }]);
+  assert.deepEqual(uploader.state.get().refused, [{ key: "0", why: "many faults", more: ["/boxes/0: no geometry", "/boxes/1: no class", "and 7 more"] }]);
 
-  sender.retry();
+  uploader.retry();
   calls[2]?.resolve(true);
   await settled();
 
@@ -55,8 +55,8 @@ test("a refused frame is listed with the server's message, and can be sent again
 });
 
 test("while the server does not answer, an upload waits longer each time, and loses no frame", async () => {
-  const { sender, calls, timers, outline } = sending(1);
-  sender.resume();
+  const { uploader, calls, timers, outline } = sending(1);
+  uploader.resume();
   for (const i of [0, 1]) {
     calls[i]?.reject(new NoResponse(null));
     await settled();
@@ -71,8 +71,8 @@ test("while the server does not answer, an upload waits longer each time, and lo
 });
 
 test("an upload waits as long as a busy server says, and when signed out until somebody resumes it", async () => {
-  const { sender, calls, timers, outline } = sending(1);
-  sender.resume();
+  const { uploader, calls, timers, outline } = sending(1);
+  uploader.resume();
   calls[0]?.reject(new ApiError(503, {}, 7));
   await settled();
   assert.deepEqual([outline()[0], timers[0]?.delayMs], ["busy", 7000]);
@@ -82,31 +82,31 @@ test("an upload waits as long as a busy server says, and when signed out until s
   await settled();
   assert.deepEqual([outline()[0], timers.length], ["signed-out", 1]);
 
-  sender.resume();
+  uploader.resume();
   calls[2]?.resolve(true);
   await settled();
   assert.equal(outline()[0], "done");
 });
 
 test("a paused upload finishes the frames that are being sent, and sends no others", async () => {
-  const { sender, calls, outline } = sending(6);
-  sender.resume();
-  sender.pause();
+  const { uploader, calls, outline } = sending(6);
+  uploader.resume();
+  uploader.pause();
   calls.forEach(({ resolve }) => resolve(true));
   await settled();
   assert.deepEqual([calls.length, ...outline()], [4, "paused", 4, 0, ""]);
 
-  sender.resume();
+  uploader.resume();
   calls.slice(4).forEach(({ resolve }) => resolve(true));
   await settled();
   assert.deepEqual(outline(), ["done", 6, 0, ""]);
 });
 
 test("a cancelled upload aborts the frames that are being sent, and lists none of them as refused", async () => {
-  const { sender, calls, outline } = sending(6);
-  sender.resume();
+  const { uploader, calls, outline } = sending(6);
+  uploader.resume();
 
-  sender.cancel();
+  uploader.cancel();
   calls.forEach(({ signal, reject }) => signal.aborted && reject(new DOMException("", "AbortError")));
   await settled();
 
@@ -114,26 +114,26 @@ test("a cancelled upload aborts the frames that are being sent, and lists none o
 });
 
 test("an upload by a person who may not write stops with one message", async () => {
-  const { sender, calls, outline } = sending(6);
-  sender.resume();
+  const { uploader, calls, outline } = sending(6);
+  uploader.resume();
 
   calls[0]?.reject(new ApiError(403, { detail: "viewers cannot write" }, null));
   await settled();
 
-  assert.deepEqual([calls.length, ...outline(), sender.state.get().trouble], [4, "stopped", 0, 0, "", "viewers cannot write"]);
+  assert.deepEqual([calls.length, ...outline(), uploader.state.get().trouble], [4, "stopped", 0, 0, "", "viewers cannot write"]);
 });
 
 test("an upload that is paused while its last frames are being sent is done when they have arrived", async () => {
   /** @type {((isNew: boolean) => void)[]} */
   const arrive = [];
   const frames = ["a", "b"].map((key) => /** @type {any} */ ({ key }));
-  const sender = createUploader(frames, () => new Promise((resolve) => arrive.push(resolve)));
-  sender.resume();
-  sender.pause();
+  const uploader = createUploader(frames, () => new Promise((resolve) => arrive.push(resolve)));
+  uploader.resume();
+  uploader.pause();
 
   arrive.forEach((resolve) => resolve(true));
   await new Promise((resolve) => setTimeout(resolve));
 
-  const { phase, stored } = sender.state.get();
+  const { phase, stored } = uploader.state.get();
   assert.deepEqual([phase, stored], ["done", 2]);
 });

@@ -173,7 +173,7 @@ export const uploadCalls = {
 };
 
 /** @typedef {typeof uploadCalls} UploadCalls */
-/** @typedef {{dataset: string, sender: Uploader}} Job */
+/** @typedef {{dataset: string, uploader: Uploader}} Job */
 /** @typedef {{dataset: string, isNew: boolean, classes: string[] | null, reading: Partial<import("../core/openapi.js").DatasetIn>, frames: readonly ReadFrame[], replace: boolean}} Order */
 
 /**
@@ -187,10 +187,10 @@ export function createUploads(calls, isSignedIn) {
   /** Increases when an upload ends, so that views load their counts again. */
   const ended = createValue(0);
 
-  const isRunning = () => job.get() !== null && !isOver(/** @type {Job} */ (job.get()).sender.state.get().phase);
+  const isRunning = () => job.get() !== null && !isOver(/** @type {Job} */ (job.get()).uploader.state.get().phase);
 
   /** @param {Phase} phase what it waited in */
-  const resumeFrom = (phase) => job.get()?.sender.state.get().phase === phase && job.get()?.sender.resume();
+  const resumeFrom = (phase) => job.get()?.uploader.state.get().phase === phase && job.get()?.uploader.resume();
 
   addEventListener("online", () => resumeFrom("offline"));
   isSignedIn.observe((isIn) => isIn && resumeFrom("signed-out"));
@@ -208,15 +208,15 @@ export function createUploads(calls, isSignedIn) {
     /** Make the dataset if it is new, then begin; rejects when that is refused. @param {Order} order */
     async start({ dataset, isNew, classes, reading, frames, replace }) {
       if (isNew) await calls.createDataset({ name: dataset, ...(classes && { classes }), ...reading });
-      const sender = createUploader(frames, (frame, signal) => calls.putFrame(dataset, frame, replace, signal));
-      sender.state.observe(({ phase }) => {
+      const uploader = createUploader(frames, (frame, signal) => calls.putFrame(dataset, frame, replace, signal));
+      uploader.state.observe(({ phase }) => {
         if (isOver(phase)) ended.set(ended.get() + 1);
         // The session ends where it is refused. If another one has begun meanwhile, it is tried with that one.
         if (phase === "signed-out" && isSignedIn.get()) queueMicrotask(() => resumeFrom(phase));
       });
       dropped.set(null);
-      job.set({ dataset, sender });
-      sender.resume();
+      job.set({ dataset, uploader });
+      uploader.resume();
     },
 
     /** Close the panel of a finished upload. */
