@@ -234,8 +234,8 @@ def test_help_marks_keys_unused_in_the_current_view(scene, user, view, used, unu
     page.locator(".cell, .stage").first.wait_for()
     user.press("?")
 
+    expect(page.get_by_role("dialog")).to_be_visible()
     rows = page.locator(".help__row.is-off dt").all_text_contents()
-
     assert f"{unused} (not in this view)" in rows
     assert not [row for row in rows if row.startswith(("Keep", used))]
 
