@@ -57,21 +57,20 @@ const MOST_AT_ONCE = 1000;
 
 /** All items of a list. @template T @param {(query: {limit: number, cursor?: string}) => Promise<ListPage<T>>} load @returns {Promise<ListPage<T>>} */
 async function allOf(load) {
-  const items = [];
-  let next = await load({ limit: MOST_AT_ONCE });
-  items.push(...next.items);
-  while (next.next_cursor !== null) {
-    next = await load({ limit: MOST_AT_ONCE, cursor: next.next_cursor });
-    items.push(...next.items);
+  const page = await load({ limit: MOST_AT_ONCE });
+  while (page.next_cursor !== null) {
+    const next = await load({ limit: MOST_AT_ONCE, cursor: page.next_cursor });
+    page.items.push(...next.items);
+    page.next_cursor = next.next_cursor;
   }
-  return { items, next_cursor: null };
+  return page;
 }
 
 /** All datasets. @param {unknown} [state]  when it changes, they are loaded again */
 export const useDatasets = (state) => useLoaded((signal) => allOf((query) => get("/api/v1/datasets", { query, signal })), [state]);
 
 /**
- * The newest items of a list, or all of them once `showOlder` was called; it is null if there are no older ones.
+ * The newest items of a list. `showOlder` loads the older ones, too; it is null if all items are shown.
  * @template T
  * @param {number} size  how many items are the newest
  * @param {(query: {limit: number, cursor?: string}, signal: AbortSignal) => Promise<ListPage<T>>} load
