@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Error, expect
 
 from tests.support import plain_http
-from tests.support.page.windows import kept_session
+from tests.support.page.windows import first_held, kept_session
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
@@ -68,8 +68,7 @@ def test_signing_in_as_another_person_switches_every_tab(open_window, server, bo
     expect(page.locator(".who__name")).to_have_text(name)
     expect(other.locator(".who__name")).to_have_text(name)
     shown = {"Authorization": f"Bearer {before}"}
-    for route in ends:
-        route.continue_()
+    first_held(page, ends).continue_()
     version = f"{server.url}/version"
     until(lambda: plain_http.get(version, headers=shown).status_code == 401)
 

@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import Route, expect
 
 from tests.support import databases, plain_http
-from tests.support.page.windows import OpenWindow, kept_session
+from tests.support.page.windows import OpenWindow, first_held, kept_session
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
@@ -165,10 +165,7 @@ def test_api_documentation_requires_sign_in(open_window, server):
     expect(page.get_by_text("/api/v1/login-codes").first).to_be_visible()
     with page.expect_download() as download:
         page.get_by_role("link", name="openapi.json").click()
-        while not slow:
-            page.wait_for_timeout(20)
-        for route in slow:
-            route.continue_()
+        first_held(page, slow).continue_()
     document = json.loads(Path(download.value.path()).read_text("utf-8"))
     assert "/api/v1/session" in document["paths"]
 
@@ -239,13 +236,13 @@ def test_401_for_the_previous_session_keeps_the_new_session(scene, open_window, 
     page.goto(server.login_link)
     user.open(scene.link("ghost"))
     user.press("a")
-    until(lambda: page.evaluate("1") and held)
+    held_review = first_held(page, held)
     before = kept_session(page)["session"]
     link = server.login_link.partition("#")[2]
     page.evaluate("(link) => { location.hash = link; }", link)
     until(lambda: kept_session(page)["session"] != before)
 
-    held[0].fulfill(status=401, json={"code": "session_expired", "title": "x"})
+    held_review.fulfill(status=401, json={"code": "session_expired", "title": "x"})
 
     user.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "keep"

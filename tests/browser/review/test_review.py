@@ -14,7 +14,7 @@ from tests.support.frames import png
 from tests.support.page import scenes
 from tests.support.page.scenes import CAR, Scene, get
 from tests.support.page.stage import point, wait_for_drawing
-from tests.support.page.windows import FILL, PHONE, Visitor, route_loaded
+from tests.support.page.windows import FILL, PHONE, Visitor, first_held, route_loaded
 
 pytestmark = pytest.mark.browser
 
@@ -238,7 +238,7 @@ def test_loading_history_keeps_its_height_and_does_not_flash(scene, user):
     expect(history.locator(".history__item")).to_have_count(0)
     assert [skeleton.evaluate(SHOWN_AT, ms) for ms in (50, 1000)] == [False, True]
     loading = history.evaluate(HEIGHT)
-    held.pop().continue_()
+    first_held(user.page, held).continue_()
     expect(history.locator(".history__item")).to_have_count(1)
     assert history.evaluate(HEIGHT) == loading
 

@@ -14,7 +14,7 @@ import pytest
 from playwright.sync_api import Locator, Page, Route, expect
 
 from tests.support.page import scenes
-from tests.support.page.windows import Visitor, lose_session, route_loaded
+from tests.support.page.windows import Visitor, first_held, lose_session, route_loaded
 from tests.support.servers import RunningServer
 
 pytestmark = pytest.mark.browser
@@ -142,7 +142,7 @@ def test_upload_is_disabled_until_the_dataset_list_is_loaded(scene, user):
         "Loading the list of datasets"
     )
     expect(button).to_be_disabled()
-    held[0].continue_()
+    first_held(page, held).continue_()
 
     expect(page.locator("#upload-where")).to_contain_text("a dataset that has 1 frame")
     expect(button).to_be_enabled()

@@ -22,6 +22,7 @@ from playwright.sync_api import (
 
 from tests.support.page.stage import wait_for_drawing
 from tests.support.servers import SESSION_KEY
+from tests.support.waiting import until
 from tools.ensure_chromium import system_chromium
 
 ARGUMENTS = (
@@ -112,6 +113,15 @@ def route_loaded(page: Page, url: str | re.Pattern[str], handler: RouteHandler) 
     page.route(url, handler)
     page.evaluate(ASK_UNTIL_ROUTED, IS_ROUTED)
     page.unroute(f"**{IS_ROUTED}")
+
+
+def first_held(page: Page, held: list[Route]) -> Route:
+    """Wait until a handler of the page has put a request into `held`, and return it.
+
+    What the page shows while it waits for an answer can be seen before the handler of
+    the request is called.
+    """
+    return until(lambda: page.evaluate("true") and held, "no request is held")[0]
 
 
 FILL = """() => {
