@@ -528,8 +528,8 @@ class Reason(IntEnum):
         in_image: bool = True,
     ) -> Reason:
         """The value is the number, which is stored and never changes its meaning."""
-        # Enum calls this with all fields of a `_ReasonRow`. The defaults are never
-        # used, but without them type checkers would refuse `Reason(5)`.
+        # Enum passes all fields of the member's `_ReasonRow`. The defaults are only for
+        # type checkers, which would refuse `Reason(5)` without them.
         reason = int.__new__(cls, number)
         reason._value_ = number
         reason.label = get_args(ReasonLabel)[number - 1]

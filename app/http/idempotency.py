@@ -1,6 +1,6 @@
 """A POST that is sent twice with the same Idempotency-Key is executed once.
 
-The transaction of the request claims the key when it begins, and stores the response
+The transaction of the request takes the key when it begins, and stores the response
 before it is committed (`app.http.transaction` calls both). Of two concurrent requests,
 the second waits for the first and then gets its response; if the first failed, the
 second is executed.
@@ -81,8 +81,8 @@ def request_digest(*parts: bytes) -> str:
     return digest.hexdigest()
 
 
-def claim_on_begin(session: Session, request: RepeatableRequest) -> None:
-    """Claim the key when this session's transaction begins.
+def take_key_on_begin(session: Session, request: RepeatableRequest) -> None:
+    """Take the key when this session's transaction begins.
 
     Not earlier: a request must hold no lock while it computes before it writes. If the
     key is taken, the statement that begins the transaction raises `RepeatedRequest`, or
@@ -90,16 +90,16 @@ def claim_on_begin(session: Session, request: RepeatableRequest) -> None:
     """
     session.info[_LACKS_RESPONSE] = request
 
-    def claim(_session: Session, _transaction: object, connection: Connection) -> None:
-        _claim(connection, request)
+    def take(_session: Session, _transaction: object, connection: Connection) -> None:
+        _take_key(connection, request)
 
-    event.listen(session, "after_begin", claim, once=True)
+    event.listen(session, "after_begin", take, once=True)
 
 
-def _claim(connection: Connection, request: RepeatableRequest) -> None:
+def _take_key(connection: Connection, request: RepeatableRequest) -> None:
     keys = IdempotencyKeys(connection, request.token_id)
     keys.release_if_older(request.key, utc_now() - request.keep)
-    if keys.claim(request.key, request.digest):
+    if keys.take(request.key, request.digest):
         return
     response = keys.stored(request.key)
     if response.request_digest != request.digest:
@@ -110,12 +110,12 @@ def _claim(connection: Connection, request: RepeatableRequest) -> None:
 
 
 def lacks_response(session: Session) -> bool:
-    """Whether the session claims a key whose response is not stored yet."""
+    """Whether the session has taken a key whose response is not stored yet."""
     return _LACKS_RESPONSE in session.info
 
 
 def store_response(session: Session, response: Response) -> None:
-    """Store the response in the transaction that did the work, if it claims a key.
+    """Store the response in the transaction that did the work, if it has a key.
 
     A response with a secret (``no-store``) is not stored; the key is deleted instead.
     """
@@ -148,10 +148,10 @@ class IdempotencyKeys:
         self._connection = connection
         self._token_id = token_id
 
-    def claim(self, key: str, request_digest: str) -> bool:
+    def take(self, key: str, request_digest: str) -> bool:
         """Take the key for this request; False if it is taken.
 
-        A second claim waits until the transaction of the first one has ended.
+        This waits for a transaction that has taken it and has not ended.
         """
         row = {
             "token_id": self._token_id,
@@ -171,7 +171,7 @@ class IdempotencyKeys:
         return True
 
     def stored(self, key: str) -> StoredResponse:
-        """The stored request and response of a claimed key."""
+        """The stored request and response of a key that is taken."""
         columns = (
             IdempotencyKey.request_digest,
             IdempotencyKey.status,
@@ -186,7 +186,7 @@ class IdempotencyKeys:
         return StoredResponse(digest, status, media_type, json.loads(headers), body)
 
     def store(self, key: str, response: StoredResponse) -> None:
-        """Store the response to the request that claimed the key."""
+        """Store the response to the request that took the key."""
         statement = (
             update(IdempotencyKey)
             .where(*self._is(key))

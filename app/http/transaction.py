@@ -4,15 +4,15 @@ A route that writes takes a `WriteSession`. Its transaction has four steps:
 
 1. It begins with the first statement of the route, which waits for its turn
    (`app.db.turns`).
-2. If the request has an Idempotency-Key, beginning it claims the key. If an earlier
-   request has claimed the key already, this raises `RepeatedRequest`, and the client
+2. If the request has an Idempotency-Key, beginning it takes the key. If an earlier
+   request has taken the key already, this raises `RepeatedRequest`, and the client
    gets the response of the earlier request (`repeat_response`).
 3. The route does its work. Its response is stored beside the key, if there is one.
 4. It is committed, and only then is the response sent. `write_session` commits after
    the route has returned; a route that is called very often commits by itself, with
    `commit_and_respond`.
 
-If any of this raises, everything is rolled back, the claim on the key too. The rows of
+If any of this raises, everything is rolled back, and the key is free again. The rows of
 keys are in `app.http.idempotency`.
 """
 
@@ -33,10 +33,10 @@ from app.http.deps import database_of, settings_of
 from app.http.idempotency import (
     RepeatableRequest,
     RepeatedRequest,
-    claim_on_begin,
     lacks_response,
     request_digest,
     store_response,
+    take_key_on_begin,
 )
 
 WRITE_WAIT_S: Final = 30
@@ -82,7 +82,7 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
     request.state.write_session = session
     repeatable: RepeatableRequest | None = getattr(request.state, "repeatable", None)
     if repeatable is not None:
-        claim_on_begin(session, repeatable)
+        take_key_on_begin(session, repeatable)
     try:
         yield session
     except BaseException as exc:
@@ -90,11 +90,13 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
             partial(transaction.__exit__, type(exc), exc, exc.__traceback__)
         )
         raise
-    ended = partial(transaction.__exit__, None, None, None)
+    end = partial(transaction.__exit__, None, None, None)  # commits
     if session.in_transaction():
-        await _in_own_thread(ended)
-    else:  # the route has committed; this calls what waits for that (`once_committed`)
-        ended()
+        await _in_own_thread(end)
+    else:
+        # The route has committed. This only calls what waits for that, which is quick
+        # (`once_committed`).
+        end()
 
 
 # scope="function": the transaction is committed before the response is sent.

@@ -29,10 +29,8 @@ anew.
 | third | frame by frame, alone | frame by frame |
 | then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
 
-During the first attempt, `Chunk.attempts` is 0 for a worker, but 1 for a driver, which
-counts its own attempt beforehand. Once an attempt of a driver has stored something, the
-next one is a first one again: three drivers in succession have to die and store
-nothing.
+Once an attempt of a driver has stored something, the next one is a first one again:
+three drivers in succession have to die and store nothing.
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
 the cause. Each of them is submitted again while no other one is in progress
@@ -84,8 +82,8 @@ log = logging.getLogger(__name__)
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether each frame has to be stored before the next one begins.
 
-    From the third attempt of workers on, and from the second of a driver, which counts
-    its own attempt beforehand.
+    `Chunk.attempts` includes the attempt in progress of a driver, but not that of a
+    worker. So this is the second or third attempt of a driver, the third of a worker.
     """
     return chunk.attempts > 1
 
@@ -162,7 +160,7 @@ class Attempt:
         Otherwise this attempt would count as the death of a process. While the database
         is unavailable, this is retried until the service stops.
         """
-        while self._is_counted:
+        while self._is_counted:  # until the count is committed as zero
             try:
                 with self._context.database.write() as session:
                     self.reset(session)

@@ -182,10 +182,10 @@ class JobDriver:
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
-            # `plan` chooses frames without results. Frames of chunks that wait or are
-            # in quarantine have no results either, but must not be planned twice. So if
-            # there are such chunks, planning continues after the last planned frame. If
-            # not, it starts at the first frame.
+            # Planning starts at the first frame, and takes frames without results. But
+            # frames of chunks that wait or are in quarantine have no results either,
+            # and must not be planned twice. So if there are such chunks, planning
+            # continues after the last planned frame.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:

@@ -5,9 +5,9 @@ The *driver* of a job is the process that plans its chunks and has them executed
 until when. It takes the lease in the transaction that begins the job, and renews it
 until the job ends.
 
-A lease is *void* if it has expired, since the driver has not renewed it for
-`LEASE_LASTS`, or if the driver ran on this machine and the operating system says that
-it has ended (`process_has_ended`). Every service runs a watchdog. It lets its own
+A lease is *void* if the driver has not renewed it for `LEASE_LASTS`, or if the driver
+ran on this machine and the operating system says that it has ended
+(`process_has_ended`). Every service runs a watchdog. It lets its own
 process drive each open job
 
 - whose lease is void: the driver has died, or has stopped and left the job;
@@ -100,9 +100,8 @@ class JobLease:
             Another process drives the job.
         """
         now = _now(session)
-        # If another process is just ending the job, it has locked the row. This does
-        # not wait for it: `skip_locked` passes the row over, `_add` inserts no second
-        # one, and LeaseLost is raised.
+        # None if there is no row, and also if the row is locked because another process
+        # is just ending the job. In the second case `_add` inserts nothing.
         lease = _locked(session, self.job, skip_locked=True)
         if lease is not None:
             if lease.holder != self._holder and not _is_void(lease, now):

@@ -61,9 +61,16 @@ NumberOrNullT = TypeVar("NumberOrNullT")
 class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     """The keys that single classes can override; all of them are numbers.
 
-    The annotation of a key says which numbers: `NumberT` for any, `WholeNumberT` for
-    `counted`, `NumberOrNullT` for `NEAREST_METRES` and `FARTHEST_METRES`. For example,
-    a key that rejects boxes whose crowding (`Evidence.crowding`) is above it would be::
+    Three classes in `filter.py` inherit these keys. They differ in the type of a value:
+
+    - `ClassLimits`, for one class: a number;
+    - `ClassConfig`, for what one class overrides: a number, or `INHERIT`;
+    - `LimitsByClass`, for K classes: an array of K numbers.
+
+    So a key is annotated with a type variable: `NumberT`, or `WholeNumberT` if it is
+    declared with `counted`, or `NumberOrNullT` with `NEAREST_METRES` or
+    `FARTHEST_METRES`. For example, a key that rejects boxes whose crowding
+    (`Evidence.crowding`) is above it would be::
 
         max_crowding: NumberT = key(
             PERCENT,
@@ -72,15 +79,9 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
             evidence=(SEMANTIC,),
         )
 
-    `evidence` names the kinds of evidence whose rules use the key. It is left out if
-    the key matters for every kind: if it decides boxes before pixels are looked at
-    (`Reason.before_channels`), as `max_distance` does.
-
-    Three classes in `filter.py` inherit these keys. They differ in the type of a value:
-
-    - `ClassLimits`, for one class: a number;
-    - `ClassConfig`, for what one class overrides: a number, or `INHERIT`;
-    - `LimitsByClass`, for K classes: an array of K numbers.
+    `evidence` names the kinds of evidence whose rules use the key. A key such as
+    `max_distance` has none: it decides boxes before pixels are looked at, whatever the
+    evidence is (`Reason.before_channels`).
 
     `DecideConfig` extends `ClassLimits`. Its numbers apply to all classes that do not
     override them.
@@ -132,7 +133,8 @@ class OnlyClassKeys:
         TagList(),
         INHERIT,
         "Tags whose pixels count for the class, by name or number.",
-        # For channels and profile carlasimu. Otherwise, stored histograms suffice.
+        # Channels and profile carlasimu need the images again if it changes. For all
+        # others, the pixels of any tags are counted from stored histograms.
         needs_pixels=True,
     )
 

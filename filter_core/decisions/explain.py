@@ -378,7 +378,8 @@ def _no_visible_pixels(box: ExplainedBox) -> str:
 def _share(box: ExplainedBox) -> str:
     match, threshold = box.match_percent, box.threshold
     if match is None or threshold is None:
-        # Only where min_visible_pixels is 0, of a box of which no pixel counts: an
+        # The box is kept, since no rule rejects a match that is unknown (NaN). This
+        # happens only if min_visible_pixels is 0, and no pixel of the box counts: an
         # ignore mask covers it, or it is thinner than a pixel (profile carlasimu).
         return "none of its pixels count"
     large = ""

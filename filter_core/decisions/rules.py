@@ -66,9 +66,8 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
 
     Notes
     -----
-    O(N), without a loop over boxes. The 95 % Wilson interval of a share p of n pixels
-    contains a threshold t exactly if ``(p - t)^2 <= z^2 t (1 - t) / n`` [1]_, since the
-    Wilson interval is the inverted score test; so the interval is never computed.
+    O(N), without a loop over boxes. A box is a toss-up if the 95 % Wilson interval [1]_
+    of its match contains the threshold.
 
     References
     ----------
@@ -105,8 +104,8 @@ def _decide_block(
     size = _per_box(limits.size_big_box, class_index)
     large = area >= size if _as_carlasimu(limits) else area > size
     reason = _first_reason(_rules(evidence, rows, limits, large))
-    # This gives thresholds[large, class_index, reason], with `large` as 0 or 1, and
-    # takes a third of the time.
+    # The same as thresholds[large, class_index, reason], with `large` as 0 or 1, in a
+    # third of the time: `take` gets the places of the elements in the flat array.
     _, classes, reasons = thresholds.shape
     place = (large * np.int32(classes) + class_index) * np.int32(reasons) + reason
     threshold = thresholds.take(place)
@@ -163,13 +162,13 @@ def _rules(
 
 
 def _threshold_by_reason(limits: LimitsByClass) -> FloatArray:
-    """(2, K, 1 + max(Reason)) percent: the threshold that decides a box.
+    """(2, K, 1 + max(Reason)) percent: the threshold that decided a box.
 
-    By whether the box is large, its class and its reason; NaN: no threshold decides.
+    The axes: whether the box is large, its class, its reason. NaN: none decided.
     """
     shape = 2, len(limits.threshold_small_box), 1 + max(Reason)
     table = np.full(shape, np.nan)
-    of_small, of_large = table
+    of_small, of_large = table  # by class and reason
     of_small[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
     of_small[:, Reason.VISIBLE] = limits.threshold_small_box
     of_large[:, Reason.LARGE_BELOW_THRESHOLD] = limits.threshold_big_box
@@ -208,10 +207,11 @@ def _is_out_of_range(
 def _is_toss_up(
     threshold: FloatArray, margin: FloatArray, box_pixels: IntArray
 ) -> BoolArray:
-    """(N,) bool: the Wilson interval of the match contains the threshold.
+    """(N,) bool: the 95 % Wilson interval of the match contains the threshold.
 
-    Both sides of the comparison in the notes of `decide` are in percent and multiplied
-    by `box_pixels`: their unit is percent squared, times pixels.
+    The interval itself is not computed. For a share p of n pixels, it contains a
+    threshold t exactly if ``(p - t)^2 <= z^2 t (1 - t) / n``. With shares in percent,
+    and both sides times n, that is ``margin^2 n <= z^2 t (100 - t)``.
     """
     allowed = threshold * (100.0 - threshold)
     allowed *= Z95 * Z95

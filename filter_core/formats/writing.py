@@ -43,7 +43,7 @@ _LEAST_SIDE: Final = 0.01
 """Pixels; a thinner box would vanish when a format rounds it."""
 
 _LEAST_CUT: Final = 1e-9
-"""The least share of a box that is cut, if any of it is; else rounding could give 0."""
+"""The least share cut off a box that the border cuts; rounding could make it 0."""
 
 
 class LabelBox(NamedTuple):
@@ -382,19 +382,17 @@ class _BoxChooser:
         cut = np.zeros(len(boxes), np.bool_)
         cut[row] = chosen.cut > 0
         changed = np.flatnonzero(cut | ~written)
+
+        def change_of(box: int) -> Change:
+            if written[box]:
+                return Change(box, "clipped", "beyond_image")
+            reason = self._reason(boxes, box, wanted=wanted[box], crowd=crowd[box])
+            return Change(box, "dontcare" if ignored[box] else "dropped", reason)
+
         self._tally.changed(
             frame,
             class_number[changed].tolist(),
-            [
-                Change(each, "clipped", "beyond_image")
-                if written[each]
-                else Change(
-                    each,
-                    "dontcare" if ignored[each] else "dropped",
-                    self._reason(boxes, each, wanted=wanted[each], crowd=crowd[each]),
-                )
-                for each in changed.tolist()
-            ],
+            [change_of(each) for each in changed.tolist()],
         )
         return chosen
 
@@ -435,9 +433,10 @@ class _BoxChooser:
 
 
 def _rectangles(boxes: DecidedBoxes, kind: str) -> tuple[BoxesXYXY, NDArray[np.str_]]:
-    """(N, 4): rectangles of this kind, or else the visible ones; and their kinds (N,).
+    """(N, 4): the rectangle of this kind of each box; and (N,): the kind that it is.
 
-    NaN rows and empty names where there is none.
+    A box without one of this kind has its visible rectangle instead. One without any
+    has a row of NaN and the kind "".
     """
     columns = {
         "visible": (boxes.xyxy,),
@@ -456,7 +455,9 @@ def _rectangles(boxes: DecidedBoxes, kind: str) -> tuple[BoxesXYXY, NDArray[np.s
 
 
 def _cut(frame: ExportFrame, row: IntArray) -> FloatArray:
-    """(M,): shares of whole rectangles beyond the image; above 0 if anything is.
+    """(M,): the share of each whole rectangle that is beyond the image.
+
+    Above 0 if any part of it is, however small.
 
     The whole rectangle of a 3D box is its projection. That of a 2D box is in the
     annotation, which is only read for boxes that end at the border of the image: a box

@@ -7,17 +7,16 @@
 //
 // Every answer that the server stores gives its box the next revision. For each of its boxes, an item has the *seen
 // revision*: that of the box as the person saw it. If the box has a newer one when the item arrives, somebody else has
-// answered it meanwhile, and the server refuses the item. Two rules keep seen revisions right while items wait:
+// answered it meanwhile, and the server refuses the item. What if a person answers the same box twice, and both items
+// wait in the outbox?
 //
-// 1. While an answer waits, the page shows it in place of what others have answered meanwhile: the person cannot see
-//    theirs. So an item that is added behind it on the same box gets the same seen revision (`add`), and not a newer one
-//    that the page may have loaded. For example, an answer on a box at revision 3 waits. Somebody else answers the box,
-//    and the page loads it at revision 4. The person answers it once more. This answer gets revision 3, too: the server
-//    refuses it, and the person learns of the other answer.
-// 2. When an item is stored, its boxes have the next revision. The later items of this tab on these boxes get that
-//    revision (`finish`), since the answer in between is the person's own. Two kinds of items keep theirs: one that may
-//    have reached the server, which must be sent again exactly as it was, and those of other tabs, which the server then
-//    refuses, so that the person chooses.
+// 1. The second item gets the seen revision of the first (`add`), even if the page has loaded a newer one. For example,
+//    an answer on a box at revision 3 waits. Somebody else answers the box, and the page loads it at revision 4, but
+//    shows the waiting answer in place of theirs. The person answers once more. With revision 4 this answer would
+//    overwrite one that the person has not seen. With revision 3 the server refuses it, and the person learns of both.
+// 2. Once the first item is stored, the second gets the next revision (`finish`), since the answer in between is the
+//    person's own. There are two exceptions. An item that may have reached the server keeps its revision, because it
+//    must be sent again exactly as it was. So does an item of another tab: the server refuses it, and the person chooses.
 
 import { randomId } from "../core/tab.js";
 

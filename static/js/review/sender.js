@@ -274,7 +274,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
 
   /** Try now: the network is back, or somebody has signed in. */
   function resume() {
-    isRetryDue = sending !== null; // `drain` does nothing then: the request under way has to end first
+    // While a request is under way, `drain` does nothing. If that request fails, it is sent again without a pause.
+    isRetryDue = sending !== null;
     retries.reset();
     return drain();
   }
