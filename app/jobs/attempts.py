@@ -24,11 +24,12 @@ anew.
 
 | attempt | by a worker | by the driver |
 |---|---|---|
-| first | whole chunk | whole chunk |
-| second | whole chunk, alone | frame by frame |
-| third | frame by frame, alone | frame by frame |
+| first | whole chunk (0) | whole chunk (1) |
+| second | whole chunk, alone (1) | frame by frame (2) |
+| third | frame by frame, alone (2) | frame by frame (3) |
 | then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
 
+The number in brackets is `Chunk.attempts` during the attempt.
 Once an attempt of a driver has stored something, the next one is a first one again:
 three drivers in succession have to die and store nothing.
 
@@ -37,12 +38,14 @@ the cause. Each of them is submitted again while no other one is in progress
 (`JobDriver`), so that if a process dies again, this chunk is the cause.
 
 *Frame by frame* (`is_one_by_one`): each result is stored before the next frame begins.
-So the first frame without a result is the cause. Without workers, the cause becomes a
-chunk of its own, in quarantine, and the rest of the chunk is tried again: each cause
-takes three processes. That would be too many for a long row of such frames. So if the
-cause directly follows a frame that is in quarantine because it ended processes, the
-rest of the chunk is put into quarantine together with the cause. (Directly: in the
-order of the dataset, unreadable frames skipped.)
+So the first frame without a result is the cause.
+
+*The frame that is the cause* becomes a chunk of its own, in quarantine. The rest of the
+chunk is tried again.
+
+**Many such frames in a row** would end three processes each. Therefore, if the frame
+before the cause is in quarantine for the same reason, the driver does not single out
+the cause: it puts the whole rest of the chunk into quarantine (`_follows_another`).
 
 **An unreadable frame** ends no process: only the child processes that decode its images
 die, or exceed their limits of time or memory. `refuse` puts its chunk into quarantine
@@ -63,7 +66,7 @@ from sqlalchemy.orm import Session
 from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.engine import once_committed
-from app.db.tables import Chunk
+from app.db.tables import Chunk, JobRow
 from app.db.transient import in_a_line, is_transient
 from app.engine import Job
 from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
@@ -82,8 +85,7 @@ log = logging.getLogger(__name__)
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether each frame has to be stored before the next one begins.
 
-    `Chunk.attempts` includes the attempt in progress of a driver, but not that of a
-    worker. So this is the second or third attempt of a driver, the third of a worker.
+    See the numbers in the table at the head of this module.
     """
     return chunk.attempts > 1
 
@@ -246,24 +248,32 @@ def _quarantine_refused(chunk: Chunk, why: FilterError) -> None:
 
 def _quarantine_cause(session: Session, job: Job, chunk: Chunk) -> None:
     """Put the frame at which the processes died into quarantine, or the whole chunk."""
-    kind, chunks = kind_of(job), ChunkRepository(session)
+    kind = kind_of(job)
     row = open_job(session, kind.table, job.id)
     unfinished = kind.unfinished(session, row, chunk)
-    unreadable: set[int] = set()
-    deadly: set[int] = set()
-    for one in chunks.quarantined(job):
-        frames = unreadable if one.error else deadly
-        frames.update(kind.unfinished(session, row, one))
-    cause = chunk
-    if unfinished:
-        before = frame_before(session, row.dataset_id, unfinished[0])
-        while before in unreadable:
-            before = frame_before(session, row.dataset_id, before)
-        if before not in deadly:
-            cause = _split_first(session, job, chunk, unfinished)
-    if cause is not chunk:
+    if not unfinished or _follows_another(session, job, row, unfinished[0]):
+        _quarantine(chunk)
+        return
+    cause = _split_first(session, job, chunk, unfinished)
+    if cause is not chunk:  # the rest of the chunk is tried again
         cause.attempts, chunk.attempts = chunk.attempts, 0
     _quarantine(cause)
+
+
+def _follows_another(session: Session, job: Job, row: JobRow, frame_id: int) -> bool:
+    """Whether the frame before this one is in quarantine because it ended processes.
+
+    Before it in the order of the dataset, without the frames that cannot be read.
+    """
+    unreadable: set[int] = set()
+    deadly: set[int] = set()
+    for chunk in ChunkRepository(session).quarantined(job):
+        frames = unreadable if chunk.error else deadly
+        frames.update(kind_of(job).unfinished(session, row, chunk))
+    before = frame_before(session, row.dataset_id, frame_id)
+    while before in unreadable:
+        before = frame_before(session, row.dataset_id, before)
+    return before in deadly
 
 
 def _split_first(

@@ -182,10 +182,11 @@ class JobDriver:
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
-            # Planning starts at the first frame, and takes frames without results. But
-            # frames of chunks that wait or are in quarantine have no results either,
-            # and must not be planned twice. So if there are such chunks, planning
-            # continues after the last planned frame.
+            # Planning takes the frames without results, from the first one on: also
+            # those that were replaced after they had been measured. Frames of chunks
+            # that wait or are in quarantine have no results either, but must not be
+            # planned twice. While there are such chunks, only the frames after the last
+            # planned one are planned; `drive` comes back for those before it.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:

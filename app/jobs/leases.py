@@ -100,16 +100,14 @@ class JobLease:
             Another process drives the job.
         """
         now = _now(session)
-        # None if there is no row, and also if the row is locked because another process
-        # is just ending the job. In the second case `_add` inserts nothing.
-        lease = _locked(session, self.job, skip_locked=True)
-        if lease is not None:
+        if not self._add(session, now):  # there is a row already
+            lease = _locked(session, self.job, skip_locked=True)
+            if lease is None:  # locked by another process, which is ending the job
+                raise LeaseLost(self.job)
             if lease.holder != self._holder and not _is_void(lease, now):
                 raise LeaseLost(self.job)
             lease.holder, lease.until = self._holder, now + LEASE_LASTS
             session.flush()
-        elif not self._add(session, now):
-            raise LeaseLost(self.job)
         once_committed(session, self._start_renewing)
 
     def require(self, session: Session) -> None:
@@ -152,6 +150,7 @@ class JobLease:
             log.warning("cannot release the lease of %s %d: %s", *self.job, exc)
 
     def _add(self, session: Session, now: datetime) -> bool:
+        """Insert the row of the lease; False if there is one already."""
         row = {"kind": self.job.kind, "job_id": self.job.id, "holder": self._holder}
         new = upsert(session, Lease).values(**row, until=now + LEASE_LASTS)
         added = new.on_conflict_do_nothing().returning(Lease.holder)

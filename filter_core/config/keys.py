@@ -61,16 +61,14 @@ NumberOrNullT = TypeVar("NumberOrNullT")
 class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     """The keys that single classes can override; all of them are numbers.
 
-    Three classes in `filter.py` inherit these keys. They differ in the type of a value:
+    A key is annotated with the type variable of the numbers that it allows::
 
-    - `ClassLimits`, for one class: a number;
-    - `ClassConfig`, for what one class overrides: a number, or `INHERIT`;
-    - `LimitsByClass`, for K classes: an array of K numbers.
+        PERCENT                            NumberT
+        counted(...)                       WholeNumberT
+        NEAREST_METRES, FARTHEST_METRES    NumberOrNullT
 
-    So a key is annotated with a type variable: `NumberT`, or `WholeNumberT` if it is
-    declared with `counted`, or `NumberOrNullT` with `NEAREST_METRES` or
-    `FARTHEST_METRES`. For example, a key that rejects boxes whose crowding
-    (`Evidence.crowding`) is above it would be::
+    For example, a key that rejects boxes whose crowding (`Evidence.crowding`) is above
+    it would be::
 
         max_crowding: NumberT = key(
             PERCENT,
@@ -82,6 +80,13 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     `evidence` names the kinds of evidence whose rules use the key. A key such as
     `max_distance` has none: it decides boxes before pixels are looked at, whatever the
     evidence is (`Reason.before_channels`).
+
+    The annotations are type variables because three classes in `filter.py` inherit the
+    keys, and their values have different types:
+
+    - `ClassLimits`, for one class: a number;
+    - `ClassConfig`, for what one class overrides: a number, or `INHERIT`;
+    - `LimitsByClass`, for K classes: an array of K numbers.
 
     `DecideConfig` extends `ClassLimits`. Its numbers apply to all classes that do not
     override them.
@@ -133,8 +138,8 @@ class OnlyClassKeys:
         TagList(),
         INHERIT,
         "Tags whose pixels count for the class, by name or number.",
-        # Channels and profile carlasimu need the images again if it changes. For all
-        # others, the pixels of any tags are counted from stored histograms.
+        # If it changes, a configuration with a channel or profile carlasimu needs the
+        # images again. All others count pixels of the new tags in stored histograms.
         needs_pixels=True,
     )
 

@@ -177,7 +177,8 @@ def _explained(
         "number": numbers.tolist(),
         "needed": needed.tolist(),
         "depth_gap": gaps,
-        "nearer": [box and f"{box[1]} {box[0]}" for box in nearer],
+        # Class and id, such as "car 7".
+        "nearer": [other and f"{other[1]} {other[0]}" for other in nearer],
     }
     rows = zip(*(columns[name] for name in ExplainedBox._fields), strict=True)
     return map(ExplainedBox._make, rows)
@@ -378,9 +379,9 @@ def _no_visible_pixels(box: ExplainedBox) -> str:
 def _share(box: ExplainedBox) -> str:
     match, threshold = box.match_percent, box.threshold
     if match is None or threshold is None:
-        # The box is kept, since no rule rejects a match that is unknown (NaN). This
-        # happens only if min_visible_pixels is 0, and no pixel of the box counts: an
-        # ignore mask covers it, or it is thinner than a pixel (profile carlasimu).
+        # The match is unknown (NaN), and since no rule rejects such a box, it is kept.
+        # This happens only if min_visible_pixels is 0, and no pixel of the box counts:
+        # an ignore mask covers it, or it is thinner than a pixel (profile carlasimu).
         return "none of its pixels count"
     large = ""
     if box.large and box.area_percent is not None:

@@ -25,11 +25,14 @@ from filter_core.formats.writing import NewWriter, write_labels
 Recognition: TypeAlias = Literal["certain", "possible", "fallback", "none"]
 """How certain it is that a source is in a format.
 
-Formats are tried in a fixed order. ``certain``: it is in this format, and no later one
-is tried. ``possible``: it may be. If several formats are left, such as two possible
-ones, or a possible and a certain one, a person chooses. ``fallback``: it can be read in
-this format if no other is ``certain`` or ``possible``; the first such format is taken.
-``none``: it is not in this format.
+Formats are tried in a fixed order.
+
+- ``certain``: it is in this format. No later format is tried.
+- ``possible``: it may be. Later formats are tried, too; if one of them is ``possible``
+  or ``certain`` as well, a person chooses.
+- ``fallback``: it can be read in this format if no other is ``certain`` or
+  ``possible``. The first such format is taken.
+- ``none``: it is not in this format.
 """
 
 SELECTION_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})

@@ -379,9 +379,10 @@ class _BoxChooser:
             ignored=ignored[row],
         )
         self._tally.written(class_number[written], used[written].tolist())
-        cut = np.zeros(len(boxes), np.bool_)
-        cut[row] = chosen.cut > 0
-        changed = np.flatnonzero(cut | ~written)
+        is_cut = np.zeros(len(boxes), np.bool_)
+        is_cut[row] = chosen.cut > 0
+        # Boxes that are cut, written as regions to ignore, or dropped.
+        changed = np.flatnonzero(is_cut | ~written)
 
         def change_of(box: int) -> Change:
             if written[box]:

@@ -96,16 +96,24 @@ const LONGEST_RETRY_S = 30;
 export function createRetries(later = (run, delayMs) => void setTimeout(run, delayMs)) {
   let nextS = FIRST_RETRY_S;
   let waits = 0;
+  let isNextSkipped = false;
   return {
     /** @param {() => void} run  not called if another wait has begun since @param {number | null} [seconds]  to wait instead, as the server has asked */
     wait(run, seconds) {
       const mine = ++waits;
-      later(() => mine === waits && run(), (seconds ?? nextS) * 1000);
+      later(() => mine === waits && run(), isNextSkipped ? 0 : (seconds ?? nextS) * 1000);
       nextS = Math.min(nextS * 2, LONGEST_RETRY_S);
+      isNextSkipped = false;
     },
 
     /** The next wait is the shortest again: the server has taken something, or somebody asks to try now. */
-    reset: () => void (nextS = FIRST_RETRY_S),
+    reset() {
+      nextS = FIRST_RETRY_S;
+      isNextSkipped = false;
+    },
+
+    /** The next wait is none: somebody asks to try now, while a request is under way. If that fails, it is sent again at once. */
+    skipNext: () => void (isNextSkipped = true),
   };
 }
 

@@ -42,7 +42,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   /** @param {Decision} box @param {AnswerWithComment} answer @returns {boolean} false: there is no room for it */
   function give(box, { verdict, comment }) {
     const { box_id: boxId, frame_id: frameId } = box;
-    boxes.holdAnswered([boxId]); // so that the store drops an earlier response that still has the old answer
+    boxes.holdAnswered([boxId]); // so that the store still knows their revision when an earlier response arrives
     if (!sender.addAnswer({ boxId, frameId, verdict, comment, seenRevision: seenRevision(box) })) return false;
     steps.noteAnswer(boxId);
     closeOvertaken(boxId);
@@ -248,7 +248,8 @@ export function createSteps(boxes) {
     drop: (step) => remove((one) => one === step),
 
     /**
-     * Somebody else has answered the box: this person can no longer undo their own earlier answers on it.
+     * This person can no longer undo their answers on the box: somebody else has answered it, or the server has refused
+     * an answer on it.
      * @param {number} boxId
      */
     forget: (boxId) =>

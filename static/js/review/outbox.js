@@ -15,8 +15,9 @@
 //    shows the waiting answer in place of theirs. The person answers once more. With revision 4 this answer would
 //    overwrite one that the person has not seen. With revision 3 the server refuses it, and the person learns of both.
 // 2. Once the first item is stored, the second gets the next revision (`finish`), since the answer in between is the
-//    person's own. There are two exceptions. An item that may have reached the server keeps its revision, because it
-//    must be sent again exactly as it was. So does an item of another tab: the server refuses it, and the person chooses.
+//    person's own. This is not done with items of other tabs: the server refuses these, so that the person chooses. Nor
+//    is it done with an item that may have reached the server (and then waited while this tab took over an older one from
+//    a closed tab): it must be sent again exactly as it was.
 
 import { randomId } from "../core/tab.js";
 

@@ -91,8 +91,6 @@ export function createSender(outbox, requests = REQUESTS, later) {
   let sending = null;
   /** Why the items wait; empty if the last one was stored or refused. */
   let waitingBecause = "";
-  /** `resume` was called while a request was under way: if that request fails, the item is sent again at once. */
-  let isRetryDue = false;
   /**
    * The bulk answers that were refused since the page was loaded, by their keys.
    * @type {Map<string, OpenBulkItem & {item: BulkAnswer}>}
@@ -149,14 +147,12 @@ export function createSender(outbox, requests = REQUESTS, later) {
         show("saving");
         if (!(await deliver(sending))) return;
         waitingBecause = "";
-        isRetryDue = false;
         retries.reset();
       }
       waitingBecause = "";
       show("saved");
     } finally {
       sending = null;
-      isRetryDue = false;
     }
   }
 
@@ -206,7 +202,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   function waitAndRetry(phase, text, seconds = null) {
     waitingBecause = text;
     show(phase);
-    retries.wait(() => void drain(), isRetryDue ? 0 : seconds);
+    retries.wait(() => void drain(), seconds);
     return false;
   }
 
@@ -274,9 +270,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
 
   /** Try now: the network is back, or somebody has signed in. */
   function resume() {
-    // While a request is under way, `drain` does nothing. If that request fails, it is sent again without a pause.
-    isRetryDue = sending !== null;
     retries.reset();
+    if (sending) retries.skipNext();
     return drain();
   }
 

@@ -106,6 +106,21 @@ test("waits for another attempt double, up to half a minute, unless the server n
   assert.deepEqual(waits, [1, 2, 7, 8, 16, 30, 30, 1]);
 });
 
+test("a skipped wait is none, even if the server names a time, and only the next one is skipped", () => {
+  /** @type {number[]} */
+  const waits = [];
+  const retries = createRetries((_, ms) => void waits.push(ms / 1000));
+
+  retries.skipNext();
+  retries.wait(() => {}, 7);
+  retries.wait(() => {});
+  retries.skipNext();
+  retries.reset();
+  retries.wait(() => {});
+
+  assert.deepEqual(waits, [0, 2, 1]);
+});
+
 test("of several waits only the last one leads to an attempt", () => {
   /** @type {(() => void)[]} */
   const ends = [];
