@@ -3,12 +3,14 @@
 // refused. `afterError` says what each error means.
 
 import { seenRevision } from "../boxes/box.js";
-import { ApiError, NoResponse, createRetries, post } from "../core/api.js";
+import { ApiError, NoResponse, createRetries, get, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 import { isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outbox.js";
 
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../core/openapi.js").Review} StoredReview */
+/** @typedef {import("../core/openapi.js").History} History */
+/** @typedef {import("../core/openapi.js").HistoryEntry} HistoryEntry */
 /** @typedef {import("../core/openapi.js").ReviewBatch} ReviewBatch */
 /** @typedef {import("../core/openapi.js").UndoneBatch} UndoneBatch */
 /** @typedef {import("./outbox.js").SingleAnswer} SingleAnswer */
@@ -18,8 +20,9 @@ import { isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outb
 /** @typedef {import("./outbox.js").OutboxItem} OutboxItem */
 
 /**
- * @typedef {object} Requests  each resolves when the server has stored the item
+ * @typedef {object} Requests  all but `history` resolve when the server has stored the item
  * @property {(item: SingleAnswer) => Promise<StoredReview>} answer
+ * @property {(boxId: number) => Promise<History>} history  the answers on a box, among others
  * @property {(bulk: BulkAnswer) => Promise<ReviewBatch>} bulkAnswer
  * @property {(undo: BulkUndo) => Promise<UndoneBatch>} bulkUndo
  */
@@ -28,6 +31,8 @@ import { isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outb
 const REQUESTS = {
   answer: ({ key, boxId, verdict, comment, seenRevision: seen_revision }) =>
     post("/api/v1/boxes/{box_id}/reviews", { path: { box_id: boxId }, body: { verdict, comment, seen_revision }, key }),
+
+  history: (boxId) => get("/api/v1/boxes/{box_id}/history", { path: { box_id: boxId } }),
 
   bulkAnswer({ key, dataset, verdict, boxIds, seenRevisions, filter, snapshot }) {
     const boxes = boxIds ? { box_ids: boxIds, seen_revisions: seenRevisions } : { filter, snapshot };
@@ -76,6 +81,9 @@ const REQUESTS = {
  * @property {readonly OpenBulkItem[]} bulkItems  of this tab, with the refused ones
  */
 
+/** The box as it is now, if an answer was refused because the box was answered since. @param {unknown} error */
+const currentBox = (error) => (error instanceof ApiError && error.status === 412 && error.problem.current) || null;
+
 /**
  * @param {import("./outbox.js").Outbox} outbox @param {Requests} [requests]
  * @param {import("../core/api.js").Later} [later]
@@ -97,10 +105,11 @@ export function createSender(outbox, requests = REQUESTS, later) {
    */
   const refused = new Map();
   /**
-   * The last bulk answer on a filter, or undo of one, that was stored since the page was loaded.
-   * @type {BulkItem | null}
+   * The bulk answers on a filter, and undos of these, that were stored since the page was loaded, by their id on the
+   * server.
+   * @type {Map<number, BulkItem>}
    */
-  let lastOnFilter = null;
+  const storedOnFilter = new Map();
 
   /** @type {import("../core/observable.js").Value<SenderState>} */
   const state = createValue(stateIn("saved"));
@@ -171,9 +180,31 @@ export function createSender(outbox, requests = REQUESTS, later) {
   /** @param {SingleAnswer} item */
   async function sendAnswer(item) {
     outbox.markAttempted(item);
-    const stored = await requests.answer(item);
+    let stored;
+    try {
+      stored = await requests.answer(item);
+    } catch (error) {
+      const current = currentBox(error);
+      if (!current || !(await isOvertakenByOwn(item))) throw error;
+      return outbox.renew(item, seenRevision(current)); // a new item, which is sent next
+    }
     outbox.finish(item);
     tell(({ onStored }) => onStored?.(stored));
+  }
+
+  /**
+   * Whether a refused answer (412) was overtaken only by bulk answers on a filter, or undos of these, that this tab has
+   * sent. That happens because the page does not know which boxes a filter selects: `finish` cannot give the answer
+   * the revision that the box has after the bulk answer.
+   * @param {SingleAnswer} item
+   */
+  async function isOvertakenByOwn(item) {
+    if (storedOnFilter.size === 0) return false;
+    const { items } = await requests.history(item.boxId);
+    const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
+    // An answer that was given before the bulk answer was taken over from another tab: then the person chooses.
+    const isOwn = (/** @type {HistoryEntry} */ { batch }) => (storedOnFilter.get(batch ?? 0)?.order ?? Infinity) <= item.order;
+    return since.length > 0 && since.every(isOwn);
   }
 
   /**
@@ -190,12 +221,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
     // The server has refused this item, and the next one is sent.
     if (isBulkAnswer(item)) return refuse(item, error);
     if (isBulkUndo(item)) return drop(item, ({ onUndoRefused }) => onUndoRefused?.(item, error));
-    if (error.status !== 412) return drop(item, ({ onRefused }) => onRefused?.(item, error));
-
     // 412: the box was answered since the person saw it.
-    const current = error.problem.current ?? null;
-    if (current && isOwnAnswer(item, current)) return sendAsNew(item, current);
-    return drop(item, ({ onOvertaken }) => onOvertaken?.(item, current));
+    if (error.status === 412) return drop(item, ({ onOvertaken }) => onOvertaken?.(item, currentBox(error)));
+    return drop(item, ({ onRefused }) => onRefused?.(item, error));
   }
 
   /** @param {Phase} phase @param {string} text  why @param {number | null} [seconds]  as the server has asked */
@@ -226,26 +254,6 @@ export function createSender(outbox, requests = REQUESTS, later) {
   function drop(item, notify) {
     outbox.remove(item);
     tell(notify);
-    return true;
-  }
-
-  /**
-   * Whether the answer that the box got since the person saw it is this person's own. That happens after a bulk answer
-   * on a filter, or its undo: the page does not know which boxes a filter selects.
-   * @param {SingleAnswer} item @param {Decision} current
-   */
-  function isOwnAnswer(item, current) {
-    if (!lastOnFilter) return false;
-    // Given before the bulk answer, but sent after it: taken over from another tab. The person chooses between the two.
-    if (item.order < lastOnFilter.order) return false;
-    if (current.review) return current.review.reviewer === item.person;
-    // The box has no answer now: only an undo, or the bulk answer "clear", leaves it without one.
-    return isBulkUndo(lastOnFilter) || lastOnFilter.verdict === "clear";
-  }
-
-  /** Nobody else has answered the box: send the answer as a new one. @param {SingleAnswer} item @param {Decision} current */
-  function sendAsNew(item, current) {
-    outbox.renew(item, seenRevision(current));
     return true;
   }
 
@@ -282,7 +290,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
     outbox.markAttempted(bulk);
     const stored = await requests.bulkAnswer(bulk);
     const leftOut = [...stored.stale, ...stored.skipped];
-    finishBulk(bulk, leftOut);
+    finishBulk(bulk, stored.id, leftOut);
     outbox.completeUndo(bulk, stored.id, leftOut);
     tell(({ onBulkStored }) => onBulkStored?.(bulk, stored));
   }
@@ -290,13 +298,13 @@ export function createSender(outbox, requests = REQUESTS, later) {
   /** @param {BulkUndo} undo */
   async function sendBulkUndo(undo) {
     const stored = await requests.bulkUndo(undo);
-    finishBulk(undo, stored.skipped);
+    finishBulk(undo, stored.id, stored.skipped);
     tell(({ onUndoStored }) => onUndoStored?.(undo, stored));
   }
 
-  /** @param {BulkItem} item @param {readonly number[]} leftOut */
-  function finishBulk(item, leftOut) {
-    if (!item.boxIds) lastOnFilter = item;
+  /** @param {BulkItem} item @param {number} storedId @param {readonly number[]} leftOut */
+  function finishBulk(item, storedId, leftOut) {
+    if (!item.boxIds) storedOnFilter.set(storedId, item);
     outbox.finish(item, leftOut);
   }
 

@@ -11,7 +11,7 @@ from playwright.sync_api import Page, Route, expect
 from tests.support.page import many_boxes
 from tests.support.page.many_boxes import answers, cell, grid, selected
 from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.windows import OpenWindow, Visitor, route_loaded
+from tests.support.page.windows import OpenWindow, Visitor, first_held, route_loaded
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
 
@@ -236,6 +236,35 @@ def test_bulk_answer_on_a_filter_is_stored_and_undone(many, user):
     expect(toast(page)).to_contain_text("15 answers undone")
     expect(page.locator(".sign")).to_have_count(0)
     assert answers(many) == {}
+
+
+@pytest.mark.parametrize(
+    "then",
+    [
+        pytest.param([], id="after-bulk-answer"),
+        pytest.param(["z"], id="after-its-undo"),
+    ],
+)
+def test_answer_that_follows_an_own_bulk_answer_on_a_filter_is_stored(many, user, then):
+    """It was given before the bulk answer was stored, and so has the old revision."""
+    page = user.open(grid(many, verdict="rejected"))
+    held: list[Route] = []
+    route_loaded(page, "**/reviews/bulk", lambda route: held.append(route))
+    page.get_by_role("button", name="Select all 15").click()
+    user.press("a")
+    bulk = first_held(page, held)
+    user.press(*then)
+    page.evaluate("(link) => { location.hash = link; }", many.link("b1"))
+    user.wait_until_drawn()
+    user.press("x")
+
+    bulk.continue_()
+
+    user.wait_until_saved()
+    found = answers(many)
+    assert found.pop("b1") == "reject"
+    assert found == ({} if then else {f"b{i}": "keep" for i in range(3, 30, 2)})
+    expect(page.get_by_role("alert")).to_have_count(0)
 
 
 def test_bulk_answer_is_refused_if_the_filter_count_changed(many, user):

@@ -20,6 +20,8 @@ let bulkAnswers;
 let undos;
 /** @type {Map<number, number>} */
 let revisions;
+/** By box: the bulk answer of each revision that was stored through `requests`. @type {Map<number, {revision: number, batch: number | null}[]>} */
+let stored;
 /** @type {{run: () => void, ms: number}[]} */
 let timers;
 /** @type {any[]} */
@@ -33,9 +35,18 @@ beforeEach(() => {
   undos = [];
   refusals = [];
   revisions = new Map();
+  stored = new Map();
   timers = [];
   told = [];
 });
+
+/** Store an answer on a box, of this bulk answer. @param {number} boxId @param {number | null} batch */
+function store(boxId, batch) {
+  const revision = (revisions.get(boxId) ?? 0) + 1;
+  revisions.set(boxId, revision);
+  stored.set(boxId, [...(stored.get(boxId) ?? []), { revision, batch }]);
+  return revision;
+}
 
 /** @param {string} [tab] */
 function senderOf(tab = "t1") {
@@ -52,20 +63,27 @@ function senderOf(tab = "t1") {
         const review = { verdict: "keep", reviewer: found === 9 ? "bo" : "ada", revision: found, comment: "" };
         throw new ApiError(412, { current: decision({ box_id: boxId, revision: found, review }) }, null);
       }
-      revisions.set(boxId, found + 1);
-      return { box_id: boxId, revision: found + 1, verdict, reviewer: "ada", effective_verdict: "kept" };
+      return { box_id: boxId, revision: store(boxId, null), verdict, reviewer: "ada", effective_verdict: "kept" };
+    },
+    history: async (/** @type {number} */ boxId) => {
+      const refusal = refusals.shift();
+      if (refusal) throw refusal;
+      const reviews = stored.get(boxId) ?? [];
+      const revision = revisions.get(boxId) ?? 0; // set by the test: an answer that was not stored through `requests`
+      const others = reviews.some((one) => one.revision === revision) ? [] : [{ revision, batch: null }];
+      return { items: [{ kind: "decision" }, ...[...others, ...reviews].map((one) => ({ kind: "review", ...one }))] };
     },
     bulkAnswer: async (/** @type {any} */ bulk) => {
       bulkAnswers.push(bulk);
       const refusal = refusals.shift();
       if (refusal) throw refusal;
       if (bulk.filter) {
-        for (const id of [1, 2]) revisions.set(id, (revisions.get(id) ?? 0) + 1);
+        for (const id of [1, 2]) store(id, 7);
         return { id: 7, count: 2, skipped: [], stale: [] };
       }
       const isStale = (/** @type {number} */ id, /** @type {number} */ i) => (revisions.get(id) ?? 0) !== bulk.seenRevisions[i];
       const stale = bulk.boxIds.filter(isStale);
-      for (const id of bulk.boxIds) if (!stale.includes(id)) revisions.set(id, (revisions.get(id) ?? 0) + 1);
+      for (const id of bulk.boxIds) if (!stale.includes(id)) store(id, 7);
       return { id: 7, count: bulk.boxIds.length, skipped: [], stale };
     },
     bulkUndo: async (/** @type {any} */ undo) => {
@@ -73,7 +91,7 @@ function senderOf(tab = "t1") {
       const refusal = refusals.shift();
       if (refusal) throw refusal;
       const boxIds = undo.boxIds ?? [1, 2];
-      for (const id of boxIds) revisions.set(id, (revisions.get(id) ?? 0) + 1);
+      for (const id of boxIds) store(id, 8);
       return { id: 8, undone: boxIds.length, skipped: [] };
     },
   };
@@ -166,6 +184,7 @@ test("if somebody else clears an answer after an own bulk answer on a filter, th
   const { sender } = senderOf();
   sender.addBulkAnswer({ dataset: "d", verdict: "reject", filter: { class: "car" }, snapshot: "s", count: 2 });
   await settled();
+  revisions.set(1, 2);
   refusals = [new ApiError(412, { current: decision({ revision: 2, review: null }) }, null)];
   sender.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 1 });
   await settled();
@@ -450,6 +469,43 @@ test("an answer after an own bulk answer on a filter is not overtaken by that bu
   await sender.resume();
 
   assert.deepEqual(told.map((event) => event.slice(0, 3)), [["bulk stored", []], ["stored", 1, 2], ["overtaken", "keep", "keep"]]);
+});
+
+for (const [who, reviewer] of [["somebody else", "bo"], ["this person in another window", "ada"]]) {
+  test(`an answer of ${who} is not taken for a part of an own bulk answer on a filter, or of its undo`, async () => {
+    const { sender } = senderOf();
+    const filter = { class: "walker" }; // boxes 1 and 2
+    sender.addBulkAnswer({ dataset: "d", verdict: "keep", filter, snapshot: "s", count: 2 }, "k0");
+    await settled();
+    sender.addBulkUndo({ bulkKey: "k0", batchId: 7, dataset: "d", before: [], count: 2 });
+    await settled();
+    revisions.set(3, 4);
+    const review = reviewer === "bo" ? null : { verdict: "keep", reviewer, revision: 4, comment: "" };
+    refusals = [new ApiError(412, { current: decision({ box_id: 3, revision: 4, review }) }, null)];
+
+    sender.addAnswer({ boxId: 3, frameId: 10, verdict: "reject", comment: "", seenRevision: 3 });
+    await settled();
+
+    assert.deepEqual(verdicts(), [[3, "reject", 3]]);
+    assert.deepEqual(told.at(-1)?.slice(0, 2), ["overtaken", "reject"]);
+  });
+}
+
+test("an answer waits if it cannot be found out whether an own bulk answer has overtaken it", async () => {
+  const { sender, outbox } = senderOf();
+  const filter = { class: "car" };
+  sender.addBulkAnswer({ dataset: "d", verdict: "reject", filter, snapshot: "s", count: 2 });
+  await settled();
+  const current = decision({ box_id: 1, revision: 1 });
+  refusals = [new ApiError(412, { current }, null), new NoResponse("away")];
+  answer(sender, 1, "keep");
+  await settled();
+  assert.deepEqual([sender.state.get().phase, outbox.items().length], ["offline", 1]);
+
+  await sender.resume();
+
+  assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "keep", 0], [1, "keep", 1]]);
+  assert.deepEqual(told.at(-1), ["stored", 1, 2]);
 });
 
 /** Undos that are not stored yet: the bulk answer's key, the state, and the reason to wait. @param {any} sender */
