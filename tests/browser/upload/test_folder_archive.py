@@ -1,0 +1,64 @@
+"""The archive of dropped files that the page sends has all that the service reads."""
+
+from __future__ import annotations
+
+import base64
+import io
+import tarfile
+
+import pytest
+
+from app.ingest.folder import TEXT_SUFFIXES
+from filter_core.formats.registry import LAYOUTS, read_source
+from tests.support.folders import LAYOUT_FILES, png, street_tags, write_files
+from tests.support.page.windows import Visitor
+
+pytestmark = pytest.mark.browser
+
+PACK = """async (files) => {
+  const { archiveOf } = await import("/static/js/upload/folder.js");
+  const entries = files.map(([path, text]) => {
+    const blob = new Blob([Uint8Array.from(atob(text), (one) => one.charCodeAt(0))]);
+    return { path, size: blob.size, blob };
+  });
+  const archive = await archiveOf(entries, new AbortController().signal, () => {});
+  return btoa(String.fromCharCode(...new Uint8Array(await archive.arrayBuffer())));
+}"""
+"""Pack files, given as pairs of path and base64, into the page's tar, as base64."""
+
+
+def packed(user: Visitor, files: dict[str, bytes]) -> dict[str, bytes]:
+    """The files of the archive that the page makes of these files."""
+    page = user.open("#/datasets")
+    given = [[name, base64.b64encode(data).decode()] for name, data in files.items()]
+    content = io.BytesIO(base64.b64decode(page.evaluate(PACK, given)))
+    with tarfile.open(fileobj=content) as archive:
+        return {one.name: archive.extractfile(one).read() for one in archive}
+
+
+def what_is_read(folder, layout):
+    """What the library finds in a folder."""
+    found = read_source(folder, layout)
+    frames = [(one.key, one.annotation, one.problem) for one in found]
+    return found.classes, found.count, found.unmatched, frames
+
+
+@pytest.mark.parametrize("layout", LAYOUTS[1:])
+def test_archive_has_the_content_that_the_reader_of_each_layout_needs(
+    tmp_path, user, layout
+):
+    picture = png(street_tags())
+    files = {
+        name: picture if name.endswith((".png", ".jpg")) else content
+        for name, content in LAYOUT_FILES[layout].items()
+    }
+    whole = write_files(tmp_path / "whole", files)
+    sent = write_files(tmp_path / "sent", packed(user, files))
+
+    assert what_is_read(sent, layout) == what_is_read(whole, layout)
+
+
+def test_archive_has_the_content_of_every_text_that_the_service_reads(user):
+    files = {f"a{suffix}": b"text" for suffix in TEXT_SUFFIXES}
+
+    assert packed(user, files) == files
