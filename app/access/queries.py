@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 from sqlalchemy import bindparam, delete, or_, select, update
 from sqlalchemy.orm import Session
 
-from app.db.bulk import NewestPage
+from app.db.pages import NewestPage
 from app.db.tables.access import (
     AuditEntry,
     DownloadLink,

@@ -12,7 +12,7 @@ from app.access.audit import AuditTrail
 from app.access.gate import Audited, LastUses, RecentCallers, counting_wrong_secrets
 from app.access.queries import AuditRepository, Tokens
 from app.db.base import utc_now
-from app.db.bulk import id_of_cursor
+from app.db.pages import id_of_cursor
 from app.errors import Forbidden
 from app.http.deps import (
     AppServices,

@@ -38,7 +38,7 @@ from app.boxes.queries import (
     PageRequest,
 )
 from app.boxes.reader import DecisionReader, StoredDecision, read_box
-from app.db.bulk import id_of_cursor, name_of_cursor
+from app.db.pages import id_of_cursor, name_of_cursor
 from app.db.tables import Dataset, Frame
 from app.engine.children import PixelPool
 from app.errors import NoSuchFile, NotFound

@@ -11,7 +11,7 @@ from fastapi.exceptions import RequestValidationError
 from app.access.audit import AuditAction
 from app.access.gate import Audited
 from app.datasets import service as datasets
-from app.db.bulk import name_of_cursor
+from app.db.pages import name_of_cursor
 from app.db.tables import Problem
 from app.http.deps import (
     ADMIN,

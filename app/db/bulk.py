@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 from operator import itemgetter
-from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias, TypeVar, cast, overload
+from typing import TYPE_CHECKING, Final, TypeAlias, cast, overload
 
 from sqlalchemy import (
     ARRAY,
@@ -26,7 +25,6 @@ from sqlalchemy import (
     column,
     func,
     insert,
-    select,
     update,
 )
 from sqlalchemy.dialects import postgresql, sqlite
@@ -34,9 +32,7 @@ from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 from sqlalchemy.sql.dml import UpdateBase
 
-from app.db.base import MAX_ID, Base
-from app.db.tables import ConfigVersion, Export, Problem, Run
-from app.errors import BadCursor
+from app.db.base import Base
 
 if TYPE_CHECKING:
     from sqlalchemy.sql import ClauseElement
@@ -362,38 +358,3 @@ def translated(dialect: Dialect, statement: str) -> Iterator[None]:
         raise DBAPIError.instance(
             statement, None, error, failure, hide_parameters=True, dialect=dialect
         ) from error
-
-
-Row = TypeVar("Row", ConfigVersion, Export, Problem, Run)
-
-
-def id_of_cursor(cursor: str) -> int:
-    """The id in a cursor of a list by id; BadCursor if it is not an id."""
-    if not cursor.isascii() or not cursor.isdecimal() or not 0 < int(cursor) <= MAX_ID:
-        raise BadCursor(cursor)
-    return int(cursor)
-
-
-def name_of_cursor(cursor: str) -> str:
-    """The name in a cursor of a list by name; BadCursor if it cannot be a name."""
-    if any(unicodedata.category(character).startswith("C") for character in cursor):
-        raise BadCursor(cursor)
-    return cursor
-
-
-class NewestPage(NamedTuple):
-    """A page of rows, newest first: the rows before an id (None: the first page)."""
-
-    before_id: int | None
-    limit: int
-
-
-def newest(
-    session: Session, table: type[Row], dataset_id: int, page: NewestPage
-) -> list[Row]:
-    """The rows of a page, and one more if there is a next page."""
-    rows = select(table).where(table.dataset_id == dataset_id)
-    if page.before_id is not None:
-        rows = rows.where(table.id < page.before_id)
-    rows = rows.order_by(table.id.desc()).limit(page.limit + 1)
-    return list(session.scalars(rows))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sqlalchemy.orm import Session
 
-from app.db.bulk import NewestPage, newest
+from app.db.pages import NewestPage, newest
 from app.db.tables import Export
 from app.errors import NotFound
 from app.jobs.queries import find_job

@@ -9,7 +9,7 @@ from typing import Annotated, Final
 from fastapi import Depends, Query, Request, Response
 from pydantic import TypeAdapter
 
-from app.db.bulk import NewestPage, Row, id_of_cursor
+from app.db.pages import NewestPage, Row, id_of_cursor
 from unghost.wire.model import ResponseModel
 from unghost.wire.runs import Run
 
@@ -26,7 +26,7 @@ class NewestFirst:
         rows: Sequence[Row],
         describe: Callable[[Row], Mapping[str, object] | ResponseModel],
     ) -> Response:
-        """The response with the rows that `app.db.bulk.newest` found for this page."""
+        """The response with the rows that `app.db.pages.newest` found for this page."""
         listed = rows[: self.page.limit]
         following = str(listed[-1].id) if len(rows) > len(listed) else None
         return page_response(self.request, [describe(row) for row in listed], following)

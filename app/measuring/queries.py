@@ -24,8 +24,9 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
-from app.db.bulk import NewestPage, chunks, first_row, insert_rows, newest, run
+from app.db.bulk import chunks, first_row, insert_rows, run
 from app.db.engine import once_committed
+from app.db.pages import NewestPage, newest
 from app.db.tables import (
     ConfigVersion,
     Dataset,

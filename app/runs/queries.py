@@ -8,7 +8,7 @@ import numpy as np
 from sqlalchemy import insert, select
 from sqlalchemy.orm import Session
 
-from app.db.bulk import NewestPage, newest
+from app.db.pages import NewestPage, newest
 from app.db.tables import Flips, Run
 from app.errors import NotFound
 from app.jobs.queries import OPEN, find_job

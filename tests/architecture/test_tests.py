@@ -1,4 +1,6 @@
-"""Tests use only public names of the product, and helpers only from `tests/support`.
+"""Tests use only public names of the product, and share helpers in two packages.
+
+These are `tests/support` and `tests/pins`.
 
 They never replace a name of the product, for example by `monkeypatch`. To make
 something fail, they change a library, a file or a connection.

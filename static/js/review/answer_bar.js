@@ -1,11 +1,10 @@
 // @ts-check
-// The bars with buttons for answers, on one box and on many, and the notice that somebody else has answered first.
+// The bar with buttons for answers on a box, and the notice that somebody else has answered first.
 
 import { answerOf } from "../boxes/box.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
-import { Keys, keepFocus, useKeyText, useKeys, withKey } from "../core/keymap.js";
-import { countText } from "../core/numbers.js";
+import { Keys, keepFocus, useKeys } from "../core/keymap.js";
 
 /** @typedef {import("../core/app.js").Actions} Actions */
 /** @typedef {import("../core/app.js").App} App */
@@ -33,32 +32,6 @@ export function AnswerBar({ app, box, isWaiting, actions }) {
     )}
     <span class="bar__rule" aria-hidden="true"></span>
     <button class="answer answer--undo" onClick=${actions.undo} aria-label="Undo" title="Undo your last answer"><${Icon} name="undo" /><${Keys} app=${app} keys=${keysOf("undo")} /></button>
-  </div>`;
-}
-
-const ANSWERS_TO_MANY = /** @type {const} */ ([
-  { action: "keep", icon: "check", text: "Keep" },
-  { action: "reject", icon: "cross", text: "Reject" },
-  { action: "unsure", icon: "question", text: "Unsure" },
-  { action: "clear", icon: "minus", text: "Remove" },
-]);
-
-/** @param {{app: import("../core/app.js").App, selected: number, isAll: boolean, actions: Record<string, () => void>, onNone: () => void}} props */
-export function GridBar({ app, selected, isAll, actions, onNone }) {
-  const rows = useKeys(app);
-  const escape = useKeyText(app, "escape");
-  if (selected === 0) return null;
-  /** @param {string} action */
-  const keysOf = (action) => rows.find((row) => row.action === action)?.keys.slice(0, 1) ?? [];
-  return html`<div class="bar bar--answer bar--grid" role="toolbar" aria-label="Answer for the selected boxes">
-    <span class="bar__count"><b class="num">${countText(selected)}</b> ${isAll ? "of this filter" : "selected"}</span>
-    ${ANSWERS_TO_MANY.map(
-      ({ action, icon, text }) => html`<button class="answer answer--${action}" onClick=${actions[action]}>
-        <${Icon} name=${icon} /><span>${text}</span><${Keys} app=${app} keys=${keysOf(action)} />
-      </button>`,
-    )}
-    <span class="bar__rule" aria-hidden="true"></span>
-    <button class="answer" aria-label="Select none" title=${withKey("Select none", escape)} onClick=${onNone}><${Icon} name="cross" /></button>
   </div>`;
 }
 

@@ -32,8 +32,13 @@ def packed(user: Visitor, files: dict[str, bytes]) -> dict[str, bytes]:
     page = user.open("#/datasets")
     given = [[name, base64.b64encode(data).decode()] for name, data in files.items()]
     content = io.BytesIO(base64.b64decode(page.evaluate(PACK, given)))
+    contents = {}
     with tarfile.open(fileobj=content) as archive:
-        return {one.name: archive.extractfile(one).read() for one in archive}
+        for member in archive:
+            file = archive.extractfile(member)
+            assert file is not None, member.name
+            contents[member.name] = file.read()
+    return contents
 
 
 def what_is_read(folder, layout):

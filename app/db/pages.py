@@ -1,0 +1,47 @@
+"""Pages of lists: what their cursors contain, and rows with the newest first."""
+
+from __future__ import annotations
+
+import unicodedata
+from typing import NamedTuple, TypeVar
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from app.db.base import MAX_ID
+from app.db.tables import ConfigVersion, Export, Problem, Run
+from app.errors import BadCursor
+
+Row = TypeVar("Row", ConfigVersion, Export, Problem, Run)
+
+
+def id_of_cursor(cursor: str) -> int:
+    """The id in a cursor of a list by id; BadCursor if it is not an id."""
+    if not cursor.isascii() or not cursor.isdecimal() or not 0 < int(cursor) <= MAX_ID:
+        raise BadCursor(cursor)
+    return int(cursor)
+
+
+def name_of_cursor(cursor: str) -> str:
+    """The name in a cursor of a list by name; BadCursor if it cannot be a name."""
+    if any(unicodedata.category(character).startswith("C") for character in cursor):
+        raise BadCursor(cursor)
+    return cursor
+
+
+class NewestPage(NamedTuple):
+    """A page of rows, newest first: the rows before an id (None: the first page)."""
+
+    before_id: int | None
+    limit: int
+
+
+def newest(
+    session: Session, table: type[Row], dataset_id: int, page: NewestPage
+) -> list[Row]:
+    """The rows of a page, and one more if there is a next page."""
+    rows = select(table).where(table.dataset_id == dataset_id)
+    if page.before_id is not None:
+        rows = rows.where(table.id < page.before_id)
+    rows = rows.order_by(table.id.desc()).limit(page.limit + 1)
+    return list(session.scalars(rows))
