@@ -27,18 +27,18 @@ EVERY_S: Final = 60.0
 @contextmanager
 def keeping_tokens(context: ServiceContext) -> Iterator[None]:
     """Call `write_upkeep` once a minute until the block ends, and then once more."""
-    over = threading.Event()
-    keeper = threading.Thread(target=_keep, args=(context, over), name="token upkeep")
-    keeper.start()
+    stop = threading.Event()
+    thread = threading.Thread(target=_keep, args=(context, stop), name="token upkeep")
+    thread.start()
     try:
         yield
     finally:
-        over.set()
-        keeper.join()
+        stop.set()
+        thread.join()
 
 
-def _keep(context: ServiceContext, over: threading.Event) -> None:
-    while not over.wait(EVERY_S):
+def _keep(context: ServiceContext, stop: threading.Event) -> None:
+    while not stop.wait(EVERY_S):
         _write(context)
     _write(context)
 

@@ -63,9 +63,9 @@ async def _serve(
         detail = f"cannot listen at {address}: {reason_of(exc)}"
         raise UnusableEngine(detail) from exc
     close_dashboard(scheduler)
-    over = stop_event()
+    stop = stop_event()
     ready(str(scheduler.address))
-    await over.wait()
+    await stop.wait()
     await scheduler.close()
 
 
@@ -76,10 +76,10 @@ def close_dashboard(node: ServerNode) -> None:
 
 def stop_event() -> asyncio.Event:
     """An event that SIGTERM and SIGINT set."""
-    over, loop = asyncio.Event(), asyncio.get_running_loop()
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, over.set)
-    return over
+        loop.add_signal_handler(number, stop.set)
+    return stop
 
 
 _OPTIONS: Final[dict[str, object]] = {

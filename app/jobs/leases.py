@@ -89,7 +89,7 @@ class JobLease:
         self.job = job
         self._database, self._holder = database, holder
         self._is_taken = self._is_lost = False
-        self._over = threading.Event()
+        self._is_over = threading.Event()
 
     def take(self, session: Session) -> None:
         """Take the lease, or renew it; once committed, it is renewed in a thread.
@@ -131,7 +131,7 @@ class JobLease:
 
         If the job has not ended, the watchdog of any process can take it over.
         """
-        self._over.set()
+        self._is_over.set()
         if not self._is_taken or self._is_lost:
             return
         try:
@@ -166,7 +166,7 @@ class JobLease:
             threading.Thread(target=self._renew, name="lease", daemon=True).start()
 
     def _renew(self) -> None:
-        while not self._over.wait(RENEW_EVERY_S):
+        while not self._is_over.wait(RENEW_EVERY_S):
             try:
                 with self._database.write_beside() as session:
                     lease = self._mine(session)
@@ -175,7 +175,7 @@ class JobLease:
             except SQLAlchemyError as exc:  # retried until the lease expires
                 log.warning("cannot renew the lease of %s %d: %s", *self.job, exc)
                 continue
-            if lease is None and not self._over.is_set():
+            if lease is None and not self._is_over.is_set():
                 log.warning("%s %d is driven by another process now", *self.job)
                 self._is_lost = True
                 return

@@ -30,24 +30,24 @@ log = logging.getLogger(__name__)
 @contextmanager
 def checking_pages(context: ServiceContext) -> Iterator[None]:
     """Check the pages in a background thread, which ends with the block."""
-    over = threading.Event()
+    stop = threading.Event()
     check = threading.Thread(
-        target=_check, args=(context.database, over), name="page check"
+        target=_check, args=(context.database, stop), name="page check"
     )
     check.start()
     try:
         yield
     finally:
-        over.set()
+        stop.set()
         check.join()
 
 
-def _check(database: Database, over: threading.Event) -> None:
+def _check(database: Database, stop: threading.Event) -> None:
     if database.file is None:
         return
     until = time.monotonic() + LONGEST_S
     try:
-        whole = database.check_pages(lambda: over.is_set() or time.monotonic() > until)
+        whole = database.check_pages(lambda: stop.is_set() or time.monotonic() > until)
     except SQLAlchemyError as exc:
         log.warning("the pages of the database cannot be checked: %s", exc)
         return
@@ -55,7 +55,7 @@ def _check(database: Database, over: threading.Event) -> None:
         log.error("the database is damaged: %s; %s", database.damage, ADVICE)
     elif whole:
         log.info("the pages of the database are intact")
-    elif not over.is_set():
+    elif not stop.is_set():
         log.info(
             "the pages of the database are too many to check in %d s; "
             "`unghost doctor` checks all of them",

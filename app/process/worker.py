@@ -210,10 +210,10 @@ async def _join(
 ) -> int:
     from distributed import Worker
 
-    over = stop_event()
+    stop = stop_event()
     threading.Thread(
         target=_wait_for_parent,
-        args=(partial(asyncio.get_running_loop().call_soon_threadsafe, over.set),),
+        args=(partial(asyncio.get_running_loop().call_soon_threadsafe, stop.set),),
         daemon=True,
     ).start()
     shown = security(certificates_of(services.settings), encrypted=address.is_encrypted)
@@ -234,9 +234,9 @@ async def _join(
     )
     await _started(worker)
     server_log.info("joined the scheduler at %s as %s", address, worker.address)
-    ends = [asyncio.create_task(over.wait()), asyncio.create_task(worker.finished())]
+    ends = [asyncio.create_task(stop.wait()), asyncio.create_task(worker.finished())]
     await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
-    if not over.is_set():
+    if not stop.is_set():
         server_log.warning("lost the connection to the scheduler at %s", address)
         return LOST
     services.engine.stopping.set()

@@ -58,7 +58,7 @@ CHOSEN_POINTS = {
 
 @pytest.fixture(scope="module")
 def servers(tmp_path_factory):
-    with crashing_servers(tmp_path_factory.mktemp("dying") / "data") as program:
+    with crashing_servers(tmp_path_factory.mktemp("crashing") / "data") as program:
         yield program
 
 

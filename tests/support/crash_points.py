@@ -97,7 +97,7 @@ class CrashingServers:
 
     @property
     def _log(self) -> Path:
-        return self.data.with_name("dying.log")
+        return self.data.with_name("crash.log")
 
 
 @contextmanager
@@ -116,7 +116,7 @@ class CrashCounter:
     def __init__(self, point: Point, armed: Path) -> None:
         self._point, self._armed, self._seen = point, armed, 0
 
-    def pass_by(self, name: str, *, after: bool) -> None:
+    def note_step(self, name: str, *, after: bool) -> None:
         """Note that a step begins or, with `after`, has ended; die if it is the one."""
         if (name, after) != (self._point.name, self._point.after):
             return
@@ -129,21 +129,21 @@ class CrashCounter:
 
 
 def wrapped(
-    fuse: CrashCounter, call: Callable[..., Any], name_of: Callable[..., str]
+    counter: CrashCounter, call: Callable[..., Any], name_of: Callable[..., str]
 ) -> Any:
-    """Wrap a function so that the fuse counts its calls; `name_of` names the step."""
+    """Wrap a function so that its calls are counted; `name_of` names the step."""
 
-    def passing(*args: Any, **more: Any) -> Any:
+    def counted(*args: Any, **more: Any) -> Any:
         name = name_of(*args)
-        fuse.pass_by(name, after=False)
+        counter.note_step(name, after=False)
         result = call(*args, **more)
-        fuse.pass_by(name, after=True)
+        counter.note_step(name, after=True)
         return result
 
-    return passing
+    return counted
 
 
-def wrap_calls(fuse: CrashCounter) -> None:
+def wrap_calls(counter: CrashCounter) -> None:
     """Wrap every call that makes data durable, and the sending of responses."""
     from sqlalchemy.engine.default import DefaultDialect
     from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
@@ -164,15 +164,15 @@ def wrap_calls(fuse: CrashCounter) -> None:
 
     async def sending(cycle: Any, message: Any) -> None:
         name = "answer" if message["type"] == "http.response.body" else ""
-        fuse.pass_by(name, after=False)
+        counter.note_step(name, after=False)
         await send(cycle, message)
-        fuse.pass_by(name, after=True)
+        counter.note_step(name, after=True)
 
-    commit = wrapped(fuse, DefaultDialect.do_commit, lambda *_: "commit")
+    commit = wrapped(counter, DefaultDialect.do_commit, lambda *_: "commit")
     for owner, name, call in (
-        (os, "fsync", wrapped(fuse, os.fsync, of_flush)),
-        (os, "open", wrapped(fuse, os.open, of_open)),
-        (os, "replace", wrapped(fuse, os.replace, of_rename)),
+        (os, "fsync", wrapped(counter, os.fsync, of_flush)),
+        (os, "open", wrapped(counter, os.open, of_open)),
+        (os, "replace", wrapped(counter, os.replace, of_rename)),
         (DefaultDialect, "do_commit", commit),
         (RequestResponseCycle, "send", sending),
     ):

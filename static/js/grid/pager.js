@@ -16,7 +16,7 @@ import { NOTHING } from "./selection.js";
  * @property {readonly number[]} revisions  of these boxes, as they were shown
  * @property {string | undefined} cursor  with which they can be requested again
  * @property {ReadonlySet<number> | null} found  those that the last request returned; null: not in memory
- * @property {() => void} giveBack  release the boxes, so that the store may drop them
+ * @property {() => void} release  ends the hold on the boxes, so that the store may drop them
  */
 
 /** @typedef {Pick<import("../core/openapi.js").BoxPage, "items" | "next_cursor"> & {total?: number | null, snapshot?: string | null}} BoxPage */
@@ -26,7 +26,7 @@ const PAGE = 200;
 const LARGE_PAGE = 1000;
 
 /** Empty cells shown before the first answer. */
-const FIRST_SIGHT = 60;
+const PLACEHOLDERS = 60;
 
 /** How many boxes outside the visible part are kept in memory. */
 const KEPT = 6000;
@@ -92,10 +92,10 @@ export function createPager(boxes, load) {
   /** Make one request, if boxes of the visible part are missing. @returns {Promise<boolean>} whether a request was made */
   async function step() {
     const missing = parts.find((part) => part.found === null && isInSight(part));
-    if (missing) await again(missing);
-    else if (!isWhole() && wanted.end > known()) await further();
+    if (missing) await loadAgain(missing);
+    else if (!isWhole() && wanted.end > known()) await loadNext();
     else return false;
-    letGo();
+    releaseFarthest();
     tell();
     return true;
   }
@@ -107,7 +107,7 @@ export function createPager(boxes, load) {
     return page;
   }
 
-  async function further() {
+  async function loadNext() {
     const isFirst = parts.length === 0;
     const limit = wanted.end - known() > 2 * PAGE ? LARGE_PAGE : PAGE;
     const cursor = next ?? undefined;
@@ -120,22 +120,22 @@ export function createPager(boxes, load) {
     if (page.items.length > 0) {
       const ids = boxes.receive(page.items);
       for (const id of ids) listed.add(id);
-      parts.push({ start: known(), ids, revisions: page.items.map(seenRevision), cursor, found: new Set(ids), giveBack: boxes.hold(ids) });
+      parts.push({ start: known(), ids, revisions: page.items.map(seenRevision), cursor, found: new Set(ids), release: boxes.hold(ids) });
     }
     if (next === null) total = known();
   }
 
   /** @param {Part} part */
-  async function again(part) {
+  async function loadAgain(part) {
     const page = await loaded({ limit: part.ids.length, cursor: part.cursor, count: false });
     const ids = boxes.receive(page.items);
     const found = new Set(ids);
     const revisions = part.ids.map((id, i) => seenRevision((found.has(id) && boxes.get(id)) || { revision: part.revisions[i] }));
-    parts[parts.indexOf(part)] = { ...part, revisions, found, giveBack: boxes.hold(ids) };
+    parts[parts.indexOf(part)] = { ...part, revisions, found, release: boxes.hold(ids) };
   }
 
   /** Release the boxes farthest from the visible part; their ids and cursors stay. */
-  function letGo() {
+  function releaseFarthest() {
     const middle = (wanted.first + wanted.end) / 2;
     const full = parts.filter((part) => part.found && !isInSight(part));
     full.sort((a, b) => Math.abs(b.start - middle) - Math.abs(a.start - middle));
@@ -143,7 +143,7 @@ export function createPager(boxes, load) {
     for (const part of full) {
       if (held <= KEPT) return;
       held -= part.ids.length;
-      part.giveBack();
+      part.release();
       parts[parts.indexOf(part)] = { ...part, found: null };
     }
   }
@@ -158,7 +158,7 @@ export function createPager(boxes, load) {
     /** How many cells to show: the exact number once it is known. */
     count() {
       if (isWhole()) return known();
-      return parts.length === 0 ? FIRST_SIGHT : Math.max(total ?? 0, known() + 1);
+      return parts.length === 0 ? PLACEHOLDERS : Math.max(total ?? 0, known() + 1);
     },
 
     /** @param {number} index */
@@ -215,8 +215,8 @@ export function createPager(boxes, load) {
     end() {
       ended.abort();
       stop();
-      for (const { giveBack } of parts) giveBack();
-      for (const giveBack of changed.values()) giveBack();
+      for (const { release } of parts) release();
+      for (const release of changed.values()) release();
     },
 
     /** @param {() => void} notify @returns {() => void} stop observing */

@@ -12,7 +12,7 @@ import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Segments } from "../core/parts.js";
-import { ahead, currentOf, inOrder, isBlind, lookedAt, paceOf } from "./line.js";
+import { currentOf, inOrder, isBlind, movedTo, paceOf, upcoming } from "./line.js";
 import { ORDERS, orderOf } from "./session.js";
 
 /** @typedef {import("../review/answers.js").ReviewApp} App */
@@ -75,14 +75,14 @@ export function QueueStrip({ app, session, line, isHidden, onShow }) {
   const { verdicts } = useValue(session.tally);
   const here = currentOf(line);
   useEffect(() => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" }), [here]);
-  const ids = [...line.ids.slice(Math.max(0, line.at - BEHIND), line.at), ...(here === null ? [] : [here]), ...ahead(line, AHEAD)];
+  const ids = [...line.ids.slice(Math.max(0, line.at - BEHIND), line.at), ...(here === null ? [] : [here]), ...upcoming(line, AHEAD)];
   const boxes = ids.flatMap((id) => app.boxes.get(id) ?? []);
   return html`<ol class="strip-list" ref=${list} aria-label="Boxes before and after">
     ${boxes.map((box) => {
       const isCovered = isHidden && !verdicts.has(box.box_id);
       return html`<li key=${box.box_id}>
         <button class="strip-list__box ${isCovered ? "is-covered" : ""}" aria-current=${box.box_id === here ? "true" : undefined} aria-label=${isCovered ? `${box.class} ${box.id}` : spokenText(box)}
-          title=${`${box.class} ${box.id}`} onClick=${() => onShow(lookedAt(line, box.box_id))}>
+          title=${`${box.class} ${box.id}`} onClick=${() => onShow(movedTo(line, box.box_id))}>
           <${Picture} box=${isCovered ? withheld(box) : box} size=${SIZE_PX} frameSize=${null} />
           ${!isCovered && html`<span class="cell__answer"><${AnswerSign} box=${box} isWaiting=${waiting.has(box.box_id)} /></span>`}
         </button>

@@ -21,13 +21,13 @@ export const EMPTY = Object.freeze({ ids: [], at: 0, answered: new Set() });
 export const currentOf = ({ ids, at }) => ids[at] ?? null;
 
 /** The next ones to be looked at, the current one not included. @param {Line} line @param {number} count */
-export const ahead = ({ ids, at, answered }, count) => ids.slice(at + 1).filter((id) => !answered.has(id)).slice(0, count);
+export const upcoming = ({ ids, at, answered }, count) => ids.slice(at + 1).filter((id) => !answered.has(id)).slice(0, count);
 
 /** Boxes that were skipped without an answer. @param {Line} line */
-export const passed = ({ ids, at, answered }) => ids.slice(0, at).filter((id) => !answered.has(id));
+export const skippedBoxes = ({ ids, at, answered }) => ids.slice(0, at).filter((id) => !answered.has(id));
 
 /** Append boxes that the server sent; boxes already in the line keep their place. @param {Line} line @param {readonly number[]} more @returns {Line} */
-export function joined(line, more) {
+export function extended(line, more) {
   const known = new Set(line.ids);
   return { ...line, ids: [...line.ids, ...more.filter((id) => !known.has(id))] };
 }
@@ -60,20 +60,20 @@ export function nextOpen(line) {
 }
 
 /** @param {Line} line @param {number} id @returns {Line} */
-export function lookedAt(line, id) {
+export function movedTo(line, id) {
   const at = line.ids.indexOf(id);
   return at < 0 ? line : { ...line, at };
 }
 
 /** Put the skipped boxes after the answered ones, and make the first of them current. @param {Line} line @returns {Line} */
-export function skippedAgain(line) {
-  const open = passed(line);
+export function backToSkipped(line) {
+  const open = skippedBoxes(line);
   const answered = line.ids.slice(0, line.at).filter((id) => line.answered.has(id));
   return { ...line, ids: [...answered, ...open, ...line.ids.slice(line.at)], at: answered.length };
 }
 
 /** The newest boxes of the line, which the server is asked not to send again. @param {Line} line @param {number} most */
-export const inHand = ({ ids }, most) => ids.slice(-most);
+export const newest = ({ ids }, most) => ids.slice(-most);
 
 const PACE_OVER = 20;
 

@@ -17,7 +17,7 @@ import { Inspector, forgetTyped, typedComment } from "../review/inspector.js";
 import { createMedia } from "../stage/media.js";
 import { createLookActions } from "../stage/view.js";
 import { QueueHead, QueueStrip } from "./head.js";
-import { ahead, currentOf, isBlind, lookedAt, nextOpen, passed, skippedAgain, stepped } from "./line.js";
+import { backToSkipped, currentOf, isBlind, movedTo, nextOpen, skippedBoxes, stepped, upcoming } from "./line.js";
 import { keepSession, sessionOf } from "./session.js";
 import { QueueStage } from "./stage.js";
 
@@ -119,7 +119,7 @@ function useSupply(app, session, media) {
     };
   }, [session]);
   useEffect(() => {
-    for (const id of new Set(ahead(line, AHEAD).flatMap((id) => app.boxes.get(id)?.frame_id ?? []))) {
+    for (const id of new Set(upcoming(line, AHEAD).flatMap((id) => app.boxes.get(id)?.frame_id ?? []))) {
       const next = media.of(id);
       for (const one of [next.picture, ...(lit ? [next.segmentation] : []), ...(mask ? [next.mask] : [])]) one.get().catch(() => {});
     }
@@ -165,7 +165,7 @@ export function createQueueActions(app, session, page) {
     app.undo((box, dataset) => {
       if (dataset !== session.dataset) return app.router.go(linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) }));
       page.view.set("crop");
-      session.takenBack(box);
+      session.answerUndone(box);
     });
   }
 
@@ -184,7 +184,7 @@ export function createQueueActions(app, session, page) {
       return box !== null && session.comment(box, answerOf(box) ?? verdict, comment);
     },
 
-    reviewSkipped: () => show(skippedAgain(line.get())),
+    reviewSkipped: () => show(backToSkipped(line.get())),
 
     /** By the names of the keymap. */
     byName: {
@@ -237,7 +237,7 @@ export function AllDone({ app, session, query, actions, onAll }) {
   const { verdicts } = useValue(session.tally);
   const { elsewhere } = useValue(session.counts);
   const { waiting } = useValue(app.sender.state);
-  const open = passed(useValue(session.line)).length;
+  const open = skippedBoxes(useValue(session.line)).length;
   const { dataset, order } = session;
   const title = verdicts.size ? "All done" : order === "audit" ? "Nothing to audit" : "Nothing to review";
   return html`<div class="queue__message">
@@ -280,7 +280,7 @@ export function OvertakenNotices({ app, session, onShow }) {
   return html`<div class="queue__overtaken">
     ${overtaken.map(
       ({ item, box }) => html`<${OvertakenNotice} key=${box.box_id} app=${app} box=${box} item=${item} isNamed=${true}>
-        <button class="button button--small button--quiet" onClick=${() => onShow(lookedAt(session.line.get(), box.box_id))}>Look at it</button>
+        <button class="button button--small button--quiet" onClick=${() => onShow(movedTo(session.line.get(), box.box_id))}>Look at it</button>
       <//>`,
     )}
   </div>`;

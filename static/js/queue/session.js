@@ -7,7 +7,7 @@ import { listedOf, selectionOf } from "../boxes/filters.js";
 import { REASONS } from "../boxes/wording.js";
 import { ApiError, get, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
-import { EMPTY, afterAnswer, afterUndo, ahead, compared, inHand, joined } from "./line.js";
+import { EMPTY, afterAnswer, afterUndo, compared, extended, newest, upcoming } from "./line.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../review/answers.js").ReviewApp} App */
@@ -63,7 +63,7 @@ export function createQueueSession(app, dataset, query) {
   let isAsking = false;
 
   async function refill() {
-    if (isAsking || supply.get().isEnd || ahead(line.get(), REFILL_BELOW).length >= REFILL_BELOW) return;
+    if (isAsking || supply.get().isEnd || upcoming(line.get(), REFILL_BELOW).length >= REFILL_BELOW) return;
     await ask(BATCH);
   }
 
@@ -73,7 +73,7 @@ export function createQueueSession(app, dataset, query) {
     supply.set({ ...supply.get(), state: "loading", error: null });
     const waiting = app.sender.state.get().waiting;
     const before = new Set([...tally.get().verdicts.keys()].filter((id) => !waiting.has(id)));
-    const exclude = [...new Set([...waiting, ...inHand(line.get(), MOST_EXCLUDED)])].slice(-MOST_EXCLUDED);
+    const exclude = [...new Set([...waiting, ...newest(line.get(), MOST_EXCLUDED)])].slice(-MOST_EXCLUDED);
     const filters = { reason: LOOKABLE, ...selectionOf(query) };
     const fromQueue = () =>
       post("/api/v1/datasets/{dataset}/queue", { path: { dataset }, body: { order, filters, limit, exclude } });
@@ -88,7 +88,7 @@ export function createQueueSession(app, dataset, query) {
    * @param {ReadonlySet<number>} before  boxes whose answers were stored before this was requested
    */
   function receive({ items, remaining, unsure, claimed_by_others: elsewhere }, before) {
-    line.set(joined(line.get(), take(items)));
+    line.set(extended(line.get(), take(items)));
     // `remaining` may count boxes that were answered after the request, or not: it is known within `least` and
     // `remaining`, and what the page has counted down itself is kept if it lies between them.
     const since = order === "audit" ? 0 : [...tally.get().verdicts.keys()].filter((id) => !before.has(id)).length;
@@ -163,7 +163,7 @@ export function createQueueSession(app, dataset, query) {
     },
 
     /** The last answer on a box was undone: the box is current again. @param {Decision} box */
-    takenBack(box) {
+    answerUndone(box) {
       const { box_id: id } = box;
       const at = entries.findLastIndex(({ boxId }) => boxId === id);
       const [undone] = at < 0 ? [] : entries.splice(at, 1);

@@ -1,13 +1,13 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { EMPTY, afterAnswer, afterUndo, ahead, compared, currentOf, inHand, inOrder, isBlind, joined, lookedAt, nextOpen, paceOf, passed, skippedAgain, stepped } from "../../../static/js/queue/line.js";
+import { EMPTY, afterAnswer, afterUndo, backToSkipped, compared, currentOf, extended, inOrder, isBlind, movedTo, newest, nextOpen, paceOf, skippedBoxes, stepped, upcoming } from "../../../static/js/queue/line.js";
 import { decision } from "../../support/page/builders.js";
 
-const five = joined(EMPTY, [1, 2, 3, 4, 5]);
+const five = extended(EMPTY, [1, 2, 3, 4, 5]);
 
 test("boxes are added at the end of the line, each once", () => {
-  const longer = joined(five, [4, 6]);
+  const longer = extended(five, [4, 6]);
 
   assert.deepEqual(longer.ids, [1, 2, 3, 4, 5, 6]);
   assert.equal(currentOf(longer), 1);
@@ -17,7 +17,7 @@ test("an answer leads to the next box without one", () => {
   const skipped = afterAnswer(stepped(five, 1), 2);
 
   assert.equal(currentOf(skipped), 3);
-  assert.deepEqual(passed(skipped), [1]);
+  assert.deepEqual(skippedBoxes(skipped), [1]);
   const back = stepped(stepped(skipped, -1), -1);
   assert.equal(currentOf(afterAnswer(back, 1)), 3);
 });
@@ -27,7 +27,7 @@ test("after the last box there is no current one until more are added", () => {
 
   assert.equal(currentOf(done), null);
   assert.equal(currentOf(stepped(done, 1)), null);
-  assert.equal(currentOf(joined(done, [6])), 6);
+  assert.equal(currentOf(extended(done, [6])), 6);
 });
 
 test("an answer on another box keeps the current one", () => {
@@ -45,23 +45,23 @@ test("a box whose answer is undone becomes the current one, even if it was not i
 });
 
 test("the boxes ahead leave out those that have an answer", () => {
-  assert.deepEqual(ahead(afterAnswer(five, 3), 2), [2, 4]);
+  assert.deepEqual(upcoming(afterAnswer(five, 3), 2), [2, 4]);
 });
 
 test("boxes that were skipped can be gone through again", () => {
   const end = stepped(stepped(afterAnswer(stepped(five, 1), 2), 1), 1);
   const once = nextOpen(end);
 
-  const anew = skippedAgain(once);
+  const anew = backToSkipped(once);
 
   assert.equal(currentOf(anew), 1);
-  assert.deepEqual(ahead(anew, 9), [3, 4, 5].filter((id) => passed(once).includes(id)));
+  assert.deepEqual(upcoming(anew, 9), [3, 4, 5].filter((id) => skippedBoxes(once).includes(id)));
 });
 
 test("any box of the line can be made the current one, and boxes outside of it cannot", () => {
-  assert.equal(currentOf(lookedAt(five, 4)), 4);
-  assert.equal(currentOf(lookedAt(five, 99)), 1);
-  assert.deepEqual(inHand(five, 2), [4, 5]);
+  assert.equal(currentOf(movedTo(five, 4)), 4);
+  assert.equal(currentOf(movedTo(five, 99)), 1);
+  assert.deepEqual(newest(five, 2), [4, 5]);
 });
 
 test("the pace is known after four answers, and counts only the last ones", () => {
