@@ -24,12 +24,10 @@ anew.
 
 | attempt | by a worker | by the driver |
 |---|---|---|
-| first | whole chunk (0) | whole chunk (1) |
-| second | whole chunk, alone (1) | frame by frame (2) |
-| third | frame by frame, alone (2) | frame by frame (3) |
+| first | whole chunk | whole chunk |
+| second | whole chunk, alone | frame by frame |
+| third | frame by frame, alone | frame by frame |
 | then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
-
-The number in brackets is `Chunk.attempts` during the attempt.
 Once an attempt of a driver has stored something, the next one is a first one again:
 three drivers in succession have to die and store nothing.
 
@@ -85,7 +83,8 @@ log = logging.getLogger(__name__)
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether each frame has to be stored before the next one begins.
 
-    See the numbers in the table at the head of this module.
+    That is the third attempt of a worker and the second of a driver: a driver counts an
+    attempt when it begins, and a worker's attempt is counted after it has failed.
     """
     return chunk.attempts > 1
 

@@ -182,11 +182,10 @@ class JobDriver:
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
-            # Planning takes the frames without results, from the first one on: also
-            # those that were replaced after they had been measured. Frames of chunks
-            # that wait or are in quarantine have no results either, but must not be
-            # planned twice. While there are such chunks, only the frames after the last
-            # planned one are planned; `drive` comes back for those before it.
+            # All frames without a result are planned, from the first one on. But if
+            # chunks of an earlier driver wait or are in quarantine, their frames have
+            # no result either, and are planned already. Then only the frames after the
+            # last planned one are planned.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:

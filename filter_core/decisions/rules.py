@@ -184,8 +184,9 @@ def _first_reason(rules: Sequence[_Rule]) -> NDArray[np.uint8]:
     """(N,) uint8: the reason of the first rule that holds for a box, else VISIBLE."""
     # (R, N): 1 where a rule holds, else 0. (`np.select` takes ten times as long.)
     ranks = np.array([holds for _, holds in rules]).view(np.uint8)
-    # Where it holds, the first rule now has R, the second R - 1, ..., the last one 1.
-    # So the largest number of a box belongs to the first rule that holds; 0: none does.
+    # Of the R rules, the first now has R where it holds, the next R - 1, ..., the last
+    # one 1. So the largest number of a box is that of the first rule that holds. It is
+    # 0 if none holds.
     ranks *= np.arange(len(rules), 0, -1, dtype=np.uint8)[:, np.newaxis]
     by_rank = [Reason.VISIBLE, *(reason for reason, _ in reversed(rules))]
     reason: NDArray[np.uint8] = np.array(by_rank, np.uint8).take(ranks.max(axis=0))
@@ -211,8 +212,8 @@ def _is_toss_up(
     """(N,) bool: the 95 % Wilson interval of the match contains the threshold.
 
     The interval itself is not computed. For a share p of n pixels, it contains a
-    threshold t exactly if ``(p - t)^2 <= z^2 t (1 - t) / n``. With shares in percent,
-    and both sides times n, that is ``margin^2 n <= z^2 t (100 - t)``.
+    threshold t exactly if ``(p - t)^2 <= z^2 t (1 - t) / n``. With p and t in percent,
+    and n on the other side, that is ``(p - t)^2 n <= z^2 t (100 - t)``.
     """
     allowed = threshold * (100.0 - threshold)
     allowed *= Z95 * Z95

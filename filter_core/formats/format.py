@@ -46,8 +46,8 @@ Need: TypeAlias = Literal["annotation", "image", "decisions", "decision_columns"
 
 Every format gets the columns that labels are written from (`DecidedBoxes`).
 ``annotation``: the annotation as given, which is parsed on first use
-(`ExportFrame.given`); ``image``: the image, and its type, of which the suffix of its
-path is made; ``decisions``: a dictionary for each box, as in the API, which takes the
+(`ExportFrame.given`); ``image``: the image, and its type, which gives the suffix of
+its path; ``decisions``: a dictionary for each box, as in the API, which takes the
 most time; ``decision_columns``: the columns of tables (`ExportFrame.columns`).
 """
 

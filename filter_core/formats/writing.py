@@ -191,7 +191,7 @@ class LabelWriter(Protocol):
     traits: ClassVar[Traits]
 
     def image(self, out: OutFrame) -> str:
-        """The path of a frame's image in the export; also if images are not copied."""
+        """The path that a frame's image has in the export, or would have if copied."""
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One frame's labels.

@@ -26,7 +26,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   const outbox = createOutbox(storage, tab, app.owner);
   const sender = createSender(outbox);
   const steps = createSteps(boxes);
-  /** The frame on which an answer was stored last: views drop their copies of it. Of all frames, if `id` is null. */
+  /** The frame on which an answer was stored last; null: any frame. Views drop the copies that they have of it. */
   const changedFrame = createValue(/** @type {{id: number | null}} */ ({ id: null }));
   /** Answers that were not saved because somebody else had answered first, by box. */
   const overtaken = createValue(/** @type {ReadonlyMap<number, SingleAnswer>} */ (new Map()));

@@ -15,9 +15,7 @@
 //    shows the waiting answer in place of theirs. The person answers once more. With revision 4 this answer would
 //    overwrite one that the person has not seen. With revision 3 the server refuses it, and the person learns of both.
 // 2. Once the first item is stored, the second gets the next revision (`finish`), since the answer in between is the
-//    person's own. This is not done with items of other tabs: the server refuses these, so that the person chooses. Nor
-//    is it done with an item that may have reached the server (and then waited while this tab took over an older one from
-//    a closed tab): it must be sent again exactly as it was.
+//    person's own. This is not done with items of other tabs: the server refuses these, so that the person chooses.
 
 import { randomId } from "../core/tab.js";
 
@@ -225,7 +223,8 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     markAttempted: (item) => write({ ...item, attempted: true }),
 
     /**
-     * Remove an item that is stored now, and give its boxes' new revisions to the items behind it: see rule 2.
+     * Remove an item that is stored now, and give its boxes' new revisions to the items behind it: see rule 2. An item
+     * that may have reached the server keeps its own: it must be sent again exactly as it was.
      * @param {OutboxItem} stored @param {readonly number[]} [leftOut]  boxes that a bulk item did not change
      */
     finish(stored, leftOut = []) {

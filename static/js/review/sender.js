@@ -202,7 +202,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
     if (storedOnFilter.size === 0) return false;
     const { items } = await requests.history(item.boxId);
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
-    // An answer that was given before the bulk answer was taken over from another tab: then the person chooses.
+    // An answer that is older than the bulk answer comes from a tab that was closed. Then the person chooses.
     const isOwn = (/** @type {HistoryEntry} */ { batch }) => (storedOnFilter.get(batch ?? 0)?.order ?? Infinity) <= item.order;
     return since.length > 0 && since.every(isOwn);
   }
