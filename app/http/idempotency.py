@@ -110,7 +110,7 @@ def _take_key(connection: Connection, request: RepeatableRequest) -> None:
 
 
 def lacks_response(session: Session) -> bool:
-    """Whether the session has taken a key whose response is not stored yet."""
+    """Whether the session has a key whose response is not stored yet."""
     return _LACKS_RESPONSE in session.info
 
 

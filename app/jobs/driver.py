@@ -94,7 +94,9 @@ def _fail(
     try:
         with context.database.write() as session:
             row = open_job(session, kind_of(lease.job).table, lease.job.id)
-            lease.take(session)  # in case the failure was before it was taken
+            lease.take_or_require(
+                session
+            )  # the failure may have been before it was taken
             close(session, row, "failed", error)
     except JobStopped:
         return False

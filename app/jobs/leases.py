@@ -5,12 +5,12 @@ The *driver* of a job is the process that plans its chunks and has them executed
 until when. It takes the lease in the transaction that begins the job, and renews it
 until the job ends.
 
-A lease is *void* if the driver has not renewed it for `LEASE_LASTS`, or if the driver
-ran on this machine and the operating system says that it has ended
-(`process_has_ended`). Every service runs a watchdog. It lets its own
-process drive each open job
+A lease is *void* if it has expired, or if the driver ran on this machine and the
+operating system says that it has ended (`process_has_ended`). It expires if the driver
+does not renew it for `LEASE_LASTS`, and at once if the driver stops and leaves the job
+(`release`). Every service runs a watchdog. It lets its own process drive each open job
 
-- whose lease is void: the driver has died, or has stopped and left the job;
+- whose lease is void;
 - that has been without a lease for `UNDRIVEN_FOR_S`: the service that queued it has
   died before it began the job.
 
@@ -102,13 +102,28 @@ class JobLease:
         now = _now(session)
         if not self._add(session, now):  # there is a row already
             lease = _locked(session, self.job, skip_locked=True)
-            if lease is None:  # locked by another process, which is ending the job
+            if lease is None:  # another process has just locked or deleted it
                 raise LeaseLost(self.job)
             if lease.holder != self._holder and not _is_void(lease, now):
                 raise LeaseLost(self.job)
             lease.holder, lease.until = self._holder, now + LEASE_LASTS
             session.flush()
         once_committed(session, self._start_renewing)
+
+    def take_or_require(self, session: Session) -> None:
+        """Take the lease, or `require` it if this process has taken it already.
+
+        Raises
+        ------
+        LeaseLost
+            Another process drives the job.
+        """
+        # `take` would raise LeaseLost while this process renews its lease: it finds the
+        # row locked, and does not know by whom.
+        if self._is_taken:
+            self.require(session)
+        else:
+            self.take(session)
 
     def require(self, session: Session) -> None:
         """Lock the lease until this transaction ends, so that no other can take it.

@@ -106,7 +106,7 @@ export function createRetries(later = (run, delayMs) => void setTimeout(run, del
       isNextSkipped = false;
     },
 
-    /** The next wait is the shortest again: the server has taken something, or somebody asks to try now. */
+    /** The next wait is the shortest again, and not skipped: the server has taken something, or somebody asks to try now. */
     reset() {
       nextS = FIRST_RETRY_S;
       isNextSkipped = false;

@@ -105,9 +105,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
    */
   const refused = new Map();
   /**
-   * The bulk answers on a filter, and undos of these, that were stored since the page was loaded, by their id on the
-   * server.
-   * @type {Map<number, BulkItem>}
+   * The bulk answers on a filter, and undos of these, that were stored since the page was loaded: their `order`, by
+   * their id on the server.
+   * @type {Map<number, number>}
    */
   const storedOnFilter = new Map();
 
@@ -186,7 +186,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
     } catch (error) {
       const current = currentBox(error);
       if (!current || !(await isOvertakenByOwn(item))) throw error;
-      return outbox.renew(item, seenRevision(current)); // a new item, which is sent next
+      return outbox.renew(item, seenRevision(current)); // a new item, which has not been sent
     }
     outbox.finish(item);
     tell(({ onStored }) => onStored?.(stored));
@@ -200,10 +200,14 @@ export function createSender(outbox, requests = REQUESTS, later) {
    */
   async function isOvertakenByOwn(item) {
     if (storedOnFilter.size === 0) return false;
-    const { items } = await requests.history(item.boxId);
+    const { items } = await requests.history(item.boxId).catch((error) => {
+      // Without a response or a session, the answer waits. After any other error, the person chooses.
+      if (!(error instanceof ApiError) || error.status === 401) throw error;
+      return { items: [] };
+    });
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
     // An answer that is older than the bulk answer comes from a tab that was closed. Then the person chooses.
-    const isOwn = (/** @type {HistoryEntry} */ { batch }) => (storedOnFilter.get(batch ?? 0)?.order ?? Infinity) <= item.order;
+    const isOwn = (/** @type {HistoryEntry} */ { batch }) => (storedOnFilter.get(batch ?? 0) ?? Infinity) <= item.order;
     return since.length > 0 && since.every(isOwn);
   }
 
@@ -304,7 +308,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
 
   /** @param {BulkItem} item @param {number} storedId @param {readonly number[]} leftOut */
   function finishBulk(item, storedId, leftOut) {
-    if (!item.boxIds) storedOnFilter.set(storedId, item);
+    if (!item.boxIds) storedOnFilter.set(storedId, item.order);
     outbox.finish(item, leftOut);
   }
 

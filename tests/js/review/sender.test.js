@@ -508,6 +508,23 @@ test("an answer waits if it cannot be found out whether an own bulk answer has o
   assert.deepEqual(told.at(-1), ["stored", 1, 2]);
 });
 
+for (const status of [404, 500]) {
+  test(`after a ${status} to the question whether an own bulk answer has overtaken it, the person chooses`, async () => {
+    const { sender } = senderOf();
+    const filter = { class: "car" };
+    sender.addBulkAnswer({ dataset: "d", verdict: "reject", filter, snapshot: "s", count: 2 });
+    await settled();
+    const current = decision({ box_id: 1, revision: 1 });
+    refusals = [new ApiError(412, { current }, null), new ApiError(status, {}, null)];
+    answer(sender, 1, "keep");
+    answer(sender, 3, "keep");
+    await settled();
+
+    assert.deepEqual(told.slice(1).map((event) => event.slice(0, 2)), [["overtaken", "keep"], ["stored", 3]]);
+    assert.equal(sender.state.get().phase, "saved");
+  });
+}
+
 /** Undos that are not stored yet: the bulk answer's key, the state, and the reason to wait. @param {any} sender */
 const openOf = (sender) => sender.state.get().bulkItems.map((/** @type {any} */ { item, state, text }) => [item.bulkKey, state, text]);
 

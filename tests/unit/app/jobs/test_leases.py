@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import timedelta
 from itertools import count
+from threading import Event, Thread, Timer
 
 import pytest
 
@@ -77,6 +78,31 @@ def test_lease_has_one_holder_until_it_is_released(services, job):
 
     # The job of this lease was never queued, so that it counts as ended.
     assert (given_back, held, holder_of(context, job)) == (None, "two", None)
+
+
+def test_own_renewal_under_way_is_not_taken_for_another_process(postgres_services, job):
+    """On SQLite nobody else writes meanwhile."""
+    database = postgres_services.context.database
+    lease = take_lease(database, job, "one")
+    is_renewing, may_end = Event(), Event()
+
+    def renew():
+        with database.write_beside() as session:
+            session.get(Lease, job, with_for_update=True)
+            is_renewing.set()
+            may_end.wait()
+
+    renewing = Thread(target=renew)
+    renewing.start()
+    is_renewing.wait()
+    Timer(0.2, may_end.set).start()
+    try:
+        with database.write() as session:
+            lease.take_or_require(session)
+    finally:
+        may_end.set()
+        renewing.join()
+        lease.release()
 
 
 def test_lease_that_expired_or_whose_holder_died_can_be_taken(services, write, job):
