@@ -28,6 +28,7 @@ anew.
 | second | whole chunk, alone | frame by frame |
 | third | frame by frame, alone | frame by frame |
 | then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
+
 Once an attempt of a driver has stored something, the next one is a first one again:
 three drivers in succession have to die and store nothing.
 
@@ -48,8 +49,8 @@ the cause: it puts the whole rest of the chunk into quarantine (`_follows_anothe
 **An unreadable frame** ends no process: only the child processes that decode its images
 die, or exceed their limits of time or memory. `refuse` puts its chunk into quarantine
 once all its other frames are stored. Frame by frame, `refuse_frame` puts the frame
-alone there at once. Otherwise it would be the first frame without a result, and taken
-for the cause when another frame ends the process.
+alone there at once. Otherwise the unreadable frame would be the first without a result,
+and be taken for the cause when another frame ends the process.
 """
 
 from __future__ import annotations
@@ -83,8 +84,9 @@ log = logging.getLogger(__name__)
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether each frame has to be stored before the next one begins.
 
-    That is the third attempt of a worker and the second of a driver: a driver counts an
-    attempt when it begins, and a worker's attempt is counted after it has failed.
+    So it is in the second and third attempt of a driver, which count in
+    `Chunk.attempts` as soon as they begin, and in the third of a worker, which counts
+    once it has failed.
     """
     return chunk.attempts > 1
 

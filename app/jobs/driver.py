@@ -94,9 +94,8 @@ def _fail(
     try:
         with context.database.write() as session:
             row = open_job(session, kind_of(lease.job).table, lease.job.id)
-            lease.take_or_require(
-                session
-            )  # the failure may have been before it was taken
+            # The failure may have been before the lease was taken.
+            lease.take_or_require(session)
             close(session, row, "failed", error)
     except JobStopped:
         return False
@@ -184,10 +183,10 @@ class JobDriver:
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
-            # All frames without a result are planned, from the first one on. But if
-            # chunks of an earlier driver wait or are in quarantine, their frames have
-            # no result either, and are planned already. Then only the frames after the
-            # last planned one are planned.
+            # Chunks are made of all frames without a result, in the order of their ids.
+            # Frames of chunks that wait or are in quarantine have none either, but must
+            # not be in two chunks. If an earlier driver has left such chunks, new ones
+            # are only made of the frames after these.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:

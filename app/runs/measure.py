@@ -299,11 +299,11 @@ def _remeasured(
     """
     annotation = parse_annotation(frame.annotation, frame=frame.key)
     size = (frame.width or 0, frame.height or 0)
-    left, damage = dict(contents), None
+    usable, damage = dict(contents), None
     while True:
         try:
             with error_context(frame.key, "/segmentation"):
-                pixels = FrameFiles.of(left, size)
+                pixels = FrameFiles.of(usable, size)
                 try:
                     measured = measure_files(
                         context.pixels, source.plan, annotation, pixels
@@ -313,11 +313,12 @@ def _remeasured(
             break
         except FilterError as fault:
             kind = fault.pointer.strip("/")
-            if fault.kind not in _DAMAGED or kind not in left:
+            if fault.kind not in _DAMAGED or kind not in usable:
                 raise
             damage = damage or fault
-            # Without the ignore mask, pixels would count that must be ignored.
-            left = {} if kind == "ignore_mask" else _without(left, kind)
+            # Without the ignore mask, pixels would count that must be ignored. Then
+            # no file is used.
+            usable = {} if kind == "ignore_mask" else _without(usable, kind)
     ids = [source.classes[name] for name in measured.evidence.class_names]
     row = {
         "frame_id": frame.id,

@@ -139,7 +139,7 @@ class OnlyClassKeys:
         INHERIT,
         "Tags whose pixels count for the class, by name or number.",
         # If it changes, a configuration with a channel or profile carlasimu needs the
-        # images again. All others count pixels of the new tags in stored histograms.
+        # images again. With any other, stored histograms of tags suffice.
         needs_pixels=True,
     )
 

@@ -425,12 +425,12 @@ def _ordered_words(box: ExplainedBox) -> str:
         return (
             f"{_counted(box, f'of its {names} pixels')} not explained by nearer boxes"
         )
-    some = f"{box.number:.0f} of its pixels {_is(box)}"
+    left = f"{box.number:.0f} of its pixels {_is(box)}"
     if box.nearer is not None:
-        left = f"; {some} left, {_needed(box)}" if box.number else ""
-        return f"explained by the nearer {box.nearer}{left}"
+        rest = f"; {left} left, {_needed(box)}" if box.number else ""
+        return f"explained by the nearer {box.nearer}{rest}"
     if box.number:
-        return f"only {some} {names}, {_needed(box)}"
+        return f"only {left} {names}, {_needed(box)}"
     return f"none of its pixels are {names}"
 
 

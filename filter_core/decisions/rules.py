@@ -173,7 +173,7 @@ def _threshold_by_reason(limits: LimitsByClass) -> FloatArray:
     of_small[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
     of_small[:, Reason.VISIBLE] = limits.threshold_small_box
     of_large[:, Reason.LARGE_BELOW_THRESHOLD] = limits.threshold_big_box
-    # Only under carlasimu: the box passes `threshold_big_box`, but not this one.
+    # Only under carlasimu, where a large box has to pass both thresholds.
     of_large[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
     # Under carlasimu the higher of both, else `threshold_big_box`.
     of_large[:, Reason.VISIBLE] = limits.threshold_kept_large_box
@@ -188,6 +188,7 @@ def _first_reason(rules: Sequence[_Rule]) -> NDArray[np.uint8]:
     # one 1. So the largest number of a box is that of the first rule that holds. It is
     # 0 if none holds.
     ranks *= np.arange(len(rules), 0, -1, dtype=np.uint8)[:, np.newaxis]
+    # The reason that each of these numbers stands for.
     by_rank = [Reason.VISIBLE, *(reason for reason, _ in reversed(rules))]
     reason: NDArray[np.uint8] = np.array(by_rank, np.uint8).take(ranks.max(axis=0))
     return reason
@@ -196,6 +197,7 @@ def _first_reason(rules: Sequence[_Rule]) -> NDArray[np.uint8]:
 def _is_out_of_range(
     evidence: Evidence, rows: slice, limits: LimitsByClass
 ) -> BoolArray:
+    # No limit is -inf for the nearest distance, and inf for the farthest.
     nearest, farthest = limits.min_distance, limits.max_distance
     distance, class_index = evidence.distance[rows], evidence.class_index[rows]
     if np.isinf(nearest).all() and np.isinf(farthest).all():

@@ -52,7 +52,10 @@ most time; ``decision_columns``: the columns of tables (`ExportFrame.columns`).
 """
 
 LABEL_NEEDS: Final[frozenset[Need]] = frozenset({"annotation", "image"})
-"""The data that formats of labels need: `write_labels` reads the annotation."""
+"""The data that formats of labels need.
+
+`write_labels` reads the annotation, and copies the image or needs its type for a path.
+"""
 
 _FILES_LOOKED_AT: Final = 2000
 
@@ -105,10 +108,10 @@ _Requirement = TypeVar("_Requirement", bound=Callable[[], object])
 class Format:
     """A format of annotated frames, declared at the head of its module.
 
-    Its functions follow in the module, each with a decorator that stores it here:
-    `recogniser` as `recognise`, `reader` as `read`, `writer` as `write`, `requirement`
-    as `require`. Functions that it does not have stay None. So a `Format` is complete
-    once its module has been imported.
+    The functions of the format follow in the module. Each has a decorator that stores
+    it in an attribute: `recogniser` in `recognise`, `reader` in `read`, `writer` in
+    `write`, `requirement` in `require`. If the format lacks one, the attribute stays
+    None. So a `Format` is complete once its module has been imported.
 
     Attributes
     ----------

@@ -194,8 +194,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
 
   /**
    * Whether a refused answer (412) was overtaken only by bulk answers on a filter, or undos of these, that this tab has
-   * sent. That happens because the page does not know which boxes a filter selects: `finish` cannot give the answer
-   * the revision that the box has after the bulk answer.
+   * sent and that were given before it. That happens because the page does not know which boxes a filter selects:
+   * `finish` cannot give the answer the revision that the box has after the bulk answer. (If an answer was given before
+   * the bulk answer, but was taken over from a closed tab and sent after it, the person chooses.)
    * @param {SingleAnswer} item
    */
   async function isOvertakenByOwn(item) {
@@ -206,9 +207,11 @@ export function createSender(outbox, requests = REQUESTS, later) {
       return { items: [] };
     });
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
-    // An answer that is older than the bulk answer comes from a tab that was closed. Then the person chooses.
-    const isOwn = (/** @type {HistoryEntry} */ { batch }) => (storedOnFilter.get(batch ?? 0) ?? Infinity) <= item.order;
-    return since.length > 0 && since.every(isOwn);
+    const isOwnAndOlder = (/** @type {HistoryEntry} */ { batch }) => {
+      const order = storedOnFilter.get(batch ?? 0);
+      return order !== undefined && order <= item.order;
+    };
+    return since.length > 0 && since.every(isOwnAndOlder);
   }
 
   /**
@@ -262,8 +265,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
   }
 
   /**
-   * Put something into the outbox, and send it. While nobody is signed in it waits, and so it does after a failure at
-   * the server or in this page ("busy"), until the next attempt is due.
+   * Put something into the outbox, and send it at once, also if the server did not answer before ("offline"). But if
+   * nobody is signed in, it waits for that, and after a failure of the server or of this page ("busy") for the next
+   * attempt.
    * @param {() => void} add @returns {boolean} false: this browser has no room for it
    */
   function put(add) {
@@ -283,6 +287,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   /** Try now: the network is back, or somebody has signed in. */
   function resume() {
     retries.reset();
+    // While a request is under way, `drain` does nothing. If that request fails, it is sent again without a pause.
     if (sending) retries.skipNext();
     return drain();
   }
@@ -373,8 +378,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
     discard,
 
     /**
-     * Take over the items of closed tabs. `resume` then sends the items of the person who is signed in: these, and
-     * those that this tab itself had before it was loaded again.
+     * Take over the items of closed tabs. `resume` then sends the items of the person who is signed in: those taken
+     * over, and those that this tab had before it was loaded again.
      * @param {import("../core/tab.js").OpenTabs} openTabs
      */
     takeOver(openTabs) {
