@@ -245,6 +245,13 @@ const KEPT_PLACES = 4;
 
 /** A list that was left longer ago is read again: others may have answered. */
 const FRESH_MS = 10 * 60_000;
+/** The same for a list that was left before its dataset was loaded: a run or an upload may have changed the list. */
+const FRESH_WITHOUT_STATE_MS = 30_000;
+
+/** @param {Place} place */
+function isFresh({ state, scroll, pager }) {
+  return Date.now() - scroll.seen < (state ? FRESH_MS : FRESH_WITHOUT_STATE_MS) && !pager.error();
+}
 
 /** @type {Map<string, Place>} the one used last comes last */
 const places = new Map();
@@ -252,7 +259,7 @@ const places = new Map();
 /** @param {import("../review/answers.js").ReviewApp} app @param {string} dataset @param {import("../core/router.js").Query} query @param {string} key @returns {Place} */
 export function placeOf(app, dataset, query, key) {
   const known = places.get(key);
-  if (known?.state && Date.now() - known.scroll.seen < FRESH_MS && !known.pager.error()) {
+  if (known && isFresh(known)) {
     places.delete(key);
     places.set(key, known);
     return known;

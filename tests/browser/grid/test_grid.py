@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Route, expect
 
 from tests.support.page import many_boxes
 from tests.support.page.many_boxes import cell, grid, selected
@@ -275,6 +275,26 @@ def test_returning_to_the_grid_restores_scroll_and_selection(sixty_boxes, user):
     user.wait_until_drawn()
     page.go_back()
     expect(cell(page, 55)).to_be_in_viewport()
+
+
+def test_grid_that_was_left_before_its_dataset_was_loaded_is_restored(
+    sixty_boxes, user
+):
+    held: list[Route] = []
+    user.page.route(
+        f"**/api/v1/datasets/{sixty_boxes.dataset}",
+        lambda route: route.continue_() if held else held.append(route),
+    )
+    page = open_grid(user, sixty_boxes)
+    user.press("End")
+    cell(page, 55).click()
+    user.press("c")
+    user.wait_until_drawn()
+
+    user.press("g")
+
+    expect(cell(page, 55)).to_be_in_viewport()
+    assert selected(page) == [55]
 
 
 def test_larger_crops_reduce_columns_and_keep_scroll_position(sixty_boxes, user):
