@@ -49,8 +49,8 @@ the cause: it puts the whole rest of the chunk into quarantine (`_follows_anothe
 **An unreadable frame** ends no process: only the child processes that decode its images
 die, or exceed their limits of time or memory. `refuse` puts its chunk into quarantine
 once all its other frames are stored. Frame by frame, `refuse_frame` puts the frame
-alone there at once. Otherwise the unreadable frame would be the first without a result,
-and be taken for the cause when another frame ends the process.
+into quarantine at once, and alone. If it stayed in the chunk, it would be the first
+frame without a result, and be taken for the cause when another frame ends the process.
 """
 
 from __future__ import annotations
@@ -84,9 +84,9 @@ log = logging.getLogger(__name__)
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether each frame has to be stored before the next one begins.
 
-    So it is in the second and third attempt of a driver, which count in
-    `Chunk.attempts` as soon as they begin, and in the third of a worker, which counts
-    once it has failed.
+    See the table above. If `Chunk.attempts` is 2, this is the second attempt of a
+    driver, which has counted it already, or the third of a worker, whose attempts are
+    counted when they have failed.
     """
     return chunk.attempts > 1
 

@@ -56,7 +56,8 @@ WholeNumberT = TypeVar("WholeNumberT")
 NumberOrNullT = TypeVar("NumberOrNullT")
 
 
-# No generated comparison: it fails on arrays. `ClassLimits` and `ClassConfig` have one.
+# A generated comparison would fail on the arrays of `LimitsByClass`. The other two
+# classes that inherit these keys have one.
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     """The keys that single classes can override; all of them are numbers.
@@ -138,8 +139,8 @@ class OnlyClassKeys:
         TagList(),
         INHERIT,
         "Tags whose pixels count for the class, by name or number.",
-        # If it changes, a configuration with a channel or profile carlasimu needs the
-        # images again. With any other, stored histograms of tags suffice.
+        # Because channels and profile carlasimu need the images again if it changes.
+        # Without these, stored histograms of tags suffice.
         needs_pixels=True,
     )
 

@@ -425,12 +425,12 @@ def _ordered_words(box: ExplainedBox) -> str:
         return (
             f"{_counted(box, f'of its {names} pixels')} not explained by nearer boxes"
         )
-    left = f"{box.number:.0f} of its pixels {_is(box)}"
+    counted = f"{box.number:.0f} of its pixels {_is(box)}"  # "12 of its pixels are"
     if box.nearer is not None:
-        rest = f"; {left} left, {_needed(box)}" if box.number else ""
+        rest = f"; {counted} left, {_needed(box)}" if box.number else ""
         return f"explained by the nearer {box.nearer}{rest}"
     if box.number:
-        return f"only {left} {names}, {_needed(box)}"
+        return f"only {counted} {names}, {_needed(box)}"
     return f"none of its pixels are {names}"
 
 

@@ -136,7 +136,7 @@ def _rules(
 ) -> Sequence[_Rule]:
     """The rules in the order of Algorithm 2; a box for which none holds is visible.
 
-    Whoever changes how the match is compared changes the page's labels, too: they say
+    If you change how the match is compared, change the page's labels, too: they say
     whether it had to reach or to exceed the threshold (`measureText` in
     `static/js/boxes/wording.js`).
     """

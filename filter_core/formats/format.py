@@ -54,7 +54,8 @@ most time; ``decision_columns``: the columns of tables (`ExportFrame.columns`).
 LABEL_NEEDS: Final[frozenset[Need]] = frozenset({"annotation", "image"})
 """The data that formats of labels need.
 
-`write_labels` reads the annotation, and copies the image or needs its type for a path.
+`write_labels` reads the annotation. It copies the image, or at least names its path,
+which depends on its type.
 """
 
 _FILES_LOOKED_AT: Final = 2000

@@ -42,7 +42,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   /** @param {Decision} box @param {AnswerWithComment} answer @returns {boolean} false: there is no room for it */
   function give(box, { verdict, comment }) {
     const { box_id: boxId, frame_id: frameId } = box;
-    boxes.holdAnswered([boxId]); // so that the store recognises a response from before this answer that comes late
+    boxes.holdAnswered([boxId]); // so that the store can tell by its revision if an older response arrives late
     if (!sender.addAnswer({ boxId, frameId, verdict, comment, seenRevision: seenRevision(box) })) return false;
     steps.noteAnswer(boxId);
     closeOvertaken(boxId);

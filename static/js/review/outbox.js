@@ -15,7 +15,7 @@
 //    shows the waiting answer in place of theirs. The person answers once more. With revision 4 this answer would
 //    overwrite one that the person has not seen. With revision 3 the server refuses it, and the person learns of both.
 // 2. Once the first item is stored, the second gets the next revision (`finish`), since the answer in between is the
-//    person's own. This is not done with items of other tabs: the server refuses these, so that the person chooses.
+//    person's own. This is only done with items of this tab. One of another tab is refused, and the person chooses.
 
 import { randomId } from "../core/tab.js";
 

@@ -193,10 +193,10 @@ export function createSender(outbox, requests = REQUESTS, later) {
   }
 
   /**
-   * Whether a refused answer (412) was overtaken only by bulk answers on a filter, or undos of these, that this tab has
-   * sent and that were given before it. That happens because the page does not know which boxes a filter selects:
-   * `finish` cannot give the answer the revision that the box has after the bulk answer. (If an answer was given before
-   * the bulk answer, but was taken over from a closed tab and sent after it, the person chooses.)
+   * Whether a refused answer (412) was overtaken only by this tab's own bulk answers on a filter, or their undos. The
+   * page does not know which boxes a filter selects, so `finish` cannot give an answer the revision that its box has
+   * after the bulk answer. Only bulk answers that were given before the answer count. (An answer that was taken over from
+   * a closed tab may be older than the bulk answer that overtook it. Then the person chooses.)
    * @param {SingleAnswer} item
    */
   async function isOvertakenByOwn(item) {
@@ -265,9 +265,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
   }
 
   /**
-   * Put something into the outbox, and send it at once, also if the server did not answer before ("offline"). But if
-   * nobody is signed in, it waits for that, and after a failure of the server or of this page ("busy") for the next
-   * attempt.
+   * Put something into the outbox. It is sent at once, also if the server did not answer before ("offline"). But if
+   * nobody is signed in, it waits for that; and after a failure of the server or of this page ("busy"), it waits for
+   * the next attempt.
    * @param {() => void} add @returns {boolean} false: this browser has no room for it
    */
   function put(add) {
