@@ -17,7 +17,8 @@ import { hasImages, readFolder, topOf, visibleEntries } from "./folder.js";
 /** With more frames than this, the dialog recommends the command line. */
 const MANY_FRAMES = 2000;
 
-const NAME = /^[a-z0-9](?:[a-z0-9._-]{0,98}[a-z0-9])?$/;
+/** The names that a dataset may have. */
+export const DATASET_NAME = /^[a-z0-9](?:[a-z0-9._-]{0,98}[a-z0-9])?$/;
 
 const NAME_RULE = "Use small letters, digits, dots, dashes and underscores; begin and end with a letter or digit.";
 
@@ -144,7 +145,7 @@ function Review({ app, found, plan, typed, setTyped, close }) {
   /** @param {SubmitEvent} event */
   const submit = (event) => {
     event.preventDefault();
-    if (NAME.test(name)) void start();
+    if (DATASET_NAME.test(name)) void start();
     else setFault(name ? NAME_RULE : "Give the dataset a name.");
   };
 

@@ -9,6 +9,7 @@ import { BOX_FILTER_KEYS, SORTS, VERDICT_CYCLE } from "../../../static/js/boxes/
 import { ANSWER_TEXT, EVIDENCE, REASONS, VERDICT_SIGN } from "../../../static/js/boxes/wording.js";
 import { ORDERS } from "../../../static/js/queue/session.js";
 import { exportForm } from "../../../static/js/runs/exports.js";
+import { DATASET_NAME } from "../../../static/js/upload/dialog.js";
 import { FILE_KINDS } from "../../../static/js/upload/uploader.js";
 
 const OPENAPI = JSON.parse(readFileSync(new URL("../../pins/stored/openapi.json", import.meta.url), "utf8"));
@@ -59,6 +60,10 @@ test("the page sends every kind of file that the API takes", () => {
   const parts = Object.keys(operation.requestBody.content["multipart/form-data"].schema.properties);
 
   assert.deepEqual(sorted([...FILE_KINDS, "annotation"]), sorted(parts));
+});
+
+test("the page allows a dataset the names that the API allows", () => {
+  assert.equal(DATASET_NAME.source, OPENAPI.components.schemas.DatasetIn.properties.name.pattern);
 });
 
 test("each export format and each choice of its options has a text of its own", () => {
