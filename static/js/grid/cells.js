@@ -44,7 +44,7 @@ export function GridCells({ app, place, frameSize, actions }) {
   useKeysOfGrid(app, host, { place, now, actions });
   useLasso(host, { place, now, setLasso });
 
-  const [{ onPick, onOpen }] = useState(() => createPicking(place, actions));
+  const { onPick, onOpen } = useMemo(() => createPicking(place, actions), [place, actions]);
   const rows = Array.from({ length: Math.max(0, sight.end - sight.first) }, (_, i) => sight.first + i);
   const waiting = app.sender.state.get().waitingInBulk;
   const openTitle = withKey("Open in its frame", useKeyText(app, "open"));
@@ -112,7 +112,7 @@ function useMeasures(host, place, now, setView) {
     anchor.current = (now.current.offset / layout.pitch) * layout.columns;
     place.scroll.offset = anchor.current;
     place.scroll.seen = Date.now();
-  }, [view.scrollTop]);
+  }, [view.scrollTop, place]);
 }
 
 /**

@@ -297,6 +297,27 @@ def test_grid_that_was_left_before_its_dataset_was_loaded_is_restored(
     assert selected(page) == [55]
 
 
+def test_list_that_was_read_again_is_selected_from_and_returned_to(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
+    user.press("End")
+    expect(cell(page, 59)).to_be_in_viewport()
+    many_boxes.review(sixty_boxes, sixty_boxes.box_id("b0"), "keep")
+    page.get_by_role("button", name="Select all 60").click()
+    user.press("a")
+    page.get_by_role("button", name="Count again").click()
+    expect(page.get_by_role("grid")).to_have_attribute("aria-busy", "false")
+
+    cell(page, 57).click()
+    cell(page, 58).click(modifiers=["Shift"])
+
+    assert selected(page) == [57, 58]
+    user.press("c")
+    user.wait_until_drawn()
+    user.press("g")
+    expect(cell(page, 57)).to_be_in_viewport()
+    assert selected(page) == [57, 58]
+
+
 def test_larger_crops_reduce_columns_and_keep_scroll_position(sixty_boxes, user):
     page = open_grid(user, sixty_boxes)
     user.press("End")
