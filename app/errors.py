@@ -180,8 +180,8 @@ class StaleSnapshot(StaleRevision):
         self, *, expected: int, found: int, changed: int, current: Mapping[str, object]
     ) -> None:
         super().__init__(
-            f"the filter selects {found} boxes now, {expected} in the snapshot; "
-            f"{changed} of them were added, decided again or answered in between",
+            f"the filter selects {found} boxes now, {expected} when they were listed; "
+            f"added, decided again or answered since then: {changed}",
             current=current,
         )
 

@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
+from zipfile import is_zipfile
 
 from filter_core.errors import LayoutError
 from filter_core.formats.carlasimu import CARLASIMU
@@ -140,6 +141,11 @@ def detect_layout(source: Path) -> str:
         raise LayoutError(
             f"{source.name}: expected one {MANIFEST_NAME}, found {len(several)}; "
             f"give the folder of one of them, such as {Path(several[0]).parent}"
+        )
+    if is_zipfile(source):
+        raise LayoutError(
+            f"{source.name}: expected a folder or a manifest, found a ZIP archive; "
+            "unpack it first"
         )
     *first, last = (one.recognised_by for one in _IN_ORDER_OF_TRIAL if one.recognise)
     raise LayoutError(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -104,6 +104,8 @@ def export(options: ExportOptions) -> None:
         screen.note(f"export {started.id} of {options.dataset} ({options.format})")
         done = wait_for_export(client, started, screen)
         _download(client, done, options)
+    if counted := _boxes_written(done.counts or {}):
+        screen.note(counted)
     screen.record({**done.raw, "path": str(options.output)}, str(options.output))
 
 
@@ -142,6 +144,17 @@ def _cancel_interrupted(client: Client, export: Export) -> str:
     except (ApiError, httpx.TransportError):
         return f"{begin} continues on the server, and {again}"
     return f"{begin} was cancelled; {again}"
+
+
+def _boxes_written(counts: Mapping[str, Any]) -> str:
+    """How many boxes were written, and why others were not; empty if not known."""
+    boxes = counts.get("boxes", {})
+    if "in" not in boxes or "out" not in boxes:
+        return ""
+    text = f"{boxes['out']} of {boxes['in']} boxes written"
+    reasons = counts.get("not_kept_by_reason", {})
+    missing = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
+    return f"{text}; not kept: {missing}" if missing else text
 
 
 def _download(client: Client, done: Export, options: ExportOptions) -> None:

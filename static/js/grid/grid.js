@@ -14,7 +14,7 @@ import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { isBulkUndo } from "../review/outbox.js";
 import { GridCells } from "./cells.js";
-import { leave, placeOf } from "./pager.js";
+import { leave, placeOf, stateOf } from "./pager.js";
 import { allBut, everything, nothing, sizeOf, toggled } from "./selection.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
@@ -42,9 +42,6 @@ export function GridView({ app, route }) {
     </main>`;
 }
 
-/** It changes when lists have to be read again: after a run, an upload, or if the dataset is another one of this name. @param {import("../core/openapi.js").Dataset} dataset */
-const stateOf = ({ created_at, active_run, counts }) => JSON.stringify([created_at, active_run, counts.boxes]);
-
 /** @param {{app: App, dataset: string, query: Query, state: string | null, inAll: number | null, onQuery: (query: Query) => void}} props */
 function Boxes({ app, dataset, query, state, inAll, onQuery }) {
   const { place, update } = usePlace(app, dataset, query);
@@ -59,11 +56,11 @@ function Boxes({ app, dataset, query, state, inAll, onQuery }) {
   const actions = useMemo(() => createGridActions(app, dataset, () => latest.current), [dataset]);
   useActions(app, actions.byName);
   useEffect(() => app.boxes.reloads.observe(update), [update]);
-  // A list that was left may have been read before all this.
+  // A list that was left may have been read before the dataset has changed.
   useEffect(() => {
-    if (!state) return;
-    if (place.state && place.state !== state) update();
-    else place.state = state;
+    let isOver = false;
+    place.state.then((asRead) => !isOver && state !== null && asRead !== null && asRead !== state && update());
+    return () => void (isOver = true);
   }, [place, state]);
 
   const total = pager.total();
@@ -375,20 +372,29 @@ export function UnsentBulkAnswers({ app, dataset }) {
   return unsent.map((one) => html`<${UnsentStrip} key=${one.item.key} app=${app} ...${one} />`);
 }
 
+/** @param {{total: number, answered: number}} now @param {number} before  how many boxes the filter selected */
+function changedText({ total, answered }, before) {
+  const text = `The filter selects ${countOf(total, "box", "boxes")} now, ${countText(before)} when you selected them.`;
+  return answered > 0 ? `${text} ${countText(answered)} of these ${answered === 1 ? "has" : "have"} an answer, which yours would replace.` : text;
+}
+
 /** @param {{app: App} & import("../review/sender.js").OpenBulkItem} props */
 function UnsentStrip({ app, item, state, text }) {
-  /** The boxes that the filter selects by now, once the person has asked. */
-  const [now, setNow] = useState(/** @type {Awaited<ReturnType<typeof countBoxes>> | null} */ (null));
+  /** The boxes that the filter selects by now, once the person has asked, and how many of them have an answer. */
+  const [now, setNow] = useState(/** @type {{total: number, snapshot: string, answered: number} | null} */ (null));
   const bulk = isBulkUndo(item) ? null : item;
   const isChanged = bulk !== null && state === "changed";
   const what = `${bulk ? WILL[bulk.verdict] : "undo the answers on"} ${countOf(item.count, "box", "boxes")}`;
   const count = useTask(async () => {
-    if (bulk) setNow(await countBoxes(bulk.dataset, bulk.filter ?? {}));
+    if (!bulk) return;
+    const { dataset, filter = {} } = bulk;
+    const [all, answered] = await Promise.all([countBoxes(dataset, filter), filter.review ? null : countBoxes(dataset, { ...filter, review: "any" })]);
+    setNow(all && { ...all, answered: answered?.total ?? 0 });
     app.boxes.reload();
   }, app.toasts.fail);
   return html`<div class="strip strip--error" role="alert">
     <${Icon} name="cloud" />
-    <p><b>${STATES[state]}: ${what}.</b> ${now ? `The filter selects ${countOf(now.total, "box", "boxes")} now, ${countText(item.count)} when you selected them.` : sentence(text)}</p>
+    <p><b>${STATES[state]}: ${what}.</b> ${now ? changedText(now, item.count) : sentence(text)}</p>
     <div class="strip__actions">
       ${isChanged && !now && html`<button class="button button--small" disabled=${count.isBusy} onClick=${count.run}>Count again</button>`}
       ${bulk && isChanged && now && html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk, now)}>${capital(`${WILL[bulk.verdict]} all ${countText(now.total)}`)}</button>`}

@@ -236,7 +236,7 @@ export function createPager(boxes, load) {
  * @property {Pager} pager
  * @property {import("../core/observable.js").Value<import("./selection.js").Selection>} selection
  * @property {{offset: number, seen: number}} scroll  how far down it is scrolled, and when it was left
- * @property {string} state  of the dataset, with which it was read; empty: not known yet
+ * @property {Promise<string | null>} state  `stateOf` the dataset when the list was read; null: it could not be loaded
  * @property {() => void} stop  end following whether lists have to be read again
  * @property {(index: number) => void} show  moves the focus to that cell and scrolls to it; set by the view that shows the list
  */
@@ -245,13 +245,8 @@ const KEPT_PLACES = 4;
 
 /** A list that was left longer ago is read again: others may have answered. */
 const FRESH_MS = 10 * 60_000;
-/** The same for a list that was left before its dataset was loaded: a run or an upload may have changed the list. */
-const FRESH_WITHOUT_STATE_MS = 30_000;
-
-/** @param {Place} place */
-function isFresh({ state, scroll, pager }) {
-  return Date.now() - scroll.seen < (state ? FRESH_MS : FRESH_WITHOUT_STATE_MS) && !pager.error();
-}
+/** It changes when lists have to be read again: after a run, an upload, or if the dataset is another one of this name. @param {import("../core/openapi.js").Dataset} dataset */
+export const stateOf = ({ created_at, active_run, counts }) => JSON.stringify([created_at, active_run, counts.boxes]);
 
 /** @type {Map<string, Place>} the one used last comes last */
 const places = new Map();
@@ -259,7 +254,7 @@ const places = new Map();
 /** @param {import("../review/answers.js").ReviewApp} app @param {string} dataset @param {import("../core/router.js").Query} query @param {string} key @returns {Place} */
 export function placeOf(app, dataset, query, key) {
   const known = places.get(key);
-  if (known && isFresh(known)) {
+  if (known && Date.now() - known.scroll.seen < FRESH_MS && !known.pager.error()) {
     places.delete(key);
     places.set(key, known);
     return known;
@@ -269,7 +264,9 @@ export function placeOf(app, dataset, query, key) {
   const pager = createPager(app.boxes, (page, signal) => get("/api/v1/boxes", { query: { dataset, ...filter, ...page }, signal }));
   const scroll = { offset: 0, seen: Date.now() };
   const stop = app.boxes.reloads.observe(() => leave(key));
-  const place = { key, pager, selection: createValue(NOTHING), scroll, state: "", stop, show: () => {} };
+  // Not the dataset of the view: if that is left at once, it is not loaded.
+  const state = get("/api/v1/datasets/{dataset}", { path: { dataset } }).then(stateOf).catch(() => null);
+  const place = { key, pager, selection: createValue(NOTHING), scroll, state, stop, show: () => {} };
   places.set(key, place);
   for (const old of [...places.keys()].slice(0, -KEPT_PLACES)) leave(old);
   return place;

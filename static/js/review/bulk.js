@@ -72,8 +72,9 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
     const outcome = sender.addBulkUndo({ bulkKey, batchId, dataset, count, before, ...which });
     if (outcome === "full") return;
     steps.drop(step);
-    if (outcome === "added") undoing.set(bulkKey, step);
-    else restore(earlier.filter(({ boxId }) => step.everAnswered?.has(boxId)));
+    if (outcome === "added") return void undoing.set(bulkKey, step);
+    restore(earlier.filter(({ boxId }) => step.everAnswered?.has(boxId)));
+    toasts.show(`${countOf(count, "answer")} discarded; they had not been saved`);
   }
 
   /**

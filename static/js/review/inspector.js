@@ -207,7 +207,7 @@ const SIGNS = /** @type {Record<string, string>} */ ({ keep: "check", reject: "c
 function ReviewLine({ item }) {
   return html`<span class="sign sign--${item.verdict}"><${Icon} name=${SIGNS[item.verdict ?? ""] ?? "question"} /></span>
     <div>
-      <p><b>${item.reviewer}</b> ${ANSWER_TEXT[item.verdict ?? ""] ?? item.verdict} <${When} at=${item.at} /></p>
+      <p><b>${item.reviewer}</b>: ${ANSWER_TEXT[item.verdict ?? ""] ?? item.verdict} <${When} at=${item.at} /></p>
       ${item.comment && html`<p class="history__comment">${item.comment}</p>`}
     </div>`;
 }
@@ -217,7 +217,7 @@ function DecisionLine({ item }) {
   const { verdict, reason, match_percent: match, threshold, run } = item;
   // Without a threshold the share decided nothing.
   const hasThreshold = typeof match === "number" && typeof threshold === "number";
-  const numbers = hasThreshold ? ` · ${percentText(match, threshold)} of ${exactPercentText(threshold)}` : "";
+  const numbers = hasThreshold ? ` · ${percentText(match, threshold)}, threshold ${exactPercentText(threshold)}` : "";
   return html`<span class="sign sign--filter"><${Icon} name="filter" /></span>
     <div><p>Run ${run}: ${verdict ? html`<b>${verdict}</b>, ${reasonText(reason ?? "")}${unbroken(numbers)}` : "its measurements are no longer stored"} <${When} at=${item.at} /></p></div>`;
 }

@@ -115,6 +115,9 @@ function ClassCounts({ tuning, name }) {
   </dl>`;
 }
 
+/** The verdict of the reasons that do not reject a box. @type {Record<string, string>} */
+const METERS = { visible: "kept", no_segmentation: "unmeasured" };
+
 /** @param {{tuning: import("./preview.js").Tuning, selected: string}} props */
 export function Reasons({ tuning, selected }) {
   /** @param {import("../core/openapi.js").Preview | null} preview @returns {Record<string, number>} */
@@ -134,7 +137,7 @@ export function Reasons({ tuning, selected }) {
             <td class="is-num num">${countText(before[reason] ?? 0)}</td>
             <td class="is-num num">${countText(after[reason] ?? 0)}</td>
             <td class="is-num"><${Delta} count=${after[reason] ?? 0} before=${before[reason] ?? 0} /></td>
-            <td class="table__bar" aria-hidden="true"><span class="meter meter--${reason === "visible" ? "kept" : "rejected"}"><i style=${{ width: `${(100 * (after[reason] ?? 0)) / most}%` }}></i></span></td>
+            <td class="table__bar" aria-hidden="true"><span class="meter meter--${METERS[reason] ?? "rejected"}"><i style=${{ width: `${(100 * (after[reason] ?? 0)) / most}%` }}></i></span></td>
           </tr>`,
         )}
       </tbody>

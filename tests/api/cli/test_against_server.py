@@ -314,6 +314,7 @@ def test_labels_are_exported_to_a_file(unghost, pushed_dataset, tmp_path):
 
     assert answer.code == DONE
     assert answer.out == f"{tmp_path / 'out.zip'}\n"
+    assert "boxes written; not kept: " in answer.err
     assert (tmp_path / "out.zip").read_bytes()[:2] == b"PK"
 
 

@@ -127,3 +127,28 @@ def test_failed_channel_comparison_clears_the_previous_result(user, street):
 
     expect(of_instances).to_be_visible()
     expect(channels.get_by_role("alert")).to_have_count(0)
+
+
+@pytest.mark.parametrize(
+    ("path", "shown"),
+    [
+        ("frames", "a.thumb"),
+        ("grid", "[role=gridcell]"),
+        ("queue", ".answer--keep"),
+        ("quality", "a.button--primary"),
+    ],
+)
+def test_view_that_was_opened_offline_is_loaded_when_online_again(
+    street, user, path, shown
+):
+    page = user.open("#/datasets")
+    expect(page.get_by_role("heading", name=street.dataset)).to_be_visible()
+    page.context.set_offline(True)
+    page.evaluate(
+        "(to) => { location.hash = to; }", f"#/datasets/{street.dataset}/{path}"
+    )
+    expect(page.get_by_role("button", name="Try again").first).to_be_visible()
+
+    page.context.set_offline(False)
+
+    expect(page.locator(shown).first).to_be_visible()

@@ -286,6 +286,20 @@ def test_bulk_answer_is_refused_if_the_filter_count_changed(many, user):
     assert len(answers(many)) == 30
 
 
+def test_undo_discards_a_refused_bulk_answer_and_says_so(many, user):
+    page = user.open(grid(many, review="undecided"))
+    page.get_by_role("button", name="Select all 30").click()
+    many_boxes.review(many, many.box_id("b0"), "keep")
+    user.press("x")
+    expect(strip(page)).to_contain_text("Not done: reject 30 boxes.")
+
+    user.press("z")
+
+    expect(toast(page)).to_contain_text("30 answers discarded; they had not been")
+    expect(strip(page)).to_have_count(0)
+    assert answers(many) == {"b0": "keep"}
+
+
 def test_bulk_answer_on_a_filter_is_refused_after_another_answer(
     many: Scene, open_window: OpenWindow
 ):
@@ -301,10 +315,11 @@ def test_bulk_answer_on_a_filter_is_refused_after_another_answer(
     ada.press("x")
 
     expect(strip(hers)).to_contain_text("Not done: reject 15 boxes.")
-    expect(strip(hers)).to_contain_text("1 of them were added, decided again or")
+    expect(strip(hers)).to_contain_text("decided again or answered since then: 1")
     assert answers(many) == {"b1": "keep"}
     strip(hers).get_by_role("button", name="Count again").click()
     expect(strip(hers)).to_contain_text("15 boxes now, 15 when you selected them")
+    expect(strip(hers)).to_contain_text("1 of these has an answer, which yours would")
     strip(hers).get_by_role("button", name="reject all 15").click()
     expect(toast(hers)).to_contain_text("15 boxes rejected")
     assert set(answers(many).values()) == {"reject"}

@@ -90,6 +90,7 @@ def test_few_cells_are_rendered_at_the_end_of_a_long_list(page):
 def test_scrolling_far_ahead_loads_the_boxes_there(page):
     scroll_to(page, 0.05)
 
+    cell(page, 0).wait_for(state="detached")
     expect(page.locator(".cell:has(.cell__class)").first).to_be_visible(timeout=30_000)
     first = page.locator(".cell").first.get_attribute("data-index")
     assert int(first or 0) > 0.04 * BOXES
@@ -143,6 +144,7 @@ def test_range_of_thousands_of_boxes_is_one_bulk_answer(page, api):
     page.keyboard.press("Home")
     cell(page, 0).click()
     scroll_to(page, 0.02)
+    cell(page, 0).wait_for(state="detached")
     last = page.locator(".cell:has(.cell__class)").nth(20)
     expect(last).to_be_visible()
     index = int(last.get_attribute("data-index") or 0)

@@ -211,7 +211,9 @@ def test_history_shows_the_filter_and_every_answer(scene, user):
     expect(items).to_have_count(3)
     expect(items.nth(0)).to_contain_text("admin reject")
     expect(items.nth(1)).to_contain_text("admin keep")
-    expect(items.nth(2)).to_contain_text("rejected, below threshold · 4 % of 10 %")
+    expect(items.nth(2)).to_contain_text(
+        "rejected, below threshold · 4 %, threshold 10 %"
+    )
 
 
 SHOWN_AT = """(skeleton, ms) => {

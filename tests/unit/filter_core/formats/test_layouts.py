@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
+from zipfile import ZipFile
 
 import pytest
 
@@ -365,6 +366,14 @@ def test_a_single_image_is_not_taken_for_a_manifest(tmp_path):
 
     with pytest.raises(LayoutError, match=r"1\.png: no layout recognised"):
         read_source(tmp_path / "1.png")
+
+
+def test_zip_archive_is_refused_with_the_advice_to_unpack_it(tmp_path):
+    with ZipFile(tmp_path / "voc.zip", "w") as archive:
+        archive.writestr("Annotations/1.xml", "<annotation/>")
+
+    with pytest.raises(LayoutError, match="found a ZIP archive; unpack it first"):
+        read_source(tmp_path / "voc.zip")
 
 
 def test_folder_with_two_possible_layouts_is_refused(tmp_path):
