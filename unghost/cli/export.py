@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -104,7 +104,7 @@ def export(options: ExportOptions) -> None:
         screen.note(f"export {started.id} of {options.dataset} ({options.format})")
         done = wait_for_export(client, started, screen)
         _download(client, done, options)
-    if counted := _boxes_written(done.counts or {}):
+    if counted := _boxes_written(done):
         screen.note(counted)
     screen.record({**done.raw, "path": str(options.output)}, str(options.output))
 
@@ -146,8 +146,9 @@ def _cancel_interrupted(client: Client, export: Export) -> str:
     return f"{begin} was cancelled; {again}"
 
 
-def _boxes_written(counts: Mapping[str, Any]) -> str:
+def _boxes_written(done: Export) -> str:
     """How many boxes were written, and why others were not; empty if not known."""
+    counts = done.counts or {}
     boxes = counts.get("boxes", {})
     if "in" not in boxes or "out" not in boxes:
         return ""

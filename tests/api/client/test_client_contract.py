@@ -196,7 +196,7 @@ def test_bulk_review_of_a_stale_selection_raises_stale_review(client, filled):
     client.review(one.box_id, "reject", seen_revision=one.revision)
 
     with pytest.raises(
-        unghost.StaleReview, match="boxes now, 3 in the snapshot"
+        unghost.StaleReview, match="boxes now, 3 when they were listed"
     ) as caught:
         client.bulk_review(filled, "keep", seen)
     assert caught.value.code == "stale_snapshot"

@@ -301,8 +301,10 @@ def test_bulk_answer_on_a_stale_filter_snapshot_returns_412(
     assert (stale.status_code, problem["code"]) == (412, "stale_snapshot")
     now = snapshot(api, dataset, verdict="rejected")
     assert problem["current"] == {"total": found, "snapshot": now}
-    said = f"selects {found} boxes now, 3 in the snapshot; {changed} of"
-    assert said in problem["detail"]
+    assert problem["detail"] == (
+        f"the filter selects {found} boxes now, 3 when they were listed; "
+        f"added, decided again or answered since then: {changed}"
+    )
     assert api.json(f"/datasets/{dataset}/stats")["reviewed"] == reviewed
     again = bulk(api, dataset, "reject", **wanted, snapshot=now)
     assert (again.status_code, again.json()["count"]) == (201, found)

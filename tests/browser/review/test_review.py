@@ -209,8 +209,8 @@ def test_history_shows_the_filter_and_every_answer(scene, user):
 
     items = page.locator(".history__item")
     expect(items).to_have_count(3)
-    expect(items.nth(0)).to_contain_text("admin reject")
-    expect(items.nth(1)).to_contain_text("admin keep")
+    expect(items.nth(0)).to_contain_text("admin: reject")
+    expect(items.nth(1)).to_contain_text("admin: keep")
     expect(items.nth(2)).to_contain_text(
         "rejected, below threshold · 4 %, threshold 10 %"
     )
