@@ -68,7 +68,10 @@ class StatsOptions(ServerOptions):
 
 
 def stats(options: StatsOptions) -> None:
-    """Count a dataset's boxes by verdict, reason and class."""
+    """Count a dataset's boxes by verdict, reason and class.
+
+    Conflicts are boxes that the filter keeps and a person rejects, or the reverse.
+    """
     with options.connect() as client:
         numbers = client.stats(options.dataset)
     options.screen.record(numbers.raw)
