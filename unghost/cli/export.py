@@ -147,15 +147,17 @@ def _cancel_interrupted(client: Client, export: Export) -> str:
 
 
 def _boxes_written(done: Export) -> str:
-    """How many boxes were written, and why others were not; empty if not known."""
+    """How many boxes were written, and what became of the rest; empty if not known."""
     counts = done.counts or {}
     boxes = counts.get("boxes", {})
     if "in" not in boxes or "out" not in boxes:
         return ""
-    text = f"{boxes['out']} of {boxes['in']} boxes written"
+    fates = {"to be ignored": boxes.get("dontcare"), "left out": boxes.get("dropped")}
+    others = [f"{count} {fate}" for fate, count in fates.items() if count]
+    text = ", ".join([f"{boxes['out']} of {boxes['in']} boxes written", *others])
     reasons = counts.get("not_kept_by_reason", {})
-    missing = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
-    return f"{text}; not kept: {missing}" if missing else text
+    why = ", ".join(f"{reason} {count}" for reason, count in reasons.items())
+    return f"{text} ({why})" if why else text
 
 
 def _download(client: Client, done: Export, options: ExportOptions) -> None:

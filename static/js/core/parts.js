@@ -21,6 +21,7 @@ export function Notice({ title, children, icon = "image", actions }) {
 const RECOVERY_MS = 5000;
 const PAUSE_MS = 1000;
 let wasOnlineAgainAt = -Infinity;
+globalThis.addEventListener?.("online", () => void (wasOnlineAgainAt = Date.now()));
 
 /**
  * Unless the error is an answer of the server, try again when the browser is online again. The first attempt then may
@@ -34,14 +35,10 @@ function useRetryOnline(error, onRetry) {
   useLayoutEffect(() => {
     if (error instanceof ApiError) return undefined;
     const retry = () => latest.current?.();
-    const recover = () => {
-      wasOnlineAgainAt = Date.now();
-      retry();
-    };
-    addEventListener("online", recover);
+    addEventListener("online", retry);
     const timer = Date.now() - wasOnlineAgainAt < RECOVERY_MS ? setTimeout(retry, PAUSE_MS) : 0;
     return () => {
-      removeEventListener("online", recover);
+      removeEventListener("online", retry);
       clearTimeout(timer);
     };
   }, [error]);

@@ -12,9 +12,10 @@ import { Keys, keyText, useKeyText, useKeys, withKey } from "../core/keymap.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
+import { WILL } from "../review/bulk.js";
 import { isBulkUndo } from "../review/outbox.js";
 import { GridCells } from "./cells.js";
-import { leave, placeOf, stateOf } from "./pager.js";
+import { leave, placeOf } from "./pager.js";
 import { allBut, everything, nothing, sizeOf, toggled } from "./selection.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
@@ -38,12 +39,12 @@ export function GridView({ app, route }) {
         : html`<${GridFilters} app=${app} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
             <${UnsentBulkAnswers} app=${app} dataset=${name} />
             <${Boxes} key=${name} app=${app} dataset=${name} query=${route.query} onQuery=${setQuery}
-              state=${dataset.value && stateOf(dataset.value)} inAll=${dataset.value?.counts.boxes ?? null} />`}
+              inAll=${dataset.value?.counts.boxes ?? null} />`}
     </main>`;
 }
 
-/** @param {{app: App, dataset: string, query: Query, state: string | null, inAll: number | null, onQuery: (query: Query) => void}} props */
-function Boxes({ app, dataset, query, state, inAll, onQuery }) {
+/** @param {{app: App, dataset: string, query: Query, inAll: number | null, onQuery: (query: Query) => void}} props */
+function Boxes({ app, dataset, query, inAll, onQuery }) {
   const { place, update } = usePlace(app, dataset, query);
   const { pager } = place;
   const version = usePager(app, place);
@@ -56,12 +57,11 @@ function Boxes({ app, dataset, query, state, inAll, onQuery }) {
   const actions = useMemo(() => createGridActions(app, dataset, () => latest.current), [dataset]);
   useActions(app, actions.byName);
   useEffect(() => app.boxes.reloads.observe(update), [update]);
-  // A list that was left may have been read before the dataset has changed.
   useEffect(() => {
     let isOver = false;
-    place.state.then((asRead) => !isOver && state !== null && asRead !== null && asRead !== state && update());
+    place.isOutdated.then((isOutdated) => isOutdated && !isOver && update());
     return () => void (isOver = true);
-  }, [place, state]);
+  }, [place]);
 
   const total = pager.total();
   if (pager.known() === 0 && pager.error()) return html`<${Failure} error=${pager.error()} onRetry=${pager.retry} />`;
@@ -152,6 +152,15 @@ function Nothing({ query, inAll, onQuery }) {
 async function countBoxes(dataset, filter) {
   const { total, snapshot } = await get("/api/v1/boxes", { query: { dataset, ...filter, limit: 1, count: true } });
   return typeof total === "number" && snapshot ? { total, snapshot } : null;
+}
+
+/** How many boxes that match a filter have an answer; null: all of them. @param {string} dataset @param {import("../core/openapi.js").BoxSelection} filter */
+async function countAnswered(dataset, filter) {
+  const { review } = filter;
+  if (review === "none") return 0;
+  if (review && review !== "undecided") return null;
+  const answered = await countBoxes(dataset, { ...filter, review: review ? "unsure" : "any" });
+  return answered?.total ?? 0;
 }
 
 /**
@@ -360,9 +369,6 @@ function BoxLink({ app, id }) {
 }
 
 /** @type {Record<string, string>} */
-const WILL = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: "remove the answers of" };
-
-/** @type {Record<string, string>} */
 const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused" };
 
 /** Bulk answers, and their undos, that the server has not stored, each with what the person can do about it. @param {{app: App, dataset: string}} props */
@@ -372,10 +378,11 @@ export function UnsentBulkAnswers({ app, dataset }) {
   return unsent.map((one) => html`<${UnsentStrip} key=${one.item.key} app=${app} ...${one} />`);
 }
 
-/** @param {{total: number, answered: number}} now @param {number} before  how many boxes the filter selected */
-function changedText({ total, answered }, before) {
+/** @param {{total: number, answered: number}} now @param {number} before  how many boxes the filter selected @param {boolean} isRemoval */
+function changedText({ total, answered }, before, isRemoval) {
   const text = `The filter selects ${countOf(total, "box", "boxes")} now, ${countText(before)} when you selected them.`;
-  return answered > 0 ? `${text} ${countText(answered)} of these ${answered === 1 ? "has" : "have"} an answer, which yours would replace.` : text;
+  if (answered === 0 || isRemoval) return text;
+  return `${text} ${countText(answered)} of these ${answered === 1 ? "has" : "have"} an answer, which yours would replace.`;
 }
 
 /** @param {{app: App} & import("../review/sender.js").OpenBulkItem} props */
@@ -388,13 +395,13 @@ function UnsentStrip({ app, item, state, text }) {
   const count = useTask(async () => {
     if (!bulk) return;
     const { dataset, filter = {} } = bulk;
-    const [all, answered] = await Promise.all([countBoxes(dataset, filter), filter.review ? null : countBoxes(dataset, { ...filter, review: "any" })]);
-    setNow(all && { ...all, answered: answered?.total ?? 0 });
+    const [all, answered] = await Promise.all([countBoxes(dataset, filter), countAnswered(dataset, filter)]);
+    setNow(all && { ...all, answered: answered ?? all.total });
     app.boxes.reload();
   }, app.toasts.fail);
   return html`<div class="strip strip--error" role="alert">
     <${Icon} name="cloud" />
-    <p><b>${STATES[state]}: ${what}.</b> ${now ? changedText(now, item.count) : sentence(text)}</p>
+    <p><b>${STATES[state]}: ${what}.</b> ${now ? changedText(now, item.count, bulk?.verdict === "clear") : sentence(text)}</p>
     <div class="strip__actions">
       ${isChanged && !now && html`<button class="button button--small" disabled=${count.isBusy} onClick=${count.run}>Count again</button>`}
       ${bulk && isChanged && now && html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk, now)}>${capital(`${WILL[bulk.verdict]} all ${countText(now.total)}`)}</button>`}

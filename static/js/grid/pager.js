@@ -236,7 +236,8 @@ export function createPager(boxes, load) {
  * @property {Pager} pager
  * @property {import("../core/observable.js").Value<import("./selection.js").Selection>} selection
  * @property {{offset: number, seen: number}} scroll  how far down it is scrolled, and when it was left
- * @property {Promise<string | null>} state  `stateOf` the dataset when the list was read; null: it could not be loaded
+ * @property {Promise<string | null>} state  `stateOf` the dataset about when the list was read; null: it could not be loaded
+ * @property {Promise<boolean>} isOutdated  whether the dataset has changed since the list was left
  * @property {() => void} stop  end following whether lists have to be read again
  * @property {(index: number) => void} show  moves the focus to that cell and scrolls to it; set by the view that shows the list
  */
@@ -245,18 +246,27 @@ const KEPT_PLACES = 4;
 
 /** A list that was left longer ago is read again: others may have answered. */
 const FRESH_MS = 10 * 60_000;
+
 /** It changes when lists have to be read again: after a run, an upload, or if the dataset is another one of this name. @param {import("../core/openapi.js").Dataset} dataset */
-export const stateOf = ({ created_at, active_run, counts }) => JSON.stringify([created_at, active_run, counts.boxes]);
+const stateOf = ({ created_at, active_run, counts }) => JSON.stringify([created_at, active_run, counts.boxes]);
+
+/** @param {string} dataset @returns {Promise<string | null>} null: it could not be loaded */
+const stateNow = (dataset) => get("/api/v1/datasets/{dataset}", { path: { dataset } }).then(stateOf).catch(() => null);
 
 /** @type {Map<string, Place>} the one used last comes last */
 const places = new Map();
 
-/** @param {import("../review/answers.js").ReviewApp} app @param {string} dataset @param {import("../core/router.js").Query} query @param {string} key @returns {Place} */
+/**
+ * The list of boxes that match the filters: as it was left, or a new one.
+ * @param {import("../review/answers.js").ReviewApp} app @param {string} dataset @param {import("../core/router.js").Query} query
+ * @param {string} key @returns {Place}
+ */
 export function placeOf(app, dataset, query, key) {
   const known = places.get(key);
   if (known && Date.now() - known.scroll.seen < FRESH_MS && !known.pager.error()) {
     places.delete(key);
     places.set(key, known);
+    known.isOutdated = Promise.all([known.state, stateNow(dataset)]).then(([then, now]) => now !== null && now !== then);
     return known;
   }
   leave(key);
@@ -264,9 +274,16 @@ export function placeOf(app, dataset, query, key) {
   const pager = createPager(app.boxes, (page, signal) => get("/api/v1/boxes", { query: { dataset, ...filter, ...page }, signal }));
   const scroll = { offset: 0, seen: Date.now() };
   const stop = app.boxes.reloads.observe(() => leave(key));
-  // Not the dataset of the view: if that is left at once, it is not loaded.
-  const state = get("/api/v1/datasets/{dataset}", { path: { dataset } }).then(stateOf).catch(() => null);
-  const place = { key, pager, selection: createValue(NOTHING), scroll, state, stop, show: () => {} };
+  const place = {
+    key,
+    pager,
+    selection: createValue(NOTHING),
+    scroll,
+    state: stateNow(dataset),
+    isOutdated: Promise.resolve(false),
+    stop,
+    show: () => {},
+  };
   places.set(key, place);
   for (const old of [...places.keys()].slice(0, -KEPT_PLACES)) leave(old);
   return place;

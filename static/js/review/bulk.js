@@ -16,6 +16,9 @@ import { randomId } from "../core/tab.js";
 /** @typedef {{text: string, boxes: readonly number[]}} Report  boxes that a bulk answer, or its undo, has left out */
 
 /** @type {Record<Answer, string>} */
+export const WILL = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: "remove the answers of" };
+
+/** @type {Record<Answer, string>} */
 const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", clear: "without an answer again" };
 
 /**
@@ -31,7 +34,7 @@ const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", cl
 export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, steps, changedFrame, give }) {
   /** The messages that offer to undo a bulk answer, by its key. @type {Map<string, number>} */
   const offers = new Map();
-  /** Those bulk answers whose undo is in the outbox, by their keys. @type {Map<string, Step>} */
+  /** Those bulk answers that are being undone, by their keys: until the undo is stored, or the answer discarded. @type {Map<string, Step>} */
   const undoing = new Map();
   const report = createValue(/** @type {Report | null} */ (null));
 
@@ -69,12 +72,11 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
     toasts.dismiss(offers.get(bulkKey) ?? 0);
     boxes.holdAnswered(boxIds);
     const which = areKnown ? { boxIds, seenRevisions } : {};
+    undoing.set(bulkKey, step);
     const outcome = sender.addBulkUndo({ bulkKey, batchId, dataset, count, before, ...which });
-    if (outcome === "full") return;
+    if (outcome === "full") return void undoing.delete(bulkKey);
     steps.drop(step);
-    if (outcome === "added") return void undoing.set(bulkKey, step);
-    restore(earlier.filter(({ boxId }) => step.everAnswered?.has(boxId)));
-    toasts.show(`${countOf(count, "answer")} discarded; they had not been saved`);
+    if (outcome === "discarded") restore(earlier.filter(({ boxId }) => step.everAnswered?.has(boxId)));
   }
 
   /**
@@ -168,10 +170,11 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
       toasts.show(`${countOf(count, "answer")} not saved: ${error.message}`, { kind: "error", action });
     },
 
-    onBulkDiscarded({ key }) {
+    onBulkDiscarded({ key, verdict, count }) {
       const step = steps.ofBulkAnswer(key);
       if (step) steps.drop(step);
-      undoing.delete(key);
+      const isUndone = undoing.delete(key);
+      if (isUndone) toasts.show(`Not saved, and discarded: ${WILL[verdict]} ${countOf(count, "box", "boxes")}`);
     },
 
     onUndoStored({ bulkKey, boxIds, seenRevisions, before }, { undone, skipped }) {

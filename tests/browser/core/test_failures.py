@@ -11,7 +11,7 @@ from playwright.sync_api import Page, Route, expect
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import car_at
-from tests.support.page.windows import Visitor, route_loaded
+from tests.support.page.windows import Visitor, first_held, route_loaded
 
 pytestmark = pytest.mark.browser
 
@@ -127,6 +127,25 @@ def test_failed_channel_comparison_clears_the_previous_result(user, street):
 
     expect(of_instances).to_be_visible()
     expect(channels.get_by_role("alert")).to_have_count(0)
+
+
+def test_request_that_fails_just_after_being_online_again_is_repeated(street, user):
+    page = user.open("#/datasets")
+    held: list[Route] = []
+    route_loaded(
+        page,
+        "**/api/v1/boxes?*",
+        lambda route: route.continue_() if held else held.append(route),
+    )
+    page.evaluate(
+        "(to) => { location.hash = to; }", f"#/datasets/{street.dataset}/grid"
+    )
+    request = first_held(page, held)
+    page.evaluate("dispatchEvent(new Event('online'))")
+
+    request.abort()
+
+    expect(page.locator("[role=gridcell]").first).to_be_visible()
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import re
 import pytest
 from playwright.sync_api import Route, expect
 
-from tests.support.page import many_boxes
+from tests.support.page import many_boxes, scenes
 from tests.support.page.many_boxes import cell, grid, selected
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.windows import Visitor
@@ -295,6 +295,21 @@ def test_grid_that_was_left_before_its_dataset_was_loaded_is_restored(
 
     expect(cell(page, 55)).to_be_in_viewport()
     assert selected(page) == [55]
+
+
+def test_lists_are_read_once_after_the_dataset_has_changed(sixty_boxes, user):
+    page = open_grid(user, sixty_boxes)
+    scenes.push(sixty_boxes.api, sixty_boxes.dataset, "run/000002")
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+
+    user.press("v")
+    expect(page.locator(".grid-status b")).to_have_text("32")
+    page.wait_for_load_state("networkidle")
+    cell(page, 0).click()
+
+    assert selected(page) == [0]
+    assert len([url for url in asked if "/boxes?" in url]) == 1
 
 
 def test_list_that_was_read_again_is_selected_from_and_returned_to(sixty_boxes, user):

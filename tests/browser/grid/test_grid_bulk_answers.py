@@ -286,6 +286,18 @@ def test_bulk_answer_is_refused_if_the_filter_count_changed(many, user):
     assert len(answers(many)) == 30
 
 
+def test_count_again_names_flags_that_a_bulk_answer_would_replace(many, user):
+    page = user.open(grid(many, review="undecided"))
+    page.get_by_role("button", name="Select all 30").click()
+    for name in ("b0", "b1"):
+        many_boxes.review(many, many.box_id(name), "unsure")
+    user.press("x")
+
+    strip(page).get_by_role("button", name="Count again").click()
+
+    expect(strip(page)).to_contain_text("2 of these have an answer, which yours would")
+
+
 def test_undo_discards_a_refused_bulk_answer_and_says_so(many, user):
     page = user.open(grid(many, review="undecided"))
     page.get_by_role("button", name="Select all 30").click()
@@ -295,7 +307,7 @@ def test_undo_discards_a_refused_bulk_answer_and_says_so(many, user):
 
     user.press("z")
 
-    expect(toast(page)).to_contain_text("30 answers discarded; they had not been")
+    expect(toast(page)).to_contain_text("Not saved, and discarded: reject 30 boxes")
     expect(strip(page)).to_have_count(0)
     assert answers(many) == {"b0": "keep"}
 

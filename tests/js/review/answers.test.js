@@ -105,7 +105,7 @@ test("undo takes back single and bulk answers from the newest to the oldest", ()
   assert.deepEqual(answers(), [null, null, "unsure"]);
   undo();
   undo();
-  assert.deepEqual([answers(), said], [[null, null, null], ["2 answers discarded; they had not been saved", "Nothing to undo."]]);
+  assert.deepEqual([answers(), said], [[null, null, null], ["Not saved, and discarded: keep 2 boxes", "Nothing to undo."]]);
 });
 
 test("steps are undone from the newest to the oldest, and keep their boxes in the store until then", async () => {
