@@ -84,9 +84,8 @@ log = logging.getLogger(__name__)
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether each frame has to be stored before the next one begins.
 
-    See the table above. If `Chunk.attempts` is 2, this is the second attempt of a
-    driver, which has counted it already, or the third of a worker, whose attempts are
-    counted when they have failed.
+    That is the second and the third attempt of a driver, and the third of a worker: a
+    driver counts an attempt when it begins, and a worker's is counted once it failed.
     """
     return chunk.attempts > 1
 

@@ -183,10 +183,10 @@ class JobDriver:
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
-            # Chunks are made of all frames without a result, in the order of their ids.
-            # Frames of chunks that wait or are in quarantine have none either, but must
-            # not be in two chunks. If an earlier driver has left such chunks, new ones
-            # are only made of the frames after these.
+            # New chunks are made of the frames without a result, in the order of their
+            # ids, from the first one on. But if an earlier driver has left chunks that
+            # wait or are in quarantine, from the frame after its last chunk on: the
+            # frames of those chunks have no result yet, and must not be in two chunks.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:

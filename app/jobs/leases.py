@@ -155,7 +155,7 @@ class JobLease:
                 if lease is None:
                     return
                 if is_open(session, self.job):
-                    # Not deleted: the watchdog leaves a job that has no lease alone for
+                    # Not deleted: without a lease, the watchdog would wait for
                     # `UNDRIVEN_FOR_S`. The holder is emptied so that a renewal that has
                     # begun already does not prolong the lease.
                     lease.holder, lease.until = "", _now(session)

@@ -56,8 +56,7 @@ WholeNumberT = TypeVar("WholeNumberT")
 NumberOrNullT = TypeVar("NumberOrNullT")
 
 
-# A generated comparison would fail on the arrays of `LimitsByClass`. The other two
-# classes that inherit these keys have one.
+# No generated comparison: it would fail on the arrays of `LimitsByClass`.
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     """The keys that single classes can override; all of them are numbers.
@@ -140,7 +139,7 @@ class OnlyClassKeys:
         INHERIT,
         "Tags whose pixels count for the class, by name or number.",
         # Because channels and profile carlasimu need the images again if it changes.
-        # Without these, stored histograms of tags suffice.
+        # All other configurations make do with stored histograms of tags.
         needs_pixels=True,
     )
 

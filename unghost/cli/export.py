@@ -157,7 +157,7 @@ def _boxes_written(done: Export) -> str:
     text = ", ".join([f"{boxes['out']} of {boxes['in']} boxes written", *others])
     reasons = counts.get("not_kept_by_reason", {})
     why = ", ".join(f"{reason} {count}" for reason, count in reasons.items())
-    return f"{text} ({why})" if why else text
+    return f"{text}; reasons: {why}" if why else text
 
 
 def _download(client: Client, done: Export, options: ExportOptions) -> None:

@@ -113,6 +113,7 @@ function useMeasures(host, place, now, setView) {
     place.scroll.offset = anchor.current;
     place.scroll.seen = Date.now();
   }, [view.scrollTop, place]);
+  useEffect(() => () => void (place.scroll.seen = Date.now()), [place]);
 }
 
 /**

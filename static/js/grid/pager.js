@@ -237,7 +237,7 @@ export function createPager(boxes, load) {
  * @property {import("../core/observable.js").Value<import("./selection.js").Selection>} selection
  * @property {{offset: number, seen: number}} scroll  how far down it is scrolled, and when it was left
  * @property {Promise<string | null>} state  `stateOf` the dataset about when the list was read; null: it could not be loaded
- * @property {Promise<boolean>} isOutdated  whether the dataset has changed since the list was left
+ * @property {Promise<boolean>} isOutdated  whether the dataset has changed since the list was read; true if that is not known
  * @property {() => void} stop  end following whether lists have to be read again
  * @property {(index: number) => void} show  moves the focus to that cell and scrolls to it; set by the view that shows the list
  */

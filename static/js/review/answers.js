@@ -45,6 +45,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     boxes.holdAnswered([boxId]); // so that the store can tell by its revision if an older response arrives late
     if (!sender.addAnswer({ boxId, frameId, verdict, comment, seenRevision: seenRevision(box) })) return false;
     steps.noteAnswer(boxId);
+    bulkAnswers.noteAnswer(boxId);
     closeOvertaken(boxId);
     return true;
   }

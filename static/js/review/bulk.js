@@ -34,8 +34,14 @@ const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", cl
 export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, steps, changedFrame, give }) {
   /** The messages that offer to undo a bulk answer, by its key. @type {Map<string, number>} */
   const offers = new Map();
-  /** Those bulk answers that are being undone, by their keys: until the undo is stored, or the answer discarded. @type {Map<string, Step>} */
+  /**
+   * The bulk answers that are being undone, by their keys: until the undo is stored, or the bulk answer discarded.
+   * `before`: the earlier answers on those of its boxes that this person has not answered since.
+   * @type {Map<string, {step: Step, before: Step["before"]}>}
+   */
   const undoing = new Map();
+  /** The key of a refused bulk answer that is being given again. */
+  let replaced = "";
   const report = createValue(/** @type {Report | null} */ (null));
 
   /** @param {NewBulkAnswer} bulk @returns {boolean} false: it was not given, as there is no room for it */
@@ -59,11 +65,16 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
     return step;
   }
 
+  /** The earlier answers on those boxes of a bulk answer that this person has not answered since. @param {Step} step */
+  function unansweredSince(step) {
+    const answeredSince = steps.boxesSince(step);
+    return step.before.filter(({ boxId }) => !answeredSince.has(boxId));
+  }
+
   /** Undo a whole bulk answer, but for boxes that this person has answered since. @param {Step} step */
   function undo(step) {
     const { bulkKey = "", batchId = null, dataset, count = 0 } = step;
-    const answeredSince = steps.boxesSince(step);
-    const earlier = step.before.filter(({ boxId }) => !answeredSince.has(boxId));
+    const earlier = unansweredSince(step);
     const boxIds = earlier.map(({ boxId }) => boxId);
     const seenRevisions = boxIds.map((boxId) => seenRevision(boxes.get(boxId) ?? {}));
     const before = earlier.map(({ verdict, comment }) => ({ verdict, comment }));
@@ -72,20 +83,20 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
     toasts.dismiss(offers.get(bulkKey) ?? 0);
     boxes.holdAnswered(boxIds);
     const which = areKnown ? { boxIds, seenRevisions } : {};
-    undoing.set(bulkKey, step);
+    undoing.set(bulkKey, { step, before: earlier });
     const outcome = sender.addBulkUndo({ bulkKey, batchId, dataset, count, before, ...which });
-    if (outcome === "full") return void undoing.delete(bulkKey);
-    steps.drop(step);
-    if (outcome === "discarded") restore(earlier.filter(({ boxId }) => step.everAnswered?.has(boxId)));
+    if (outcome === "full") undoing.delete(bulkKey);
+    else steps.drop(step);
   }
 
   /**
    * A bulk answer was discarded. That takes it away from its boxes, except from those on which this person has undone a
    * later answer: it is their own answer there. Give them their earlier ones again.
-   * @param {Step["before"]} before
+   * @param {Step} step @param {Step["before"]} before
    */
-  function restore(before) {
+  function restore(step, before) {
     for (const { boxId, verdict, comment } of before) {
+      if (!step.everAnswered?.has(boxId)) continue;
       const box = boxes.get(boxId);
       if (!box || (box.review?.reviewer && box.review.reviewer !== owner())) continue;
       const now = currentAnswer(box);
@@ -101,7 +112,11 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
    */
   function answerAgain({ key, dataset, verdict, boxIds, seenRevisions = [], filter, snapshot, count }, list) {
     /** @param {boolean} isGiven */
-    const discardIf = (isGiven) => isGiven && sender.discard(key);
+    const discardIf = (isGiven) => {
+      replaced = key;
+      if (isGiven) sender.discard(key);
+      replaced = "";
+    };
     if (!boxIds) {
       const seen = list ? { snapshot: list.snapshot, count: list.total } : { snapshot, count };
       return discardIf(answer({ dataset, verdict, filter, ...seen }));
@@ -152,7 +167,7 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
       const { key, verdict, boxIds = [], seenRevisions } = bulk;
       const leftOut = [...stale, ...skipped];
       const left = new Set(leftOut);
-      const step = undoing.get(key) ?? steps.ofBulkAnswer(key) ?? pushStep(bulk, key);
+      const step = undoing.get(key)?.step ?? steps.ofBulkAnswer(key) ?? pushStep(bulk, key);
       step.batchId = id;
       step.before = step.before.filter(({ boxId }) => !left.has(boxId));
       receive(boxIds, () => ({ verdict, comment: "" }), seenRevisions, leftOut);
@@ -171,10 +186,14 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
     },
 
     onBulkDiscarded({ key, verdict, count }) {
-      const step = steps.ofBulkAnswer(key);
-      if (step) steps.drop(step);
-      const isUndone = undoing.delete(key);
-      if (isUndone) toasts.show(`Not saved, and discarded: ${WILL[verdict]} ${countOf(count, "box", "boxes")}`);
+      const undone = undoing.get(key);
+      const step = undone?.step ?? steps.ofBulkAnswer(key);
+      undoing.delete(key);
+      if (!step) return;
+      const before = undone?.before ?? unansweredSince(step);
+      steps.drop(step);
+      if (key !== replaced) restore(step, before);
+      if (undone) toasts.show(`Discarded: ${WILL[verdict]} ${countOf(count, "box", "boxes")}`);
     },
 
     onUndoStored({ bulkKey, boxIds, seenRevisions, before }, { undone, skipped }) {
@@ -197,6 +216,11 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
     undo,
     answerAgain,
     answer: answerBoxes,
+
+    /** This person gives an answer on this box: from now on no undo under way changes it. @param {number} boxId */
+    noteAnswer(boxId) {
+      for (const one of undoing.values()) one.before = one.before.filter((earlier) => earlier.boxId !== boxId);
+    },
 
     /**
      * One answer on all boxes that a filter selected when the list was read.

@@ -316,7 +316,9 @@ def test_labels_are_exported_to_a_file(unghost, pushed_dataset, tmp_path):
     assert answer.out == f"{tmp_path / 'out.zip'}\n"
     (stats,) = unghost("stats", pushed_dataset, "--json").records
     written = f"{stats['kept']} of {stats['boxes']} boxes written, "
-    assert f"{written}{stats['boxes'] - stats['kept']} left out (" in answer.err
+    assert (
+        f"{written}{stats['boxes'] - stats['kept']} left out; reasons: " in answer.err
+    )
     assert (tmp_path / "out.zip").read_bytes()[:2] == b"PK"
 
 

@@ -307,7 +307,7 @@ def test_undo_discards_a_refused_bulk_answer_and_says_so(many, user):
 
     user.press("z")
 
-    expect(toast(page)).to_contain_text("Not saved, and discarded: reject 30 boxes")
+    expect(toast(page)).to_contain_text("Discarded: reject 30 boxes")
     expect(strip(page)).to_have_count(0)
     assert answers(many) == {"b0": "keep"}
 

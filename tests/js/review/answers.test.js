@@ -105,7 +105,64 @@ test("undo takes back single and bulk answers from the newest to the oldest", ()
   assert.deepEqual(answers(), [null, null, "unsure"]);
   undo();
   undo();
-  assert.deepEqual([answers(), said], [[null, null, null], ["Not saved, and discarded: keep 2 boxes", "Nothing to undo."]]);
+  assert.deepEqual([answers(), said], [[null, null, null], ["Discarded: keep 2 boxes", "Nothing to undo."]]);
+});
+
+/** A bulk answer "reject" on boxes 1 and 2 whose request waits until it is refused. @returns {() => Promise<void>} refuses it */
+function startRefusedBulkAnswer() {
+  /** @type {(response: Response) => void} */
+  let respond = () => {};
+  /** @type {Promise<Response>} */
+  const promise = new Promise((resolve) => (respond = resolve));
+  globalThis.fetch = async (address, { body } = {}) => {
+    if (String(address).endsWith("/bulk")) return promise;
+    const { verdict, seen_revision } = JSON.parse(String(body));
+    const box_id = Number(String(address).split("/").at(-2));
+    return Response.json({ box_id, revision: seen_revision + 1, verdict, reviewer: "ada", comment: "", effective_verdict: "kept" }, { status: 201 });
+  };
+  app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
+  return async () => {
+    respond(Response.json({ status: 413, title: "too many", detail: "too many" }, { status: 413 }));
+    await new Promise((done) => setTimeout(done, 20));
+  };
+}
+
+test("if an undone bulk answer is refused, its boxes keep no answer that was undone before it", async () => {
+  const refuse = startRefusedBulkAnswer();
+  app.answer(1, "keep");
+  undo();
+  undo();
+  assert.deepEqual(answers(), [null, null, null]);
+
+  await refuse();
+
+  assert.deepEqual(answers(), [null, null, null]);
+  assert.equal(said.at(-1), "Discarded: reject 2 boxes");
+});
+
+test("if an undone bulk answer is refused, answers given after the undo stay", async () => {
+  const refuse = startRefusedBulkAnswer();
+  app.answer(1, "keep");
+  undo();
+  undo();
+  app.answer(1, "unsure");
+
+  await refuse();
+
+  assert.deepEqual(answers(), ["unsure", null, null]);
+});
+
+test("discarding a refused bulk answer takes it back where a later answer was undone", async () => {
+  const refuse = startRefusedBulkAnswer();
+  app.answer(1, "keep");
+  undo();
+  await refuse();
+  assert.deepEqual(answers(), ["reject", null, null]);
+
+  app.sender.discard(app.sender.state.get().bulkItems[0].item.key);
+  await new Promise((done) => setTimeout(done, 20));
+
+  assert.deepEqual(answers(), [null, null, null]);
 });
 
 test("steps are undone from the newest to the oldest, and keep their boxes in the store until then", async () => {
