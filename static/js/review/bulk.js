@@ -27,11 +27,13 @@ const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", cl
  * @property {import("./sender.js").Sender} sender
  * @property {import("./answers.js").Steps} steps
  * @property {import("../core/observable.js").Value<{id: number | null}>} changedFrame
- * @property {(box: Decision, answer: AnswerWithComment) => boolean} give  answers one box
+ * @property {() => void} layOver  shows the boxes with the answers in the outbox as they are now
+ * @property {(box: Decision, answer: AnswerWithComment) => boolean} putBack  gives one box its earlier answer again
+ * @property {(boxId: number) => boolean} isPutBack  whether nobody has answered the box since
  */
 
 /** @param {import("../core/app.js").App} app @param {AnswersPage} page */
-export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, steps, changedFrame, give }) {
+export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, changedFrame, layOver, putBack, isPutBack }) {
   /** The messages that offer to undo a bulk answer, by its key. @type {Map<string, number>} */
   const offers = new Map();
   /**
@@ -60,7 +62,7 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
    */
   function pushStep({ dataset, count }, key, before = []) {
     /** @type {Step} */
-    const step = { before, dataset, bulkKey: key, batchId: null, count, everAnswered: new Set() };
+    const step = { before, dataset, bulkKey: key, batchId: null, count };
     steps.push(step);
     return step;
   }
@@ -90,18 +92,18 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
   }
 
   /**
-   * A bulk answer was discarded. That takes it away from its boxes, except from those on which this person has undone a
-   * later answer: it is their own answer there. Give them their earlier ones again.
-   * @param {Step} step @param {Step["before"]} before
+   * A bulk answer was undone or discarded. That does not change the boxes on which this person has undone a later answer:
+   * there, the bulk answer was put back as an answer of its own. Put back what was before, unless they were answered since.
+   * @param {Step["before"]} before @returns {number[]} the boxes that have got their earlier answer again
    */
-  function restore(step, before) {
-    for (const { boxId, verdict, comment } of before) {
-      if (!step.everAnswered?.has(boxId)) continue;
+  function restore(before) {
+    const restored = before.filter(({ boxId, verdict, comment }) => {
       const box = boxes.get(boxId);
-      if (!box || (box.review?.reviewer && box.review.reviewer !== owner())) continue;
+      if (!box || !isPutBack(boxId)) return false;
       const now = currentAnswer(box);
-      if (now.verdict !== verdict || now.comment !== comment) give(box, { verdict, comment });
-    }
+      return (now.verdict !== verdict || now.comment !== comment) && putBack(box, { verdict, comment });
+    });
+    return restored.map(({ boxId }) => boxId);
   }
 
   /**
@@ -128,8 +130,9 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
       const isAsSeen = !box || seenRevision(box) === revisions.get(boxId);
       return isAsSeen && !waiting.has(boxId) && !waitingInBulk.has(boxId);
     });
-    if (unanswered.length === 0) toasts.show("All of these boxes were answered since.");
-    discardIf(unanswered.length === 0 || answerBoxes(dataset, verdict, unanswered, revisions));
+    if (unanswered.length > 0) return discardIf(answerBoxes(dataset, verdict, unanswered, revisions));
+    toasts.show("All of these boxes were answered since.");
+    sender.discard(key);
   }
 
   /**
@@ -192,16 +195,20 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
       if (!step) return;
       const before = undone?.before ?? unansweredSince(step);
       steps.drop(step);
-      if (key !== replaced) restore(step, before);
+      if (key !== replaced) restore(before);
       if (undone) toasts.show(`Discarded: ${WILL[verdict]} ${countOf(count, "box", "boxes")}`);
     },
 
     onUndoStored({ bulkKey, boxIds, seenRevisions, before }, { undone, skipped }) {
+      const earlier = undoing.get(bulkKey)?.before ?? [];
       undoing.delete(bulkKey);
       receive(boxIds ?? [], (i) => before[i] ?? { verdict: "clear", comment: "" }, seenRevisions, skipped);
       if (!boxIds) boxes.reload();
-      toasts.show(`${countOf(undone, "answer")} undone`);
-      report.set(undoReportOf(skipped));
+      layOver(); // without the undo, which has just left the outbox
+      const left = new Set(skipped);
+      const restored = new Set(restore(earlier.filter(({ boxId }) => left.has(boxId))));
+      toasts.show(`${countOf(undone + restored.size, "answer")} undone`);
+      report.set(undoReportOf(skipped.filter((boxId) => !restored.has(boxId))));
     },
 
     onUndoRefused({ bulkKey, boxIds = [] }, error) {
@@ -216,11 +223,6 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
     undo,
     answerAgain,
     answer: answerBoxes,
-
-    /** This person gives an answer on this box: from now on no undo under way changes it. @param {number} boxId */
-    noteAnswer(boxId) {
-      for (const one of undoing.values()) one.before = one.before.filter((earlier) => earlier.boxId !== boxId);
-    },
 
     /**
      * One answer on all boxes that a filter selected when the list was read.

@@ -108,15 +108,19 @@ test("undo takes back single and bulk answers from the newest to the oldest", ()
   assert.deepEqual([answers(), said], [[null, null, null], ["Discarded: keep 2 boxes", "Nothing to undo."]]);
 });
 
-/** A bulk answer "reject" on boxes 1 and 2 whose request waits until it is refused. @returns {() => Promise<void>} refuses it */
+/**
+ * A bulk answer "reject" on boxes 1 and 2 whose request waits until it is refused; later requests are answered at once.
+ * @returns {() => Promise<void>} refuses it
+ */
 function startRefusedBulkAnswer() {
   /** @type {(response: Response) => void} */
   let respond = () => {};
   /** @type {Promise<Response>} */
   const promise = new Promise((resolve) => (respond = resolve));
   globalThis.fetch = async (address, { body } = {}) => {
-    if (String(address).endsWith("/bulk")) return promise;
-    const { verdict, seen_revision } = JSON.parse(String(body));
+    const { verdict, seen_revision, box_ids } = JSON.parse(String(body));
+    if (box_ids && verdict === "reject") return promise;
+    if (box_ids) return Response.json({ id: 9, count: 2, skipped: [], stale: [] }, { status: 201 });
     const box_id = Number(String(address).split("/").at(-2));
     return Response.json({ box_id, revision: seen_revision + 1, verdict, reviewer: "ada", comment: "", effective_verdict: "kept" }, { status: 201 });
   };
@@ -150,6 +154,43 @@ test("if an undone bulk answer is refused, answers given after the undo stay", a
   await refuse();
 
   assert.deepEqual(answers(), ["unsure", null, null]);
+});
+
+test("undoing a stored bulk answer takes it back where a later answer was undone", async () => {
+  const revisions = new Map();
+  globalThis.fetch = async (address, { body } = {}) => {
+    const store = (/** @type {number} */ id) => revisions.set(id, (revisions.get(id) ?? 0) + 1).get(id);
+    const path = String(address);
+    if (path.endsWith("/undo")) return Response.json({ id: 8, undone: 1, skipped: [1] });
+    const { verdict, box_ids } = JSON.parse(String(body));
+    if (path.endsWith("/bulk")) return box_ids.forEach(store), Response.json({ id: 7, count: 2, skipped: [], stale: [] }, { status: 201 });
+    const box_id = Number(path.split("/").at(-2));
+    return Response.json({ box_id, revision: store(box_id), verdict, reviewer: "ada", comment: "", effective_verdict: "kept" }, { status: 201 });
+  };
+  const pause = () => new Promise((done) => setTimeout(done, 20));
+  app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
+  await pause();
+  app.answer(1, "keep");
+  undo();
+  await pause();
+
+  undo();
+  await pause();
+
+  assert.deepEqual(answers(), [null, null, null]);
+  assert.equal(said.at(-1), "2 answers undone");
+});
+
+test("discarding a refused bulk answer keeps a later bulk answer on its boxes", async () => {
+  const refuse = startRefusedBulkAnswer();
+  app.answer(1, "keep");
+  undo();
+  undo();
+  app.bulkAnswers.answer("d", "unsure", [1, 2], new Map());
+
+  await refuse();
+
+  assert.deepEqual(answers(), ["unsure", "unsure", null]);
 });
 
 test("discarding a refused bulk answer takes it back where a later answer was undone", async () => {
