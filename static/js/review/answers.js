@@ -26,11 +26,6 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   const outbox = createOutbox(storage, tab, app.owner);
   const sender = createSender(outbox);
   const steps = createSteps(boxes);
-  /**
-   * The answers that this person has put back, by box: the key in the outbox, and the revision once it is stored.
-   * @type {Map<number, {key: string, revision: number | null}>}
-   */
-  const itemsPutBack = new Map();
   /** The frame on which an answer was stored last; null: any frame. Views drop the copies that they have of it. */
   const changedFrame = createValue(/** @type {{id: number | null}} */ ({ id: null }));
   /** Answers that were not saved because somebody else had answered first, by box. */
@@ -49,32 +44,9 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     const { box_id: boxId, frame_id: frameId } = box;
     boxes.holdAnswered([boxId]); // so that the store can tell by its revision if an older response arrives late
     if (!sender.addAnswer({ boxId, frameId, verdict, comment, seenRevision: seenRevision(box) })) return false;
+    steps.noteAnswer(boxId);
     closeOvertaken(boxId);
     return true;
-  }
-
-  /** Show the boxes with the answers in the outbox as they are now. */
-  function layOver() {
-    boxes.layOver(outbox.lastAnswers());
-  }
-
-  /**
-   * Give the answer again that a box had before one that is undone.
-   * @param {Decision} box @param {AnswerWithComment} answer @returns {boolean} false: there is no room for it
-   */
-  function putBack(box, answer) {
-    if (!give(box, answer)) return false;
-    itemsPutBack.set(box.box_id, { key: outbox.lastOn(box.box_id)?.key ?? "", revision: null });
-    return true;
-  }
-
-  /** Whether nobody has answered a box since this person has put an answer back. @param {number} boxId */
-  function isPutBack(boxId) {
-    const item = itemsPutBack.get(boxId);
-    const last = outbox.lastOn(boxId);
-    if (last) return last.key === item?.key;
-    const box = boxes.get(boxId);
-    return Boolean(box && item?.revision && seenRevision(box) === item.revision);
   }
 
   /**
@@ -90,7 +62,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     return true;
   }
 
-  const bulkAnswers = createBulkAnswers(app, { boxes, sender, steps, changedFrame, layOver, putBack, isPutBack });
+  const bulkAnswers = createBulkAnswers(app, { boxes, sender, steps, changedFrame, give });
 
   /**
    * Undo what this person did last. For an answer on one box, the earlier answer is given again.
@@ -104,7 +76,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     const [before] = step.before;
     const box = before && boxes.get(before.boxId);
     if (!box) return steps.drop(step);
-    if (!putBack(box, before)) return;
+    if (!give(box, before)) return;
     steps.drop(step);
     show(boxes.get(before.boxId) ?? box, step.dataset);
     app.announcement.set(`${box.class} ${box.id}: answer undone`);
@@ -112,13 +84,12 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
   // Boxes are shown with the answers that are not stored yet. The outbox itself cannot be observed, but whenever it
   // changes, the sender's state does.
-  layOver();
-  sender.state.observe(layOver);
+  boxes.layOver(outbox.lastAnswers());
+  sender.state.observe(() => boxes.layOver(outbox.lastAnswers()));
 
   sender.observe({
-    onStored(stored, { key }) {
+    onStored(stored) {
       const { box_id: boxId, revision } = stored;
-      if (itemsPutBack.get(boxId)?.key === key) itemsPutBack.set(boxId, { key, revision });
       changedFrame.set({ id: boxes.get(boxId)?.frame_id ?? null });
       boxes.receiveAnswers(new Map([[boxId, { revision, given: (box) => withStored(box, stored) }]]));
     },
@@ -232,6 +203,8 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
  * @property {string} [bulkKey]  the key of a bulk answer
  * @property {number | null} [batchId]  the bulk answer's id on the server, once it is stored
  * @property {number} [count]  how many boxes the bulk answer was to answer
+ * @property {Set<number>} [everAnswered]  of a bulk answer: the boxes on which this person has given an answer on one box
+ *   after it, also if that was undone
  */
 
 const MOST_STEPS = 500;
@@ -255,6 +228,9 @@ export function createSteps(boxes) {
       entries.push({ step, release: boxes.hold(step.before.map(({ boxId }) => boxId)) });
       if (entries.length > MOST_STEPS) entries.shift()?.release();
     },
+
+    /** This person gives an answer on this box, or undoes one. @param {number} boxId */
+    noteAnswer: (boxId) => entries.forEach(({ step }) => step.everAnswered?.add(boxId)),
 
     /** The one to undo next. @returns {Step | null} */
     last: () => entries.at(-1)?.step ?? null,

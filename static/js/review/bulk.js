@@ -27,23 +27,15 @@ const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", cl
  * @property {import("./sender.js").Sender} sender
  * @property {import("./answers.js").Steps} steps
  * @property {import("../core/observable.js").Value<{id: number | null}>} changedFrame
- * @property {() => void} layOver  shows the boxes with the answers in the outbox as they are now
- * @property {(box: Decision, answer: AnswerWithComment) => boolean} putBack  gives one box its earlier answer again
- * @property {(boxId: number) => boolean} isPutBack  whether nobody has answered the box since
+ * @property {(box: Decision, answer: AnswerWithComment) => boolean} give  answers one box
  */
 
 /** @param {import("../core/app.js").App} app @param {AnswersPage} page */
-export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, changedFrame, layOver, putBack, isPutBack }) {
+export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, steps, changedFrame, give }) {
   /** The messages that offer to undo a bulk answer, by its key. @type {Map<string, number>} */
   const offers = new Map();
-  /**
-   * The bulk answers that are being undone, by their keys: until the undo is stored, or the bulk answer discarded.
-   * `before`: the earlier answers on those of its boxes that this person has not answered since.
-   * @type {Map<string, {step: Step, before: Step["before"]}>}
-   */
+  /** Those bulk answers that are being undone, by their keys: until the undo is stored, or the answer discarded. @type {Map<string, Step>} */
   const undoing = new Map();
-  /** The key of a refused bulk answer that is being given again. */
-  let replaced = "";
   const report = createValue(/** @type {Report | null} */ (null));
 
   /** @param {NewBulkAnswer} bulk @returns {boolean} false: it was not given, as there is no room for it */
@@ -62,21 +54,16 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
    */
   function pushStep({ dataset, count }, key, before = []) {
     /** @type {Step} */
-    const step = { before, dataset, bulkKey: key, batchId: null, count };
+    const step = { before, dataset, bulkKey: key, batchId: null, count, everAnswered: new Set() };
     steps.push(step);
     return step;
-  }
-
-  /** The earlier answers on those boxes of a bulk answer that this person has not answered since. @param {Step} step */
-  function unansweredSince(step) {
-    const answeredSince = steps.boxesSince(step);
-    return step.before.filter(({ boxId }) => !answeredSince.has(boxId));
   }
 
   /** Undo a whole bulk answer, but for boxes that this person has answered since. @param {Step} step */
   function undo(step) {
     const { bulkKey = "", batchId = null, dataset, count = 0 } = step;
-    const earlier = unansweredSince(step);
+    const answeredSince = steps.boxesSince(step);
+    const earlier = step.before.filter(({ boxId }) => !answeredSince.has(boxId));
     const boxIds = earlier.map(({ boxId }) => boxId);
     const seenRevisions = boxIds.map((boxId) => seenRevision(boxes.get(boxId) ?? {}));
     const before = earlier.map(({ verdict, comment }) => ({ verdict, comment }));
@@ -85,25 +72,25 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
     toasts.dismiss(offers.get(bulkKey) ?? 0);
     boxes.holdAnswered(boxIds);
     const which = areKnown ? { boxIds, seenRevisions } : {};
-    undoing.set(bulkKey, { step, before: earlier });
+    undoing.set(bulkKey, step);
     const outcome = sender.addBulkUndo({ bulkKey, batchId, dataset, count, before, ...which });
-    if (outcome === "full") undoing.delete(bulkKey);
-    else steps.drop(step);
+    if (outcome === "full") return void undoing.delete(bulkKey);
+    steps.drop(step);
+    if (outcome === "discarded") restore(earlier.filter(({ boxId }) => step.everAnswered?.has(boxId)));
   }
 
   /**
-   * A bulk answer was undone or discarded. That does not change the boxes on which this person has undone a later answer:
-   * there, the bulk answer was put back as an answer of its own. Put back what was before, unless they were answered since.
-   * @param {Step["before"]} before @returns {number[]} the boxes that have got their earlier answer again
+   * A bulk answer was discarded. That takes it away from its boxes, except from those on which this person has undone a
+   * later answer: it is their own answer there. Give them their earlier ones again.
+   * @param {Step["before"]} before
    */
   function restore(before) {
-    const restored = before.filter(({ boxId, verdict, comment }) => {
+    for (const { boxId, verdict, comment } of before) {
       const box = boxes.get(boxId);
-      if (!box || !isPutBack(boxId)) return false;
+      if (!box || (box.review?.reviewer && box.review.reviewer !== owner())) continue;
       const now = currentAnswer(box);
-      return (now.verdict !== verdict || now.comment !== comment) && putBack(box, { verdict, comment });
-    });
-    return restored.map(({ boxId }) => boxId);
+      if (now.verdict !== verdict || now.comment !== comment) give(box, { verdict, comment });
+    }
   }
 
   /**
@@ -114,11 +101,7 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
    */
   function answerAgain({ key, dataset, verdict, boxIds, seenRevisions = [], filter, snapshot, count }, list) {
     /** @param {boolean} isGiven */
-    const discardIf = (isGiven) => {
-      replaced = key;
-      if (isGiven) sender.discard(key);
-      replaced = "";
-    };
+    const discardIf = (isGiven) => isGiven && sender.discard(key);
     if (!boxIds) {
       const seen = list ? { snapshot: list.snapshot, count: list.total } : { snapshot, count };
       return discardIf(answer({ dataset, verdict, filter, ...seen }));
@@ -130,9 +113,8 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
       const isAsSeen = !box || seenRevision(box) === revisions.get(boxId);
       return isAsSeen && !waiting.has(boxId) && !waitingInBulk.has(boxId);
     });
-    if (unanswered.length > 0) return discardIf(answerBoxes(dataset, verdict, unanswered, revisions));
-    toasts.show("All of these boxes were answered since.");
-    sender.discard(key);
+    if (unanswered.length === 0) toasts.show("All of these boxes were answered since.");
+    discardIf(unanswered.length === 0 || answerBoxes(dataset, verdict, unanswered, revisions));
   }
 
   /**
@@ -170,7 +152,7 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
       const { key, verdict, boxIds = [], seenRevisions } = bulk;
       const leftOut = [...stale, ...skipped];
       const left = new Set(leftOut);
-      const step = undoing.get(key)?.step ?? steps.ofBulkAnswer(key) ?? pushStep(bulk, key);
+      const step = undoing.get(key) ?? steps.ofBulkAnswer(key) ?? pushStep(bulk, key);
       step.batchId = id;
       step.before = step.before.filter(({ boxId }) => !left.has(boxId));
       receive(boxIds, () => ({ verdict, comment: "" }), seenRevisions, leftOut);
@@ -189,26 +171,18 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
     },
 
     onBulkDiscarded({ key, verdict, count }) {
-      const undone = undoing.get(key);
-      const step = undone?.step ?? steps.ofBulkAnswer(key);
-      undoing.delete(key);
-      if (!step) return;
-      const before = undone?.before ?? unansweredSince(step);
-      steps.drop(step);
-      if (key !== replaced) restore(before);
-      if (undone) toasts.show(`Discarded: ${WILL[verdict]} ${countOf(count, "box", "boxes")}`);
+      const step = steps.ofBulkAnswer(key);
+      if (step) steps.drop(step);
+      const isUndone = undoing.delete(key);
+      if (isUndone) toasts.show(`Discarded: ${WILL[verdict]} ${countOf(count, "box", "boxes")}`);
     },
 
     onUndoStored({ bulkKey, boxIds, seenRevisions, before }, { undone, skipped }) {
-      const earlier = undoing.get(bulkKey)?.before ?? [];
       undoing.delete(bulkKey);
       receive(boxIds ?? [], (i) => before[i] ?? { verdict: "clear", comment: "" }, seenRevisions, skipped);
       if (!boxIds) boxes.reload();
-      layOver(); // without the undo, which has just left the outbox
-      const left = new Set(skipped);
-      const restored = new Set(restore(earlier.filter(({ boxId }) => left.has(boxId))));
-      toasts.show(`${countOf(undone + restored.size, "answer")} undone`);
-      report.set(undoReportOf(skipped.filter((boxId) => !restored.has(boxId))));
+      toasts.show(`${countOf(undone, "answer")} undone`);
+      report.set(undoReportOf(skipped));
     },
 
     onUndoRefused({ bulkKey, boxIds = [] }, error) {

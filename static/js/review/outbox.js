@@ -169,9 +169,6 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     isOfThisTab,
     remove,
 
-    /** The last item, of any tab, that may change the answer on this box. @param {number} boxId */
-    lastOn: (boxId) => itemsOfAllTabs().findLast((item) => mayAnswer(item, boxId)),
-
     /** Boxes with an answer of this person that another tab has to send. */
     boxesOfOtherTabs: () =>
       new Set(

@@ -46,7 +46,7 @@ const REQUESTS = {
 
 /**
  * @typedef {object} SenderEvents
- * @property {(stored: StoredReview, item: SingleAnswer) => void} onStored
+ * @property {(stored: StoredReview) => void} onStored
  * @property {(item: SingleAnswer, current: Decision | null) => void} onOvertaken  the box was answered elsewhere since
  *   this person saw it; `current`: the box as it is now
  * @property {(item: SingleAnswer, error: Error) => void} onRefused  the server will never store it
@@ -189,7 +189,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
       return outbox.renew(item, seenRevision(current)); // a new item, which has not been sent
     }
     outbox.finish(item);
-    tell(({ onStored }) => onStored?.(stored, item));
+    tell(({ onStored }) => onStored?.(stored));
   }
 
   /**
