@@ -2,7 +2,8 @@
 // Crops of boxes: fetched a few at a time, cached, and drawn in a square. Used by the grid, the queue's strip and the flips.
 
 import { ApiError, NoResponse, blob, createRetries, url } from "../core/api.js";
-import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
+import { useRetryOnline } from "../core/hooks.js";
+import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 
 /** @typedef {import("./box.js").Decision} Decision */
@@ -237,18 +238,15 @@ export function useCrop(url) {
   const [attempt, setAttempt] = useState(0);
   useEffect(() => (url ? crops.want(url, (answer) => setSeen({ url, ...answer })) : undefined), [url, attempt]);
   const retries = useMemo(() => createRetries(), [url]);
-  // In a layout effect, so that an "online" event right after the failure is not missed.
-  useLayoutEffect(() => {
-    if (seen?.state !== "failed" || seen.url !== url) return;
+  const failed = seen?.state === "failed" && seen.url === url ? seen : null;
+  const again = () => setAttempt((n) => n + 1);
+  useRetryOnline(failed, again);
+  useEffect(() => {
+    if (!failed?.isTemporary) return;
     let isOver = false;
-    const again = () => void (isOver || setAttempt((n) => n + 1));
-    if (seen.isTemporary) retries.wait(again);
-    addEventListener("online", again);
-    return () => {
-      isOver = true;
-      removeEventListener("online", again);
-    };
-  }, [seen, url]);
+    retries.wait(() => void (isOver || again()));
+    return () => void (isOver = true);
+  }, [failed]);
   if (seen?.url === url) return seen;
   const crop = url ? crops.ready(url) : null;
   return { url, state: crop ? "shown" : "waiting", crop };

@@ -1,5 +1,5 @@
 // @ts-check
-// Hooks that views share: useValue, useLoaded, useDataset, useDatasets, useNewest, usePages, useTask, useActions, useTyped, useClosing, useHead.
+// Hooks that views share: useValue, useLoaded, useDataset, useDatasets, useNewest, usePages, useTask, useActions, useTyped, useClosing, useHead, useRetryOnline.
 
 import { get } from "./api.js";
 import { useCallback, useEffect, useLayoutEffect, useRef, useState } from "./html.js";
@@ -222,4 +222,32 @@ export function usePages(key, size, load) {
   }, [pages]);
   useLayoutEffect(() => () => void left.set(key, { shown: shown.current, scroll: scrollY }), [key]);
   return { ...pages, more };
+}
+
+/** For so long after the browser is online again, what fails is tried again. */
+const RECOVERY_MS = 5000;
+const PAUSE_MS = 1000;
+let wasOnlineAgainAt = -Infinity;
+globalThis.addEventListener?.("online", () => void (wasOnlineAgainAt = Date.now()));
+
+/**
+ * Try again when the browser is online again. The first attempt then may fail, too, for instance if a request from before
+ * is still under way for the same module.
+ * @param {unknown} failure  another object after each failure; null: there is none
+ * @param {() => void} [onRetry]
+ */
+export function useRetryOnline(failure, onRetry) {
+  const latest = useRef(onRetry);
+  latest.current = onRetry;
+  // In a layout effect, so that an "online" event right after the failure is not missed.
+  useLayoutEffect(() => {
+    if (failure === null) return undefined;
+    const retry = () => latest.current?.();
+    addEventListener("online", retry);
+    const timer = Date.now() - wasOnlineAgainAt < RECOVERY_MS ? setTimeout(retry, PAUSE_MS) : 0;
+    return () => {
+      removeEventListener("online", retry);
+      clearTimeout(timer);
+    };
+  }, [failure]);
 }

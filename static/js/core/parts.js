@@ -2,7 +2,8 @@
 // General controls: Notice, Failure, FailureLine, Dialog, Command, Segments, Select, NumberField, FileList.
 
 import { ApiError } from "./api.js";
-import { html, useEffect, useLayoutEffect, useRef, useState } from "./html.js";
+import { useRetryOnline } from "./hooks.js";
+import { html, useEffect, useRef, useState } from "./html.js";
 import { Icon } from "./icons.js";
 import { countText } from "./numbers.js";
 import { linkTo } from "./router.js";
@@ -17,36 +18,9 @@ export function Notice({ title, children, icon = "image", actions }) {
   </section>`;
 }
 
-/** For so long after the browser is online again, what fails is tried again. */
-const RECOVERY_MS = 5000;
-const PAUSE_MS = 1000;
-let wasOnlineAgainAt = -Infinity;
-globalThis.addEventListener?.("online", () => void (wasOnlineAgainAt = Date.now()));
-
-/**
- * Unless the error is an answer of the server, try again when the browser is online again. The first attempt then may
- * fail, too, for instance if a request from before is still under way for the same module.
- * @param {unknown} error @param {() => void} [onRetry]
- */
-function useRetryOnline(error, onRetry) {
-  const latest = useRef(onRetry);
-  latest.current = onRetry;
-  // In a layout effect, so that an "online" event right after the failure is not missed.
-  useLayoutEffect(() => {
-    if (error instanceof ApiError) return undefined;
-    const retry = () => latest.current?.();
-    addEventListener("online", retry);
-    const timer = Date.now() - wasOnlineAgainAt < RECOVERY_MS ? setTimeout(retry, PAUSE_MS) : 0;
-    return () => {
-      removeEventListener("online", retry);
-      clearTimeout(timer);
-    };
-  }, [error]);
-}
-
 /** In place of a view or a list that could not be loaded: why, in the server's words, and a button to try again. @param {{error: Error, onRetry: () => void}} props */
 export function Failure({ error, onRetry }) {
-  useRetryOnline(error, onRetry);
+  useRetryOnline(error instanceof ApiError ? null : error, onRetry);
   const { problem = null, status = 0 } = error instanceof ApiError ? error : {};
   return html`<${Notice} icon="warn" title=${problem?.title ?? "This could not be loaded"}
     actions=${html`${status === 404 && html`<a class="button button--primary" href=${linkTo("datasets")}>All datasets</a>`}<button class="button" onClick=${onRetry}>Try again</button>`}>
@@ -61,7 +35,7 @@ export function Failure({ error, onRetry }) {
  *   `what`: the part, where its place does not say it; `onRetry`: with a button to try again; without one, the button that was pressed is still there
  */
 export function FailureLine({ what, error, onRetry }) {
-  useRetryOnline(error, onRetry);
+  useRetryOnline(error instanceof ApiError ? null : error, onRetry);
   return html`<p class="failure" role="alert">
     <${Icon} name="warn" /><span class="failure__text">${what && `${what}: `}${error.message}</span>
     ${onRetry && html`<button type="button" class="button button--small" onClick=${onRetry}>Try again</button>`}

@@ -12,7 +12,7 @@ import { Keys, keyText, useKeyText, useKeys, withKey } from "../core/keymap.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { WILL } from "../review/bulk.js";
+import { VERBS } from "../review/bulk.js";
 import { isBulkUndo } from "../review/outbox.js";
 import { GridCells } from "./cells.js";
 import { leave, placeOf } from "./pager.js";
@@ -391,7 +391,7 @@ function UnsentStrip({ app, item, state, text }) {
   const [now, setNow] = useState(/** @type {{total: number, snapshot: string, answered: number} | null} */ (null));
   const bulk = isBulkUndo(item) ? null : item;
   const isChanged = bulk !== null && state === "changed";
-  const what = `${bulk ? WILL[bulk.verdict] : "undo the answers on"} ${countOf(item.count, "box", "boxes")}`;
+  const what = `${bulk ? VERBS[bulk.verdict] : "undo the answers on"} ${countOf(item.count, "box", "boxes")}`;
   const count = useTask(async () => {
     if (!bulk) return;
     const { dataset, filter = {} } = bulk;
@@ -404,7 +404,7 @@ function UnsentStrip({ app, item, state, text }) {
     <p><b>${STATES[state]}: ${what}.</b> ${now ? changedText(now, item.count, bulk?.verdict === "clear") : sentence(text)}</p>
     <div class="strip__actions">
       ${isChanged && !now && html`<button class="button button--small" disabled=${count.isBusy} onClick=${count.run}>Count again</button>`}
-      ${bulk && isChanged && now && html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk, now)}>${capital(`${WILL[bulk.verdict]} all ${countText(now.total)}`)}</button>`}
+      ${bulk && isChanged && now && html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk, now)}>${capital(`${VERBS[bulk.verdict]} all ${countText(now.total)}`)}</button>`}
       ${state === "waiting" && html`<button class="button button--small" onClick=${app.sender.resume}>Send now</button>`}
       ${bulk && state === "refused" && html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk)}>Send again</button>`}
       ${bulk && html`<button class="button button--small button--quiet" onClick=${() => app.sender.discard(bulk.key)}>Discard</button>`}

@@ -15,8 +15,8 @@ import { randomId } from "../core/tab.js";
 /** @typedef {import("./outbox.js").NewBulkAnswer} NewBulkAnswer */
 /** @typedef {{text: string, boxes: readonly number[]}} Report  boxes that a bulk answer, or its undo, has left out */
 
-/** @type {Record<Answer, string>} */
-export const WILL = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: "remove the answers of" };
+/** What a bulk answer does with its boxes, before and after it is stored. @type {Record<Answer, string>} */
+export const VERBS = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: "remove the answers of" };
 
 /** @type {Record<Answer, string>} */
 const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", clear: "without an answer again" };
@@ -174,7 +174,7 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
       const step = steps.ofBulkAnswer(key);
       if (step) steps.drop(step);
       const isUndone = undoing.delete(key);
-      if (isUndone) toasts.show(`Discarded: ${WILL[verdict]} ${countOf(count, "box", "boxes")}`);
+      if (isUndone) toasts.show(`Discarded: ${VERBS[verdict]} ${countOf(count, "box", "boxes")}`);
     },
 
     onUndoStored({ bulkKey, boxIds, seenRevisions, before }, { undone, skipped }) {

@@ -303,7 +303,8 @@ def test_lists_are_read_once_after_the_dataset_has_changed(sixty_boxes, user):
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
 
-    user.press("v")
+    with page.expect_response(f"**/datasets/{sixty_boxes.dataset}"):
+        user.press("v")
     expect(page.locator(".grid-status b")).to_have_text("32")
     page.wait_for_load_state("networkidle")
     cell(page, 0).click()

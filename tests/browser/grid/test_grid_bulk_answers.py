@@ -267,13 +267,19 @@ def test_answer_that_follows_an_own_bulk_answer_on_a_filter_is_stored(many, user
     expect(page.get_by_role("alert")).to_have_count(0)
 
 
-def test_bulk_answer_is_refused_if_the_filter_count_changed(many, user):
+def give_refused_bulk_answer(many: Scene, user: Visitor, **others: str) -> Page:
+    """Reject all undecided boxes, after somebody else has given these answers."""
     page = user.open(grid(many, review="undecided"))
     page.get_by_role("button", name="Select all 30").click()
-    many_boxes.review(many, many.box_id("b0"), "keep")
-
+    for name, verdict in others.items():
+        many_boxes.review(many, many.box_id(name), verdict)
     user.press("x")
     expect(strip(page)).to_contain_text("Not done: reject 30 boxes.")
+    return page
+
+
+def test_bulk_answer_is_refused_if_the_filter_count_changed(many, user):
+    page = give_refused_bulk_answer(many, user, b0="keep")
     assert answers(many) == {"b0": "keep"}
     strip(page).get_by_role("button", name="Count again").click()
     expect(strip(page)).to_contain_text("29 boxes now, 30 when you selected them")
@@ -287,11 +293,7 @@ def test_bulk_answer_is_refused_if_the_filter_count_changed(many, user):
 
 
 def test_count_again_names_flags_that_a_bulk_answer_would_replace(many, user):
-    page = user.open(grid(many, review="undecided"))
-    page.get_by_role("button", name="Select all 30").click()
-    for name in ("b0", "b1"):
-        many_boxes.review(many, many.box_id(name), "unsure")
-    user.press("x")
+    page = give_refused_bulk_answer(many, user, b0="unsure", b1="unsure")
 
     strip(page).get_by_role("button", name="Count again").click()
 
@@ -299,11 +301,7 @@ def test_count_again_names_flags_that_a_bulk_answer_would_replace(many, user):
 
 
 def test_undo_discards_a_refused_bulk_answer_and_says_so(many, user):
-    page = user.open(grid(many, review="undecided"))
-    page.get_by_role("button", name="Select all 30").click()
-    many_boxes.review(many, many.box_id("b0"), "keep")
-    user.press("x")
-    expect(strip(page)).to_contain_text("Not done: reject 30 boxes.")
+    page = give_refused_bulk_answer(many, user, b0="keep")
 
     user.press("z")
 

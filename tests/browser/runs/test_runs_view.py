@@ -94,7 +94,7 @@ def test_open_jobs_do_not_use_up_the_browser_connections(user, server):
     with hold_write_lock(server.data):
         page = user.open(f"#/datasets/{street}/runs")
         open_now = page.locator(".statebadge--queued, .statebadge--running")
-        expect(open_now.nth(5)).to_be_visible()
+        expect(open_now.nth(6)).to_be_visible()
 
         another = page.context.new_page()
         another.goto(page.url.replace("/runs", "/grid"))
