@@ -144,10 +144,10 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
     LayoutError
         Its layout is unknown, or is not the one that was named.
     Refused
-        It has no frames.
+        It may have several layouts, and none was named; or it has no frames.
     """
     from filter_core.formats.reading import ReadOptions
-    from filter_core.formats.registry import read_source
+    from filter_core.formats.registry import possible_layouts, read_source
 
     read = ReadOptions(
         segmentation=options.segmentation,
@@ -155,7 +155,14 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
         classes=options.class_list,
         default_class=options.default_class,
     )
-    found = read_source(path, options.layout, read)
+    layout = options.layout
+    possible = possible_layouts(path) if layout == "auto" else ()
+    if len(possible) > 1:
+        raise Refused(
+            f"{path.name}: could be {' or '.join(possible)}; choose one, for example "
+            f"with --layout {possible[0]}"
+        )
+    found = read_source(path, possible[0] if possible else layout, read)
     if found.count is None and found.layout == "manifest":
         found = replace(found, count=_count_lines(path))
     if found.count == 0:

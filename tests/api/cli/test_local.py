@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from tests.support.command_line import CommandLine
+from tests.support.folders import write_files
 from tests.support.frames import write_manifest
 from tests.support.servers import token_of
 from unghost import Client
@@ -116,6 +117,21 @@ def test_folder_without_a_known_layout_is_refused(unghost, tmp_path):
     assert answer.code == REFUSED
     assert "no layout recognised" in answer.err
     assert "Traceback" not in answer.err
+
+
+def test_folder_with_two_layouts_is_refused_with_the_option_that_chooses(
+    unghost, tmp_path
+):
+    labels = {"a.xml": "<annotation/>", "labels/1.txt": "", "data.yaml": "names: [car]"}
+    write_files(tmp_path / "both", {**labels, "images/1.png": None})
+
+    answer = unghost("filter", "both")
+
+    assert answer.code == REFUSED
+    assert (
+        "both: could be voc or yolo; choose one, for example with --layout voc"
+        in answer.err
+    )
 
 
 def test_filter_lists_unmatched_files(unghost, tmp_path):
