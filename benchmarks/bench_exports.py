@@ -8,8 +8,9 @@ serves to compare two commits alternately.
 
 The export is made in a process of its own, whose memory is sampled fifty times a
 second. The figures are its peak in the first tenth of the time, which is about a tenth
-of the frames, and its peak overall. The dataset is made as rows, once, and kept in
-``benchmarks/.data``.
+of the frames, and its peak overall. (An export of few frames may end before the second
+sample: then both are the memory at its start.) The dataset is made as rows, once, and
+kept in ``benchmarks/.data``.
 """
 
 from __future__ import annotations
@@ -79,24 +80,39 @@ def summary(found: dict[str, float]) -> dict[str, float]:
 
 
 class Memory:
-    """Samples the memory of this process in a thread."""
+    """Samples the memory of this process: at once, then in a thread."""
 
     def __init__(self) -> None:
-        self.mib: list[float] = []
+        self._mib = [_memory_mib()]
         self._over = threading.Event()
         self._sampler = threading.Thread(target=self._sample)
+
+    def __enter__(self) -> Memory:
         self._sampler.start()
+        return self
 
-    def _sample(self) -> None:
-        page = resource.getpagesize() / (1 << 20)
-        while not self._over.wait(SAMPLE_EVERY_S):
-            pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
-            self.mib.append(pages * page)
-
-    def end(self) -> None:
-        """Stop sampling."""
+    def __exit__(self, *error: object) -> None:
         self._over.set()
         self._sampler.join()
+
+    def _sample(self) -> None:
+        while not self._over.wait(SAMPLE_EVERY_S):
+            self._mib.append(_memory_mib())
+
+    @property
+    def early(self) -> float:
+        """The maximum of the first tenth of the samples, at least of the first one."""
+        return max(self._mib[: max(1, len(self._mib) // 10)])
+
+    @property
+    def peak(self) -> float:
+        """The maximum."""
+        return max(self._mib)
+
+
+def _memory_mib() -> float:
+    pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
+    return pages * resource.getpagesize() / (1 << 20)
 
 
 def exported(data: Path, frames: int, form: str) -> dict[str, float]:
@@ -104,18 +120,18 @@ def exported(data: Path, frames: int, form: str) -> dict[str, float]:
     context = open_context(data / f"exports-{frames}")
     try:
         dataset_id = filled(context, frames)
-        over, memory = threading.Event(), Memory()
+        over = threading.Event()
         begun, worked = time.perf_counter(), time.process_time()
-        with context.database.write() as session:
-            dataset = DatasetRepository(session).with_id(dataset_id)
-            labels = "images" in FORMATS[form].options
-            options = {"images": "none"} if labels else {}
-            request = ExportRequest(form, options, "benchmark")
-            export_id = request_export(context, session, dataset, request).id
-        # Jobs are done one after the other: this one when the export is over.
-        context.engine.submit(over.set)
-        over.wait()
-        memory.end()
+        with Memory() as memory:
+            with context.database.write() as session:
+                dataset = DatasetRepository(session).with_id(dataset_id)
+                labels = "images" in FORMATS[form].options
+                options = {"images": "none"} if labels else {}
+                request = ExportRequest(form, options, "benchmark")
+                export_id = request_export(context, session, dataset, request).id
+            # Jobs are done one after the other: this one when the export is over.
+            context.engine.submit(over.set)
+            over.wait()
         seconds = time.perf_counter() - begun
         processor = time.process_time() - worked
         with context.database.read() as session:
@@ -124,8 +140,12 @@ def exported(data: Path, frames: int, form: str) -> dict[str, float]:
     finally:
         context.close()
         context.database.close()
-    early, peak = max(memory.mib[: len(memory.mib) // 10]), max(memory.mib)
-    return {"seconds": seconds, "processor": processor, "early": early, "peak": peak}
+    return {
+        "seconds": seconds,
+        "processor": processor,
+        "early": memory.early,
+        "peak": memory.peak,
+    }
 
 
 def filled(context: ServiceContext, frames: int) -> int:
