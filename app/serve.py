@@ -8,8 +8,8 @@ import math
 import os
 import socket
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -24,13 +24,14 @@ from app.context import ServiceContext
 from app.engine import UnusableEngine
 from app.logs import configure_logging, error_log, server_log
 from app.main import create_app
-from app.maintenance.datafolder import CannotMaintain
+from app.maintenance.datafolder import CannotMaintain, database_file
 from app.measuring.active import UnusableConfig
 from app.memory import keep_freed_memory, settle
 from app.package import VERSION
 from app.process.connections import raise_descriptor_limit
 from app.process.server import GracefulServer, ProblemProtocol, exit_on_sigterm
 from app.settings import Settings, bracketed
+from app.storage import SERVER_LOCK, FolderInUse, alone_in, make_folder
 from unghost.wire.note import note_path
 
 STOP_WAIT_S: Final = 10
@@ -71,13 +72,15 @@ def serve(
     Raises
     ------
     CannotServe
-        The port is taken, or the data folder cannot be used.
+        The port is taken, or the data folder cannot be used, for instance because
+        another server uses it.
     """
     configure_logging(settings.log_level, settings.log_format)
     keep_freed_memory()
     limit = raise_descriptor_limit()
-    with _listen(settings) as listener:
+    with _only_server(settings) as note_address, _listen(settings) as listener:
         url = _url(settings, listener.getsockname()[1])
+        note_address(url)
         note = ServerNote(url, settings.token_file)
 
         app = create_app(settings)
@@ -95,6 +98,7 @@ def serve(
 
         def stopping() -> None:
             note.remove()
+            note_address("")
             # Jobs pause, batches end, and so do streams of events.
             app.state.services.engine.stopping.set()
 
@@ -110,6 +114,46 @@ def serve(
             server.run(sockets=[listener])
     if not server.started:
         raise _cannot_start(settings, app.state.failure)
+
+
+@contextmanager
+def _only_server(settings: Settings) -> Iterator[Callable[[str], None]]:
+    """Lock a data folder with SQLite; the yielded function notes the server's address.
+
+    With SQLite, parts of one service know of each other only in memory: whose turn it
+    is to write, and that the final step of a run is being cancelled. Also, a server of
+    a newer version would migrate the database while this one uses it.
+
+    Raises
+    ------
+    CannotServe
+        Another server uses the folder, or it cannot be written to.
+    """
+    if database_file(settings) is None:  # several servers may share PostgreSQL
+        yield lambda _address: None
+        return
+    with ExitStack() as held:
+        try:
+            make_folder(settings.data)
+            note_address = held.enter_context(alone_in(settings.data, SERVER_LOCK))
+        except FolderInUse as exc:
+            raise CannotServe(_in_use(settings, str(exc))) from exc
+        except OSError as exc:
+            raise _cannot_start(settings, exc) from exc
+        yield note_address
+
+
+def _in_use(settings: Settings, address: str) -> str:
+    folder = f"the data folder {str(settings.data)!r}"
+    if not address:  # only while it starts or stops
+        return (
+            f"{folder} is in use by a server that is starting or stopping; "
+            "try again in a moment"
+        )
+    return (
+        f"{folder} is in use by the server at {address}; use that one, or stop it "
+        "first. --data chooses another folder"
+    )
 
 
 class ServerNote:
@@ -210,14 +254,15 @@ def listen(
 
 
 def check_free(settings: Settings) -> None:
-    """Check that the service can listen on its port, before it opens anything.
+    """Check that the data folder is not in use and the port is free.
 
     Raises
     ------
     CannotServe
-        It cannot; the text says why.
+        One of them is not; the text says why.
     """
-    _listen(settings).close()
+    with _only_server(settings):
+        _listen(settings).close()
 
 
 def _listen(settings: Settings) -> socket.socket:

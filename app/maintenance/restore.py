@@ -22,6 +22,8 @@ from app.package import migrations_dir
 from app.settings import Settings
 from app.storage import (
     BLOBS,
+    MAINTENANCE_LOCK,
+    SERVER_LOCK,
     BlobStore,
     flush_everything,
     flush_file,
@@ -101,7 +103,7 @@ def _restored(
 
 def _check_empty(data: Path) -> None:
     # Left by an interrupted restore, by an emptied data folder, and by a file system.
-    sanitised = {RESTORING, ".maintenance.lock", "lost+found"}
+    sanitised = {RESTORING, MAINTENANCE_LOCK, SERVER_LOCK, "lost+found"}
     if data.exists() and not data.is_dir():
         raise CannotMaintain(f"{data} is not a folder")
     found = [path.name for path in data.iterdir()] if data.is_dir() else []

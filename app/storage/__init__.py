@@ -20,6 +20,8 @@ from app.storage.base import (
     stored_files,
 )
 from app.storage.durable import (
+    MAINTENANCE_LOCK,
+    SERVER_LOCK,
     FolderInUse,
     alone_in,
     flush_everything,
@@ -31,6 +33,8 @@ from app.storage.folder import FolderStorage
 
 __all__ = [
     "BLOBS",
+    "MAINTENANCE_LOCK",
+    "SERVER_LOCK",
     "Blob",
     "BlobStore",
     "Drafts",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -55,29 +55,48 @@ def make_folder(folder: Path, mode: int = 0o700) -> None:
     flush_folder(folder.parent)
 
 
-_LOCK: Final = ".maintenance.lock"
+MAINTENANCE_LOCK: Final = ".maintenance.lock"
+"""The file that a backup or a garbage collection locks in a data folder."""
+SERVER_LOCK: Final = ".server.lock"
+"""The file that a server locks in a data folder with SQLite."""
+_MOST_NOTED: Final = 1000
 
 
 class FolderInUse(Exception):
-    """Another process has locked the folder."""
+    """Another process has locked the folder; the text is what that process noted."""
 
 
 @contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
+def alone_in(
+    folder: Path, lock: str = MAINTENANCE_LOCK
+) -> Iterator[Callable[[str], None]]:
     """Lock a folder; the operating system releases the lock when the process ends.
+
+    The yielded function replaces the note that other processes find while it is locked.
 
     Raises
     ------
     FolderInUse
         Another process has locked it.
     """
-    descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o600)
+    # Python opens files so that no child process inherits them, and with them the lock.
+    descriptor = os.open(folder / lock, os.O_RDWR | os.O_CREAT, 0o600)
+
+    def note(text: str) -> None:
+        with suppress(OSError):  # a full disk: the lock holds without a note
+            os.ftruncate(descriptor, 0)
+            os.lseek(descriptor, 0, os.SEEK_SET)
+            os.write(descriptor, text.encode())
+
     try:
         try:
             _lock(descriptor)
-        except OSError as exc:
-            raise FolderInUse(str(folder)) from exc
-        yield
+        except (BlockingIOError, PermissionError) as exc:
+            os.lseek(descriptor, 0, os.SEEK_SET)
+            noted = os.read(descriptor, _MOST_NOTED)
+            raise FolderInUse(noted.decode("utf-8", "replace")) from exc
+        note("")
+        yield note
     finally:
         os.close(descriptor)
 
@@ -85,7 +104,11 @@ def alone_in(folder: Path) -> Iterator[None]:
 if sys.platform == "win32":
     import msvcrt
 
+    # Beyond the note: a locked part of a file cannot be read there.
+    _LOCKED_BYTE: Final = 1 << 20
+
     def _lock(descriptor: int) -> None:
+        os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
         msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
 
 else:

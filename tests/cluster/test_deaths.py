@@ -9,6 +9,7 @@ import time
 import pytest
 
 from tests.support.cluster import cluster, working_process
+from tests.support.databases import DATABASE_URL, migrated_postgres
 from tests.support.poison import EMPTY, poisoned_files
 from tests.support.run_results import (
     check_run_results,
@@ -93,12 +94,14 @@ def test_restarted_server_resumes_the_run_of_a_killed_server(made):
 
 def test_another_server_takes_over_the_run_of_a_killed_server(made):
     made.scheduler()
-    with made.server() as (first, api), made.server() as (_, other):
-        _, name, run_id = start_workers_and_run(made, api)
-        first.process.kill()
-        first.process.wait()
+    with migrated_postgres() as url:  # with SQLite, there is only one server
+        made.settings[DATABASE_URL] = url
+        with made.server() as (first, api), made.server() as (_, other):
+            _, name, run_id = start_workers_and_run(made, api)
+            first.process.kill()
+            first.process.wait()
 
-        check_run_results(other, name, wait_for_run_end(other, run_id), FRAMES)
+            check_run_results(other, name, wait_for_run_end(other, run_id), FRAMES)
 
 
 def test_frame_that_kills_workers_is_quarantined_and_named(made):

@@ -18,6 +18,7 @@ from tests.support import frames as scene
 from tests.support.api import BASE
 from tests.support.databases import hold_write_lock, rows_of
 from tests.support.event_reader import open_events
+from tests.support.servers import start
 from tests.support.slow_datasets import FROM_PIXELS, create_slow_dataset
 
 pytestmark = pytest.mark.long
@@ -213,6 +214,24 @@ def test_request_beyond_the_shutdown_wait_is_cancelled_with_503(start_api):
     assert ended(server) == 0
     assert "1 requests are cancelled" in server.log.read_text("utf-8")
     assert query_rows(server, "SELECT count(*) FROM frames") == [(0,)]
+
+
+@pytest.mark.sqlite_files("several servers may share PostgreSQL")
+def test_data_folder_is_refused_while_its_server_stops(start_api, tmp_path):
+    first, api = start_api(UNGHOST_SHUTDOWN_WAIT_S=str(PATIENCE_S))
+    upload = SlowUpload(first, api.dataset(), "slow")
+    wait_until_upload_is_read(first, api)
+    terminate_and_wait_for_shutdown(first)
+
+    with start(["app"], first.data, tmp_path / "log", {}) as second:
+        code = second.wait(PATIENCE_S)
+    upload.finish()
+
+    assert code == 1
+    refusal = (tmp_path / "log").read_text("utf-8")
+    assert "by a server that is starting or stopping; try again" in refusal
+    assert upload.answer()[0] == 201
+    assert ended(first) == 0
 
 
 @pytest.mark.long

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from functools import partial
 
 from app.access.gate import REMEMBERED_S
 from tests.support import frames as scene
 from tests.support import plain_http
 from tests.support.api import BASE, Api
+from tests.support.databases import empty_postgres
 from tests.support.event_reader import events, open_events
+from tests.support.servers import SERVER, start_anew, stop, token_of, wait_for_link
 from tests.support.slow_datasets import FROM_PIXELS, create_slow_dataset
 
 PATIENCE_S = 60
@@ -42,6 +45,23 @@ def wait_until_unauthorized(client, path="/api/v1/datasets"):
 def test_servers_that_share_a_data_folder_share_the_first_token(replicas):
     assert replicas.one.server.token == replicas.two.server.token
     assert replicas.two.api.get("/session").json()["role"] == "admin"
+
+
+def test_servers_started_together_on_an_empty_database_use_one_token(tmp_path):
+    data, logs = tmp_path / "data", [tmp_path / "log0", tmp_path / "log1"]
+    with empty_postgres() as url, ExitStack() as running:
+        processes = []
+        for log in logs:
+            process = start_anew(SERVER, data, log, {"UNGHOST_DATABASE_URL": url})
+            running.callback(stop, process)
+            processes.append(process)
+        tokens = []
+        for process, log in zip(processes, logs, strict=True):
+            wait_for_link(process, log)
+            tokens.append(token_of(data))
+
+    assert tokens[0] == tokens[1]
+    assert [process.wait() for process in processes] == [0, 0]
 
 
 def test_login_code_and_session_of_one_server_are_valid_on_the_other(replicas):

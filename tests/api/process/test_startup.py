@@ -11,6 +11,8 @@ import pytest
 
 from app.serve import listen
 from tests.support import plain_http
+from tests.support.api import Api
+from tests.support.command_line import CommandLine
 from tests.support.servers import (
     SERVER,
     running_server,
@@ -20,6 +22,7 @@ from tests.support.servers import (
     token_of,
     wait_for_link,
 )
+from tests.support.waiting import until
 from unghost import find_server
 
 
@@ -33,6 +36,9 @@ def note_path(server):
 def running(data_dir):
     with running_server(data_dir) as server:
         yield server
+
+
+SQLITE_ALONE = "several servers may share PostgreSQL"
 
 
 def exit_code_of_failed_start(data, log, **settings):
@@ -121,6 +127,51 @@ def test_port_in_use_fails_with_a_one_line_message(running, tmp_path):
     assert len(log.read_text().splitlines()) == 1
 
 
+@pytest.mark.sqlite_files(SQLITE_ALONE)
+@pytest.mark.parametrize("port", ["0", "same"])
+def test_second_server_of_a_data_folder_is_refused_with_the_address_of_the_first(
+    running, tmp_path, port
+):
+    log = tmp_path / "second.log"
+    chosen = running.url.rpartition(":")[2] if port == "same" else port
+
+    code = exit_code_of_failed_start(running.data, log, UNGHOST_PORT=chosen)
+
+    assert code == 1
+    assert log.read_text() == (
+        f"the data folder {str(running.data)!r} is in use by the server at "
+        f"{running.url}; use that one, or stop it first. --data chooses another "
+        "folder\n"
+    )
+    assert plain_http.get(f"{running.url}/healthz").status_code == 200
+
+
+@pytest.mark.sqlite_files(SQLITE_ALONE)
+def test_demo_is_not_rendered_into_a_data_folder_in_use(running, tmp_path):
+    unghost = CommandLine(tmp_path, {})
+
+    answer = unghost("demo", "--data", running.data, "--port", "0")
+
+    assert answer.code == 1
+    assert f"is in use by the server at {running.url}" in answer.err
+    assert not (running.data / "demo").exists()
+
+
+@pytest.mark.sqlite_files(SQLITE_ALONE)
+def test_data_folder_of_a_killed_server_can_be_served_at_once(data_dir):
+    with running_server(data_dir) as killed:
+        api = Api.at(killed.url, killed.headers)
+        with api.http:
+            _, (box,) = api.dataset_of_cars(1)
+            # A child process draws it, which must not hold the lock as well.
+            assert api.get(f"/boxes/{box}/crop").status_code == 200
+        killed.process.kill()
+        killed.process.wait()
+
+        with running_server(data_dir) as second:
+            assert plain_http.get(f"{second.url}/readyz").status_code == 200
+
+
 def test_invalid_setting_is_named_without_its_value(tmp_path):
     data, log = tmp_path / "data", tmp_path / "log"
 
@@ -156,20 +207,20 @@ def test_invalid_database_file_fails_with_a_message(tmp_path):
     assert log.read_text().splitlines()[-1].startswith("the service could not start")
 
 
-def test_two_processes_started_together_both_start_with_one_token(tmp_path):
-    data = tmp_path / "data"
-    processes = [start_anew(SERVER, data, tmp_path / f"log{n}", {}) for n in range(2)]
+@pytest.mark.sqlite_files(SQLITE_ALONE)
+def test_of_two_servers_started_together_one_is_refused(tmp_path):
+    data, logs = tmp_path / "data", [tmp_path / "log0", tmp_path / "log1"]
+    processes = [start_anew(SERVER, data, log, {}) for log in logs]
 
-    tokens = []
-    for n, process in enumerate(processes):
-        wait_for_link(process, tmp_path / f"log{n}")
-        tokens.append(token_of(data))
+    refused = until(lambda: [n for n in (0, 1) if processes[n].poll() is not None])
+    try:
+        wait_for_link(processes[1 - refused[0]], logs[1 - refused[0]])
+    finally:
+        for process in processes:
+            stop(process)
 
-    for process in processes:
-        process.send_signal(signal.SIGINT)
-        assert process.wait(30) == 0
-        stop(process)
-    assert tokens[0] == tokens[1]
+    assert sorted(process.wait() for process in processes) == [0, 1]
+    assert "is in use by" in logs[refused[0]].read_text()
 
 
 def test_token_is_not_logged(data_dir):
