@@ -236,7 +236,7 @@ export function createPager(boxes, load) {
  * @property {Pager} pager
  * @property {import("../core/observable.js").Value<import("./selection.js").Selection>} selection
  * @property {{offset: number, seen: number}} scroll  how far down it is scrolled, and when it was left
- * @property {Promise<string | null>} state  `stateOf` the dataset about when the list was read; null: it could not be loaded
+ * @property {Promise<string | null>} state  `stateNow`, about when the list was read; null: it could not be loaded
  * @property {Promise<boolean>} isOutdated  whether the dataset has changed since the list was read; true if that is not known
  * @property {() => void} stop  end following whether lists have to be read again
  * @property {(index: number) => void} show  moves the focus to that cell and scrolls to it; set by the view that shows the list
@@ -247,11 +247,23 @@ const KEPT_PLACES = 4;
 /** A list that was left longer ago is read again: others may have answered. */
 const FRESH_MS = 10 * 60_000;
 
-/** It changes when lists have to be read again: after a run, an upload, or if the dataset is another one of this name. @param {import("../core/openapi.js").Dataset} dataset */
-const stateOf = ({ created_at, active_run, counts }) => JSON.stringify([created_at, active_run, counts.boxes]);
-
-/** @param {string} dataset @returns {Promise<string | null>} null: it could not be loaded */
-const stateNow = (dataset) => get("/api/v1/datasets/{dataset}", { path: { dataset } }).then(stateOf).catch(() => null);
+/**
+ * It changes when lists have to be read again: after a run, an upload, or if the dataset is another one of this name.
+ * (A frame that replaces another one may have as many boxes: it is the newest.)
+ * @param {string} dataset @returns {Promise<string | null>} null: it could not be loaded
+ */
+async function stateNow(dataset) {
+  const path = { dataset };
+  try {
+    const [{ created_at, active_run, counts }, newest] = await Promise.all([
+      get("/api/v1/datasets/{dataset}", { path }),
+      get("/api/v1/datasets/{dataset}/frames", { path, query: { sort: "-id", limit: 1 } }),
+    ]);
+    return JSON.stringify([created_at, active_run, counts.boxes, newest.items[0]?.id]);
+  } catch {
+    return null;
+  }
+}
 
 /** @type {Map<string, Place>} the one used last comes last */
 const places = new Map();

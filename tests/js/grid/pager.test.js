@@ -188,3 +188,22 @@ test("the list of a closed view releases its boxes when all lists have to be loa
 
   assert.deepEqual(boxes.all([1, 2, 3]), []);
 });
+
+test("a kept list is outdated when a frame has been replaced by one with as many boxes, and only then", async () => {
+  const { load } = server(3);
+  let newest = 7;
+  globalThis.fetch = async (input) => {
+    const { pathname, searchParams } = new URL(String(input), "http://127.0.0.1");
+    if (pathname.endsWith("/boxes")) return Response.json(await load({ limit: 200, count: true }));
+    if (!pathname.endsWith("/frames")) return Response.json({ created_at: "2026-01-01T00:00:00Z", active_run: 1, counts: { boxes: 3 } });
+    assert.deepEqual([searchParams.get("sort"), searchParams.get("limit")], ["-id", "1"]);
+    return Response.json({ items: newest ? [{ id: newest }] : [], next_cursor: null });
+  };
+  const app = /** @type {any} */ ({ boxes: createBoxes() });
+  const open = () => placeOf(app, "replaced", {}, "replaced {}");
+  open();
+
+  assert.equal(await open().isOutdated, false);
+  newest = 8;
+  assert.equal(await open().isOutdated, true);
+});
