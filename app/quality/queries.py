@@ -27,9 +27,11 @@ class Said(NamedTuple):
     """One answer of one person."""
 
     box_id: int
+    revision: int
     reviewer: str
     verdict: str
     batch_id: int | None
+    undoes: int | None
 
 
 class AnswerRepository:
@@ -52,12 +54,15 @@ class AnswerRepository:
         return [AnsweredBox(*row) for row in self._session.execute(rows)]
 
     def said(self, dataset_id: int) -> list[Said]:
-        """All answers on boxes that have one now, by box, oldest first."""
+        """All answers on boxes that have one now, by box, newest first."""
         rows = (
-            select(Review.box_id, Review.reviewer, Review.verdict, Review.batch_id)
+            select(
+                *(Review.box_id, Review.revision, Review.reviewer),
+                *(Review.verdict, Review.batch_id, Review.undoes),
+            )
             .join(Decision, Decision.box_id == Review.box_id)
             .where(Decision.dataset_id == dataset_id, Decision.review.is_not(None))
-            .order_by(Review.box_id, Review.revision)
+            .order_by(Review.box_id, Review.revision.desc())
         )
         return [Said(*row) for row in self._session.execute(rows)]
 

@@ -233,16 +233,20 @@ class Panel:
     def of(cls, session: Session, dataset_id: int) -> Panel:
         """The panel of a dataset.
 
-        Answers of undone batches do not count, and neither do the answers that the undo
-        repeated, since no person gave them.
+        Answers that were undone do not count, and neither do the answers that the undo
+        repeated, since no person gave them. Of an undone bulk answer none counts, not
+        even on boxes that the undo has left as they were.
         """
         answers = AnswerRepository(session)
         ignored = answers.undone_batches(dataset_id)
-        latest = {
-            (said.box_id, said.reviewer): said.verdict
-            for said in answers.said(dataset_id)
-            if said.batch_id not in ignored
-        }
+        undone: set[tuple[int, int | None]] = set()
+        latest: dict[tuple[int, str], str] = {}
+        for said in answers.said(dataset_id):
+            if (said.box_id, said.revision) in undone:
+                continue
+            undone.add((said.box_id, said.undoes))
+            if said.undoes is None and said.batch_id not in ignored:
+                latest.setdefault((said.box_id, said.reviewer), said.verdict)
         return cls({key: said for key, said in latest.items() if said != "clear"})
 
     def reviewers(self) -> tuple[Reviewer, ...]:

@@ -124,5 +124,6 @@ def _answer(review: Review) -> HistoryEntry:
         verdict=review.verdict,
         comment=review.comment,
         batch=review.batch_id,
+        undoes=review.undoes,
         carried_from=review.carried_from,
     )

@@ -1,6 +1,6 @@
 """SQL of answers, of bulk answers and of claims.
 
-`ReviewRepository` stores an answer on one box (`answer_box`), a bulk answer
+`ReviewRepository` stores an answer on one box or its undo (`answer_box`), a bulk answer
 (`answer_boxes`), its undo (`restore_answers`), and answers that are carried over to a
 new frame (`carry_over`). Each of them
 
@@ -21,6 +21,8 @@ from sqlalchemy import (
     CTE,
     BindParameter,
     ColumnElement,
+    Integer,
+    Row,
     Select,
     bindparam,
     delete,
@@ -54,7 +56,10 @@ class BoxState(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """What a person says of one box of a dataset, or of many with a `batch_id`."""
+    """What a person says of one box of a dataset, or of many with a `batch_id`.
+
+    `undoes` is the revision of the answer that it undoes.
+    """
 
     dataset_id: int
     verdict: str
@@ -62,6 +67,7 @@ class Answer(NamedTuple):
     reviewer: str
     created_at: datetime
     batch_id: int | None = None
+    undoes: int | None = None
 
 
 class SeenBoxes(NamedTuple):
@@ -74,21 +80,22 @@ class SeenBoxes(NamedTuple):
 class UndoableBoxes(NamedTuple):
     """Boxes on which a bulk answer can be undone, because it is still in force.
 
-    No answer followed it, or all that followed were undone. All of these boxes are at
-    `revision` now. The answer that the undo repeats has the revision `before`; 0 means
-    that there was none.
+    No answer followed it, or all that followed were undone. The bulk answer gave all of
+    these boxes the revision `answered`; now they are at `revision`.
     """
 
     box_ids: Sequence[int]
+    answered: int
     revision: int
-    before: int
 
 
-_Answers: TypeAlias = "Select[int, int, str, str, str, int | None, datetime]"
+_Answers: TypeAlias = (
+    "Select[int, int, str, str, str, int | None, int | None, datetime]"
+)
 """Answers to be inserted; `_COLUMNS` names their columns."""
 _COLUMNS: Final = (
     *("box_id", "revision", "verdict", "comment"),
-    *("reviewer", "batch_id", "created_at"),
+    *("reviewer", "batch_id", "undoes", "created_at"),
 )
 """Columns of `reviews`, in the order in which `_next_answers` selects them."""
 _UNIQUE: Final = ("box_id", "revision")
@@ -115,6 +122,7 @@ def _next_answers(
     """
     verdict, comment = said or (literal(answer.verdict), literal(answer.comment))
     batch: BindParameter[int | None] = literal(answer.batch_id, Key)
+    undoes: BindParameter[int | None] = literal(answer.undoes, Integer())
     return select(
         Decision.box_id,
         Decision.revision + 1,
@@ -122,6 +130,7 @@ def _next_answers(
         comment,
         literal(answer.reviewer),
         batch,
+        undoes,
         literal(answer.created_at, UtcDateTime()),
     ).where(
         Decision.box_id.in_(box_ids),
@@ -215,14 +224,16 @@ class ReviewRepository:
         )
         stored = sum(
             self._insert(
-                _next_answers(chunk, undoable.revision, cleared, said).outerjoin(
+                _next_answers(
+                    chunk, there.revision, cleared._replace(undoes=there.answered), said
+                ).outerjoin(
                     earlier,
                     (earlier.box_id == Decision.box_id)
-                    & (earlier.revision == undoable.before),
+                    & (earlier.revision == there.answered - 1),
                 )
             )
-            for undoable in boxes
-            for chunk in chunks(undoable.box_ids)
+            for there in boxes
+            for chunk in chunks(there.box_ids)
         )
         if stored:
             self._make_latest(undo)
@@ -253,6 +264,17 @@ class ReviewRepository:
         rows = select(Review).where(Review.box_id == box_id).order_by(Review.revision)
         return list(self._session.scalars(rows))
 
+    def at(self, box_id: int, revision: int) -> Review | None:
+        """The answer that gave a box this revision; None if there is none."""
+        rows = select(Review).where(Review.box_id == box_id)
+        return self._session.scalar(rows.where(Review.revision == revision))
+
+    def is_in_force(self, answer: Review) -> bool:
+        """Whether no answer followed this one, or all that followed were undone."""
+        standing = _standing(Review.id == answer.id)
+        rows = select(standing).where(standing.c.revision == standing.c.answered)
+        return self._session.execute(rows).first() is not None
+
     def once_answered(self, frame_id: int) -> list[tuple[int, str, int]]:
         """Boxes of a frame that have, or had, an answer: id, source id and class id."""
         rows = (
@@ -263,32 +285,48 @@ class ReviewRepository:
         )
         return [(row[0], row[1], row[2]) for row in self._session.execute(rows)]
 
+    def _said(
+        self, box_ids: Sequence[int]
+    ) -> Iterable[Row[int, int, str, str, int | None, int | None]]:
+        """Answers on these boxes, by box, the newest first.
+
+        Of each: box, revision, reviewer, verdict, and the columns `undoes` and
+        `carried_from`.
+        """
+        rows = (
+            select(
+                *(Review.box_id, Review.revision, Review.reviewer, Review.verdict),
+                *(Review.undoes, Review.carried_from),
+            )
+            .where(Review.box_id.in_(box_ids))
+            .order_by(Review.box_id, Review.revision.desc())
+        )
+        return self._session.execute(rows)
+
     def meant_by(self, box_ids: Iterable[int]) -> Counter[str]:
         """On how many boxes each person has an answer that they did not undo.
 
-        The last answer of each person on a box counts, regardless of later answers by
-        others. Answers on the same box in earlier revisions of the frame count too.
+        The last such answer of each person on a box counts, regardless of later answers
+        by others, unless it removed their answer (`clear`). Answers on the same box in
+        earlier revisions of the frame count too.
         """
         last: dict[tuple[int, str], str] = {}
         newest_of = {box_id: box_id for box_id in box_ids}
         while newest_of:
             before: dict[int, int] = {}
             for chunk in chunks(newest_of):
-                rows = (
-                    select(
-                        Review.box_id,
-                        Review.reviewer,
-                        Review.verdict,
-                        Review.carried_from,
-                    )
-                    .where(Review.box_id.in_(chunk))
-                    .order_by(Review.box_id, Review.revision.desc())
-                )
-                for box_id, reviewer, verdict, origin in self._session.execute(rows):
+                undone: set[tuple[int, int, str]] = set()
+                for box_id, revision, who, verdict, undoes, origin in self._said(chunk):
                     newest = newest_of[box_id]
-                    last.setdefault((newest, reviewer), verdict)
                     if origin is not None:
                         before[origin] = newest
+                    if (box_id, revision, who) not in undone:
+                        if undoes is None:
+                            last.setdefault((newest, who), verdict)
+                        else:
+                            undone.add((box_id, undoes, who))
+                    elif origin is not None:
+                        last.setdefault((newest, who), "clear")
             newest_of = before
         return Counter(who for (_, who), verdict in last.items() if verdict != "clear")
 
@@ -349,26 +387,26 @@ class ReviewBatches:
 
     def undoable(self, batch_id: int) -> list[UndoableBoxes]:
         """The boxes on which a batch can be undone, grouped by their revisions."""
-        standing = _standing(batch_id)
+        standing = _standing(Review.batch_id == batch_id)
         rows = (
-            select(standing.c.box_id, Decision.revision, standing.c.answered - 1)
+            select(standing.c.box_id, standing.c.answered, Decision.revision)
             .join(Decision, Decision.box_id == standing.c.box_id)
             .where(standing.c.revision == standing.c.answered)
         )
         alike: dict[tuple[int, int], list[int]] = {}
-        for box_id, revision, before in self._session.execute(rows):
-            alike.setdefault((revision, before), []).append(box_id)
+        for box_id, *revisions in self._session.execute(rows):
+            alike.setdefault(tuple(revisions), []).append(box_id)
         return [UndoableBoxes(ids, *revisions) for revisions, ids in alike.items()]
 
 
-def _standing(batch_id: int) -> CTE:
-    """Each box of a batch with the revisions that have the same answer as it has now.
+def _standing(which: ColumnElement[bool]) -> CTE:
+    """For each of these answers: the revisions with the answer that its box has now.
 
-    `answered` is the revision that the batch gave the box. `revision` is that of the
-    box's latest answer. If that is an undo, it has repeated the answer from before the
-    batch that it undid: there is another row, with the revision of that answer, and so
-    on. If `answered` is among these revisions, the batch's answer is in force. So
-    several batches on the same boxes can be undone one by one, the newest first.
+    `answered` is the revision that the answer gave its box. `revision` is that of the
+    box's latest answer. If that one undoes another, it has repeated the answer from
+    before it: there is another row, with the revision of that answer, and so on. If
+    `answered` is among these revisions, the answer is in force. So several answers on
+    a box can be undone one by one, the newest first.
     """
     standing = (
         select(
@@ -377,23 +415,16 @@ def _standing(batch_id: int) -> CTE:
             Decision.revision.label("revision"),
         )
         .join(Decision, Decision.box_id == Review.box_id)
-        .where(Review.batch_id == batch_id)
+        .where(which)
         .cte("standing", recursive=True)
     )
-    said, undone = aliased(Review), aliased(Review)
+    undo = aliased(Review)
     return standing.union_all(
-        select(standing.c.box_id, standing.c.answered, undone.revision - 1)
-        .select_from(standing)
-        .join(
-            said,
-            (said.box_id == standing.c.box_id) & (said.revision == standing.c.revision),
-        )
-        .join(ReviewBatch, ReviewBatch.id == said.batch_id)
-        .join(
-            undone,
-            (undone.box_id == said.box_id)
-            # Written with `+ 0` so that the box is looked up, and not all of the batch.
-            & (undone.batch_id + 0 == ReviewBatch.undoes_id),
+        select(standing.c.box_id, standing.c.answered, undo.undoes - 1).join(
+            undo,
+            (undo.box_id == standing.c.box_id)
+            & (undo.revision == standing.c.revision)
+            & undo.undoes.is_not(None),
         )
     )
 

@@ -20,7 +20,7 @@ from app.measuring.queries import DatasetRepository
 from app.review.bulk import review_many, undo_batch
 from app.review.history import history
 from app.review.queue import QueueRequest, next_boxes, remaining_boxes
-from app.review.service import review_box
+from app.review.service import review_box, undo_answer
 from unghost.wire.boxes import (
     BulkIn,
     History,
@@ -73,6 +73,20 @@ def create_review(
 ) -> Response:
     """Answer a box; 412 with the current decision if it was answered since seen."""
     review = review_box(session, box_id, body, principal.name)
+    return commit_and_respond(session, _json(review.model_dump_json(), 201))
+
+
+@router.post(
+    "/boxes/{box_id}/reviews/{revision}/undo", status_code=201, response_model=Review
+)
+def undo_review(
+    box_id: RowId, revision: RowId, session: WriteSession, principal: CurrentPrincipal
+) -> Response:
+    """Undo an answer on a box: the box gets the answer it had before.
+
+    409 if somebody has answered since. Only admins may undo answers of others.
+    """
+    review = undo_answer(session, box_id, revision, principal)
     return commit_and_respond(session, _json(review.model_dump_json(), 201))
 
 

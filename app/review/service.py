@@ -13,20 +13,23 @@
 5. `commit_and_respond` (`app.http.transaction`) commits, and only then is the stored
    answer sent back.
 
-Answers on many boxes at once, and their undo, are in `bulk`.
+`undo_answer` undoes an answer in the same way: the answer before it is stored once
+more. Answers on many boxes at once, and their undo, are in `bulk`.
 """
 
 from __future__ import annotations
 
 from sqlalchemy.orm import Session
 
+from app.access.service import require_own
 from app.boxes.queries import LatestAnswers
 from app.boxes.reader import describe_box
 from app.db.base import utc_now
 from app.db.engine import once_committed
-from app.errors import StaleReview
+from app.errors import Conflict, NotFound, StaleReview
 from app.metrics import REVIEWS
-from app.review.queries import Answer, ReviewRepository
+from app.review.queries import Answer, BoxState, ReviewRepository
+from app.security import Principal
 from app.verdicts import effective_verdict
 from unghost.wire.boxes import Review, ReviewIn
 
@@ -53,12 +56,48 @@ def review_box(session: Session, box_id: int, given: ReviewIn, reviewer: str) ->
             current=describe_box(session, box_id),
         )
     once_committed(session, lambda: REVIEWS.labels(answer.verdict).inc())
+    return _stored(box, answer, given.seen_revision + 1)
+
+
+def undo_answer(session: Session, box_id: int, revision: int, by: Principal) -> Review:
+    """Undo the answer that gave a box this revision: repeat the answer before it.
+
+    Raises
+    ------
+    NotFound
+        The box does not exist, or is not current, or has no such answer.
+    Forbidden
+        It is another person's answer, and the caller is not an admin.
+    Conflict
+        The box was answered since, or the answer was undone already.
+    """
+    reviews = ReviewRepository(session)
+    box = reviews.state(box_id)
+    undone = reviews.at(box_id, revision)
+    if undone is None:
+        raise NotFound(f"answer on box {box_id} with revision", revision)
+    what = f"answer {revision} on box {box_id}"
+    require_own(by, {undone.reviewer: 1}, f"undoing {what}")
+    before = reviews.at(box_id, revision - 1)
+    said = ("clear", "") if before is None else (before.verdict, before.comment)
+    answer = Answer(box.dataset_id, *said, by.name, utc_now(), undoes=revision)
+    is_in_force = reviews.is_in_force(undone)
+    if not (is_in_force and reviews.answer_box(box_id, box.revision, answer)):
+        raise Conflict(
+            f"{what} is not in force any more: others followed, or it was undone",
+            code="not_in_force",
+        )
+    once_committed(session, lambda: REVIEWS.labels("undo").inc())
+    return _stored(box, answer, box.revision + 1)
+
+
+def _stored(box: BoxState, answer: Answer, revision: int) -> Review:
     return Review(
-        box_id=box_id,
-        revision=given.seen_revision + 1,
-        verdict=given.verdict,
-        reviewer=reviewer,
-        comment=given.comment,
+        box_id=box.box_id,
+        revision=revision,
+        verdict=answer.verdict,
+        reviewer=answer.reviewer,
+        comment=answer.comment,
         created_at=answer.created_at,
-        effective_verdict=effective_verdict(box.reason, given.verdict),
+        effective_verdict=effective_verdict(box.reason, answer.verdict),
     )

@@ -181,6 +181,22 @@ class ServiceAgainstModel(RuleBasedStateMachine):
         assert answer.json()["count"] == len(ids)
         self.model.bulk(answer.json()["id"], ids, verdict)
 
+    @precondition(lambda self: any(box.pile for box in self.model.boxes().values()))
+    @rule(data=st.data())
+    def undo_answer(self, data):
+        answered = {id: box for id, box in self.model.boxes().items() if box.pile}
+        number, box = data.draw(st.sampled_from(sorted(answered.items())))
+        revision = data.draw(st.sampled_from([revision for revision, _ in box.pile]))
+        undone = self.api.post(f"/boxes/{number}/reviews/{revision}/undo")
+        if revision != box.pile[-1][0]:
+            assert (undone.status_code, undone.json()["code"]) == (409, "not_in_force")
+            return
+        assert undone.status_code == 201, undone.text
+        box.take_back()
+        stored = undone.json()
+        assert stored["revision"] == len(box.answers)
+        assert stored["effective_verdict"] == box.effective
+
     @precondition(lambda self: self.model.batches)
     @rule(data=st.data())
     def undo(self, data):

@@ -303,6 +303,9 @@ def _review(walk: Walk) -> None:
         f"/boxes/{boxes[3]}/reviews",
         {"verdict": "keep", "seen_revision": 0},
     )
+    walk.post("answer once more", path, {"verdict": "unsure", "seen_revision": 4})
+    walk.post("undo an answer", f"{path}/5/undo")
+    walk.post("undo it again", f"{path}/5/undo")
     walk.get("its history", f"/boxes/{boxes[0]}/history")
     bulk: dict[str, Any] = {"dataset": DATASET, "verdict": "reject"}
     bulk |= {"box_ids": [*boxes[:3], 40_000]}

@@ -50,6 +50,7 @@ _WRITING = {
     *(("POST", f"{DATASET}/exports"), ("POST", f"{V1}/exports/{{export_id}}/cancel")),
     *(("POST", f"{DATASET}/evaluations"), ("POST", f"{DATASET}/preview")),
     *(("POST", f"{V1}/boxes/{{box_id}}/reviews"), ("POST", f"{V1}/reviews/bulk")),
+    *(("POST", f"{V1}/boxes/{{box_id}}/reviews/{{revision}}/undo"),),
     *(("POST", f"{V1}/review-batches/{{batch_id}}/undo"),),
     *(("POST", f"{DATASET}/known-frames"), ("POST", f"{V1}/folders")),
 }

@@ -311,6 +311,18 @@ class BoxCalls:
         return Call("POST", path, result(wire.Review), json=body)
 
     @endpoint
+    def undo_review(self, box_id: int, revision: int) -> Call[wire.Review]:
+        """Undo the answer that gave a box this revision; the box gets the one before.
+
+        Raises
+        ------
+        Conflict
+            Somebody has answered the box since, or the answer was undone already.
+        """
+        path = f"{API}/boxes/{box_id}/reviews/{revision}/undo"
+        return Call("POST", path, result(wire.Review))
+
+    @endpoint
     def bulk_review(
         self,
         dataset: str,

@@ -330,7 +330,8 @@ class HistoryEntry(SparseModel):
 
     A decision has `run` and what follows from it, and `activated` if the run changed
     the verdict. A review has `revision`, `reviewer`, `comment`, the `batch` that it was
-    given in, and `carried_from`, the box of an earlier revision that it was given on.
+    given in, the revision that it `undoes`, and `carried_from`, the box of an earlier
+    revision of the frame that it was given on.
     """
 
     # In the order in which either kind of entry has its keys.
@@ -350,6 +351,7 @@ class HistoryEntry(SparseModel):
     activated: bool | None = None
     comment: str | None = None
     batch: int | None = None
+    undoes: int | None = None
     carried_from: int | None = None
 
 

@@ -34,7 +34,11 @@ class ReviewBatch(Base):
 
 
 class Review(Base):
-    """A person's answer on one box; rows are never changed, later answers follow."""
+    """A person's answer on one box; rows are never changed, later answers follow.
+
+    An answer that undoes another one has that one's revision in `undoes`, and repeats
+    the verdict and the comment from before it.
+    """
 
     __tablename__ = "reviews"
     __table_args__ = (
@@ -51,6 +55,7 @@ class Review(Base):
     verdict: Mapped[str] = mapped_column(String(8))
     comment: Mapped[str] = mapped_column(Text, default="")
     reviewer: Mapped[str] = mapped_column(String(100))
+    undoes: Mapped[int | None]
     carried_from: Mapped[int | None] = mapped_column(Key)
     batch_id: Mapped[int | None] = mapped_column(
         Key, ForeignKey("review_batches.id", ondelete="CASCADE"), index=True

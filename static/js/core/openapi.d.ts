@@ -804,6 +804,28 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/boxes/{box_id}/reviews/{revision}/undo": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Undo Review
+         * @description Undo an answer on a box: the box gets the answer it had before.
+         *
+         *     409 if somebody has answered since. Only admins may undo answers of others.
+         */
+        post: operations["undo_review_api_v1_boxes__box_id__reviews__revision__undo_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/reviews/bulk": {
         parameters: {
             query?: never;
@@ -2429,7 +2451,8 @@ export interface components {
          *
          *     A decision has `run` and what follows from it, and `activated` if the run changed
          *     the verdict. A review has `revision`, `reviewer`, `comment`, the `batch` that it was
-         *     given in, and `carried_from`, the box of an earlier revision that it was given on.
+         *     given in, the revision that it `undoes`, and `carried_from`, the box of an earlier
+         *     revision of the frame that it was given on.
          */
         HistoryEntry: {
             /**
@@ -2467,6 +2490,8 @@ export interface components {
             comment?: string | null;
             /** Batch */
             batch?: number | null;
+            /** Undoes */
+            undoes?: number | null;
             /** Carried From */
             carried_from?: number | null;
         };
@@ -5791,6 +5816,47 @@ export interface operations {
                 "application/json": components["schemas"]["ReviewIn"];
             };
         };
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Review"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            409: components["responses"]["Problem409"];
+            412: components["responses"]["Problem412"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    undo_review_api_v1_boxes__box_id__reviews__revision__undo_post: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
+                "Idempotency-Key"?: string;
+            };
+            path: {
+                box_id: number;
+                revision: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
         responses: {
             /** @description Successful Response */
             201: {

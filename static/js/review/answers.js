@@ -39,15 +39,9 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     overtaken.set(rest);
   }
 
-  /** @param {Decision} box @param {AnswerWithComment} answer @returns {boolean} false: there is no room for it */
-  function give(box, { verdict, comment }) {
-    const { box_id: boxId, frame_id: frameId } = box;
-    boxes.holdAnswered([boxId]); // so that the store can tell by its revision if an older response arrives late
-    if (!sender.addAnswer({ boxId, frameId, verdict, comment, seenRevision: seenRevision(box) })) return false;
-    steps.noteAnswer(boxId);
-    closeOvertaken(boxId);
-    return true;
-  }
+  /** @param {Decision} box @param {AnswerWithComment} answer @returns {import("./outbox.js").NewAnswer} */
+  const answerOn = (box, { verdict, comment }) =>
+    ({ boxId: box.box_id, frameId: box.frame_id, verdict, comment, seenRevision: seenRevision(box) });
 
   /**
    * An answer on one box, shown at once and sent when that is possible.
@@ -56,29 +50,34 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   function answer(boxId, verdict, comment = "") {
     const box = boxes.get(boxId);
     if (!box) return false;
-    const step = { before: [currentAnswer(box)], dataset: app.head.get().dataset };
-    if (!give(box, { verdict, comment })) return false;
-    steps.push(step);
+    const before = [currentAnswer(box)];
+    boxes.holdAnswered([boxId]);
+    const given = sender.addAnswer(answerOn(box, { verdict, comment }));
+    if (!given) return false;
+    steps.push({ before, dataset: app.head.get().dataset, given });
+    closeOvertaken(boxId);
     return true;
   }
 
-  const bulkAnswers = createBulkAnswers(app, { boxes, sender, steps, changedFrame, give });
+  const bulkAnswers = createBulkAnswers(app, { boxes, sender, steps, changedFrame });
 
   /**
-   * Undo what this person did last. For an answer on one box, the earlier answer is given again.
+   * Undo what this person did last.
    * @param {(box: Decision, dataset: string) => void} show  the box whose answer it was, and its dataset; not called
    *   for a bulk answer
    */
   function undo(show) {
     const step = steps.last();
     if (!step) return void toasts.show("Nothing to undo.");
-    if (step.bulkKey) return bulkAnswers.undo(step);
+    if (!step.given) return bulkAnswers.undo(step);
     const [before] = step.before;
     const box = before && boxes.get(before.boxId);
     if (!box) return steps.drop(step);
-    if (!give(box, before)) return;
+    boxes.holdAnswered([box.box_id]);
+    if (!sender.undoAnswer(step.given, answerOn(box, before))) return;
     steps.drop(step);
-    show(boxes.get(before.boxId) ?? box, step.dataset);
+    closeOvertaken(box.box_id);
+    show(boxes.get(box.box_id) ?? box, step.dataset);
     app.announcement.set(`${box.class} ${box.id}: answer undone`);
   }
 
@@ -88,8 +87,9 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   sender.state.observe(() => boxes.layOver(outbox.lastAnswers()));
 
   sender.observe({
-    onStored(stored) {
+    onStored(stored, { key }) {
       const { box_id: boxId, revision } = stored;
+      steps.noteStored(key, revision);
       changedFrame.set({ id: boxes.get(boxId)?.frame_id ?? null });
       boxes.receiveAnswers(new Map([[boxId, { revision, given: (box) => withStored(box, stored) }]]));
     },
@@ -111,9 +111,11 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
     onRefused(item, error) {
       steps.forget(item.boxId);
-      toasts.show(`Not saved: ${error.message}`, { kind: "error" });
+      toasts.show(`${item.undoes ? "Not undone" : "Not saved"}: ${error.message}`, { kind: "error" });
       void boxes.loadAgain([item.boxId]);
     },
+
+    onWithdrawn: ({ boxId }) => void boxes.loadAgain([boxId]),
 
     onFull() {
       const text = "Not saved: this browser has no room for more answers. Answer again when those before are saved.";
@@ -200,11 +202,10 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
  * @property {readonly (AnswerWithComment & {boxId: number})[]} before  the earlier answers on its boxes; none for a
  *   bulk answer on boxes that the page does not know
  * @property {string} dataset
+ * @property {import("./outbox.js").GivenAnswer} [given]  an answer on one box
  * @property {string} [bulkKey]  the key of a bulk answer
  * @property {number | null} [batchId]  the bulk answer's id on the server, once it is stored
  * @property {number} [count]  how many boxes the bulk answer was to answer
- * @property {Set<number>} [everAnswered]  of a bulk answer: the boxes on which this person has given an answer on one box
- *   after it, also if that was undone
  */
 
 const MOST_STEPS = 500;
@@ -229,8 +230,10 @@ export function createSteps(boxes) {
       if (entries.length > MOST_STEPS) entries.shift()?.release();
     },
 
-    /** This person gives an answer on this box, or undoes one. @param {number} boxId */
-    noteAnswer: (boxId) => entries.forEach(({ step }) => step.everAnswered?.add(boxId)),
+    /** An answer on one box was stored. @param {string} key @param {number} revision */
+    noteStored(key, revision) {
+      for (const { step } of entries) if (step.given?.key === key) step.given.revision = revision;
+    },
 
     /** The one to undo next. @returns {Step | null} */
     last: () => entries.at(-1)?.step ?? null,

@@ -27,11 +27,10 @@ const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", cl
  * @property {import("./sender.js").Sender} sender
  * @property {import("./answers.js").Steps} steps
  * @property {import("../core/observable.js").Value<{id: number | null}>} changedFrame
- * @property {(box: Decision, answer: AnswerWithComment) => boolean} give  answers one box
  */
 
 /** @param {import("../core/app.js").App} app @param {AnswersPage} page */
-export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, steps, changedFrame, give }) {
+export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, changedFrame }) {
   /** The messages that offer to undo a bulk answer, by its key. @type {Map<string, number>} */
   const offers = new Map();
   /** Those bulk answers that are being undone, by their keys: until the undo is stored, or the answer discarded. @type {Map<string, Step>} */
@@ -54,7 +53,7 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
    */
   function pushStep({ dataset, count }, key, before = []) {
     /** @type {Step} */
-    const step = { before, dataset, bulkKey: key, batchId: null, count, everAnswered: new Set() };
+    const step = { before, dataset, bulkKey: key, batchId: null, count };
     steps.push(step);
     return step;
   }
@@ -74,23 +73,8 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
     const which = areKnown ? { boxIds, seenRevisions } : {};
     undoing.set(bulkKey, step);
     const outcome = sender.addBulkUndo({ bulkKey, batchId, dataset, count, before, ...which });
-    if (outcome === "full") return void undoing.delete(bulkKey);
-    steps.drop(step);
-    if (outcome === "discarded") restore(earlier.filter(({ boxId }) => step.everAnswered?.has(boxId)));
-  }
-
-  /**
-   * A bulk answer was discarded. That takes it away from its boxes, except from those on which this person has undone a
-   * later answer: it is their own answer there. Give them their earlier ones again.
-   * @param {Step["before"]} before
-   */
-  function restore(before) {
-    for (const { boxId, verdict, comment } of before) {
-      const box = boxes.get(boxId);
-      if (!box || (box.review?.reviewer && box.review.reviewer !== owner())) continue;
-      const now = currentAnswer(box);
-      if (now.verdict !== verdict || now.comment !== comment) give(box, { verdict, comment });
-    }
+    if (outcome === "full") undoing.delete(bulkKey);
+    else steps.drop(step);
   }
 
   /**
@@ -178,7 +162,11 @@ export function createBulkAnswers({ toasts, router, owner }, { boxes, sender, st
     },
 
     onUndoStored({ bulkKey, boxIds, seenRevisions, before }, { undone, skipped }) {
+      const isShown = new Set(boxIds);
+      // The server has undone it on all boxes, also where a later answer of this person was undone in the meantime.
+      const others = (undoing.get(bulkKey)?.before ?? []).filter(({ boxId }) => !isShown.has(boxId));
       undoing.delete(bulkKey);
+      void boxes.loadAgain(others.map(({ boxId }) => boxId));
       receive(boxIds ?? [], (i) => before[i] ?? { verdict: "clear", comment: "" }, seenRevisions, skipped);
       if (!boxIds) boxes.reload();
       toasts.show(`${countOf(undone, "answer")} undone`);

@@ -203,11 +203,17 @@ export function History({ app, box }) {
 
 const SIGNS = /** @type {Record<string, string>} */ ({ keep: "check", reject: "cross", unsure: "question", clear: "minus" });
 
+/** @param {HistoryEntry} item */
+function textOfReview({ verdict, undoes }) {
+  if (!undoes) return ANSWER_TEXT[verdict ?? ""] ?? verdict;
+  return verdict === "clear" ? "undid the answer" : `undid an answer, ${verdict} again`;
+}
+
 /** @param {{item: HistoryEntry}} props */
 function ReviewLine({ item }) {
   return html`<span class="sign sign--${item.verdict}"><${Icon} name=${SIGNS[item.verdict ?? ""] ?? "question"} /></span>
     <div>
-      <p><b>${item.reviewer}</b>: ${ANSWER_TEXT[item.verdict ?? ""] ?? item.verdict} <${When} at=${item.at} /></p>
+      <p><b>${item.reviewer}</b>: ${textOfReview(item)} <${When} at=${item.at} /></p>
       ${item.comment && html`<p class="history__comment">${item.comment}</p>`}
     </div>`;
 }

@@ -2,8 +2,8 @@
 // The outbox: answers that the server has not stored yet. They are kept in localStorage, so that they survive a reload
 // and the end of their tab. Nothing is sent here: that is what sender.js does.
 //
-// An item of the outbox is an answer on one box, a bulk answer (one answer on many boxes), or the undo of a bulk
-// answer. (The undo of an answer on one box is one more answer on it.) Each tab sends its own items, in their order.
+// An item of the outbox is an answer on one box or the undo of one, a bulk answer (one answer on many boxes), or the
+// undo of a bulk answer. Each tab sends its own items, in their order.
 //
 // Every answer that the server stores gives its box the next revision. For each of its boxes, an item has the *seen
 // revision*: that of the box as the person saw it. If the box has a newer one when the item arrives, somebody else has
@@ -24,17 +24,27 @@ import { randomId } from "../core/tab.js";
 /** @typedef {import("../core/openapi.js").BoxSelection} Filter */
 
 /**
- * @typedef {object} SingleAnswer  on one box
- * @property {string} key  also the Idempotency-Key
+ * @typedef {object} SingleAnswer  on one box, or the undo of one
+ * @property {string} key  see also `idempotencyKey`
  * @property {string} person  who gave it: it is sent under no other name
  * @property {string} tab  the id of the tab that sends it
  * @property {number} order  about when it was given, in milliseconds since 1970: the lowest is sent first
  * @property {number} boxId
  * @property {number} frameId
- * @property {Answer} verdict
+ * @property {Answer} verdict  of an undo: that of the answer which the box gets again; so is the comment
  * @property {string} comment
  * @property {number} seenRevision  the box's revision that the person saw
  * @property {boolean} [attempted]  see `wasAttempted`
+ * @property {number} [renewed]  how many times it was made a new answer, see `renew`
+ * @property {number} [undoes]  of an undo: the revision of the answer that it undoes
+ * @property {AnswerWithComment} [earlier]  of an answer that was undone while it was being sent: what the box gets again
+ */
+
+/**
+ * @typedef {object} GivenAnswer  what is needed to undo an answer on one box
+ * @property {string} key  of its item
+ * @property {SingleAnswer | null} replaced  the unsent answer that it has replaced in the outbox
+ * @property {number | null} revision  of its box, once it is stored
  */
 
 /**
@@ -70,7 +80,7 @@ import { randomId } from "../core/tab.js";
 
 /** @typedef {BulkAnswer | BulkUndo} BulkItem */
 /** @typedef {SingleAnswer | BulkItem} OutboxItem */
-/** @typedef {Omit<SingleAnswer, "key" | "tab" | "person" | "order" | "attempted">} NewAnswer */
+/** @typedef {Pick<SingleAnswer, "boxId" | "frameId" | "verdict" | "comment" | "seenRevision">} NewAnswer */
 /** @typedef {Omit<BulkAnswer, "key" | "tab" | "person" | "order" | "attempted">} NewBulkAnswer */
 /** @typedef {Omit<BulkUndo, "key" | "tab" | "person" | "order">} NewBulkUndo */
 
@@ -92,6 +102,9 @@ export const isBulkAnswer = (item) => isBulk(item) && !isBulkUndo(item);
  * @param {OutboxItem} item
  */
 export const wasAttempted = (item) => !isBulkUndo(item) && item.attempted === true;
+
+/** Retries of an answer have the same key on the server, but not after `renew`. @param {SingleAnswer} item */
+export const idempotencyKey = ({ key, renewed }) => (renewed ? `${key}.${renewed}` : key);
 
 /** How many answers it is. @param {OutboxItem} item */
 const sizeOf = (item) => (isSingle(item) ? 1 : item.count);
@@ -160,6 +173,27 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   /** Add an item. Where another one waits on the same box, it gets that one's seen revision (rule 1). @param {OutboxItem} item */
   const add = (item) => write(withSeen(item, lastSeen()));
 
+  /** @param {string} key */
+  const answer = (key) => items().filter(isSingle).find((item) => item.key === key);
+
+  /** @param {NewAnswer & Pick<SingleAnswer, "key" | "undoes">} item */
+  const addSingle = (item) => add({ ...item, person: who(), tab, order: nextOrder(), attempted: false });
+
+  /**
+   * Add an answer on one box. It replaces this person's earlier answer on the box, if that was never sent and no bulk
+   * answer on the box was added since. An earlier answer that may have reached the server stays, and is sent first.
+   * @param {NewAnswer} given @returns {GivenAnswer}
+   */
+  function addAnswer(given) {
+    const last = items().findLast((item) => mayAnswer(item, given.boxId));
+    const replaced = last && isSingle(last) && !last.attempted ? last : null;
+    const key = newKey();
+    addSingle({ ...given, key });
+    // The old one is removed last: `add` takes its seen revision, and if there is no room for the new one, it stays.
+    if (replaced) remove(replaced);
+    return { key, replaced, revision: null };
+  }
+
   /** Items that an earlier version of the page has kept without the person who gave them. */
   const unowned = () => storedItems(storage).filter((item) => !item.person);
 
@@ -187,24 +221,36 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       /** @type {Map<number, AnswerWithComment>} */
       const last = new Map();
       for (const item of itemsOfAllTabs()) {
-        if (isSingle(item)) last.set(item.boxId, { verdict: item.verdict, comment: item.comment });
+        if (isSingle(item)) last.set(item.boxId, item.earlier ?? { verdict: item.verdict, comment: item.comment });
         else item.boxIds?.forEach((boxId, i) => last.set(boxId, answerAt(item, i)));
       }
       return last;
     },
 
+    addAnswer,
+
     /**
-     * Add an answer on one box. It replaces this person's earlier answer on the box, if that was never sent and no bulk
-     * answer on the box was added since. An earlier answer that may have reached the server stays, and is sent first.
-     * @param {NewAnswer} answer
+     * Undo an answer on one box.
+     * @param {GivenAnswer} given @param {NewAnswer} earlier  what its box gets again
      */
-    addAnswer(answer) {
-      const last = items().findLast((item) => mayAnswer(item, answer.boxId));
-      const replaced = last && isSingle(last) && !last.attempted ? last : null;
-      add({ ...answer, key: newKey(), person: who(), tab, order: nextOrder(), attempted: false });
-      // The old one is removed last: `add` takes its seen revision, and if there is no room for the new one, it stays.
-      if (replaced) remove(replaced);
+    undoAnswer({ key, replaced, revision }, earlier) {
+      const item = answer(key);
+      if (item && !item.attempted) {
+        // As if it had never been given.
+        remove(item);
+        if (replaced) write({ ...replaced, order: item.order, seenRevision: item.seenRevision });
+      } else if (replaced || !(item || revision)) {
+        // The server never had the earlier answer, or it is not known whether it has this one.
+        addAnswer(earlier);
+      } else if (item) {
+        write({ ...item, earlier: { verdict: earlier.verdict, comment: earlier.comment } }); // for `finish`
+      } else if (revision) {
+        addSingle({ ...earlier, key: newKey(), undoes: revision });
+      }
     },
+
+    /** Whether an answer that is being sent was undone meanwhile. @param {OutboxItem} item */
+    wasUndone: ({ key }) => answer(key)?.earlier !== undefined,
 
     /** @param {NewBulkAnswer} bulk @param {string} [key] */
     addBulkAnswer: (bulk, key = newKey()) =>
@@ -224,12 +270,20 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
 
     /**
      * Remove an item that is stored now, and give its boxes' new revisions to the items behind it: see rule 2. An item
-     * that may have reached the server keeps its own: it must be sent again exactly as it was.
-     * @param {OutboxItem} stored @param {readonly number[]} [leftOut]  boxes that a bulk item did not change
+     * that may have reached the server keeps its own: it must be sent again exactly as it was. If an answer was undone
+     * while it was being sent, its undo takes its place.
+     * @param {OutboxItem} stored
+     * @param {{leftOut?: readonly number[], revision?: number}} outcome  the boxes that a bulk item did not change; the
+     *   box's revision after an answer on one box
      */
-    finish(stored, leftOut = []) {
+    finish(stored, { leftOut = [], revision }) {
+      const undone = answer(stored.key);
       remove(stored);
-      const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, seen + 1]));
+      if (undone?.earlier && revision) {
+        const undo = { ...undone, ...undone.earlier, key: newKey(), seenRevision: revision, undoes: revision };
+        write({ ...undo, earlier: undefined, attempted: false });
+      }
+      const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, revision ?? seen + 1]));
       for (const boxId of leftOut) revisions.delete(boxId);
       for (const item of items()) {
         if (item.order <= stored.order || wasAttempted(item)) continue;
@@ -243,9 +297,10 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      // Removed first, and no longer than before: the browser may have no room for more.
+      const renewed = (item.renewed ?? 0) + 1;
+      // Removed first, and hardly longer than before: the browser may have no room for more.
       remove(item);
-      write({ ...item, key: newKey(), seenRevision: revision, attempted: undefined });
+      write({ ...item, seenRevision: revision, renewed, attempted: undefined });
     },
 
     /**

@@ -5,7 +5,7 @@
 import { seenRevision } from "../boxes/box.js";
 import { ApiError, NoResponse, createRetries, get, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
-import { isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outbox.js";
+import { idempotencyKey, isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outbox.js";
 
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../core/openapi.js").Review} StoredReview */
@@ -22,6 +22,7 @@ import { isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outb
 /**
  * @typedef {object} Requests  all but `history` resolve when the server has stored the item
  * @property {(item: SingleAnswer) => Promise<StoredReview>} answer
+ * @property {(item: SingleAnswer) => Promise<StoredReview>} undo
  * @property {(boxId: number) => Promise<History>} history  the answers on a box, among others
  * @property {(bulk: BulkAnswer) => Promise<ReviewBatch>} bulkAnswer
  * @property {(undo: BulkUndo) => Promise<UndoneBatch>} bulkUndo
@@ -29,8 +30,14 @@ import { isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outb
 
 /** @type {Requests} */
 const REQUESTS = {
-  answer: ({ key, boxId, verdict, comment, seenRevision: seen_revision }) =>
-    post("/api/v1/boxes/{box_id}/reviews", { path: { box_id: boxId }, body: { verdict, comment, seen_revision }, key }),
+  answer(item) {
+    const { boxId, verdict, comment, seenRevision: seen_revision } = item;
+    const request = { path: { box_id: boxId }, body: { verdict, comment, seen_revision }, key: idempotencyKey(item) };
+    return post("/api/v1/boxes/{box_id}/reviews", request);
+  },
+
+  undo: ({ key, boxId, undoes = 0 }) =>
+    post("/api/v1/boxes/{box_id}/reviews/{revision}/undo", { path: { box_id: boxId, revision: undoes }, key }),
 
   history: (boxId) => get("/api/v1/boxes/{box_id}/history", { path: { box_id: boxId } }),
 
@@ -46,10 +53,11 @@ const REQUESTS = {
 
 /**
  * @typedef {object} SenderEvents
- * @property {(stored: StoredReview) => void} onStored
+ * @property {(stored: StoredReview, item: SingleAnswer) => void} onStored
  * @property {(item: SingleAnswer, current: Decision | null) => void} onOvertaken  the box was answered elsewhere since
  *   this person saw it; `current`: the box as it is now
  * @property {(item: SingleAnswer, error: Error) => void} onRefused  the server will never store it
+ * @property {(item: SingleAnswer) => void} onWithdrawn  the server has refused it, after this person had undone it
  * @property {(bulk: BulkAnswer, stored: ReviewBatch) => void} onBulkStored
  * @property {(bulk: BulkAnswer, error: Error) => void} onBulkRefused
  * @property {(bulk: BulkAnswer) => void} onBulkDiscarded
@@ -182,14 +190,14 @@ export function createSender(outbox, requests = REQUESTS, later) {
     outbox.markAttempted(item);
     let stored;
     try {
-      stored = await requests.answer(item);
+      stored = await (item.undoes ? requests.undo(item) : requests.answer(item));
     } catch (error) {
       const current = currentBox(error);
-      if (!current || !(await isOvertakenByOwn(item))) throw error;
-      return outbox.renew(item, seenRevision(current)); // a new item, which has not been sent
+      if (!current || outbox.wasUndone(item) || !(await isOvertakenByOwn(item))) throw error;
+      return outbox.renew(item, seenRevision(current)); // a new answer, which has not been sent
     }
-    outbox.finish(item);
-    tell(({ onStored }) => onStored?.(stored));
+    outbox.finish(item, { revision: stored.revision });
+    tell(({ onStored }) => onStored?.(stored, item));
   }
 
   /**
@@ -228,6 +236,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
     // The server has refused this item, and the next one is sent.
     if (isBulkAnswer(item)) return refuse(item, error);
     if (isBulkUndo(item)) return drop(item, ({ onUndoRefused }) => onUndoRefused?.(item, error));
+    if (outbox.wasUndone(item)) return drop(item, ({ onWithdrawn }) => onWithdrawn?.(item));
     // 412: the box was answered since the person saw it.
     if (error.status === 412) return drop(item, ({ onOvertaken }) => onOvertaken?.(item, currentBox(error)));
     return drop(item, ({ onRefused }) => onRefused?.(item, error));
@@ -268,20 +277,22 @@ export function createSender(outbox, requests = REQUESTS, later) {
    * Put something into the outbox. It is sent at once, also if the server did not answer before ("offline"). But if
    * nobody is signed in, it waits for that; and after a failure of the server or of this page ("busy"), it waits for
    * the next attempt.
-   * @param {() => void} add @returns {boolean} false: this browser has no room for it
+   * @template T
+   * @param {() => T} add @returns {T | null} what `add` returns; null: this browser has no room for it
    */
   function put(add) {
+    let added;
     try {
-      add();
+      added = add();
     } catch (error) {
       if (!(error instanceof DOMException && error.name === "QuotaExceededError")) throw error;
       tell(({ onFull }) => onFull?.());
-      return false;
+      return null;
     }
     const { phase } = state.get();
     show(phase === "saved" ? "saving" : phase);
     if (phase !== "signed-out" && phase !== "busy") void drain();
-    return true;
+    return added;
   }
 
   /** Try now: the network is back, or somebody has signed in. */
@@ -314,7 +325,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   /** @param {BulkItem} item @param {number} storedId @param {readonly number[]} leftOut */
   function finishBulk(item, storedId, leftOut) {
     if (!item.boxIds) storedOnFilter.set(storedId, item.order);
-    outbox.finish(item, leftOut);
+    outbox.finish(item, { leftOut });
   }
 
   /**
@@ -355,11 +366,22 @@ export function createSender(outbox, requests = REQUESTS, later) {
     /** @param {Partial<SenderEvents>} events */
     observe: (events) => void observers.push(events),
 
-    /** @param {import("./outbox.js").NewAnswer} answer @returns {boolean} false: this browser has no room for it */
+    /** @param {import("./outbox.js").NewAnswer} answer @returns null: this browser has no room for it */
     addAnswer: (answer) => put(() => outbox.addAnswer(answer)),
 
-    /** @param {import("./outbox.js").NewBulkAnswer} bulk @param {string} [key] @returns {boolean} as `addAnswer` */
-    addBulkAnswer: (bulk, key) => put(() => outbox.addBulkAnswer(bulk, key)),
+    /**
+     * Undo an answer on one box.
+     * @param {import("./outbox.js").GivenAnswer} given @param {import("./outbox.js").NewAnswer} earlier  what its box
+     *   gets again
+     * @returns {boolean} false: this browser has no room for it
+     */
+    undoAnswer: (given, earlier) => put(() => outbox.undoAnswer(given, earlier)) !== null,
+
+    /**
+     * @param {import("./outbox.js").NewBulkAnswer} bulk @param {string} [key]
+     * @returns {boolean} false: this browser has no room for it
+     */
+    addBulkAnswer: (bulk, key) => put(() => outbox.addBulkAnswer(bulk, key)) !== null,
 
     /**
      * Undo a bulk answer. If the server cannot have stored it, it is discarded; else its undo is put into the outbox.
@@ -370,7 +392,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
       const { bulkKey } = undo;
       const bulk = outbox.bulkAnswer(bulkKey);
       const isUnsent = refused.has(bulkKey) || (bulk && !bulk.attempted);
-      if (!isUnsent) return put(() => outbox.addBulkUndo(undo)) ? "added" : "full";
+      if (!isUnsent) return put(() => outbox.addBulkUndo(undo)) === null ? "full" : "added";
       discard(bulkKey);
       return "discarded";
     },

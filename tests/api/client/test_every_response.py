@@ -174,6 +174,7 @@ def call_box_routes(api: Api, street: str) -> None:
     assert quality["agreement"]["pairs"]
     compared = api.json(f"/datasets/{street}/evaluations", truth="people")
     assert compared["channels"]["semantic"]["worst"]
+    successful_json(api.post(f"/boxes/{first}/reviews/2/undo"))
     successful_json(api.post(f"/review-batches/{batch['id']}/undo"))
     assert any(not box["review"] for box in api.boxes(street))
     api.json(f"/boxes/{others[0]}")

@@ -70,6 +70,7 @@ def test_history_entries_have_the_keys_of_their_kind(http, client, uploaded_data
     }
     answered = {"kind", "at", "verdict", "revision", "reviewer", "comment"} | {
         "batch",
+        "undoes",
         "carried_from",
     }
     assert [set(entry) for entry in raw["items"]] == [

@@ -145,6 +145,21 @@ def test_undone_bulk_answer_counts_for_no_reviewer(api, dataset, people):
     )
 
 
+def test_undone_answer_counts_for_no_reviewer(api, dataset, people):
+    ada, eve = people
+    box_id = api.boxes(dataset)[0]["box_id"]
+    ada.review(box_id, "keep")
+    eve.review(box_id, "reject", 1)
+    eve.post(f"/boxes/{box_id}/reviews/2/undo")
+
+    found = quality(api, dataset)
+
+    assert found["agreement"]["boxes"] == 0
+    assert [(one["name"][:3], one["keep"]) for one in found["reviewers"]] == [
+        ("ada", 1)
+    ]
+
+
 def test_thresholds_are_suggested_from_the_answers(api, dataset):
     for source, verdict in [("real", "keep"), ("partly", "reject")]:
         for box_id in box_ids_of(api, dataset, source):

@@ -230,6 +230,54 @@ def test_reviewer_may_not_discard_cleared_or_overruled_answers_of_others(
     assert grace in detail
 
 
+def test_answer_is_undone_only_by_its_reviewer_or_an_admin(street, person):
+    _, boxes = street
+    (grace, hers), (_, his), (_, admins) = person(), person(), person("admin")
+    undo = f"/boxes/{boxes[0]}/reviews/{{}}/undo".format
+    hers.review(boxes[0], "keep")
+
+    refused = refusal(his.post(undo(1)))
+
+    assert refused[:2] == (403, "others_answers")
+    assert (
+        f"undoing answer 1 on box {boxes[0]} affects 1 answer of {grace}" in refused[2]
+    )
+    assert admins.post(undo(1)).status_code == 201
+    hers.review(boxes[0], "reject", 2)
+    assert hers.post(undo(3)).status_code == 201
+
+
+def test_answers_that_an_admin_has_undone_may_not_be_discarded(street, person):
+    name, boxes = street
+    (grace, hers), (_, his), (_, admins) = person(), person(), person("admin")
+    hers.review(boxes[0], "keep")
+    admins.post(f"/boxes/{boxes[0]}/reviews/1/undo")
+
+    assert grace in refusal(replace(his, name))[2]
+
+
+def test_undone_answer_over_another_one_does_not_count_as_discarded(street, person):
+    name, boxes = street
+    (_, hers), (_, his) = person(), person()
+    hers.review(boxes[0], "reject")
+    his.review(boxes[0], "keep", 1)
+    his.post(f"/boxes/{boxes[0]}/reviews/2/undo")
+
+    assert replace(hers, name).status_code == 201
+
+
+def test_answer_that_was_carried_over_and_then_undone_does_not_count(street, person):
+    name, boxes = street
+    (_, hers), (_, his) = person(), person()
+    his.review(boxes[1], "keep")
+    town = {**scene.annotation(), "map": "Town02"}
+    replaced = his.put(name, "0", town, replace=True).json()
+    carried = replaced["decisions"][1]["box_id"]
+    assert his.post(f"/boxes/{carried}/reviews/1/undo").status_code == 201
+
+    assert replace(hers, name).status_code == 201
+
+
 def test_reviewer_may_replace_a_frame_after_clearing_own_answers(street, person):
     name, boxes = street
     _, his = person()

@@ -169,6 +169,57 @@ def test_unsent_answer_survives_undo_of_its_bulk_answer(many, user, page):
     assert answers(many) == {"b1": "keep"}
 
 
+def open_frame(page: Page, user: Visitor, link: str) -> None:
+    """Go to a frame without loading the page again, which would forget the undo."""
+    page.evaluate("(link) => { location.hash = link; }", link)
+    user.wait_until_drawn()
+
+
+@pytest.mark.parametrize("is_offline", [False, True], ids=["online", "offline"])
+def test_box_has_no_answer_after_a_later_answer_and_the_bulk_answer_are_undone(
+    many, user, page, is_offline
+):
+    select_range(page, 0, 2)
+    user.press("x")
+    expect(toast(page)).to_contain_text("3 boxes rejected")
+    open_frame(page, user, many.link("b1"))
+    page.context.set_offline(is_offline)
+    user.press("a")
+    expect(page.locator(".answerline")).to_contain_text("keep")
+    if not is_offline:
+        user.wait_until_saved()
+
+    user.press("z")
+    expect(page.locator(".answerline")).to_contain_text("reject")
+    user.press("z")
+    expect(page.locator(".answerline")).to_have_text("It has no answer.")
+    page.context.set_offline(False)
+
+    user.wait_until_saved()
+    assert answers(many) == {}
+
+
+def test_undoing_a_bulk_answer_by_its_message_and_then_a_later_answer_undoes_both(
+    many, user, page
+):
+    select_range(page, 0, 2)
+    user.press("x")
+    expect(toast(page)).to_contain_text("3 boxes rejected")
+    open_frame(page, user, many.link("b0"))
+    page.context.set_offline(True)
+    user.press("a")
+    page.evaluate("(link) => { location.hash = link; }", many.link("b1"))
+    expect(page.locator(".answerline")).to_contain_text("reject")
+    user.press("a")
+    page.get_by_role("button", name="Undo", exact=True).last.click()
+    user.press("z")
+    page.context.set_offline(False)
+
+    user.wait_until_saved()
+    assert answers(many) == {"b0": "keep"}
+    expect(page.locator(".answerline")).to_have_text("It has no answer.")
+
+
 def test_refused_bulk_answer_can_be_sent_again(many, user, page):
     problem = {"status": 403, "detail": "viewers answer nothing"}
 

@@ -214,6 +214,11 @@ def test_history_shows_the_filter_and_every_answer(scene, user):
     expect(items.nth(2)).to_contain_text(
         "rejected, below threshold · 4 %, threshold 10 %"
     )
+    user.wait_until_saved()
+    user.press("z", "z")
+    expect(items).to_have_count(5)
+    expect(items.nth(0)).to_contain_text("admin: undid the answer")
+    expect(items.nth(1)).to_contain_text("admin: undid an answer, keep again")
 
 
 SHOWN_AT = """(skeleton, ms) => {

@@ -65,6 +65,13 @@ function senderOf(tab = "t1") {
       }
       return { box_id: boxId, revision: store(boxId, null), verdict, reviewer: "ada", effective_verdict: "kept" };
     },
+    undo: async (/** @type {any} */ item) => {
+      sent.push(item);
+      const refusal = refusals.shift();
+      if (refusal) throw refusal;
+      const { boxId, verdict } = item;
+      return { box_id: boxId, revision: store(boxId, null), verdict, reviewer: "ada", effective_verdict: "kept" };
+    },
     history: async (/** @type {number} */ boxId) => {
       const refusal = refusals.shift();
       if (refusal) throw refusal;
@@ -100,6 +107,7 @@ function senderOf(tab = "t1") {
     onStored: (stored) => told.push(["stored", stored.box_id, stored.revision]),
     onOvertaken: (item, current) => told.push(["overtaken", item.verdict, current?.review?.verdict]),
     onRefused: (item, error) => told.push(["refused", item.verdict, error.message]),
+    onWithdrawn: (item) => told.push(["withdrawn", item.verdict]),
     onBulkStored: (_, { stale }) => told.push(["bulk stored", stale]),
     onBulkRefused: (_, error) => told.push(["bulk refused", error.message]),
     onBulkDiscarded: () => told.push(["bulk discarded"]),
@@ -524,6 +532,117 @@ for (const status of [404, 500]) {
     assert.equal(sender.state.get().phase, "saved");
   });
 }
+
+/** What box 1 gets again after an undo. @param {any} verdict */
+const before = (verdict, seenRevision = 0) => ({ boxId: 1, frameId: 10, verdict, comment: "", seenRevision });
+/** What was sent on box 1, the last of an undo being the revision that it undoes. */
+const sentOnBox = () => sent.map((item) => [item.verdict, item.seenRevision, item.undoes ?? null]);
+
+test("an answer that is undone before it was sent is never sent", async () => {
+  const { sender } = senderOf();
+  refusals = [new NoResponse("offline")];
+  answer(sender, 2, "keep");
+  await settled();
+  refusals = [new NoResponse("offline")];
+  const given = answer(sender, 1, "reject");
+  await settled();
+  sender.undoAnswer(given, before("clear"));
+
+  assert.deepEqual([sender.state.get().count, [...sender.state.get().waiting]], [1, [2]]);
+  await sender.resume();
+
+  assert.deepEqual(told, [["stored", 2, 1]]);
+});
+
+test("undoing an unsent answer brings back the unsent one that it had replaced", async () => {
+  const { sender } = senderOf();
+  refusals = [new NoResponse("offline"), new NoResponse("offline"), new NoResponse("offline"), new NoResponse("offline")];
+  answer(sender, 2, "keep");
+  await settled();
+  const first = answer(sender, 1, "keep");
+  await settled();
+  const second = answer(sender, 1, "reject");
+  await settled();
+  sender.undoAnswer(second, before("keep"));
+  await settled();
+  refusals = [];
+
+  await sender.resume();
+
+  assert.deepEqual(told, [["stored", 2, 1], ["stored", 1, 1]]);
+  assert.deepEqual(sentOnBox().at(-1), ["keep", 0, null]);
+  assert.equal(sent.at(-1)?.key, first.key);
+});
+
+test("an answer that is undone while it is being sent is stored and then undone by its revision", async () => {
+  const { sender, outbox } = senderOf();
+  refusals = [new NoResponse("offline")];
+  const given = answer(sender, 1, "keep");
+  await settled();
+  sender.undoAnswer(given, before("clear"));
+  assert.deepEqual([...outbox.lastAnswers()], [[1, { verdict: "clear", comment: "" }]], "shown at once");
+  await settled();
+  assert.deepEqual([sentOnBox(), outbox.items()], [[["keep", 0, null], ["keep", 0, null], ["clear", 1, 1]], []]);
+  assert.deepEqual(told, [["stored", 1, 1], ["stored", 1, 2]]);
+});
+
+test("an answer that follows an undo is sent with the revision after the undo", async () => {
+  const { sender } = senderOf();
+  refusals = [new NoResponse("offline")];
+  const given = answer(sender, 1, "keep");
+  await settled();
+  refusals = [new NoResponse("offline")];
+  sender.undoAnswer(given, before("clear"));
+  await settled();
+  answer(sender, 1, "unsure");
+  await settled();
+
+  assert.deepEqual(sentOnBox().slice(-3), [["keep", 0, null], ["clear", 1, 1], ["unsure", 2, null]]);
+  assert.deepEqual(told, [["stored", 1, 1], ["stored", 1, 2], ["stored", 1, 3]]);
+});
+
+test("an answer that is undone while it is being sent, and then refused, is dropped with its undo", async () => {
+  const { sender, outbox } = senderOf();
+  refusals = [new NoResponse("offline")];
+  const given = answer(sender, 1, "keep");
+  await settled();
+  revisions.set(1, 9); // somebody else has answered
+  sender.undoAnswer(given, before("clear"));
+  await settled();
+  assert.deepEqual([told, outbox.items()], [[["withdrawn", "keep"]], []]);
+});
+
+test("the undo of a stored answer is retried with the same key, and reported if it is refused", async () => {
+  const { sender, outbox } = senderOf();
+  const given = answer(sender, 1, "keep");
+  await settled();
+  refusals = [new NoResponse("offline"), new ApiError(409, { code: "not_in_force", detail: "others followed" }, null)];
+
+  sender.undoAnswer({ ...given, revision: 1 }, before("clear", 1));
+  await settled();
+  await sender.resume();
+
+  assert.deepEqual(sentOnBox().slice(1), [["clear", 1, 1], ["clear", 1, 1]]);
+  assert.equal(sent[1]?.key, sent[2]?.key);
+  assert.deepEqual([told.at(-1), outbox.items()], [["refused", "clear", "others followed"], []]);
+});
+
+test("if a sent answer had replaced an unsent one, undoing it gives that one, which the server never had", async () => {
+  const { sender } = senderOf();
+  refusals = [new NoResponse("offline"), new NoResponse("offline"), new NoResponse("offline")];
+  answer(sender, 2, "keep");
+  await settled();
+  answer(sender, 1, "keep");
+  await settled();
+  const given = answer(sender, 1, "reject");
+  await settled();
+  await sender.resume();
+
+  sender.undoAnswer({ ...given, revision: 1 }, before("keep", 1));
+  await settled();
+
+  assert.deepEqual(sentOnBox().at(-1), ["keep", 1, null]);
+});
 
 /** Undos that are not stored yet: the bulk answer's key, the state, and the reason to wait. @param {any} sender */
 const openOf = (sender) => sender.state.get().bulkItems.map((/** @type {any} */ { item, state, text }) => [item.bulkKey, state, text]);

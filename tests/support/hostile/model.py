@@ -64,8 +64,8 @@ class ModelBox:
     place: int
     verdict: str
     answers: list[RecordedAnswer] = field(default_factory=list)
-    pile: list[tuple[int | None, str]] = field(default_factory=list)
-    """Acts that are not undone, the newest last: batch, and the answer given."""
+    pile: list[tuple[int, RecordedAnswer]] = field(default_factory=list)
+    """Answers that are not undone, the newest last, each with its revision."""
     verdicts: list[str] = field(default_factory=list)
 
     @property
@@ -102,15 +102,19 @@ class ModelBox:
 
     def answer(self, verdict: str, batch: int | None = None) -> None:
         self.answers.append(RecordedAnswer(verdict, batch))
-        self.pile.append((batch, verdict))
+        self.pile.append((len(self.answers), self.answers[-1]))
 
-    def take_back(self, batch: int, undo: int) -> bool:
-        """Undo the newest answer if it belongs to this batch; whether it did."""
-        if not self.pile or self.pile[-1][0] != batch:
-            return False
+    def take_back(self, undo: int | None = None) -> None:
+        """Undo the newest answer that is not undone; `undo` is the undo of a batch."""
         self.pile.pop()
-        before = self.pile[-1][1] if self.pile else "clear"
+        before = self.pile[-1][1].verdict if self.pile else "clear"
         self.answers.append(RecordedAnswer(before, undo))
+
+    def take_back_batch(self, batch: int, undo: int) -> bool:
+        """Undo the newest answer if it belongs to this batch; whether it did."""
+        if not self.pile or self.pile[-1][1].batch != batch:
+            return False
+        self.take_back(undo)
         return True
 
 
@@ -203,7 +207,7 @@ class Model:
         boxes = self.boxes()
         of_batch = [boxes[one] for one in self.batches[batch] if one in boxes]
         self.undone.add(batch)
-        return sum([box.take_back(batch, undo) for box in of_batch])
+        return sum([box.take_back_batch(batch, undo) for box in of_batch])
 
     def stats(self) -> dict[str, Any]:
         """The counts under the names that the service uses."""

@@ -1,0 +1,31 @@
+"""Each answer that undoes another one says which, also if both are on one box only."""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0011"
+down_revision: str | None = "0010"
+branch_labels = None
+depends_on = None
+
+OF_UNDONE_BATCHES = """
+UPDATE reviews SET undoes = (
+    SELECT undone.revision
+    FROM review_batches JOIN reviews AS undone
+        ON undone.batch_id = review_batches.undoes_id
+    WHERE review_batches.id = reviews.batch_id AND undone.box_id = reviews.box_id
+)
+WHERE batch_id IN (SELECT id FROM review_batches WHERE undoes_id IS NOT NULL)
+"""
+"""So far only the undo of a bulk answer was stored as an undo."""
+
+
+def upgrade() -> None:
+    op.add_column("reviews", sa.Column("undoes", sa.Integer(), nullable=True))
+    op.execute(OF_UNDONE_BATCHES)
+
+
+def downgrade() -> None:
+    op.drop_column("reviews", "undoes")

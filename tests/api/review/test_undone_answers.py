@@ -1,0 +1,133 @@
+"""Undoing an answer on one box: what the box gets, and what else follows from it."""
+
+from __future__ import annotations
+
+import pytest
+
+
+def undo(api, box_id, revision):
+    return api.post(f"/boxes/{box_id}/reviews/{revision}/undo")
+
+
+def undo_in_order(api, box_id, revisions):
+    """Undo these answers one after the other; the box's answer after each."""
+    return [undo(api, box_id, revision).json()["verdict"] for revision in revisions]
+
+
+def reject_all(api, dataset, box_ids):
+    """Reject boxes without answers in bulk; the batch's id."""
+    body = {"dataset": dataset, "verdict": "reject", "box_ids": box_ids}
+    return api.post("/reviews/bulk", body).json()["id"]
+
+
+def undo_all(api, batch):
+    return api.post(f"/review-batches/{batch}/undo").json()
+
+
+def answer_of(api, box_id):
+    review = api.json(f"/boxes/{box_id}")["review"]
+    return review and (review["verdict"], review["comment"])
+
+
+def test_box_gets_the_answer_before_the_undone_one(api, ghosts):
+    api.review(ghosts[0], "unsure", comment="before")
+    api.review(ghosts[0], "keep", 1)
+
+    undone = undo(api, ghosts[0], 2)
+
+    body = undone.json()
+    assert undone.status_code == 201
+    assert {key: body[key] for key in body if key != "created_at"} == {
+        "box_id": ghosts[0],
+        "revision": 3,
+        "verdict": "unsure",
+        "reviewer": "admin",
+        "comment": "before",
+        "effective_verdict": "rejected",
+    }
+    assert answer_of(api, ghosts[0]) == ("unsure", "before")
+    history = api.json(f"/boxes/{ghosts[0]}/history")["items"]
+    assert [entry.get("undoes") for entry in history] == [2, None, None, None]
+
+
+def test_first_answer_is_undone_to_none(api, dataset, ghosts):
+    before = api.json(f"/datasets/{dataset}/stats")
+    api.review(ghosts[0], "keep")
+
+    assert undo(api, ghosts[0], 1).json()["verdict"] == "clear"
+
+    assert answer_of(api, ghosts[0]) is None
+    assert api.json(f"/datasets/{dataset}/stats") == before
+
+
+def test_answers_on_a_box_are_undone_in_reverse_order(api, ghosts):
+    for seen, verdict in enumerate(["keep", "reject", "unsure"]):
+        api.review(ghosts[0], verdict, seen)
+
+    assert undo_in_order(api, ghosts[0], [3, 2, 1]) == ["reject", "keep", "clear"]
+
+
+def test_an_undo_can_be_undone_and_the_answer_undone_again(api, ghosts):
+    api.review(ghosts[0], "keep")
+
+    assert undo_in_order(api, ghosts[0], [1, 2, 1]) == ["clear", "keep", "clear"]
+
+
+@pytest.mark.parametrize("verdict", ["keep", "clear"])
+def test_answer_that_another_one_followed_is_not_undone(api, ghosts, verdict):
+    api.review(ghosts[0], "reject")
+    api.review(ghosts[0], verdict, 1)
+
+    refused = undo(api, ghosts[0], 1)
+
+    assert (refused.status_code, refused.json()["code"]) == (409, "not_in_force")
+    assert api.json(f"/boxes/{ghosts[0]}")["revision"] == 2
+
+
+def test_undone_answer_is_not_undone_again(api, ghosts):
+    api.review(ghosts[0], "keep")
+    undo(api, ghosts[0], 1)
+
+    assert undo(api, ghosts[0], 1).json()["code"] == "not_in_force"
+
+
+@pytest.mark.parametrize("revision", [2, 2**31 - 1])
+def test_missing_answer_is_404(api, ghosts, revision):
+    api.review(ghosts[0], "keep")
+
+    refused = undo(api, ghosts[0], revision)
+
+    assert refused.status_code == 404
+    assert f"answer on box {ghosts[0]} with revision {revision}" in refused.text
+
+
+def test_bulk_answer_is_undone_where_a_later_answer_was_undone(api, dataset, ghosts):
+    batch = reject_all(api, dataset, ghosts[:2])
+    api.review(ghosts[0], "keep", 1)
+    undo(api, ghosts[0], 2)
+
+    undone = undo_all(api, batch)
+
+    assert (undone["undone"], undone["skipped"]) == (2, [])
+    assert [answer_of(api, box_id) for box_id in ghosts[:2]] == [None, None]
+
+
+def test_answer_is_undone_after_a_later_bulk_answer_was_undone(api, dataset, ghosts):
+    api.review(ghosts[0], "keep")
+    body = {"dataset": dataset, "verdict": "reject", "box_ids": ghosts[:1]}
+    batch = api.post("/reviews/bulk", {**body, "seen_revisions": [1]}).json()["id"]
+    undo_all(api, batch)
+
+    assert undo(api, ghosts[0], 1).json()["verdict"] == "clear"
+
+
+def test_bulk_answer_stays_where_a_later_answer_is_in_force(api, dataset, ghosts):
+    batch = reject_all(api, dataset, ghosts[:2])
+    api.review(ghosts[0], "keep", 1)
+    api.review(ghosts[0], "unsure", 2)
+    undo(api, ghosts[0], 3)
+
+    undone = undo_all(api, batch)
+
+    assert (undone["undone"], undone["skipped"]) == (1, ghosts[:1])
+    assert answer_of(api, ghosts[0]) == ("keep", "")
