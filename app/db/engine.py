@@ -152,7 +152,7 @@ class Database:
             call()
 
     @contextmanager
-    def write_beside(self) -> Iterator[Session]:
+    def write_out_of_turn(self) -> Iterator[Session]:
         """As `write`, for rows that no other transaction uses.
 
         On PostgreSQL it does not wait for its turn. On SQLite it does, as only one

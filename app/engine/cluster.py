@@ -75,7 +75,7 @@ class ClusterEngine(LocalEngine):
         self._absence = AbsenceLog()
 
     @property
-    def window(self) -> int:
+    def most_in_flight(self) -> int:
         """How many chunks of a job may be in progress, up to `MOST_IN_FLIGHT`."""
         return min(MOST_IN_FLIGHT, PER_WORKER * max(1, self._worker_count()))
 

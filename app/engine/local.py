@@ -110,7 +110,7 @@ class LocalEngine:
         work()
 
     @property
-    def window(self) -> int:
+    def most_in_flight(self) -> int:
         """How many chunks of a job may be in progress at the same time."""
         return 2
 

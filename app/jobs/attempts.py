@@ -84,10 +84,10 @@ log = logging.getLogger(__name__)
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether each frame has to be stored before the next one begins.
 
-    That is the second and the third attempt of a driver, and the third of a worker: a
-    driver counts an attempt when it begins, and a worker's is counted once it failed.
+    A driver has counted its attempt already: so its second and third are meant. That of
+    a worker is counted only if the worker dies: so its third is meant.
     """
-    return chunk.attempts > 1
+    return chunk.attempts >= 2
 
 
 def count_death(session: Session, job: Job, number: int) -> bool:

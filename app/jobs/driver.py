@@ -183,10 +183,10 @@ class JobDriver:
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
-            # New chunks are made of the frames without a result, in the order of their
-            # ids, from the first one on. But if an earlier driver has left chunks that
-            # wait or are in quarantine, from the frame after its last chunk on: the
-            # frames of those chunks have no result yet, and must not be in two chunks.
+            # New chunks are made of all frames without a result, in the order of their
+            # ids. But frames of chunks that an earlier driver has left, waiting or in
+            # quarantine, have no result yet, and must not be in two chunks. So if there
+            # are such chunks, new ones begin after the last frame of the newest chunk.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:
@@ -227,7 +227,7 @@ class JobDriver:
         """The chunk to submit next; None if none can be submitted now."""
         if self._suspects:
             return None if self._in_flight else self._suspects[0]
-        room = self.context.engine.window - len(self._in_flight)
+        room = self.context.engine.most_in_flight - len(self._in_flight)
         if room > 0 and not self._to_send and not self._planned.is_complete:
             self._plan(row, room)
         return self._to_send[0] if room > 0 and self._to_send else None

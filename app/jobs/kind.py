@@ -228,7 +228,7 @@ class Task(Generic[Row]):
         if final and self.context.database.has_one_writer:
             return
         if time.monotonic() - self._told_at >= TELL_EVERY_S:
-            with self.context.database.write_beside() as session:
+            with self.context.database.write_out_of_turn() as session:
                 tell_done(session, self.kind.table, self.job.id, done)
             self._told_at = time.monotonic()
 

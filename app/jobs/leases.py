@@ -118,8 +118,8 @@ class JobLease:
         LeaseLost
             Another process drives the job.
         """
-        # `take` would raise LeaseLost while this process renews its lease: it finds the
-        # row locked, and does not know by whom.
+        # `take` raises LeaseLost if the row is locked, for instance by the thread that
+        # renews the lease of this process. `require` waits for the lock.
         if self._is_taken:
             self.require(session)
         else:
@@ -150,7 +150,7 @@ class JobLease:
         if not self._is_taken or self._is_lost:
             return
         try:
-            with self._database.write_beside() as session:
+            with self._database.write_out_of_turn() as session:
                 lease = self._mine(session)
                 if lease is None:
                     return
@@ -183,7 +183,7 @@ class JobLease:
     def _renew(self) -> None:
         while not self._is_over.wait(RENEW_EVERY_S):
             try:
-                with self._database.write_beside() as session:
+                with self._database.write_out_of_turn() as session:
                     lease = self._mine(session)
                     if lease is not None:
                         lease.until = _now(session) + LEASE_LASTS
@@ -302,7 +302,7 @@ class Watchdog:
         ]
 
     def _delete(self, jobs: Iterable[Job]) -> None:
-        with self._context.database.write_beside() as session:
+        with self._context.database.write_out_of_turn() as session:
             for job in jobs:
                 lease = _locked(session, job, skip_locked=True)
                 if lease is not None and _is_void(lease, _now(session)):

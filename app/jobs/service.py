@@ -146,7 +146,7 @@ def interrupt(context: ServiceContext, session: Session, job: Job) -> None:
     context.engine.interrupt(job)
     if not context.database.has_one_writer:
         # Not in the caller's session: its first statement waits for its turn to write.
-        with context.database.write_beside() as beside:
+        with context.database.write_out_of_turn() as beside:
             ChunkRepository(beside).withdraw_final_step(job)
     clear = partial(context.engine.clear_cancel, job)
     event.listen(session, "after_transaction_end", lambda *_: clear())

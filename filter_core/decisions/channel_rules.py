@@ -174,8 +174,8 @@ class _Channel:
 
 
 def _ordered_needed(boxes: _Boxes) -> IntArray:
-    # `ordered_min_pixels` only applies where nearer boxes take some pixels; where none
-    # does, `explained_by` is NOT_MEASURED.
+    # `explained_by` is the nearer box that takes pixels of this one, or NOT_MEASURED if
+    # none does. Then `ordered_min_pixels` does not apply.
     is_taken = boxes.numbers.explained_by != NOT_MEASURED
     least = np.maximum(boxes.min_visible_pixels, 1)
     return np.where(is_taken, boxes.config.ordered_min_pixels, least)

@@ -182,15 +182,14 @@ def _threshold_by_reason(limits: LimitsByClass) -> FloatArray:
 
 def _first_reason(rules: Sequence[_Rule]) -> NDArray[np.uint8]:
     """(N,) uint8: the reason of the first rule that holds for a box, else VISIBLE."""
-    # (R, N): 1 where a rule holds, else 0. (`np.select` takes ten times as long.)
-    ranks = np.array([holds for _, holds in rules]).view(np.uint8)
-    # Of the R rules, the first now has R where it holds, the next R - 1, ..., the last
-    # one 1. So the largest number of a box is that of the first rule that holds. It is
-    # 0 if none holds.
-    ranks *= np.arange(len(rules), 0, -1, dtype=np.uint8)[:, np.newaxis]
-    # The reason that each of these numbers stands for.
-    by_rank = [Reason.VISIBLE, *(reason for reason, _ in reversed(rules))]
-    reason: NDArray[np.uint8] = np.array(by_rank, np.uint8).take(ranks.max(axis=0))
+    # Rules are numbered from the last one (1) to the first: of the rules that hold for
+    # a box, the first has the largest number. (`np.select` takes ten times as long.)
+    backwards = rules[::-1]
+    numbers = np.arange(1, 1 + len(rules), dtype=np.uint8)[:, np.newaxis]
+    # (R, N): for each box, the numbers of the rules that hold; 0 for the others.
+    holding = np.array([holds for _, holds in backwards]).view(np.uint8) * numbers
+    reasons = [Reason.VISIBLE, *(reason for reason, _ in backwards)]
+    reason: NDArray[np.uint8] = np.array(reasons, np.uint8).take(holding.max(axis=0))
     return reason
 
 

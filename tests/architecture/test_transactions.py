@@ -10,7 +10,7 @@ import ast
 from tests.support.sources import python_sources
 
 ENDING = {"commit", "rollback"}
-OPENING = {"read", "write", "write_beside"}
+OPENING = {"read", "write", "write_out_of_turn"}
 ALLOWED = {
     "app/http/transaction.py:commit_and_respond",
     *("app/jobs/service.py:interrupt", "app/datasets/service.py:remove_dataset"),

@@ -31,8 +31,8 @@ What each file holds, and what of it is replaced because it differs from run to 
 * ``names``: what `filter_core` and `unghost` offer, and what documents import.
 * ``modules``: which packages of others an import loads, and the largest number of our
   own modules that it may load.
-* ``walk``: a walk over the API with every response. Times, secrets, ids of requests and
-  the version are replaced, and of drawn pictures the size is kept and not the pixels.
+* ``responses``: every response of a walk over the API. Times, secrets, ids of requests
+  and the version are replaced; of drawn pictures, the size is kept and not the pixels.
   Counts by class or reason are sorted, since databases have no order for them.
 * ``command_line``: what ``unghost filter --json`` prints.
 """

@@ -23,6 +23,6 @@ PINS: Final[Mapping[str, Callable[[], Any]]] = {
     "modules": interface.modules,
     **{
         name: partial(_of_the_service, name)
-        for name in ("rows", "exports", "decisions", "walk", "command_line")
+        for name in ("rows", "exports", "decisions", "responses", "command_line")
     },
 }

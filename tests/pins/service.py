@@ -56,7 +56,7 @@ def found() -> dict[str, Any]:
             walk = walked(http)
             exports, archives = _exports(http)
             return {
-                "walk": walk,
+                "responses": walk,
                 "exports": exports,
                 "rows": _rows(data),
                 "decisions": _decisions(http, archives) | _library(),

@@ -30,7 +30,7 @@ class SmallChunks(LocalEngine):
         self._changing = threading.Lock()
 
     @property
-    def window(self):
+    def most_in_flight(self):
         return 4
 
     def chunk_frames(self, total):

@@ -15,7 +15,8 @@
 //    shows the waiting answer in place of theirs. The person answers once more. With revision 4 this answer would
 //    overwrite one that the person has not seen. With revision 3 the server refuses it, and the person learns of both.
 // 2. Once the first item is stored, the second gets the next revision (`finish`), since the answer in between is the
-//    person's own. This is only done with items of this tab. One of another tab is refused, and the person chooses.
+//    person's own. But a second item that waits in another tab does not get it: the server refuses that item, and the
+//    person chooses between the two answers.
 
 import { randomId } from "../core/tab.js";
 

@@ -148,8 +148,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
   const show = (phase) => state.set(stateIn(phase));
 
   /**
-   * The item to send next: the oldest. But one that may have reached the server comes first, because what has become of
-   * it decides which revision later ones have seen. (Items that were taken over from another tab may be older than it.)
+   * The item to send next: the oldest. But one that was sent before, without a response, comes first: the server may
+   * have stored it, and then later items on its boxes need the new revision. (An item that was taken over from another
+   * tab may be older than it.)
    */
   function next() {
     const items = outbox.items();
@@ -203,8 +204,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
   /**
    * Whether a refused answer (412) was overtaken only by this tab's own bulk answers on a filter, or their undos. The
    * page does not know which boxes a filter selects, so `finish` cannot give an answer the revision that its box has
-   * after the bulk answer. Only bulk answers that were given before the answer count. (An answer that was taken over from
-   * a closed tab may be older than the bulk answer that overtook it. Then the person chooses.)
+   * after the bulk answer. (An answer that was taken over from a closed tab may be older than the bulk answer that
+   * overtook it. Then the result is false, and the person chooses.)
    * @param {SingleAnswer} item
    */
   async function isOvertakenByOwn(item) {

@@ -59,7 +59,7 @@ def test_isolation_levels_do_not_depend_on_the_default_of_the_server(url):
         database.engine.dispose()
         with database.write() as session:
             found = show_setting(session, "transaction_isolation")
-        with database.write_beside() as session:
+        with database.write_out_of_turn() as session:
             beside = show_setting(session, "transaction_isolation")
         with database.read() as session:
             reading = show_setting(session, "transaction_isolation")

@@ -87,7 +87,7 @@ def test_own_renewal_under_way_is_not_taken_for_another_process(postgres_service
     is_renewing, may_end = Event(), Event()
 
     def renew():
-        with database.write_beside() as session:
+        with database.write_out_of_turn() as session:
             session.get(Lease, job, with_for_update=True)
             is_renewing.set()
             may_end.wait()
