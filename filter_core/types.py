@@ -472,7 +472,7 @@ class _ReasonRow(NamedTuple):
 
     number: int
     verdict: Verdict = Verdict.REJECTED
-    before_channels: bool = False
+    is_final: bool = False
     in_image: bool = True
 
 
@@ -490,7 +490,7 @@ class Reason(IntEnum):
     label : ReasonLabel
         Its name on the wire, such as ``below_threshold``.
     verdict : Verdict
-    before_channels : bool
+    is_final : bool
         No channel overwrites it: it follows from the box and the configuration, and
         needs no pixels. (For NO_SEGMENTATION it is False: a channel, such as ``lidar``,
         may still decide.)
@@ -500,11 +500,11 @@ class Reason(IntEnum):
         (`static/js/queue/session.js`).
     """
 
-    OUTSIDE_IMAGE = _ReasonRow(1, before_channels=True, in_image=False)
-    COVERS_IMAGE = _ReasonRow(2, before_channels=True)
-    DEGENERATE = _ReasonRow(3, before_channels=True, in_image=False)
-    OUT_OF_RANGE = _ReasonRow(4, before_channels=True)
-    UNMAPPED_CLASS = _ReasonRow(5, before_channels=True)
+    OUTSIDE_IMAGE = _ReasonRow(1, is_final=True, in_image=False)
+    COVERS_IMAGE = _ReasonRow(2, is_final=True)
+    DEGENERATE = _ReasonRow(3, is_final=True, in_image=False)
+    OUT_OF_RANGE = _ReasonRow(4, is_final=True)
+    UNMAPPED_CLASS = _ReasonRow(5, is_final=True)
     NO_SEGMENTATION = _ReasonRow(6, Verdict.UNMEASURED)
     NO_VISIBLE_PIXELS = _ReasonRow(7)
     LARGE_BELOW_THRESHOLD = _ReasonRow(8)
@@ -517,14 +517,14 @@ class Reason(IntEnum):
 
     label: ReasonLabel
     verdict: Verdict
-    before_channels: bool
+    is_final: bool
     in_image: bool
 
     def __new__(
         cls,
         number: int,
         verdict: Verdict = Verdict.REJECTED,
-        before_channels: bool = False,
+        is_final: bool = False,
         in_image: bool = True,
     ) -> Reason:
         """The value is the number, which is stored and never changes its meaning."""
@@ -534,7 +534,7 @@ class Reason(IntEnum):
         reason._value_ = number
         reason.label = get_args(ReasonLabel)[number - 1]
         reason.verdict = verdict
-        reason.before_channels = before_channels
+        reason.is_final = is_final
         reason.in_image = in_image
         return reason
 

@@ -29,8 +29,8 @@ anew.
 | third | frame by frame, alone | frame by frame |
 | then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
 
-Once an attempt of a driver has stored something, the next one is a first one again:
-three drivers in succession have to die and store nothing.
+If a driver stores something before it dies, the next attempt counts as the first. So
+only three drivers that die in succession and store nothing lead to quarantine.
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
 the cause. Each of them is submitted again while no other one is in progress
@@ -82,10 +82,10 @@ log = logging.getLogger(__name__)
 
 
 def is_one_by_one(chunk: Chunk) -> bool:
-    """Whether each frame has to be stored before the next one begins.
+    """Whether to work frame by frame in this attempt, as the table above says.
 
-    A driver has counted its attempt already: so its second and third are meant. That of
-    a worker is counted only if the worker dies: so its third is meant.
+    `attempts` is 2 in the second attempt of a driver, which is counted when it begins,
+    and in the third of a worker, after two deaths.
     """
     return chunk.attempts >= 2
 

@@ -186,7 +186,7 @@ class JobDriver:
             # New chunks are made of all frames without a result, in the order of their
             # ids. But frames of chunks that an earlier driver has left, waiting or in
             # quarantine, have no result yet, and must not be in two chunks. So if there
-            # are such chunks, new ones begin after the last frame of the newest chunk.
+            # are such chunks, new ones begin after the last frame that is in a chunk.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:

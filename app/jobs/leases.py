@@ -150,6 +150,7 @@ class JobLease:
         if not self._is_taken or self._is_lost:
             return
         try:
+            # Out of turn: without waiting for those who write to other rows.
             with self._database.write_out_of_turn() as session:
                 lease = self._mine(session)
                 if lease is None:

@@ -158,8 +158,8 @@ class Activation:
         if not len(numbers):
             return
         # The reviewed boxes of this part; all ids are in order.
-        ends = np.searchsorted(self._reviewed, numbers.box_ids[[0, -1]] + [0, 1])
-        here = slice(*ends.tolist())
+        first, last = numbers.box_ids[[0, -1]]
+        here = slice(*np.searchsorted(self._reviewed, [first, last + 1]).tolist())
         at = np.searchsorted(numbers.box_ids, self._reviewed[here])
         plain = np.ones(len(numbers), np.bool_)
         plain[at] = False

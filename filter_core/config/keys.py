@@ -79,7 +79,7 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
 
     `evidence` names the kinds of evidence whose rules use the key. A key such as
     `max_distance` has none: it decides boxes before pixels are looked at, whatever the
-    evidence is (`Reason.before_channels`).
+    evidence is (`Reason.is_final`).
 
     The annotations are type variables because three classes in `filter.py` inherit the
     keys, and their values have different types:

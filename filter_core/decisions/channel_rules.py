@@ -2,7 +2,7 @@
 
 A configuration names channels to try in order (`DecideConfig.channels`). The first one
 with a number for a box decides, and overwrites what the rules of the segmentation
-decided, except for reasons that need no pixels (`Reason.before_channels`). A box that
+decided, except for reasons that need no pixels (`Reason.is_final`). A box that
 no channel has a number for keeps its decision. `_CHANNELS` has one row per
 channel: the number that it compares, the number that is needed, and the reason of the
 boxes that it rejects. The sentences of channels are in `explain`.
@@ -29,10 +29,8 @@ from filter_core.types import (
     Reason,
 )
 
-_BEFORE_CHANNELS: Final = np.array(
-    [False, *(reason.before_channels for reason in Reason)]
-)
-"""`Reason.before_channels` by number."""
+_BEFORE_CHANNELS: Final = np.array([False, *(reason.is_final for reason in Reason)])
+"""`Reason.is_final` by number."""
 
 
 def apply_channels(
@@ -40,7 +38,7 @@ def apply_channels(
 ) -> None:
     """Overwrite the decisions of boxes that a channel has a number for.
 
-    Those that were decided before channels (`Reason.before_channels`) stay.
+    Those that were decided before channels (`Reason.is_final`) stay.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
 
     Where a channel of the configuration has a number for a box, its rule replaces the
     decision, unless the reason of that decision needs no pixels
-    (`Reason.before_channels`).
+    (`Reason.is_final`).
 
     Parameters
     ----------

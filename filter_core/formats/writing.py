@@ -324,6 +324,7 @@ class _LabelExport:
             self.key_list.write(json_bytes(line) + b"\n")
 
     def _write_band(self, band: int, out: OutFrame) -> None:
+        """Write the labels of boxes that are at most `band` metres away."""
         name = band_name(band)
         distance = out.frame.boxes.distance[out.boxes.row]
         # One of unknown distance is in every band.

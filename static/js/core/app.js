@@ -65,8 +65,8 @@ export function createApp(storage, startAnew = () => location.reload()) {
     prefs: createPrefs(storage),
     toasts,
     keys,
-    /** What the top bar says; views set it by `useHead`. */
-    head: createValue(/** @type {import("./hooks.js").Head} */ ({ dataset: "", crumbs: [], tools: null })),
+    /** What the top bar says; views set it by `useTopBar`. */
+    topBar: createValue(/** @type {import("./hooks.js").TopBar} */ ({ dataset: "", crumbs: [], tools: null })),
     /** Actions of the views on the page; if several offer the same one, the last is used. */
     actions: createValue(/** @type {readonly Actions[]} */ ([])),
     /** For screen readers. */

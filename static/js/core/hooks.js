@@ -1,5 +1,5 @@
 // @ts-check
-// Hooks that views share: useValue, useLoaded, useDataset, useDatasets, useNewest, usePages, useTask, useActions, useTyped, useClosing, useHead, useRetryOnline.
+// Hooks that views share: useValue, useLoaded, useDataset, useDatasets, useNewest, usePages, useTask, useActions, useTyped, useClosing, useTopBar, useRetryOnline.
 
 import { get } from "./api.js";
 import { useCallback, useEffect, useLayoutEffect, useRef, useState } from "./html.js";
@@ -161,7 +161,7 @@ export function useClosing(root, isOpen, close) {
 }
 
 /** @typedef {{text: string, href?: string}} Crumb  one step of the path to a view; the last one has no address */
-/** @typedef {{dataset: string, crumbs: readonly Crumb[], tools: unknown}} Head  what the top bar shows: `dataset` is the current dataset, or ""; `tools` are shown in the bar */
+/** @typedef {{dataset: string, crumbs: readonly Crumb[], tools: unknown}} TopBar  what the top bar shows: `dataset` is the current dataset, or ""; `tools` are shown in the bar */
 
 /** @param {string} dataset @returns {Crumb[]} */
 const pathTo = (dataset) => [{ text: "Datasets", href: linkTo("datasets") }, ...(dataset ? [{ text: dataset }] : [])];
@@ -170,9 +170,9 @@ const pathTo = (dataset) => [{ text: "Datasets", href: linkTo("datasets") }, ...
  * Set what the top bar shows while a view is on the page.
  * @param {import("./app.js").App} app @param {{title: string, dataset?: string, crumbs?: readonly Crumb[], tools?: unknown}} head
  */
-export function useHead(app, { title, dataset = "", crumbs = pathTo(dataset), tools = null }) {
+export function useTopBar(app, { title, dataset = "", crumbs = pathTo(dataset), tools = null }) {
   useTitle(title);
-  useLayoutEffect(() => app.head.set({ dataset, crumbs, tools }), [app, dataset, JSON.stringify(crumbs), tools]);
+  useLayoutEffect(() => app.topBar.set({ dataset, crumbs, tools }), [app, dataset, JSON.stringify(crumbs), tools]);
 }
 
 /** @param {string} title */

@@ -4,7 +4,7 @@
 import { NearPicture } from "../boxes/crops.js";
 import { ReviewProgress, StrokeSwatch, VerdictBar } from "../boxes/signs.js";
 import { url } from "../core/api.js";
-import { useDatasets, useHead, useValue } from "../core/hooks.js";
+import { useDatasets, useTopBar, useValue } from "../core/hooks.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
@@ -17,7 +17,7 @@ import { UploadButtons } from "../upload/upload.js";
 
 /** @param {{app: App}} props */
 export function DatasetsView({ app }) {
-  useHead(app, { title: "Datasets", crumbs: [] });
+  useTopBar(app, { title: "Datasets", crumbs: [] });
   const uploads = useValue(app.uploads.ended);
   const loaded = useDatasets(uploads);
   const datasets = loaded.value?.items;

@@ -6,7 +6,7 @@ import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js
 import { FILTER_KEYS, filtersOf, selectionOf } from "../boxes/filters.js";
 import { VerdictBar } from "../boxes/signs.js";
 import { get, url } from "../core/api.js";
-import { useDataset, useHead, usePages, useTyped, useValue } from "../core/hooks.js";
+import { useDataset, useTopBar, usePages, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
@@ -23,7 +23,7 @@ const PAGE_SIZE = 60;
 /** @param {{app: App, route: import("../core/router.js").Route}} props */
 export function FramesView({ app, route }) {
   const name = route.params.dataset ?? "";
-  useHead(app, { title: name, dataset: name });
+  useTopBar(app, { title: name, dataset: name });
   const uploads = useValue(app.uploads.ended);
   const [isOpen, setOpen] = useState(false);
   const dataset = useDataset(name, uploads);

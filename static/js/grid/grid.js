@@ -5,7 +5,7 @@ import { isUnanswered } from "../boxes/box.js";
 import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
 import { SORTS, countOfMore, cycleVerdict, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
 import { get } from "../core/api.js";
-import { useActions, useClosing, useDataset, useHead, useLoaded, useTask, useTyped, useValue } from "../core/hooks.js";
+import { useActions, useClosing, useDataset, useTopBar, useLoaded, useTask, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { Keys, keyText, useKeyText, useKeys, withKey } from "../core/keymap.js";
@@ -27,7 +27,7 @@ import { allBut, everything, nothing, sizeOf, toggled } from "./selection.js";
 /** @param {{app: App, route: import("../core/router.js").Route}} props */
 export function GridView({ app, route }) {
   const name = route.params.dataset ?? "";
-  useHead(app, { title: `Grid · ${name}`, dataset: name });
+  useTopBar(app, { title: `Grid · ${name}`, dataset: name });
   const dataset = useDataset(name);
   /** @param {Query} query */
   const setQuery = (query) => app.router.replace(linkTo("grid", { dataset: name }, query));
@@ -374,7 +374,8 @@ const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused
 /** Bulk answers, and their undos, that the server has not stored, each with what the person can do about it. @param {{app: App, dataset: string}} props */
 export function UnsentBulkAnswers({ app, dataset }) {
   const { bulkItems } = useValue(app.sender.state);
-  const unsent = bulkItems.filter(({ item, state }) => item.dataset === dataset && state !== "sending");
+  const undone = new Set(bulkItems.map(({ item }) => isBulkUndo(item) && item.bulkKey)); // only the undo is listed
+  const unsent = bulkItems.filter(({ item, state }) => item.dataset === dataset && state !== "sending" && !undone.has(item.key));
   return unsent.map((one) => html`<${UnsentStrip} key=${one.item.key} app=${app} ...${one} />`);
 }
 
@@ -407,7 +408,7 @@ function UnsentStrip({ app, item, state, text }) {
       ${bulk && isChanged && now && html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk, now)}>${capital(`${VERBS[bulk.verdict]} all ${countText(now.total)}`)}</button>`}
       ${state === "waiting" && html`<button class="button button--small" onClick=${app.sender.resume}>Send now</button>`}
       ${bulk && state === "refused" && html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk)}>Send again</button>`}
-      ${bulk && html`<button class="button button--small button--quiet" onClick=${() => app.sender.discard(bulk.key)}>Discard</button>`}
+      ${bulk && html`<button class="button button--small button--quiet" onClick=${() => app.bulkAnswers.discard(bulk)}>${state === "waiting" && bulk.attempted ? "Undo" : "Discard"}</button>`}
     </div>
   </div>`;
 }

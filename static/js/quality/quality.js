@@ -2,7 +2,7 @@
 // The quality view, and how far people agree with each other.
 
 import { get } from "../core/api.js";
-import { useHead, useLoaded } from "../core/hooks.js";
+import { useTopBar, useLoaded } from "../core/hooks.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
@@ -23,7 +23,7 @@ export const QualityView = ({ app, route }) => html`<${QualityOf} key=${route.pa
 /** The view of one dataset; its key makes sure that no state of another dataset is kept. @param {{app: App, route: import("../core/router.js").Route}} props */
 function QualityOf({ app, route }) {
   const name = route.params.dataset ?? "";
-  useHead(app, { title: `Quality · ${name}`, dataset: name });
+  useTopBar(app, { title: `Quality · ${name}`, dataset: name });
   const target = route.query.target === "recall" ? "recall" : "f1";
   const against = route.query.against === "instances" ? "instances" : "people";
   /** @param {Record<string, string>} some  an empty value means the default, which addresses leave out */

@@ -5,7 +5,7 @@ import { answerOf, asShown } from "../boxes/box.js";
 import { cycleVerdict, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
 import { useBoxes } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
-import { useActions, useDataset, useHead, useValue } from "../core/hooks.js";
+import { useActions, useDataset, useTopBar, useValue } from "../core/hooks.js";
 import { html, useCallback, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, metresText } from "../core/numbers.js";
@@ -32,7 +32,7 @@ const RENEW_MS = 4 * 60_000;
 /** @param {{app: App, route: import("../core/router.js").Route}} props */
 export function QueueView({ app, route }) {
   const name = route.params.dataset ?? "";
-  useHead(app, { title: `Queue · ${name}`, dataset: name });
+  useTopBar(app, { title: `Queue · ${name}`, dataset: name });
   const dataset = useDataset(name);
   const session = sessionOf(app, name, route.query);
   /** @param {Query} query */

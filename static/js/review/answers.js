@@ -51,10 +51,10 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     const box = boxes.get(boxId);
     if (!box) return false;
     const before = [currentAnswer(box)];
-    boxes.holdAnswered([boxId]);
+    boxes.holdAnswered([boxId]); // an older response may bring it as it was
     const given = sender.addAnswer(answerOn(box, { verdict, comment }));
     if (!given) return false;
-    steps.push({ before, dataset: app.head.get().dataset, given });
+    steps.push({ before, dataset: app.topBar.get().dataset, given });
     closeOvertaken(boxId);
     return true;
   }

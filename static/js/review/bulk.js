@@ -78,6 +78,12 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
   }
 
   /**
+   * Discard an unsent bulk answer. One that was sent before, without a response, is undone: the server may have it.
+   * @param {import("./outbox.js").BulkAnswer} bulk
+   */
+  const discard = (bulk) => undo(steps.ofBulkAnswer(bulk.key) ?? pushStep(bulk, bulk.key));
+
+  /**
    * Give a refused bulk answer again: on those of its boxes that were not answered since, or on all that its filter
    * selects now.
    * @param {import("./outbox.js").BulkAnswer} bulk
@@ -183,6 +189,7 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
   return {
     report,
     undo,
+    discard,
     answerAgain,
     answer: answerBoxes,
 

@@ -5,7 +5,7 @@ import { asShown, isUnanswered } from "../boxes/box.js";
 import { cycleVerdict, filtersOf, isShown, neighbour, nextUnanswered, shownBoxes } from "../boxes/filters.js";
 import { useBoxes, useHeld, useAsShown } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
-import { useActions, useHead, useLoaded, useValue } from "../core/hooks.js";
+import { useActions, useTopBar, useLoaded, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { Toggle } from "../core/keymap.js";
@@ -39,13 +39,13 @@ export function FrameView({ app, route }) {
 
 /** @param {{app: App, error: Error, onRetry: () => void}} props */
 function NoFrame({ app, error, onRetry }) {
-  useHead(app, { title: "" });
+  useTopBar(app, { title: "" });
   return html`<main id="main" class="page" tabindex="-1"><${Failure} error=${error} onRetry=${onRetry} /></main>`;
 }
 
 /** @param {{app: App, frame: Frame, media: import("../stage/media.js").MediaCache, query: import("../core/router.js").Query}} props */
 function FrameReview({ app, frame, media, query }) {
-  useHead(app, {
+  useTopBar(app, {
     title: `${frame.key} · ${frame.dataset}`,
     dataset: frame.dataset,
     crumbs: [
@@ -151,7 +151,7 @@ function Tabs({ tab, count, onChange }) {
 
 /** @param {{app: App, last: Frame | null}} props */
 function Skeleton({ app, last }) {
-  useHead(app, { title: "", dataset: last?.dataset });
+  useTopBar(app, { title: "", dataset: last?.dataset });
   return html`<main id="main" class="review" tabindex="-1" aria-busy="true">
       <aside class="panel panel--list">${Array.from({ length: 8 }, () => html`<div class="skeleton skeleton--row" />`)}</aside>
       <div class="review__stage"><div class="stage shimmer" /></div>

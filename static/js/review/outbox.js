@@ -237,16 +237,18 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     undoAnswer({ key, replaced, revision }, earlier) {
       const item = answer(key);
       if (item && !item.attempted) {
-        // As if it had never been given.
+        // It was never sent: as if it had not been given.
         remove(item);
         if (replaced) write({ ...replaced, order: item.order, seenRevision: item.seenRevision });
-      } else if (replaced || !(item || revision)) {
-        // The server never had the earlier answer, or it is not known whether it has this one.
-        addAnswer(earlier);
-      } else if (item) {
-        write({ ...item, earlier: { verdict: earlier.verdict, comment: earlier.comment } }); // for `finish`
-      } else if (revision) {
+      } else if (item && !replaced) {
+        // The server may have it: once that is known, `finish` adds the undo.
+        write({ ...item, earlier: { verdict: earlier.verdict, comment: earlier.comment } });
+      } else if (revision && !replaced) {
+        // The server has it, and gives the box the answer before it again.
         addSingle({ ...earlier, key: newKey(), undoes: revision });
+      } else {
+        // The server never had the earlier answer, which this one has replaced here: it is a new one there.
+        addAnswer(earlier);
       }
     },
 

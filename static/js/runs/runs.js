@@ -3,7 +3,7 @@
 
 import { VerdictBar } from "../boxes/signs.js";
 import { get } from "../core/api.js";
-import { useDataset, useHead, useLoaded, useNewest, usePages } from "../core/hooks.js";
+import { useDataset, useTopBar, useLoaded, useNewest, usePages } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { agoText, countOf, countText, tookText } from "../core/numbers.js";
 import { Failure, FailureLine } from "../core/parts.js";
@@ -28,7 +28,7 @@ export const RunsView = ({ app, route }) => html`<${RunsOf} key=${route.params.d
 /** The view of one dataset; its key makes sure that no state of another dataset is kept. @param {{app: App, route: import("../core/router.js").Route}} props */
 function RunsOf({ app, route }) {
   const name = route.params.dataset ?? "";
-  useHead(app, { title: `Runs and exports · ${name}`, dataset: name });
+  useTopBar(app, { title: `Runs and exports · ${name}`, dataset: name });
   const dataset = useDataset(name);
   const runs = useNewest(NEWEST, (query, signal) => get("/api/v1/datasets/{dataset}/runs", { path: { dataset: name }, query, signal }), [name]);
   const reload = () => (runs.reload(), dataset.reload());

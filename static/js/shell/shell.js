@@ -1,7 +1,7 @@
 // @ts-check
 // The frame around every view: which view a route shows (most are loaded when first opened), messages, sign-in.
 
-import { useActions, useHead, useTask, useTitle, useValue } from "../core/hooks.js";
+import { useActions, useTopBar, useTask, useTitle, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon, Mark } from "../core/icons.js";
 import { HelpDialog } from "../core/keymap.js";
@@ -121,13 +121,13 @@ function LateView({ app, route }) {
 
 /** @param {{app: App, error: Error | null, onRetry: () => void}} props */
 function Coming({ app, error, onRetry }) {
-  useHead(app, { title: "", crumbs: [] });
+  useTopBar(app, { title: "", crumbs: [] });
   return html`<main id="main" class="page" tabindex="-1" aria-busy=${error === null}>${error && html`<${Failure} error=${error} onRetry=${onRetry} />`}</main>`;
 }
 
 /** @param {{app: App, route: Route}} props */
 function UnknownView({ app, route }) {
-  useHead(app, { title: "Not found", crumbs: [] });
+  useTopBar(app, { title: "Not found", crumbs: [] });
   return html`<main id="main" class="page" tabindex="-1">
       <${Notice} icon="question" title="Page not found"
         actions=${html`<a class="button" href=${linkTo("datasets")}>All datasets</a>`}>

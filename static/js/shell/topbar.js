@@ -1,5 +1,5 @@
 // @ts-check
-// The top bar: breadcrumb, tabs of the dataset, whether all answers are saved, menu. Views set its content by useHead.
+// The top bar: breadcrumb, tabs of the dataset, whether all answers are saved, menu. Views set its content by useTopBar.
 
 import { filtersOf } from "../boxes/filters.js";
 import { useClosing, useValue } from "../core/hooks.js";
@@ -13,7 +13,7 @@ import { ROUTES, linkTo } from "../core/router.js";
 
 /** @param {{app: App}} props */
 export function TopBar({ app }) {
-  const { crumbs, tools } = useValue(app.head);
+  const { crumbs, tools } = useValue(app.topBar);
   return html`<header class="topbar">
     <a class="topbar__home" href=${linkTo("datasets")} aria-label="Unghost: all datasets"><${Mark} /><span class="topbar__name">Unghost</span></a>
     <nav class="crumbs" aria-label="Breadcrumb">

@@ -4,7 +4,7 @@
 import { StrokeSwatch, VerdictBar } from "../boxes/signs.js";
 import { get } from "../core/api.js";
 import { useFields } from "../core/form.js";
-import { useDataset, useHead, useLoaded } from "../core/hooks.js";
+import { useDataset, useTopBar, useLoaded } from "../core/hooks.js";
 import { html, useEffect, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
@@ -28,7 +28,7 @@ export const ThresholdsView = ({ app, route }) => html`<${ThresholdsOf} key=${ro
 /** The view of one dataset; its key makes sure that no state of another dataset is kept. @param {{app: App, route: import("../core/router.js").Route}} props */
 function ThresholdsOf({ app, route }) {
   const name = route.params.dataset ?? "";
-  useHead(app, { title: `Thresholds · ${name}`, dataset: name });
+  useTopBar(app, { title: `Thresholds · ${name}`, dataset: name });
   const dataset = useDataset(name);
   const active = useLoaded((signal) => get("/api/v1/datasets/{dataset}/config", { path: { dataset: name }, signal }), [name]);
   const failed = [dataset, active].find((loaded) => loaded.state === "error");

@@ -126,7 +126,7 @@ function Review({ app, found, plan, typed, setTyped, close }) {
   const known = datasets.value?.items ?? [];
   // Until the list is loaded it is not known whether a dataset of this name exists.
   const isKnown = datasets.value !== null;
-  const name = typed ?? (app.head.get().dataset || slugOf(found.top));
+  const name = typed ?? (app.topBar.get().dataset || slugOf(found.top));
   const [lossy, setLossy] = useState(false);
   const [replace, setReplace] = useState(false);
   /** What is wrong with the name. */

@@ -160,13 +160,36 @@ def test_unsent_answer_survives_undo_of_its_bulk_answer(many, user, page):
     user.press("a")
     expect(strip(page)).to_contain_text("Not sent yet")
 
-    page.get_by_role("button", name="Undo").click()
+    toast(page).get_by_role("button", name="Undo").click()
     page.unroute("**/reviews/bulk")
 
     report = strip(page).filter(has_text="1 answer was left as it is")
     expect(report).to_be_visible()
     expect(strip(page)).to_have_count(1)
     assert answers(many) == {"b1": "keep"}
+
+
+def test_bulk_answer_whose_response_is_lost_can_be_undone_but_not_discarded(
+    many, user, page
+):
+    held: list[Route] = []
+    route_loaded(page, "**/reviews/bulk", lambda route: held.append(route))
+    select_range(page, 0, 2)
+    user.press("x")
+    bulk = first_held(page, held)
+    bulk.fetch()
+    bulk.abort()
+    expect(strip(page)).to_contain_text("Not sent yet: reject 3 boxes.")
+    assert len(answers(many)) == 3
+
+    expect(strip(page).get_by_role("button", name="Discard")).to_have_count(0)
+    strip(page).get_by_role("button", name="Undo").click()
+    expect(page.locator(".sign--reject")).to_have_count(0)
+    expect(strip(page)).to_have_text(re.compile("undo the answers on 3 boxes"))
+    page.unroute("**/reviews/bulk")
+
+    user.wait_until_saved()
+    assert answers(many) == {}
 
 
 def open_frame(page: Page, user: Visitor, link: str) -> None:
@@ -432,17 +455,18 @@ def test_unsent_bulk_answer_can_be_sent_or_discarded_manually(many, user, page):
     route_loaded(page, "**/reviews/bulk", lambda route: route.abort())
     select_range(page, 0, 2)
     user.press("x")
-    strip(page).get_by_role("button", name="Discard").click()
-    expect(page.locator(".sign")).to_have_count(0)
-    select_range(page, 0, 1)
+    expect(strip(page)).to_contain_text("reject 3 boxes")
+    select_range(page, 4, 5)
     user.press("x")
-    expect(strip(page)).to_contain_text("reject 2 boxes")
+    second = strip(page).filter(has_text="reject 2 boxes")
+    second.get_by_role("button", name="Discard").click()
+    expect(page.locator(".sign")).to_have_count(3)
 
     page.unroute("**/reviews/bulk")
     strip(page).get_by_role("button", name="Send now").click()
 
-    expect(toast(page)).to_contain_text("2 boxes rejected")
-    assert len(answers(many)) == 2
+    expect(toast(page)).to_contain_text("3 boxes rejected")
+    assert set(answers(many)) == {"b0", "b1", "b2"}
 
 
 def test_bulk_answer_skips_and_counts_deleted_boxes(

@@ -24,7 +24,7 @@ export function reviewPage(storage = memoryStorage(), { tab = "t1", openTabs = a
   const go = (/** @type {string} */ hash) => route.set(parseHash(hash));
   const core = {
     router: { route, go, replace: go },
-    head: createValue({ dataset: "d" }),
+    topBar: createValue({ dataset: "d" }),
     announcement: createValue(""),
     toasts: { show: (/** @type {string} */ text, /** @type {any} */ { action } = {}) => (said.push(text), offers.push(action)), dismiss: () => {} },
     prefs: createPrefs(memoryStorage()),
