@@ -20,14 +20,16 @@ anew.
   `reset`, as `Task.reset_attempts`. The next driver finds in the row how many processes
   in succession have died and stored nothing.
 
-**How the next attempt differs.**
+**How the attempts differ.** The first column is `Chunk.attempts` during the attempt,
+which the driver has counted already.
 
-| attempt | by a worker | by the driver |
+| count | attempt of a worker | attempt of the driver |
 |---|---|---|
-| first | whole chunk | whole chunk |
-| second | whole chunk, alone | frame by frame |
-| third | frame by frame, alone | frame by frame |
-| then | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
+| 0 | first: whole chunk | |
+| 1 | second: whole chunk, alone | first: whole chunk |
+| 2 | third: frame by frame, alone | second: frame by frame |
+| 3 | quarantine: the rest of the chunk | third: frame by frame |
+| | | then quarantine: the frame that is the cause |
 
 If a driver stores something before it dies, the next attempt counts as the first. So
 only three drivers that die in succession and store nothing lead to quarantine.
@@ -82,11 +84,7 @@ log = logging.getLogger(__name__)
 
 
 def is_one_by_one(chunk: Chunk) -> bool:
-    """Whether to work frame by frame in this attempt, as the table above says.
-
-    `attempts` is 2 in the second attempt of a driver, which is counted when it begins,
-    and in the third of a worker, after two deaths.
-    """
+    """Whether to work frame by frame in this attempt; see the table above."""
     return chunk.attempts >= 2
 
 

@@ -29,8 +29,8 @@ from filter_core.types import (
     Reason,
 )
 
-_BEFORE_CHANNELS: Final = np.array([False, *(reason.is_final for reason in Reason)])
-"""`Reason.is_final` by number."""
+_IS_FINAL: Final = np.array([False, *(reason.is_final for reason in Reason)])
+"""`Reason.is_final` by the number of the reason; there is no reason 0."""
 
 
 def apply_channels(
@@ -51,7 +51,7 @@ def apply_channels(
     if evidence.channels is None or config.evidence == SEMANTIC:
         return
     boxes = _boxes_of(evidence, evidence.channels, config)
-    open_to_channels = ~_BEFORE_CHANNELS.take(decisions.reason)
+    open_to_channels = ~_IS_FINAL.take(decisions.reason)
     for name in config.channels:
         rows = np.flatnonzero(open_to_channels & has_number(evidence, name))
         open_to_channels[rows] = False

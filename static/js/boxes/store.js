@@ -47,7 +47,7 @@ export function createBoxes(later) {
   const combined = new Map();
   /** How many lists hold an id. @type {Map<number, number>} */
   const holders = new Map();
-  /** The functions that release the boxes of `holdAnswered`, the oldest first. @type {(() => void)[]} */
+  /** The functions that release the boxes of `keepRevisions`, the oldest first. @type {(() => void)[]} */
   const releases = [];
   /** Increases when lists of boxes have to be read again. */
   const reloads = createValue(0);
@@ -204,7 +204,7 @@ export function createBoxes(later) {
      * forgotten the revision.
      * @param {readonly number[]} ids
      */
-    holdAnswered(ids) {
+    keepRevisions(ids) {
       releases.push(hold(ids));
       if (releases.length > MOST_ANSWERED) releases.shift()?.();
     },

@@ -51,7 +51,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     const box = boxes.get(boxId);
     if (!box) return false;
     const before = [currentAnswer(box)];
-    boxes.holdAnswered([boxId]); // an older response may bring it as it was
+    boxes.keepRevisions([boxId]); // an older response with this box may still arrive
     const given = sender.addAnswer(answerOn(box, { verdict, comment }));
     if (!given) return false;
     steps.push({ before, dataset: app.topBar.get().dataset, given });
@@ -73,7 +73,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     const [before] = step.before;
     const box = before && boxes.get(before.boxId);
     if (!box) return steps.drop(step);
-    boxes.holdAnswered([box.box_id]);
+    boxes.keepRevisions([box.box_id]);
     if (!sender.undoAnswer(step.given, answerOn(box, before))) return;
     steps.drop(step);
     closeOvertaken(box.box_id);

@@ -69,7 +69,7 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
     const areKnown = step.before.length > 0;
 
     toasts.dismiss(offers.get(bulkKey) ?? 0);
-    boxes.holdAnswered(boxIds);
+    boxes.keepRevisions(boxIds);
     const which = areKnown ? { boxIds, seenRevisions } : {};
     undoing.set(bulkKey, step);
     const outcome = sender.addBulkUndo({ bulkKey, batchId, dataset, count, before, ...which });
@@ -125,7 +125,7 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
    */
   function receive(boxIds, answerAt, seenRevisions = [], leftOut = []) {
     const left = new Set(leftOut);
-    boxes.holdAnswered(boxIds);
+    boxes.keepRevisions(boxIds);
     /** @type {Map<number, import("../boxes/store.js").StoredAnswer>} */
     const stored = new Map();
     boxIds.forEach((boxId, i) => {

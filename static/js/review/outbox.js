@@ -247,7 +247,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
         // The server has it, and gives the box the answer before it again.
         addSingle({ ...earlier, key: newKey(), undoes: revision });
       } else {
-        // The server never had the earlier answer, which this one has replaced here: it is a new one there.
+        // This answer has replaced `earlier`, which was not sent yet. So for the server that is a new answer.
         addAnswer(earlier);
       }
     },

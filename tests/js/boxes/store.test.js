@@ -92,13 +92,13 @@ test("a box is dropped when its last holder lets go, unless it is held again at 
 test("boxes that were just answered are kept, so that an older response does not replace them", async () => {
   const boxes = createBoxes();
   const release = boxes.hold(boxes.receive([answered("keep", 2)]));
-  boxes.holdAnswered([1]);
+  boxes.keepRevisions([1]);
   release();
   await swept();
 
   boxes.receive([answered("reject", 1)]);
   assert.equal(boxes.get(1)?.review?.verdict, "keep");
-  for (let i = 0; i < 500; i++) boxes.holdAnswered([2]);
+  for (let i = 0; i < 500; i++) boxes.keepRevisions([2]);
   await swept();
 
   assert.equal(boxes.get(1), undefined);
