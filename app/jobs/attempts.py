@@ -20,16 +20,12 @@ anew.
   `reset`, as `Task.reset_attempts`. The next driver finds in the row how many processes
   in succession have died and stored nothing.
 
-**How the attempts differ.** The first column is `Chunk.attempts` during the attempt,
-which the driver has counted already.
+**How the attempts differ.** In brackets, `Chunk.attempts` during the attempt:
 
-| count | attempt of a worker | attempt of the driver |
-|---|---|---|
-| 0 | first: whole chunk | |
-| 1 | second: whole chunk, alone | first: whole chunk |
-| 2 | third: frame by frame, alone | second: frame by frame |
-| 3 | quarantine: the rest of the chunk | third: frame by frame |
-| | | then quarantine: the frame that is the cause |
+- By a worker: the whole chunk (0); the whole chunk, alone (1); frame by frame, alone
+  (2). Then the rest of the chunk is put into quarantine.
+- By the driver: the whole chunk (1); frame by frame (2); frame by frame (3). Then the
+  frame that is the cause is put into quarantine.
 
 If a driver stores something before it dies, the next attempt counts as the first. So
 only three drivers that die in succession and store nothing lead to quarantine.
@@ -84,7 +80,7 @@ log = logging.getLogger(__name__)
 
 
 def is_one_by_one(chunk: Chunk) -> bool:
-    """Whether to work frame by frame in this attempt; see the table above."""
+    """Whether to work frame by frame in this attempt; see the list above."""
     return chunk.attempts >= 2
 
 
@@ -123,7 +119,7 @@ class Attempt:
             The service is stopping, or the job is being cancelled.
         """
         self._context.engine.check(self._job)
-        # Before the commit: it may succeed although its response is lost.
+        # Set before the commit, which may succeed although its response is lost.
         self._is_counted = True
         with self._context.database.write() as session:
             chunk = ChunkRepository(session).find(self._job, self._number)

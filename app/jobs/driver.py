@@ -183,10 +183,10 @@ class JobDriver:
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
-            # New chunks are made of all frames without a result, in the order of their
-            # ids. But frames of chunks that an earlier driver has left, waiting or in
-            # quarantine, have no result yet, and must not be in two chunks. So if there
-            # are such chunks, new ones begin after the last frame that is in a chunk.
+            # New chunks are made of frames without a result, in the order of their ids.
+            # The frames of chunks that an earlier driver has left, waiting or in
+            # quarantine, have no result either. To leave them out, planning begins after
+            # the last frame of all chunks.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:

@@ -172,8 +172,8 @@ class _Channel:
 
 
 def _ordered_needed(boxes: _Boxes) -> IntArray:
-    # `explained_by` is the nearer box that takes pixels of this one, or NOT_MEASURED if
-    # none does. Then `ordered_min_pixels` does not apply.
+    # `explained_by` is the nearer box that takes pixels of this one. `ordered_min_pixels`
+    # applies only if there is one.
     is_taken = boxes.numbers.explained_by != NOT_MEASURED
     least = np.maximum(boxes.min_visible_pixels, 1)
     return np.where(is_taken, boxes.config.ordered_min_pixels, least)

@@ -52,7 +52,8 @@ class FrameFacts:
     key : str
     config : FilterConfig
     family : str or None
-        The segmentation's tag family, None if there was none.
+        Which of CARLA's tables of tags the segmentation has: a key of `FAMILIES`. None
+        if there was no segmentation.
     lossy : bool
         The segmentation's colours were not exact.
     names : mapping

@@ -54,8 +54,8 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
     Parameters
     ----------
     evidence : Evidence of N boxes
-        As measured with the profile of `config` and with its accept sets (see
-        `MeasureConfig.accept_masks`); `xyxy` and `tag_counts` are not read.
+        As measured with the profile of `config` and with the tags that it accepts for
+        each class (`MeasureConfig.accept_masks`); `xyxy` and `tag_counts` are not read.
     config : DecideConfig
 
     Returns

@@ -44,7 +44,6 @@ import { randomId } from "../core/tab.js";
 /**
  * @typedef {object} GivenAnswer  what is needed to undo an answer on one box
  * @property {string} key  of its item
- * @property {SingleAnswer | null} replaced  the unsent answer that it has replaced in the outbox
  * @property {number | null} revision  of its box, once it is stored
  */
 
@@ -111,16 +110,6 @@ export const idempotencyKey = ({ key, renewed }) => (renewed ? `${key}.${renewed
 const sizeOf = (item) => (isSingle(item) ? 1 : item.count);
 
 /**
- * Whether the item may change the answer on this box. Always true of one on a filter: the page does not know which
- * boxes the filter selects.
- * @param {OutboxItem} item @param {number} boxId
- */
-function mayAnswer(item, boxId) {
-  if (isSingle(item)) return item.boxId === boxId;
-  return item.boxIds === undefined || item.boxIds.includes(boxId);
-}
-
-/**
  * The seen revision of each box of an item. None for a bulk item on a filter.
  * @param {OutboxItem} item @returns {[boxId: number, revision: number][]}
  */
@@ -180,19 +169,11 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   /** @param {NewAnswer & Pick<SingleAnswer, "key" | "undoes">} item */
   const addSingle = (item) => add({ ...item, person: who(), tab, order: nextOrder(), attempted: false });
 
-  /**
-   * Add an answer on one box. It replaces this person's earlier answer on the box, if that was never sent and no bulk
-   * answer on the box was added since. An earlier answer that may have reached the server stays, and is sent first.
-   * @param {NewAnswer} given @returns {GivenAnswer}
-   */
+  /** Add an answer on one box. @param {NewAnswer} given @returns {GivenAnswer} */
   function addAnswer(given) {
-    const last = items().findLast((item) => mayAnswer(item, given.boxId));
-    const replaced = last && isSingle(last) && !last.attempted ? last : null;
     const key = newKey();
     addSingle({ ...given, key });
-    // The old one is removed last: `add` takes its seen revision, and if there is no room for the new one, it stays.
-    if (replaced) remove(replaced);
-    return { key, replaced, revision: null };
+    return { key, revision: null };
   }
 
   /** Items that an earlier version of the page has kept without the person who gave them. */
@@ -234,21 +215,18 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * Undo an answer on one box.
      * @param {GivenAnswer} given @param {NewAnswer} earlier  what its box gets again
      */
-    undoAnswer({ key, replaced, revision }, earlier) {
+    undoAnswer({ key, revision }, earlier) {
       const item = answer(key);
       if (item && !item.attempted) {
-        // It was never sent: as if it had not been given.
-        remove(item);
-        if (replaced) write({ ...replaced, order: item.order, seenRevision: item.seenRevision });
-      } else if (item && !replaced) {
+        remove(item); // It was never sent: as if it had not been given.
+      } else if (item) {
         // The server may have it: once that is known, `finish` adds the undo.
         write({ ...item, earlier: { verdict: earlier.verdict, comment: earlier.comment } });
-      } else if (revision && !replaced) {
+      } else if (revision) {
         // The server has it, and gives the box the answer before it again.
         addSingle({ ...earlier, key: newKey(), undoes: revision });
       } else {
-        // This answer has replaced `earlier`, which was not sent yet. So for the server that is a new answer.
-        addAnswer(earlier);
+        addAnswer(earlier); // It is not known what has become of it: another tab has sent it.
       }
     },
 

@@ -204,8 +204,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   /**
    * Whether a refused answer (412) was overtaken only by this tab's own bulk answers on a filter, or their undos. The
    * page does not know which boxes a filter selects, so `finish` cannot give an answer the revision that its box has
-   * after the bulk answer. (If the bulk answer was given after this one, as can be where this one was taken over
-   * from a closed tab, the person chooses.)
+   * after the bulk answer.
    * @param {SingleAnswer} item
    */
   async function isOvertakenByOwn(item) {

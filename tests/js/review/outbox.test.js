@@ -157,7 +157,7 @@ test("an answer can be renewed even if the storage has no room for more", () => 
   assert.deepEqual(outbox.items().map((one) => isSingle(one) && [one.seenRevision, one.attempted]), [[7, undefined]]);
 });
 
-test("an answer that replaces an own one counts as newer than one that another tab gave in between", (t) => {
+test("of the answers of two tabs on a box, the one given last counts", (t) => {
   let clock = 1000;
   t.mock.method(Date, "now", () => ++clock);
   const given = { boxId: 1, frameId: 1, comment: "", seenRevision: 0 };
