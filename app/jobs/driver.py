@@ -185,8 +185,8 @@ class JobDriver:
             self._to_send = deque(chunks.waiting(self.lease.job))
             # New chunks are made of frames without a result, in the order of their ids.
             # The frames of chunks that an earlier driver has left, waiting or in
-            # quarantine, have no result either. To leave them out, planning begins after
-            # the last frame of all chunks.
+            # quarantine, have no result either. To leave them out, planning begins
+            # after the last frame of all chunks.
             if self._to_send or chunks.quarantined(self.lease.job):
                 self._planned.up_to = chunks.last_frame(self.lease.job)
         try:
