@@ -24,14 +24,14 @@ from app.context import ServiceContext
 from app.engine import UnusableEngine
 from app.logs import configure_logging, error_log, server_log
 from app.main import create_app
-from app.maintenance.datafolder import CannotMaintain, database_file
+from app.maintenance.datafolder import CannotMaintain, database_file, database_lock
 from app.measuring.active import UnusableConfig
 from app.memory import keep_freed_memory, settle
 from app.package import VERSION
 from app.process.connections import raise_descriptor_limit
 from app.process.server import GracefulServer, ProblemProtocol, exit_on_sigterm
 from app.settings import Settings, bracketed
-from app.storage import SERVER_LOCK, FolderInUse, alone_in, make_folder
+from app.storage import SERVER_LOCK, CannotLock, InUse, alone_in, make_folder
 from unghost.wire.note import note_path
 
 STOP_WAIT_S: Final = 10
@@ -78,9 +78,10 @@ def serve(
     configure_logging(settings.log_level, settings.log_format)
     keep_freed_memory()
     limit = raise_descriptor_limit()
-    with _only_server(settings) as note_address, _listen(settings) as listener:
+    with _only_server(settings) as locks, _listen(settings) as listener:
+        locks.warn()
         url = _url(settings, listener.getsockname()[1])
-        note_address(url)
+        locks.note(url)
         note = ServerNote(url, settings.token_file)
 
         app = create_app(settings)
@@ -98,7 +99,7 @@ def serve(
 
         def stopping() -> None:
             note.remove()
-            note_address("")
+            locks.note("")
             # Jobs pause, batches end, and so do streams of events.
             app.state.services.engine.stopping.set()
 
@@ -116,43 +117,96 @@ def serve(
         raise _cannot_start(settings, app.state.failure)
 
 
+class _Locks:
+    """What a server has locked, so that no other one uses it at the same time."""
+
+    def __init__(self, held: ExitStack) -> None:
+        self._held = held
+        self._notes: list[Callable[[str], None]] = []
+        self._unlocked: dict[Path, str] = {}
+
+    def add(self, file: Path, locked: str, advice: str) -> None:
+        """Lock a file; the texts say what it stands for, and how to choose another one.
+
+        Raises
+        ------
+        CannotServe
+            Another server has locked it.
+        """
+        try:
+            note = self._held.enter_context(alone_in(file.parent, file.name))
+        except CannotLock as exc:
+            self._unlocked[file.parent] = str(exc)
+        except InUse as exc:
+            raise CannotServe(_in_use(locked, advice, str(exc))) from exc
+        else:
+            self._notes.append(note)
+
+    def note(self, address: str) -> None:
+        """Note the address that other servers name when they are refused."""
+        for note in self._notes:
+            note(address)
+
+    def warn(self) -> None:
+        """Log which folders could not be locked, and why."""
+        for folder, reason in self._unlocked.items():
+            server_log.warning(
+                "the folder %r cannot be locked (%s): a second server that uses it "
+                "would not be refused, so start none",
+                str(folder),
+                reason,
+            )
+
+
 @contextmanager
-def _only_server(settings: Settings) -> Iterator[Callable[[str], None]]:
-    """Lock a data folder with SQLite; the yielded function notes the server's address.
+def _only_server(settings: Settings) -> Iterator[_Locks]:
+    """Lock the data folder and the database, if that is SQLite.
 
     With SQLite, parts of one service know of each other only in memory: whose turn it
     is to write, and that the final step of a run is being cancelled. Also, a server of
-    a newer version would migrate the database while this one uses it.
+    a newer version would migrate the database while this one uses it. And for a server
+    with another database, the files of this one would be garbage.
 
     Raises
     ------
     CannotServe
-        Another server uses the folder, or it cannot be written to.
+        Another server uses one of them, or the folder cannot be written to.
     """
-    if database_file(settings) is None:  # several servers may share PostgreSQL
-        yield lambda _address: None
-        return
+    file = database_file(settings)
     with ExitStack() as held:
-        try:
-            make_folder(settings.data)
-            note_address = held.enter_context(alone_in(settings.data, SERVER_LOCK))
-        except FolderInUse as exc:
-            raise CannotServe(_in_use(settings, str(exc))) from exc
-        except OSError as exc:
-            raise _cannot_start(settings, exc) from exc
-        yield note_address
+        locks = _Locks(held)
+        if file is not None:  # several servers may share PostgreSQL
+            _lock(settings, file.resolve(), locks)
+        yield locks
 
 
-def _in_use(settings: Settings, address: str) -> str:
-    folder = f"the data folder {str(settings.data)!r}"
+def _lock(settings: Settings, database: Path, locks: _Locks) -> None:
+    folder = settings.data.resolve()
+    try:
+        make_folder(settings.data)
+        locks.add(
+            folder / SERVER_LOCK,
+            f"the data folder {str(settings.data)!r}",
+            "--data chooses another folder",
+        )
+        locks.add(
+            database_lock(database),
+            f"the database {str(database)!r}",
+            "UNGHOST_DATABASE_URL chooses another database",
+        )
+    except OSError as exc:
+        raise _cannot_start(settings, exc) from exc
+
+
+def _in_use(locked: str, advice: str, address: str) -> str:
     if not address:  # only while it starts or stops
         return (
-            f"{folder} is in use by a server that is starting or stopping; "
+            f"{locked} is in use by a server that is starting or stopping; "
             "try again in a moment"
         )
     return (
-        f"{folder} is in use by the server at {address}; use that one, or stop it "
-        "first. --data chooses another folder"
+        f"{locked} is in use by the server at {address}; use that one, or stop it "
+        f"first. {advice}"
     )
 
 

@@ -335,7 +335,7 @@ def _source(settings: Settings) -> Path:
 def _draft_of(target: Path) -> Iterator[Path]:
     """A temporary folder next to the target, for the incomplete backup."""
     draft = target.with_name(f".{target.name}.partial")
-    # Left by a killed backup: no other one is running for this data folder.
+    # Left by a killed backup: of a folder that can be locked, no other one is running.
     shutil.rmtree(draft, ignore_errors=True)
     make_folder(target.parent)
     draft.mkdir(mode=0o700)

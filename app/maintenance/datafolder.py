@@ -6,7 +6,7 @@ import logging
 import os
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -24,7 +24,8 @@ from app.settings import Settings
 from app.storage import (
     BLOBS,
     BlobStore,
-    FolderInUse,
+    CannotLock,
+    InUse,
     MissingLibrary,
     alone_in,
     endpoint_of,
@@ -32,6 +33,8 @@ from app.storage import (
     flush_folder,
     open_store,
 )
+
+log = logging.getLogger(__name__)
 
 _PRIVATE: Final = 0o600
 RESTORING: Final = ".restoring"
@@ -49,6 +52,11 @@ class CannotMaintain(Exception):
 def database_file(settings: Settings) -> Path | None:
     """The file of the database; None if it is on a server."""
     return sqlite_file(settings.sqlalchemy_url)
+
+
+def database_lock(file: Path) -> Path:
+    """The file beside a SQLite database that its server locks."""
+    return file.with_name(f".{file.name}.lock")
 
 
 def check_usable(settings: Settings, engine: Engine, store: BlobStore) -> None:
@@ -184,20 +192,37 @@ def no_database(settings: Settings) -> str:
 
 @contextmanager
 def alone(settings: Settings) -> Iterator[None]:
-    """Lock the data folder against other backups and garbage collections."""
-    try:
-        with alone_in(settings.data):
-            yield
-    except (FileNotFoundError, NotADirectoryError) as exc:
-        raise CannotMaintain(
-            f"there is no folder {str(settings.data)!r}; name the data folder with "
-            "--data DIR or UNGHOST_DATA"
-        ) from exc
-    except FolderInUse as exc:
-        raise CannotMaintain(
-            "a backup or a garbage collection is running already in "
-            f"{str(settings.data)!r}; try again when it has ended"
-        ) from exc
+    """Lock the data folder against other backups and garbage collections.
+
+    Where the file system has no locks, this only warns: a folder of which no backup can
+    be made is worse than a backup that fails because its files were just collected.
+
+    Raises
+    ------
+    CannotMaintain
+        There is no such folder, or another one is running.
+    """
+    with ExitStack() as held:
+        try:
+            held.enter_context(alone_in(settings.data))
+        except (FileNotFoundError, NotADirectoryError) as exc:
+            raise CannotMaintain(
+                f"there is no folder {str(settings.data)!r}; name the data folder with "
+                "--data DIR or UNGHOST_DATA"
+            ) from exc
+        except InUse as exc:
+            raise CannotMaintain(
+                "a backup or a garbage collection is running already in "
+                f"{str(settings.data)!r}; try again when it has ended"
+            ) from exc
+        except CannotLock as exc:
+            log.warning(
+                "the data folder %r cannot be locked (%s): a backup or a garbage "
+                "collection at the same time would not be refused, so start none",
+                str(settings.data),
+                exc,
+            )
+        yield
 
 
 _KEYS: Final = (
@@ -286,8 +311,6 @@ def no_store(settings: Settings, away: StorageAway) -> str:
 _ROOM: Final = 3
 """A migration needs space for the copy, the log and the changes, each at most as large
 as the database."""
-
-log = logging.getLogger(__name__)
 
 
 def keep_before_migrating(settings: Settings, engine: Engine) -> Path | None:

@@ -15,6 +15,7 @@ from app.maintenance.datafolder import (
     RESTORING,
     CannotMaintain,
     Steps,
+    database_lock,
     newer,
     stored_files_of,
 )
@@ -103,7 +104,8 @@ def _restored(
 
 def _check_empty(data: Path) -> None:
     # Left by an interrupted restore, by an emptied data folder, and by a file system.
-    sanitised = {RESTORING, MAINTENANCE_LOCK, SERVER_LOCK, "lost+found"}
+    locks = {MAINTENANCE_LOCK, SERVER_LOCK, database_lock(data / DATABASE).name}
+    sanitised = {RESTORING, *locks, "lost+found"}
     if data.exists() and not data.is_dir():
         raise CannotMaintain(f"{data} is not a folder")
     found = [path.name for path in data.iterdir()] if data.is_dir() else []

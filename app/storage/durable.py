@@ -58,26 +58,32 @@ def make_folder(folder: Path, mode: int = 0o700) -> None:
 MAINTENANCE_LOCK: Final = ".maintenance.lock"
 """The file that a backup or a garbage collection locks in a data folder."""
 SERVER_LOCK: Final = ".server.lock"
-"""The file that a server locks in a data folder with SQLite."""
+"""The file that a server with SQLite locks in its data folder."""
 _MOST_NOTED: Final = 1000
 
 
-class FolderInUse(Exception):
-    """Another process has locked the folder; the text is what that process noted."""
+class InUse(Exception):
+    """Another process holds the lock; the text is what that process noted."""
+
+
+class CannotLock(Exception):
+    """The file system has no locks, as some network mounts; the text is its reason."""
 
 
 @contextmanager
 def alone_in(
     folder: Path, lock: str = MAINTENANCE_LOCK
 ) -> Iterator[Callable[[str], None]]:
-    """Lock a folder; the operating system releases the lock when the process ends.
+    """Lock a file of a folder; the lock ends with the process, however that ends.
 
     The yielded function replaces the note that other processes find while it is locked.
 
     Raises
     ------
-    FolderInUse
+    InUse
         Another process has locked it.
+    CannotLock
+        No process can lock it.
     """
     # Python opens files so that no child process inherits them, and with them the lock.
     descriptor = os.open(folder / lock, os.O_RDWR | os.O_CREAT, 0o600)
@@ -94,7 +100,9 @@ def alone_in(
         except (BlockingIOError, PermissionError) as exc:
             os.lseek(descriptor, 0, os.SEEK_SET)
             noted = os.read(descriptor, _MOST_NOTED)
-            raise FolderInUse(noted.decode("utf-8", "replace")) from exc
+            raise InUse(noted.decode("utf-8", "replace")) from exc
+        except OSError as exc:
+            raise CannotLock(exc.strerror or str(exc)) from exc
         note("")
         yield note
     finally:

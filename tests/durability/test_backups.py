@@ -13,9 +13,11 @@ import pytest
 from app.maintenance.backup import make_backup
 from app.maintenance.datafolder import CannotMaintain
 from app.maintenance.restore import restore
+from app.serve import check_free
 from app.settings import Settings
 from app.storage import alone_in
 from tests.support import frames as scene
+from tests.support import without_locks
 from tests.support.data_folders import (
     backed_up,
     blobs,
@@ -24,6 +26,7 @@ from tests.support.data_folders import (
     served,
     silently,
 )
+from tests.support.processes import start_anew
 
 pytestmark = [pytest.mark.long, pytest.mark.sqlite_files("a backup copies its file")]
 
@@ -127,6 +130,22 @@ def test_second_concurrent_backup_is_refused(filled, tmp_path):
         backed_up(filled, tmp_path / "kept")
 
 
+@pytest.mark.parametrize(
+    "words", [("backup", "kept"), ("gc", "--grace", "0")], ids=["backup", "gc"]
+)
+def test_folder_without_locks_is_maintained_after_a_warning(filled, unghost, words):
+    command = (*without_locks.COMMAND, "ENOLCK", "unghost.cli", *words)
+    process = start_anew(command, unghost.folder, unghost.environ)
+    _, errors = process.communicate(timeout=60)
+
+    assert process.returncode == 0
+    assert errors.splitlines()[0] == (
+        f"the data folder {str(filled)!r} cannot be locked (No locks available): a "
+        "backup or a garbage collection at the same time would not be refused, so "
+        "start none"
+    )
+
+
 def damage_a_blob(kept):
     file = blobs(kept)[0]
     file.write_bytes(file.read_bytes()[:-1] + b"?")
@@ -201,6 +220,17 @@ def test_restore_into_a_folder_that_is_not_empty_is_refused(filled, unghost, tmp
     assert refused.code == 1
     assert "is not empty" in refused.err
     assert sorted(filled.rglob("*")) == before
+
+
+def test_lock_files_of_a_server_do_not_prevent_a_restore(filled, tmp_path):
+    again = tmp_path / "again"
+    check_free(Settings(data=again, port=0))
+    locks = {path.name for path in again.iterdir()}
+
+    found = restored(backed_up(filled, tmp_path / "kept"), again)
+
+    assert locks == {".server.lock", ".unghost.db.lock"}
+    assert found.files == 4
 
 
 def test_interrupted_restore_is_not_served_and_can_be_repeated(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import signal
 import socket
 import stat
@@ -10,7 +12,7 @@ import stat
 import pytest
 
 from app.serve import listen
-from tests.support import plain_http
+from tests.support import plain_http, without_locks
 from tests.support.api import Api
 from tests.support.command_line import CommandLine
 from tests.support.servers import (
@@ -41,10 +43,18 @@ def running(data_dir):
 SQLITE_ALONE = "several servers may share PostgreSQL"
 
 
+def database_in(file):
+    """The settings of a server whose SQLite database is this file."""
+    return {"UNGHOST_DATABASE_URL": f"sqlite:///{file}"}
+
+
 def exit_code_of_failed_start(data, log, **settings):
     """Start a server that must fail to start; return its exit code."""
     with start(["app"], data, log, settings) as process:
-        return process.wait(60)
+        try:
+            return process.wait(60)
+        finally:
+            stop(process)
 
 
 def test_login_link_works_once_and_contains_no_token(tmp_path):
@@ -144,6 +154,71 @@ def test_second_server_of_a_data_folder_is_refused_with_the_address_of_the_first
         "folder\n"
     )
     assert plain_http.get(f"{running.url}/healthz").status_code == 200
+
+
+@pytest.mark.sqlite_files(SQLITE_ALONE)
+@pytest.mark.parametrize("named", ["file", "link"])
+def test_second_server_of_a_database_is_refused_whatever_its_data_folder(
+    running, tmp_path, named
+):
+    database, log = running.data / "unghost.db", tmp_path / "second.log"
+    link = tmp_path / "link.db"
+    link.symlink_to(database)
+    given = link if named == "link" else database
+
+    code = exit_code_of_failed_start(tmp_path / "second", log, **database_in(given))
+
+    assert code == 1
+    assert log.read_text() == (
+        f"the database {str(database)!r} is in use by the server at {running.url}; "
+        "use that one, or stop it first. UNGHOST_DATABASE_URL chooses another "
+        "database\n"
+    )
+
+
+@pytest.mark.sqlite_files(SQLITE_ALONE)
+def test_second_server_of_a_data_folder_is_refused_whatever_its_database(
+    running, tmp_path
+):
+    log = tmp_path / "second.log"
+
+    code = exit_code_of_failed_start(
+        running.data, log, **database_in(tmp_path / "own.db")
+    )
+
+    assert code == 1
+    assert f"the data folder {str(running.data)!r} is in use by" in log.read_text()
+    assert not (tmp_path / "own.db").exists()
+
+
+@pytest.mark.sqlite_files(SQLITE_ALONE)
+def test_databases_of_two_servers_may_lie_in_one_folder(tmp_path):
+    one, two = (database_in(tmp_path / f"{name}.db") for name in ("one", "two"))
+    with (
+        running_server(tmp_path / "one", one),
+        running_server(tmp_path / "two", two) as second,
+    ):
+        assert plain_http.get(f"{second.url}/readyz").status_code == 200
+
+
+@pytest.mark.sqlite_files(SQLITE_ALONE)
+@pytest.mark.parametrize("error", ["ENOLCK", "EOPNOTSUPP", "ENOSYS"])
+def test_data_folder_without_locks_is_served_after_a_warning(data_dir, tmp_path, error):
+    log = tmp_path / "log"
+    process = start_anew((*without_locks.COMMAND, error, "app"), data_dir, log, {})
+    try:
+        url = wait_for_link(process, log).partition("/#")[0]
+        ready = plain_http.get(f"{url}/readyz").status_code
+    finally:
+        stop(process)
+
+    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    assert ready == 200
+    assert [line["message"] for line in lines if line["level"] == "warning"] == [
+        f"the folder {str(data_dir)!r} cannot be locked "
+        f"({os.strerror(getattr(errno, error))}): a second server that uses it would "
+        "not be refused, so start none"
+    ]
 
 
 @pytest.mark.sqlite_files(SQLITE_ALONE)
