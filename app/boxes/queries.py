@@ -394,6 +394,7 @@ class LatestReview(NamedTuple):
     comment: str
     reviewer: str
     batch_id: int | None
+    undoes: int | None
 
 
 class LatestAnswers:
@@ -423,6 +424,7 @@ class LatestAnswers:
             Review.comment,
             Review.reviewer,
             Review.batch_id,
+            Review.undoes,
         ).join(
             newest,
             (Review.box_id == newest.c.box_id) & (Review.revision == newest.c.revision),

@@ -336,8 +336,15 @@ def _carry_answers(
         ):
             dropped.append(old_id)
             continue
+        if review.undoes is not None:
+            # It repeats an earlier answer, which may be another person's.
+            given = reviews.before(old_id, review.revision + 1)
+            review = review._replace(
+                reviewer=given.reviewer if given else review.reviewer
+            )
         new_id = frame.first_box_id + index
-        carried[old_id] = review._replace(box_id=new_id, revision=1, batch_id=None)
+        review = review._replace(box_id=new_id, revision=1, batch_id=None, undoes=None)
+        carried[old_id] = review
     if carried:
         reviews.carry_over(carried)
     return list(carried.values()), reviews.meant_by(dropped)

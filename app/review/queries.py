@@ -269,6 +269,22 @@ class ReviewRepository:
         rows = select(Review).where(Review.box_id == box_id)
         return self._session.scalar(rows.where(Review.revision == revision))
 
+    def before(self, box_id: int, revision: int) -> Review | None:
+        """The answer that a box gets again if that with this revision is undone.
+
+        That is the last one before it that was given, and not undone: neither itself
+        nor with its bulk answer. None if there is none.
+        """
+        undone: set[int] = set()
+        for answer in reversed(self.of_box(box_id)[: revision - 1]):
+            if answer.revision in undone:
+                continue
+            if answer.undoes is not None:
+                undone.add(answer.undoes)
+            elif not ReviewBatches(self._session).is_withdrawn(answer.batch_id):
+                return answer
+        return None
+
     def is_in_force(self, answer: Review) -> bool:
         """Whether no answer followed this one, or all that followed were undone."""
         standing = _standing(Review.id == answer.id)
@@ -374,6 +390,14 @@ class ReviewBatches:
         """Whether a batch was undone already."""
         rows = select(ReviewBatch.id).where(ReviewBatch.undoes_id == batch_id)
         return self._session.scalar(rows.limit(1)) is not None
+
+    def is_withdrawn(self, batch_id: int | None) -> bool:
+        """Whether a batch was undone, and its undo was not undone as well."""
+        if batch_id is None:
+            return False
+        rows = select(ReviewBatch.id).where(ReviewBatch.undoes_id == batch_id)
+        undo_id = self._session.scalar(rows.limit(1))
+        return undo_id is not None and not self.is_withdrawn(undo_id)
 
     def boxes(self, batch_id: int) -> list[int]:
         """The boxes that a batch answered, in order."""

@@ -78,7 +78,7 @@ def undo_answer(session: Session, box_id: int, revision: int, by: Principal) -> 
         raise NotFound(f"answer on box {box_id} with revision", revision)
     what = f"answer {revision} on box {box_id}"
     require_own(by, {undone.reviewer: 1}, f"undoing {what}")
-    before = reviews.at(box_id, revision - 1)
+    before = reviews.before(box_id, revision)
     said = ("clear", "") if before is None else (before.verdict, before.comment)
     answer = Answer(box.dataset_id, *said, by.name, utc_now(), undoes=revision)
     is_in_force = reviews.is_in_force(undone)

@@ -14,12 +14,16 @@ OF_UNDONE_BATCHES = """
 UPDATE reviews SET undoes = (
     SELECT undone.revision
     FROM review_batches JOIN reviews AS undone
-        ON undone.batch_id = review_batches.undoes_id
+        ON undone.batch_id + 0 = review_batches.undoes_id
     WHERE review_batches.id = reviews.batch_id AND undone.box_id = reviews.box_id
 )
 WHERE batch_id IN (SELECT id FROM review_batches WHERE undoes_id IS NOT NULL)
 """
-"""So far only the undo of a bulk answer was stored as an undo."""
+"""So far only the undo of a bulk answer was stored as an undo.
+
+Written with `+ 0` so that answers are looked up by their box. By their batch, all
+answers of the batch would be read for each of its boxes.
+"""
 
 
 def upgrade() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import subprocess
 import sys
 
@@ -14,6 +15,7 @@ from sqlalchemy.orm import Session
 
 from app.db import tables
 from app.db.base import Base, utc_now
+from app.db.engine import make_engine
 from app.db.migrate import (
     WouldLose,
     current_revision,
@@ -274,3 +276,22 @@ def test_audit_log_is_append_only_after_downgrade_and_upgrade(engine):
         )
     with engine.connect() as connection, pytest.raises(DBAPIError, match="only added"):
         connection.execute(text("DELETE FROM audit_log"))
+
+
+@pytest.mark.sqlite_files("it reads a query plan of SQLite")
+def test_undone_bulk_answers_are_migrated_by_box_and_not_batch_by_batch(tmp_path):
+    """Else a bulk answer on a hundred thousand boxes would take half an hour."""
+    engine = make_engine(f"sqlite:///{tmp_path}/unghost.db")
+    migrate(engine, SCRIPTS)
+    script = importlib.import_module("migrations.versions.0011_undone_answers")
+
+    with engine.connect() as connection:
+        plan = connection.execute(
+            text(f"EXPLAIN QUERY PLAN {script.OF_UNDONE_BATCHES}")
+        )
+        steps = [row.detail for row in plan]
+
+    engine.dispose()
+    undone = [step for step in steps if "undone" in step]
+    assert len(undone) == 1
+    assert "(box_id=?)" in undone[0]

@@ -96,7 +96,15 @@ def fill_path(path: str, values: Mapping[str, object]) -> str:
 
 def values_of_paths(number: int) -> dict[str, object]:
     """A value for each parameter of any path; all ids are `number`."""
-    ids = ("box_id", "revision", "frame_id", "run_id", "export_id", "token_id", "code_id")
+    ids = (
+        "box_id",
+        "revision",
+        "frame_id",
+        "run_id",
+        "export_id",
+        "token_id",
+        "code_id",
+    )
     return {
         **dict.fromkeys((*ids, "batch_id"), number),
         "digest": "0" * 64,

@@ -74,9 +74,11 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     const box = before && boxes.get(before.boxId);
     if (!box) return steps.drop(step);
     boxes.keepRevisions([box.box_id]);
-    if (!sender.undoAnswer(step.given, answerOn(box, before))) return;
+    const isUndone = sender.undoAnswer(step.given, answerOn(box, before));
+    if (isUndone === null) return;
     steps.drop(step);
     closeOvertaken(box.box_id);
+    if (!isUndone) return void toasts.show("Not undone: another tab has saved the answer.", { kind: "error" });
     show(boxes.get(box.box_id) ?? box, step.dataset);
     app.announcement.set(`${box.class} ${box.id}: answer undone`);
   }

@@ -66,13 +66,14 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
     const boxIds = earlier.map(({ boxId }) => boxId);
     const seenRevisions = boxIds.map((boxId) => seenRevision(boxes.get(boxId) ?? {}));
     const before = earlier.map(({ verdict, comment }) => ({ verdict, comment }));
+    const laterIds = step.before.map(({ boxId }) => boxId).filter((boxId) => answeredSince.has(boxId));
     const areKnown = step.before.length > 0;
 
     toasts.dismiss(offers.get(bulkKey) ?? 0);
     boxes.keepRevisions(boxIds);
     const which = areKnown ? { boxIds, seenRevisions } : {};
     undoing.set(bulkKey, step);
-    const outcome = sender.addBulkUndo({ bulkKey, batchId, dataset, count, before, ...which });
+    const outcome = sender.addBulkUndo({ bulkKey, batchId, dataset, count, before, laterIds, ...which });
     if (outcome === "full") undoing.delete(bulkKey);
     else steps.drop(step);
   }
@@ -167,12 +168,10 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
       if (isUndone) toasts.show(`Discarded: ${VERBS[verdict]} ${countOf(count, "box", "boxes")}`);
     },
 
-    onUndoStored({ bulkKey, boxIds, seenRevisions, before }, { undone, skipped }) {
-      const isShown = new Set(boxIds);
-      // The server has undone it on all boxes, also where a later answer of this person was undone in the meantime.
-      const others = (undoing.get(bulkKey)?.before ?? []).filter(({ boxId }) => !isShown.has(boxId));
+    onUndoStored({ bulkKey, boxIds, seenRevisions, before, laterIds = [] }, { undone, skipped }) {
       undoing.delete(bulkKey);
-      void boxes.loadAgain(others.map(({ boxId }) => boxId));
+      // If a later answer on one of these was undone in the meantime, the server has undone the bulk answer there, too.
+      void boxes.loadAgain(laterIds);
       receive(boxIds ?? [], (i) => before[i] ?? { verdict: "clear", comment: "" }, seenRevisions, skipped);
       if (!boxIds) boxes.reload();
       toasts.show(`${countOf(undone, "answer")} undone`);

@@ -75,6 +75,7 @@ import { randomId } from "../core/tab.js";
  * @property {number[]} [boxIds]  the boxes that get their earlier answers again; missing if the page does not know them
  * @property {number[]} [seenRevisions]  the revision of each of these boxes that the person saw
  * @property {AnswerWithComment[]} before  the earlier answer on each of these boxes
+ * @property {number[]} [laterIds]  the other boxes of the bulk answer: this person has given a later answer on them
  * @property {number} count  of boxes
  */
 
@@ -169,13 +170,6 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   /** @param {NewAnswer & Pick<SingleAnswer, "key" | "undoes">} item */
   const addSingle = (item) => add({ ...item, person: who(), tab, order: nextOrder(), attempted: false });
 
-  /** Add an answer on one box. @param {NewAnswer} given @returns {GivenAnswer} */
-  function addAnswer(given) {
-    const key = newKey();
-    addSingle({ ...given, key });
-    return { key, revision: null };
-  }
-
   /** Items that an earlier version of the page has kept without the person who gave them. */
   const unowned = () => storedItems(storage).filter((item) => !item.person);
 
@@ -209,11 +203,17 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       return last;
     },
 
-    addAnswer,
+    /** Add an answer on one box. @param {NewAnswer} given @returns {GivenAnswer} */
+    addAnswer(given) {
+      const key = newKey();
+      addSingle({ ...given, key });
+      return { key, revision: null };
+    },
 
     /**
      * Undo an answer on one box.
      * @param {GivenAnswer} given @param {NewAnswer} earlier  what its box gets again
+     * @returns {boolean} false: this tab does not know what has become of the answer, as another tab has sent it
      */
     undoAnswer({ key, revision }, earlier) {
       const item = answer(key);
@@ -225,9 +225,8 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       } else if (revision) {
         // The server has it, and gives the box the answer before it again.
         addSingle({ ...earlier, key: newKey(), undoes: revision });
-      } else {
-        addAnswer(earlier); // It is not known what has become of it: another tab has sent it.
       }
+      return item !== undefined || revision !== null;
     },
 
     /** Whether an answer that is being sent was undone meanwhile. @param {OutboxItem} item */

@@ -194,7 +194,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
       stored = await (item.undoes ? requests.undo(item) : requests.answer(item));
     } catch (error) {
       const current = currentBox(error);
-      if (!current || outbox.wasUndone(item) || !(await isOvertakenByOwn(item))) throw error;
+      const isOwn = current && (await isOvertakenByOwn(item));
+      if (!current || !isOwn || outbox.wasUndone(item)) throw error;
       return outbox.renew(item, seenRevision(current)); // a new answer, which has not been sent
     }
     outbox.finish(item, { revision: stored.revision });
@@ -210,8 +211,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
   async function isOvertakenByOwn(item) {
     if (storedOnFilter.size === 0) return false;
     const { items } = await requests.history(item.boxId).catch((error) => {
-      // Without a response or a session, the answer waits. After any other error, the person chooses.
-      if (!(error instanceof ApiError) || error.status === 401) throw error;
+      // Without a response or a session, or if the server is busy, the answer waits. Else the person chooses.
+      if (!(error instanceof ApiError) || [401, 408, 429, 503].includes(error.status)) throw error;
       return { items: [] };
     });
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
@@ -373,9 +374,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
      * Undo an answer on one box.
      * @param {import("./outbox.js").GivenAnswer} given @param {import("./outbox.js").NewAnswer} earlier  what its box
      *   gets again
-     * @returns {boolean} false: this browser has no room for it
+     * @returns {boolean | null} as that of the outbox; null: this browser has no room for it
      */
-    undoAnswer: (given, earlier) => put(() => outbox.undoAnswer(given, earlier)) !== null,
+    undoAnswer: (given, earlier) => put(() => outbox.undoAnswer(given, earlier)),
 
     /**
      * @param {import("./outbox.js").NewBulkAnswer} bulk @param {string} [key]

@@ -278,6 +278,21 @@ def test_answer_that_was_carried_over_and_then_undone_does_not_count(street, per
     assert replace(hers, name).status_code == 201
 
 
+def test_answer_that_an_undo_repeats_is_carried_over_as_its_author_s(street, person):
+    name, boxes = street
+    (grace, hers), (_, his) = person(), person()
+    hers.review(boxes[1], "keep", comment="there is one")
+    his.review(boxes[1], "reject", 1)
+    his.post(f"/boxes/{boxes[1]}/reviews/2/undo")
+    town = {**scene.annotation(), "map": "Town02"}
+
+    replaced = hers.put(name, "0", town, replace=True).json()
+
+    review = hers.json(f"/boxes/{replaced['decisions'][1]['box_id']}")["review"]
+    assert (review["reviewer"], review["comment"]) == (grace, "there is one")
+    assert replace(hers, name).status_code == 201
+
+
 def test_reviewer_may_replace_a_frame_after_clearing_own_answers(street, person):
     name, boxes = street
     _, his = person()

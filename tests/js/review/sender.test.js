@@ -598,6 +598,33 @@ test("an answer that is undone while it is being sent, and then refused, is drop
   assert.deepEqual([told, outbox.items()], [[["withdrawn", "keep"]], []]);
 });
 
+test("an answer that is undone while the page looks up what has overtaken it is not sent again", async () => {
+  const { sender, outbox } = senderOf();
+  sender.addBulkAnswer({ dataset: "d", verdict: "reject", filter: {}, snapshot: "s", count: 2 });
+  await settled();
+  const given = answer(sender, 1, "keep"); // with the revision before the bulk answer
+  sender.undoAnswer(given, before("clear"));
+  await settled();
+
+  assert.deepEqual([told.slice(1), outbox.items()], [[["withdrawn", "keep"]], []]);
+  assert.equal(sent.length, 1);
+});
+
+test("an answer whose overtaking answer cannot be looked up waits while the server is busy", async () => {
+  const { sender } = senderOf();
+  sender.addBulkAnswer({ dataset: "d", verdict: "reject", filter: {}, snapshot: "s", count: 2 });
+  await settled();
+  const refused = new ApiError(412, { current: decision({ box_id: 1, revision: 1 }) }, null);
+  refusals = [refused, new ApiError(503, {}, null)];
+  answer(sender, 1, "keep");
+  await settled();
+  assert.equal(sender.state.get().phase, "busy");
+
+  await sender.resume();
+
+  assert.deepEqual(told.slice(1), [["stored", 1, 2]]);
+});
+
 test("the undo of a stored answer is retried with the same key, and reported if it is refused", async () => {
   const { sender, outbox } = senderOf();
   const given = answer(sender, 1, "keep");
