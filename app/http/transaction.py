@@ -44,7 +44,7 @@ _Result = TypeVar("_Result")
 
 
 async def writers_turn(request: Request) -> AsyncIterator[None]:
-    """Limit how many requests have a thread in order to write; others wait without one.
+    """Let only some of the requests that write have a thread; the others wait without.
 
     Only one transaction writes at a time, and the threads of other requests wait until
     it ends. If all threads waited, no thread would be left to commit it.

@@ -20,12 +20,14 @@ anew.
   `reset`, as `Task.reset_attempts`. The next driver finds in the row how many processes
   in succession have died and stored nothing.
 
-**How the attempts differ.** In brackets, `Chunk.attempts` during the attempt:
+**How the next attempt differs**, by how many processes have died before:
 
-- By a worker: the whole chunk (0); the whole chunk, alone (1); frame by frame, alone
-  (2). Then the rest of the chunk is put into quarantine.
-- By the driver: the whole chunk (1); frame by frame (2); frame by frame (3). Then the
-  frame that is the cause is put into quarantine.
+| died | attempt by a worker | attempt by the driver |
+|---|---|---|
+| 0 | whole chunk | whole chunk |
+| 1 | whole chunk, alone | frame by frame |
+| 2 | frame by frame, alone | frame by frame |
+| 3 | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
 
 If a driver stores something before it dies, the next attempt counts as the first. So
 only three drivers that die in succession and store nothing lead to quarantine.
@@ -79,8 +81,10 @@ _PAUSE_S: Final = 0.5
 log = logging.getLogger(__name__)
 
 
-def is_one_by_one(chunk: Chunk) -> bool:
-    """Whether to work frame by frame in this attempt; see the list above."""
+def is_one_by_one(chunk: Chunk, *, in_driver: bool) -> bool:
+    """Whether to work frame by frame in this attempt; see the table above."""
+    if in_driver:  # which has counted this attempt already
+        return chunk.attempts - 1 >= 1
     return chunk.attempts >= 2
 
 

@@ -172,8 +172,9 @@ class _Channel:
 
 
 def _ordered_needed(boxes: _Boxes) -> IntArray:
-    # `explained_by` is the nearer box that takes pixels of this one. Only if there is
-    # one, `ordered_min_pixels` applies.
+    # Nearer boxes take their pixels first (`filter_core.evidence.ordered`); a box owns
+    # what is left. `explained_by` is the nearer box that has taken pixels of this one.
+    # Only if there is one, `ordered_min_pixels` applies.
     is_taken = boxes.numbers.explained_by != NOT_MEASURED
     least = np.maximum(boxes.min_visible_pixels, 1)
     return np.where(is_taken, boxes.config.ordered_min_pixels, least)

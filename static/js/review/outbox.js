@@ -257,11 +257,11 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      *   box's revision after an answer on one box
      */
     finish(stored, { leftOut = [], revision }) {
-      const undone = answer(stored.key);
+      const kept = answer(stored.key); // it may have been undone since `stored` was read
       remove(stored);
-      if (undone?.earlier && revision) {
-        const undo = { ...undone, ...undone.earlier, key: newKey(), seenRevision: revision, undoes: revision };
-        write({ ...undo, earlier: undefined, attempted: false });
+      if (kept?.earlier && revision) {
+        const { earlier, ...undone } = kept;
+        write({ ...undone, ...earlier, key: newKey(), seenRevision: revision, attempted: false, undoes: revision });
       }
       const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, revision ?? seen + 1]));
       for (const boxId of leftOut) revisions.delete(boxId);

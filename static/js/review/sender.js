@@ -194,9 +194,10 @@ export function createSender(outbox, requests = REQUESTS, later) {
       stored = await (item.undoes ? requests.undo(item) : requests.answer(item));
     } catch (error) {
       const current = currentBox(error);
-      const isOwn = current && (await isOvertakenByOwn(item));
-      if (!current || !isOwn || outbox.wasUndone(item)) throw error;
-      return outbox.renew(item, seenRevision(current)); // a new answer, which has not been sent
+      if (current && (await isOvertakenByOwn(item)) && !outbox.wasUndone(item)) {
+        return outbox.renew(item, seenRevision(current)); // and `drain` sends it again
+      }
+      throw error;
     }
     outbox.finish(item, { revision: stored.revision });
     tell(({ onStored }) => onStored?.(stored, item));
