@@ -41,11 +41,11 @@ from app.db.bulk import (
     Written,
     chunks,
     insert_columns,
+    insert_of_dialect,
     insert_rows,
     run,
     run_each,
     update_rows,
-    upsert_in,
 )
 from app.db.tables import Decision, Frame, Review, Tally
 from filter_core.types import Decisions, Evidence, IntArray, floats_or_none
@@ -251,7 +251,7 @@ def _tally_rows(
 @lru_cache
 def _counted_in(dialect: str, changes: Selectable | None = None) -> Executable:
     """Insert tallies, or add to existing ones; as rows, or from a SELECT."""
-    statement = upsert_in(dialect, Tally)
+    statement = insert_of_dialect(dialect, Tally)
     if changes is not None:
         statement = statement.from_select([*_TALLY, "boxes"], changes)
     return statement.on_conflict_do_update(

@@ -26,7 +26,14 @@ from sqlalchemy.orm import Session, undefer
 
 from app.boxes.filter import BoxFilter
 from app.db.base import utc_now
-from app.db.bulk import chunks, insert_columns, insert_rows, run, run_each, upsert_in
+from app.db.bulk import (
+    chunks,
+    insert_columns,
+    insert_of_dialect,
+    insert_rows,
+    run,
+    run_each,
+)
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Review
 from app.errors import NotFound
 from app.measuring.queries import is_deleted, only_in
@@ -369,7 +376,7 @@ class FrameRepository:
 
 @lru_cache
 def _new_blobs(dialect: str) -> Executable:
-    return upsert_in(dialect, Blob).on_conflict_do_nothing()
+    return insert_of_dialect(dialect, Blob).on_conflict_do_nothing()
 
 
 def _blob(file: FileRow) -> dict[str, object]:

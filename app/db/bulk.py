@@ -47,7 +47,7 @@ COPY_FROM_ROWS: Final = 2
 """COPY is used from this many rows on: see benchmarks/bench_postgres.py."""
 ROWS_AT_A_TIME: Final = 10_000
 """Rows per statement: some tens of milliseconds, after which `written` is called."""
-Upsert: TypeAlias = postgresql.Insert | sqlite.Insert
+DialectInsert: TypeAlias = postgresql.Insert | sqlite.Insert
 """An INSERT of either dialect, with ``on_conflict_do_...``."""
 Written = Callable[[int], None]
 """Called with the number of rows that were just written; it may raise to stop."""
@@ -276,13 +276,13 @@ def _compile(
     )
 
 
-def upsert(session: Session, model: type[Base]) -> Upsert:
+def insert_into(session: Session, model: type[Base]) -> DialectInsert:
     """An insert with ``on_conflict_do_...``, for the database of this session."""
-    return upsert_in(session.connection().dialect.name, model)
+    return insert_of_dialect(session.connection().dialect.name, model)
 
 
-def upsert_in(dialect: str, model: type[Base]) -> Upsert:
-    """As `upsert`, by the dialect's name: for cached statements."""
+def insert_of_dialect(dialect: str, model: type[Base]) -> DialectInsert:
+    """As `insert_into`, by the dialect's name: for cached statements."""
     if dialect == "postgresql":
         return postgresql.insert(_table(model))
     return sqlite.insert(_table(model))

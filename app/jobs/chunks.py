@@ -17,7 +17,7 @@ from sqlalchemy import ColumnElement, delete, func, select, update
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
-from app.db.bulk import insert_rows, upsert
+from app.db.bulk import insert_into, insert_rows
 from app.db.tables import Chunk, JobRow
 from app.engine.chunk import Job
 
@@ -49,7 +49,7 @@ class ChunkRepository:
     def plan_final_step(self, job: Job, frames: int) -> None:
         """Add a job's final step, unless it exists."""
         row = _row(job, FINAL_STEP, PlannedChunk(0, 0, frames))
-        new = upsert(self._session, Chunk).values(row)
+        new = insert_into(self._session, Chunk).values(row)
         self._session.execute(new.on_conflict_do_nothing())
 
     def withdraw_final_step(self, job: Job) -> None:
@@ -81,8 +81,16 @@ class ChunkRepository:
         rows = select(Chunk).where(*_chunks_of(job), Chunk.state == "quarantined")
         return list(self._session.scalars(rows.order_by(Chunk.number)))
 
-    def last_frame(self, job: Job) -> int:
-        """The last frame id up to which a job is planned."""
+    def planned_up_to(self, job: Job) -> int:
+        """The id of the frame after which new chunks begin; 0: with the first frame.
+
+        New chunks are made of frames without a result. But the frames of a chunk that
+        waits, or is in quarantine, have no result either, and must not be in a second
+        chunk. So if there is such a chunk, new ones begin after the last frame of all
+        chunks.
+        """
+        if not (self.waiting(job) or self.quarantined(job)):
+            return 0
         rows = select(func.max(Chunk.last_frame_id)).where(*_chunks_of(job))
         return self._session.scalar(rows) or 0
 

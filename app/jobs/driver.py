@@ -183,12 +183,7 @@ class JobDriver:
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
-            # New chunks are made of frames that have no result and are in no chunk. If
-            # an earlier driver has left chunks without a result (they wait, or are in
-            # quarantine), only the frames after all chunks are certainly in none.
-            # Otherwise, every frame without a result is in none.
-            if self._to_send or chunks.quarantined(self.lease.job):
-                self._planned.up_to = chunks.last_frame(self.lease.job)
+            self._planned.up_to = chunks.planned_up_to(self.lease.job)
         try:
             while self._send(row):
                 self._take_ended()

@@ -48,7 +48,7 @@ from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
 from app.db.base import utc_now
-from app.db.bulk import upsert
+from app.db.bulk import insert_into
 from app.db.engine import Database, once_committed
 from app.db.tables import JobRow, Lease
 from app.engine import Job, JobStopped
@@ -168,7 +168,7 @@ class JobLease:
     def _add(self, session: Session, now: datetime) -> bool:
         """Insert the row of the lease; False if there is one already."""
         row = {"kind": self.job.kind, "job_id": self.job.id, "holder": self._holder}
-        new = upsert(session, Lease).values(**row, until=now + LEASE_LASTS)
+        new = insert_into(session, Lease).values(**row, until=now + LEASE_LASTS)
         added = new.on_conflict_do_nothing().returning(Lease.holder)
         return session.execute(added).first() is not None
 

@@ -36,7 +36,7 @@ from sqlalchemy.orm import Session, aliased
 from app.boxes.current import copy_answers, copy_batch
 from app.boxes.queries import LatestReview
 from app.db.base import Key, UtcDateTime, utc_now
-from app.db.bulk import chunks, insert_rows, upsert
+from app.db.bulk import chunks, insert_into, insert_rows
 from app.db.tables import Box, Claim, Dataset, Decision, Review, ReviewBatch
 from app.errors import NotFound
 from app.measuring.queries import is_deleted, is_there
@@ -175,7 +175,7 @@ class ReviewRepository:
 
     def _insert(self, answers: _Answers) -> int:
         """Insert what the SELECT gives into `reviews`; how many rows that were."""
-        statement = upsert(self._session, Review).from_select(_COLUMNS, answers)
+        statement = insert_into(self._session, Review).from_select(_COLUMNS, answers)
         # Even if `decisions` were wrong, no revision of a box is stored twice.
         unique = statement.on_conflict_do_nothing(index_elements=_UNIQUE)
         counted = unique.execution_options(preserve_rowcount=True)
@@ -482,7 +482,7 @@ class ClaimRepository:
         """Claim boxes, or extend their claims."""
         if not box_ids:
             return
-        insert = upsert(self._session, Claim)
+        insert = insert_into(self._session, Claim)
         claims = [
             {
                 "box_id": box_id,

@@ -50,6 +50,11 @@ class BeforeAndAfter:
     before: DatasetColumns
     after: DatasetColumns
 
+    @property
+    def are_measured_anew(self) -> bool:
+        """Whether they are of two measurements: of one, the cache gives one object."""
+        return self.before is not self.after
+
     @classmethod
     def parts(
         cls, context: ServiceContext, session: Session, run: Run
@@ -139,8 +144,7 @@ class Activation:
     ) -> None:
         ids = numbers.after.box_ids
         changed = _differs(before, after)
-        measured_anew = numbers.before is not numbers.after
-        rows = int(changed.sum()) + (len(ids) if measured_anew else 0)
+        rows = int(changed.sum()) + (len(ids) if numbers.are_measured_anew else 0)
         self._progress.begin(len(ids), rows)
         decided_again(
             self._session,
@@ -149,7 +153,7 @@ class Activation:
             after[changed],
             self._progress,
         )
-        if measured_anew:
+        if numbers.are_measured_anew:
             evidence = numbers.after.evidence
             measured_again(self._session, ids, evidence, self._progress)
 

@@ -51,7 +51,11 @@ COMMIT_EVERY_S: Final = 0.25
 
 @dataclass(frozen=True)
 class RunScope:
-    """The ids and the configuration of a run, read once."""
+    """The ids and the configuration of a run, read once.
+
+    `measurement_id` is the measurement to which the run belongs: the numbers of all
+    frames of a dataset that were measured in one way (`MeasureConfig`).
+    """
 
     run_id: int
     dataset_id: int

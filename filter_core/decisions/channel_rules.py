@@ -38,7 +38,7 @@ def apply_channels(
 ) -> None:
     """Overwrite the decisions of boxes that a channel has a number for.
 
-    Those that were decided before channels (`Reason.is_final`) stay.
+    Decisions whose reason is final (`Reason.is_final`) stay.
 
     Parameters
     ----------

@@ -173,7 +173,7 @@ def _threshold_by_reason(limits: LimitsByClass) -> FloatArray:
     of_small[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
     of_small[:, Reason.VISIBLE] = limits.threshold_small_box
     of_large[:, Reason.LARGE_BELOW_THRESHOLD] = limits.threshold_big_box
-    # Only under carlasimu, where a large box has to pass both thresholds.
+    # Such boxes exist only under carlasimu: large ones have to pass both thresholds.
     of_large[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
     # Under carlasimu the higher of both, else `threshold_big_box`.
     of_large[:, Reason.VISIBLE] = limits.threshold_kept_large_box

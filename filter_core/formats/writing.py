@@ -368,7 +368,8 @@ class _BoxChooser:
         wanted, ignorable = self._wanted(boxes, crowd)
         whole, used = _rectangles(boxes, options.boxes)
         inside = clipped(np.where(np.isnan(whole), 0.0, whole), frame.wh)
-        placed = np.minimum(*(inside[:, 2:] - inside[:, :2]).T) >= _LEAST_SIDE
+        shorter_side = (inside[:, 2:] - inside[:, :2]).min(axis=1)
+        placed = shorter_side >= _LEAST_SIDE
         written = wanted & (placed | self._traits.can_hold_unplaced)
         ignored = ignorable & placed & (options.rejected == "dontcare")
         row = np.flatnonzero(written | ignored)

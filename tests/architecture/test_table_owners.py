@@ -43,7 +43,7 @@ WRITTEN_BY_ONE_MODULE: Final = {
 }
 """Tables that only one module of their package writes, so that counts have one rule."""
 WRITES: Final = frozenset(
-    {"insert", "update", "delete", "upsert", "upsert_in"}
+    {"insert", "update", "delete", "insert_into", "insert_of_dialect"}
     | {"insert_rows", "insert_columns", "update_rows"}
 )
 

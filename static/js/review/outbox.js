@@ -261,7 +261,8 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       remove(stored);
       if (kept?.earlier && revision) {
         const { earlier, ...undone } = kept;
-        write({ ...undone, ...earlier, key: newKey(), seenRevision: revision, attempted: false, undoes: revision });
+        const undo = { ...undone, ...earlier, undoes: revision }; // with the verdict and the comment of `earlier`
+        write({ ...undo, key: newKey(), seenRevision: revision, attempted: false });
       }
       const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, revision ?? seen + 1]));
       for (const boxId of leftOut) revisions.delete(boxId);

@@ -211,11 +211,14 @@ export function createSender(outbox, requests = REQUESTS, later) {
    */
   async function isOvertakenByOwn(item) {
     if (storedOnFilter.size === 0) return false;
-    const { items } = await requests.history(item.boxId).catch((error) => {
-      // Without a response or a session, or if the server is busy, the answer waits. Else the person chooses.
-      if (!(error instanceof ApiError) || [401, 408, 429, 503].includes(error.status)) throw error;
-      return { items: [] };
-    });
+    let items;
+    try {
+      ({ items } = await requests.history(item.boxId));
+    } catch (error) {
+      const willNotAnswer = error instanceof ApiError && ![401, 408, 429, 503].includes(error.status);
+      if (willNotAnswer) return false; // so the person chooses
+      throw error; // instead of the 412, so that the answer waits as if it had got this error
+    }
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
     const isOwnAndOlder = (/** @type {HistoryEntry} */ { batch }) => {
       const order = storedOnFilter.get(batch ?? 0);
