@@ -29,8 +29,8 @@ anew.
 | 2 | frame by frame, alone | frame by frame |
 | 3 | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
 
-If a driver stores something before it dies, the next attempt counts as the first. So
-only three drivers that die in succession and store nothing lead to quarantine.
+A driver that stores something sets the count to zero, even if it dies later. So only
+three drivers that die in succession and store nothing lead to quarantine.
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
 the cause. Each of them is submitted again while no other one is in progress
@@ -83,8 +83,9 @@ log = logging.getLogger(__name__)
 
 def is_one_by_one(chunk: Chunk, *, in_driver: bool) -> bool:
     """Whether to work frame by frame in this attempt; see the table above."""
-    if in_driver:  # which has counted this attempt already
-        return chunk.attempts - 1 >= 1
+    if in_driver:
+        died = chunk.attempts - 1  # without this attempt, which is counted already
+        return died >= 1
     return chunk.attempts >= 2
 
 

@@ -341,7 +341,7 @@ class ReviewRepository:
                             last.setdefault((newest, who), verdict)
                         else:
                             undone.add((box_id, undoes, who))
-                    elif origin is not None:
+                    elif origin is not None:  # undone, also on the earlier box
                         last.setdefault((newest, who), "clear")
             newest_of = before
         return Counter(who for (_, who), verdict in last.items() if verdict != "clear")
@@ -426,11 +426,11 @@ class ReviewBatches:
 def _standing(which: ColumnElement[bool]) -> CTE:
     """For each of these answers: the revisions with the answer that its box has now.
 
-    `answered` is the revision that the answer gave its box. `revision` is that of the
-    box's latest answer. If that one undoes another, it has repeated the answer from
-    before it: there is another row, with the revision of that answer, and so on. If
-    `answered` is among these revisions, the answer is in force. So several answers on
-    a box can be undone one by one, the newest first.
+    In each row, `answered` is the revision of one of these answers. The first row of
+    an answer has the revision of its box's latest answer as `revision`. An answer that
+    undoes the one with revision 5 repeats that with revision 4: then there is another
+    row with 4, and so on. If one row has `answered` as its `revision`, the answer is in
+    force. So several answers on a box can be undone one by one, the newest first.
     """
     standing = (
         select(

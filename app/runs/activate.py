@@ -52,7 +52,7 @@ class BeforeAndAfter:
 
     @property
     def are_measured_anew(self) -> bool:
-        """Whether they are of two measurements: of one, the cache gives one object."""
+        """Whether they are of two measurements. (The cache gives one object if not.)"""
         return self.before is not self.after
 
     @classmethod

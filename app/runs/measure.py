@@ -73,7 +73,7 @@ class RunScope:
 class _Source:
     """How the frames of one chunk are measured."""
 
-    plan: MeasureConfig
+    config: MeasureConfig
     classes: Mapping[str, int]
     measurement_id: int
     former_measurement_id: int
@@ -199,7 +199,7 @@ def _numbers(task: Task[Run], chunk: _RunChunk, frame_id: int) -> _Measured:
         contents = task.retry_unavailable(read)
         return _remeasured(context, source, frame, contents)
     row = chunk.former[frame_id]
-    evidence = recount(row, source.classes, source.plan)
+    evidence = recount(row, source.classes, source.config)
     return _Measured(
         frame_id, recounted_row(row, evidence, source.classes, source.measurement_id)
     )
@@ -274,7 +274,7 @@ def _source(session: Session, scope: RunScope) -> _Source:
     former = evidence.measurement_with_id(former_id)
     wanted = evidence.measurement_with_id(scope.measurement_id)
     return _Source(
-        plan=plan_of(wanted, scope.config),
+        config=plan_of(wanted, scope.config),
         classes=DatasetRepository(session).classes(scope.dataset_id),
         measurement_id=scope.measurement_id,
         former_measurement_id=former_id,
@@ -287,7 +287,7 @@ def _contents(
 ) -> dict[str, bytes]:
     return {
         kind: context.storage.read(files[kind].sha256)
-        for kind in (*MEASURED, *source.plan.files)
+        for kind in (*MEASURED, *source.config.files)
         if kind in files
     }
 
@@ -311,7 +311,7 @@ def _remeasured(
                 pixels = FrameFiles.of(usable, size)
                 try:
                     measured = measure_files(
-                        context.pixels, source.plan, annotation, pixels
+                        context.pixels, source.config, annotation, pixels
                     )
                 except PixelsRefused as refusal:
                     return _Measured(frame.id, {}, refusal=refusal)

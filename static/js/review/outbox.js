@@ -10,10 +10,11 @@
 // answered it meanwhile, and the server refuses the item. What if a person answers the same box twice, and both items
 // wait in the outbox?
 //
-// 1. The second item gets the seen revision of the first (`add`), even if the page has loaded a newer one. For example,
-//    an answer on a box at revision 3 waits. Somebody else answers the box, and the page loads it at revision 4, but
-//    shows the waiting answer in place of theirs. The person answers once more. With revision 4 this answer would
-//    overwrite one that the person has not seen. With revision 3 the server refuses it, and the person learns of both.
+// 1. The second item gets the seen revision of the first (`add`), even if the page has loaded a newer one: in place of
+//    what it has loaded, it shows the first answer. For example, an answer on a box at revision 3 waits. Somebody else
+//    answers the box, and the page loads it at revision 4, but shows the waiting answer. The person answers once more.
+//    With revision 4 this answer would overwrite one that the person has not seen. With revision 3 the server refuses
+//    it, and the person learns of both.
 // 2. Once the first item is stored, the second gets the next revision (`finish`), since the answer in between is the
 //    person's own. But a second item that waits in another tab does not get it: the server refuses that item, and the
 //    person chooses between the two answers.
@@ -264,7 +265,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
         const undo = { ...undone, ...earlier, undoes: revision }; // with the verdict and the comment of `earlier`
         write({ ...undo, key: newKey(), seenRevision: revision, attempted: false });
       }
-      const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, revision ?? seen + 1]));
+      const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, revision ?? seen + 1])); // bulk responses have none
       for (const boxId of leftOut) revisions.delete(boxId);
       for (const item of items()) {
         if (item.order <= stored.order || wasAttempted(item)) continue;
@@ -278,10 +279,8 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      const renewed = (item.renewed ?? 0) + 1;
-      // Removed first, and hardly longer than before: the browser may have no room for more.
-      remove(item);
-      write({ ...item, seenRevision: revision, renewed, attempted: undefined });
+      // Without `attempted`, it is no longer than before: the browser may have no room for more.
+      write({ ...item, seenRevision: revision, renewed: (item.renewed ?? 0) + 1, attempted: undefined });
     },
 
     /**

@@ -206,7 +206,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
   /**
    * Whether a refused answer (412) was overtaken only by this tab's own bulk answers on a filter, or their undos. The
    * page does not know which boxes a filter selects, so `finish` cannot give an answer the revision that its box has
-   * after the bulk answer.
+   * after the bulk answer. It is looked up in the box's history. If that cannot be loaded now, this throws the error of
+   * that request, so that the answer waits.
    * @param {SingleAnswer} item
    */
   async function isOvertakenByOwn(item) {
@@ -215,9 +216,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
     try {
       ({ items } = await requests.history(item.boxId));
     } catch (error) {
-      const willNotAnswer = error instanceof ApiError && ![401, 408, 429, 503].includes(error.status);
-      if (willNotAnswer) return false; // so the person chooses
-      throw error; // instead of the 412, so that the answer waits as if it had got this error
+      const isLasting = error instanceof ApiError && ![401, 408, 429, 503].includes(error.status);
+      if (isLasting) return false; // the person chooses
+      throw error;
     }
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
     const isOwnAndOlder = (/** @type {HistoryEntry} */ { batch }) => {
