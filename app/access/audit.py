@@ -31,6 +31,7 @@ class AuditAction(str, Enum):
     FRAME_DELETED = "frame.deleted"
     ANSWERS_GIVEN = "review_batch.created"
     ANSWERS_UNDONE = "review_batch.undone"
+    ANSWER_UNDONE = "review.undone"
     CONFIG_ACTIVATED = "config.activated"
     RUN_CANCELLED = "run.cancelled"
     EXPORT_CREATED = "export.created"

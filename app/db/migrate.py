@@ -68,12 +68,16 @@ def is_known(scripts: Path, revision: str) -> bool:
     return revision in _revisions(scripts)
 
 
-def refuse_to_lose(table: str) -> None:
-    """For downgrades, before they drop a table: raises WouldLose if it has rows."""
+def refuse_to_lose(table: str, where: str = "1 = 1") -> None:
+    """For downgrades, before they drop a table or a column: raises WouldLose.
+
+    That is, if the table has rows that fulfil the condition `where`.
+    """
     from alembic import context, op
 
     connection, config = op.get_bind(), context.config
-    rows = connection.execute(select(func.count()).select_from(text(table)))
+    counted = select(func.count()).select_from(text(table)).where(text(where))
+    rows = connection.execute(counted)
     if (count := rows.scalar_one()) and not config.attributes.get(_MAY_LOSE, False):
         raise WouldLose(
             f"this downgrade would lose the {count} rows of {table}, and nothing was "

@@ -40,6 +40,9 @@ MAX_FOLDERS: Final = 2
 RowId = Annotated[int, Path(ge=1, le=MAX_ID)]
 """An id in a path; larger ones would overflow the database's integers."""
 
+AnswerRevision = Annotated[int, Path(ge=1, le=2**31 - 1)]
+"""The revision that an answer has given its box, in a path."""
+
 RowIdQuery = Annotated[int, Query(ge=1, le=MAX_ID)]
 """An id in a query."""
 

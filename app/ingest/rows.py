@@ -336,12 +336,8 @@ def _carry_answers(
         ):
             dropped.append(old_id)
             continue
-        if review.undoes is not None:
-            # It repeats an earlier answer, which may be another person's.
-            given = reviews.before(old_id, review.revision + 1)
-            review = review._replace(
-                reviewer=given.reviewer if given else review.reviewer
-            )
+        if review.undoes is not None:  # it repeats one that may be another person's
+            review = review._replace(reviewer=reviews.author(old_id, review.revision))
         new_id = frame.first_box_id + index
         review = review._replace(box_id=new_id, revision=1, batch_id=None, undoes=None)
         carried[old_id] = review

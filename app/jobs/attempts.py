@@ -81,11 +81,9 @@ _PAUSE_S: Final = 0.5
 log = logging.getLogger(__name__)
 
 
-def is_one_by_one(chunk: Chunk, *, in_driver: bool) -> bool:
+def is_one_by_one(chunk: Chunk) -> bool:
     """Whether to work frame by frame in this attempt; see the table above."""
-    if in_driver:
-        died = chunk.attempts - 1  # without this attempt, which is counted already
-        return died >= 1
+    # The driver has counted this attempt, too: with 2, one process has died before.
     return chunk.attempts >= 2
 
 

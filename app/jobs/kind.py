@@ -175,15 +175,13 @@ class Task(Generic[Row]):
     """One chunk of a job, as it is passed to a kind's `work` and `finish`.
 
     `reset_attempts` is called in each transaction that stores a part of the result, or
-    finds that more has to be measured first. `in_driver` says whether this is the
-    process that drives the job, not a worker.
+    finds that more has to be measured first.
     """
 
     context: ServiceContext
     kind: JobKind[Row]
     job: Job
     number: int
-    in_driver: bool = False
     reset_attempts: Callable[[Session], None] = _ignore
     _is_over: threading.Event = field(default_factory=threading.Event)
     _row_read_at: float = field(default_factory=time.monotonic)

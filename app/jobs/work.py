@@ -41,7 +41,6 @@ def work_in_driver(context: ServiceContext, kind: str, job_id: int, number: int)
     The outcome is QUARANTINED if the chunk is not to be worked on.
     """
     task = _task(context, Job(kind, job_id), number)
-    task.in_driver = True
     attempt = Attempt(context, task.job, number)
     task.reset_attempts = attempt.reset
     outcome = _outcome(task, lambda: _do(task) if attempt.begin() else QUARANTINED)

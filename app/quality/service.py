@@ -239,13 +239,14 @@ class Panel:
         """
         answers = AnswerRepository(session)
         ignored = answers.undone_batches(dataset_id)
-        undone: set[tuple[int, int | None]] = set()
+        undone: set[tuple[int, int]] = set()
         latest: dict[tuple[int, str], str] = {}
         for said in answers.said(dataset_id):
             if (said.box_id, said.revision) in undone:
                 continue
-            undone.add((said.box_id, said.undoes))
-            if said.undoes is None and said.batch_id not in ignored:
+            if said.undoes is not None:
+                undone.add((said.box_id, said.undoes))
+            elif said.batch_id not in ignored:
                 latest.setdefault((said.box_id, said.reviewer), said.verdict)
         return cls({key: said for key, said in latest.items() if said != "clear"})
 

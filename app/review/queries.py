@@ -269,21 +269,13 @@ class ReviewRepository:
         rows = select(Review).where(Review.box_id == box_id)
         return self._session.scalar(rows.where(Review.revision == revision))
 
-    def before(self, box_id: int, revision: int) -> Review | None:
-        """The answer that a box gets again if that with this revision is undone.
-
-        That is the last one before it that was given, and not undone: neither itself
-        nor with its bulk answer. None if there is none.
-        """
-        undone: set[int] = set()
-        for answer in reversed(self.of_box(box_id)[: revision - 1]):
-            if answer.revision in undone:
-                continue
-            if answer.undoes is not None:
-                undone.add(answer.undoes)
-            elif not ReviewBatches(self._session).is_withdrawn(answer.batch_id):
-                return answer
-        return None
+    def author(self, box_id: int, revision: int) -> str:
+        """Who gave an answer; of one that an undo has repeated, who gave that one."""
+        answer = self.at(box_id, revision)
+        assert answer is not None
+        if answer.undoes is None or answer.undoes == 1:
+            return answer.reviewer
+        return self.author(box_id, answer.undoes - 1)
 
     def is_in_force(self, answer: Review) -> bool:
         """Whether no answer followed this one, or all that followed were undone."""
@@ -301,9 +293,7 @@ class ReviewRepository:
         )
         return [(row[0], row[1], row[2]) for row in self._session.execute(rows)]
 
-    def _said(
-        self, box_ids: Sequence[int]
-    ) -> Iterable[Row[int, int, str, str, int | None, int | None]]:
+    def _said(self, box_ids: Sequence[int]) -> Iterable[_SaidRow]:
         """Answers on these boxes, by box, the newest first.
 
         Of each: box, revision, reviewer, verdict, and the columns `undoes` and
@@ -331,20 +321,35 @@ class ReviewRepository:
         while newest_of:
             before: dict[int, int] = {}
             for chunk in chunks(newest_of):
-                undone: set[tuple[int, int, str]] = set()
-                for box_id, revision, who, verdict, undoes, origin in self._said(chunk):
-                    newest = newest_of[box_id]
+                for box_id, who, verdict, origin in _meant(self._said(chunk)):
+                    last.setdefault((newest_of[box_id], who), verdict)
                     if origin is not None:
-                        before[origin] = newest
-                    if (box_id, revision, who) not in undone:
-                        if undoes is None:
-                            last.setdefault((newest, who), verdict)
-                        else:
-                            undone.add((box_id, undoes, who))
-                    elif origin is not None:  # undone, also on the earlier box
-                        last.setdefault((newest, who), "clear")
+                        before[origin] = newest_of[box_id]
             newest_of = before
         return Counter(who for (_, who), verdict in last.items() if verdict != "clear")
+
+
+_SaidRow: TypeAlias = "Row[int, int, str, str, int | None, int | None]"
+
+
+def _meant(
+    answers: Iterable[_SaidRow],
+) -> Iterator[tuple[int, str, str, int | None]]:
+    """The answers that their author did not undo: box, author, verdict, origin.
+
+    `answers` are those of some boxes as `ReviewRepository._said` gives them. The origin
+    of an answer that was carried over is the box in an earlier revision of the frame.
+    """
+    undone_by: dict[tuple[int, int], str] = {}
+    for box_id, revision, who, verdict, undoes, origin in answers:
+        undoer = undone_by.get((box_id, revision))
+        if undoes is not None:
+            if undoer is None:  # an undo that was undone has no effect
+                undone_by[box_id, undoes] = who
+        elif undoer != who:
+            yield box_id, who, verdict, origin
+        elif origin is not None:  # undone, and so is the answer on the earlier box
+            yield box_id, who, "clear", origin
 
 
 def _answer_of(batch: ReviewBatch, comment: str = "") -> Answer:
@@ -391,14 +396,6 @@ class ReviewBatches:
         rows = select(ReviewBatch.id).where(ReviewBatch.undoes_id == batch_id)
         return self._session.scalar(rows.limit(1)) is not None
 
-    def is_withdrawn(self, batch_id: int | None) -> bool:
-        """Whether a batch was undone, and its undo was not undone as well."""
-        if batch_id is None:
-            return False
-        rows = select(ReviewBatch.id).where(ReviewBatch.undoes_id == batch_id)
-        undo_id = self._session.scalar(rows.limit(1))
-        return undo_id is not None and not self.is_withdrawn(undo_id)
-
     def boxes(self, batch_id: int) -> list[int]:
         """The boxes that a batch answered, in order."""
         rows = select(Review.box_id).where(Review.batch_id == batch_id)
@@ -423,7 +420,7 @@ class ReviewBatches:
         return [UndoableBoxes(ids, *revisions) for revisions, ids in alike.items()]
 
 
-def _standing(which: ColumnElement[bool]) -> CTE:
+def _standing(answers: ColumnElement[bool]) -> CTE:
     """For each of these answers: the revisions with the answer that its box has now.
 
     In each row, `answered` is the revision of one of these answers. The first row of
@@ -439,7 +436,7 @@ def _standing(which: ColumnElement[bool]) -> CTE:
             Decision.revision.label("revision"),
         )
         .join(Decision, Decision.box_id == Review.box_id)
-        .where(which)
+        .where(answers)
         .cte("standing", recursive=True)
     )
     undo = aliased(Review)

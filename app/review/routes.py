@@ -7,6 +7,7 @@ from fastapi import Response
 from app.access.gate import Audited
 from app.boxes.filter import selection_of
 from app.http.deps import (
+    AnswerRevision,
     AppServices,
     CurrentPrincipal,
     DatasetName,
@@ -80,14 +81,14 @@ def create_review(
     "/boxes/{box_id}/reviews/{revision}/undo", status_code=201, response_model=Review
 )
 def undo_review(
-    box_id: RowId, revision: RowId, session: WriteSession, principal: CurrentPrincipal
+    box_id: RowId, revision: AnswerRevision, principal: CurrentPrincipal, audit: Audited
 ) -> Response:
     """Undo an answer on a box: the box gets the answer it had before.
 
     409 if somebody has answered since. Only admins may undo answers of others.
     """
-    review = undo_answer(session, box_id, revision, principal)
-    return commit_and_respond(session, _json(review.model_dump_json(), 201))
+    review = undo_answer(audit, box_id, revision, principal)
+    return commit_and_respond(audit.session, _json(review.model_dump_json(), 201))
 
 
 @router.post("/reviews/bulk", status_code=201, response_model=ReviewBatch)

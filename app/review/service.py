@@ -21,12 +21,14 @@ from __future__ import annotations
 
 from sqlalchemy.orm import Session
 
+from app.access.audit import AuditAction, AuditTrail
 from app.access.service import require_own
 from app.boxes.queries import LatestAnswers
 from app.boxes.reader import describe_box
 from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.errors import Conflict, NotFound, StaleReview
+from app.measuring.queries import DatasetRepository
 from app.metrics import REVIEWS
 from app.review.queries import Answer, BoxState, ReviewRepository
 from app.security import Principal
@@ -59,26 +61,30 @@ def review_box(session: Session, box_id: int, given: ReviewIn, reviewer: str) ->
     return _stored(box, answer, given.seen_revision + 1)
 
 
-def undo_answer(session: Session, box_id: int, revision: int, by: Principal) -> Review:
+def undo_answer(audit: AuditTrail, box_id: int, revision: int, by: Principal) -> Review:
     """Undo the answer that gave a box this revision: repeat the answer before it.
+
+    If it is another person's, this is noted in the audit log.
 
     Raises
     ------
     NotFound
-        The box does not exist, or is not current, or has no such answer.
+        The box does not exist, or is not one of the newest revision of its frame, or
+        has no such answer.
     Forbidden
         It is another person's answer, and the caller is not an admin.
     Conflict
         The box was answered since, or the answer was undone already.
     """
+    session = audit.session
     reviews = ReviewRepository(session)
     box = reviews.state(box_id)
     undone = reviews.at(box_id, revision)
     if undone is None:
         raise NotFound(f"answer on box {box_id} with revision", revision)
     what = f"answer {revision} on box {box_id}"
-    require_own(by, {undone.reviewer: 1}, f"undoing {what}")
-    before = reviews.before(box_id, revision)
+    of_others = require_own(by, {undone.reviewer: 1}, f"undoing {what}")
+    before = reviews.at(box_id, revision - 1)
     said = ("clear", "") if before is None else (before.verdict, before.comment)
     answer = Answer(box.dataset_id, *said, by.name, utc_now(), undoes=revision)
     is_in_force = reviews.is_in_force(undone)
@@ -86,6 +92,14 @@ def undo_answer(session: Session, box_id: int, revision: int, by: Principal) -> 
         raise Conflict(
             f"{what} is not in force any more: others followed, or it was undone",
             code="not_in_force",
+        )
+    if of_others:
+        audit.note(
+            AuditAction.ANSWER_UNDONE,
+            box_id,
+            dataset=DatasetRepository(session).with_id(box.dataset_id).name,
+            revision=revision,
+            reviewer=undone.reviewer,
         )
     once_committed(session, lambda: REVIEWS.labels("undo").inc())
     return _stored(box, answer, box.revision + 1)

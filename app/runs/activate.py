@@ -52,7 +52,10 @@ class BeforeAndAfter:
 
     @property
     def are_measured_anew(self) -> bool:
-        """Whether they are of two measurements. (The cache gives one object if not.)"""
+        """Whether they are of two measurements.
+
+        If they are of one, the cache gives the same object twice.
+        """
         return self.before is not self.after
 
     @classmethod

@@ -110,8 +110,8 @@ def _decide_block(
     _, classes, reasons = thresholds.shape
     index = (large * np.int32(classes) + class_index) * np.int32(reasons) + reason
     threshold = thresholds.take(index)
-    # Under carlasimu the match can exceed 100: pixels are counted in the box with its
-    # corners truncated, and divided by its area without truncation, which can be less.
+    # Under carlasimu the match can exceed 100. Its pixels are those of a box with
+    # truncated corners, which may be larger than the given one, whose area divides it.
     margin = np.minimum(evidence.match_percent[rows], 100.0) - threshold
     decisions.reason[rows] = reason
     decisions.threshold[rows] = threshold

@@ -5,6 +5,8 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
+from app.db.migrate import refuse_to_lose
+
 revision = "0011"
 down_revision: str | None = "0010"
 branch_labels = None
@@ -32,4 +34,6 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
+    # Which answers on one box were undone; of bulk answers, their batches say it.
+    refuse_to_lose("reviews", "undoes IS NOT NULL AND batch_id IS NULL")
     op.drop_column("reviews", "undoes")

@@ -220,6 +220,45 @@ def test_downgrade_that_would_empty_the_audit_log_is_refused(engine):
     assert "audit_log" not in inspect(engine).get_table_names()
 
 
+def test_a_downgrade_that_would_lose_which_answers_were_undone_is_refused(engine):
+    migrate(engine, SCRIPTS)
+    fill(engine, revisions()[-1])
+    with engine.begin() as connection:
+        connection.execute(text("UPDATE reviews SET undoes = 1 WHERE id = 1"))
+
+    with pytest.raises(WouldLose, match="rows of reviews"):
+        migrate(engine, SCRIPTS, "0010")
+
+    assert current_revision(engine) == head_revision(SCRIPTS)
+    migrate(engine, SCRIPTS, "0010", may_lose=True)
+    assert current_revision(engine) == "0010"
+
+
+def test_undone_bulk_answers_of_earlier_versions_are_known_as_undone(engine):
+    migrate(engine, SCRIPTS, "0010")
+    fill(engine, "0010")
+    batch = text(
+        "INSERT INTO review_batches (id, dataset_id, verdict, undoes_id, reviewer, "
+        "created_at) SELECT :id, min(id), 'clear', :undoes, 'ada', '2026-01-01' "
+        "FROM datasets"
+    )
+    answer = text(
+        "INSERT INTO reviews (id, box_id, revision, verdict, comment, reviewer, "
+        "batch_id, created_at) SELECT :id, min(id), :id, 'clear', '', 'ada', :id, "
+        "'2026-01-01' FROM boxes"
+    )
+    with engine.begin() as connection:
+        for number, undoes in ((71, None), (72, 71)):
+            connection.execute(batch, {"id": number, "undoes": undoes})
+            connection.execute(answer, {"id": number})
+
+    migrate(engine, SCRIPTS)
+
+    with engine.connect() as connection:
+        rows = connection.execute(text("SELECT id, undoes FROM reviews WHERE id > 70"))
+        assert sorted(tuple(row) for row in rows) == [(71, None), (72, 71)]
+
+
 def test_a_downgrade_that_would_lose_datasets_is_refused(engine):
     migrate(engine, SCRIPTS)
     with Session(engine) as session, session.begin():

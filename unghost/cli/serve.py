@@ -168,7 +168,7 @@ def rendered_street(data: Path, options: DemoOptions, screen: Screen) -> Path:
         return folder
     # Renamed when complete, so that an interrupted rendering is never used.
     partial = folder.with_name(f"{name}.part")
-    make_folder(partial)  # the first to be made in the data folder, and that itself
+    make_folder(partial)
     with screen.progress("render the street", "frames") as advance:
         write_street(
             partial, frames=options.frames, seed=options.seed, progress=advance

@@ -10,11 +10,11 @@
 // answered it meanwhile, and the server refuses the item. What if a person answers the same box twice, and both items
 // wait in the outbox?
 //
-// 1. The second item gets the seen revision of the first (`add`), even if the page has loaded a newer one: in place of
-//    what it has loaded, it shows the first answer. For example, an answer on a box at revision 3 waits. Somebody else
-//    answers the box, and the page loads it at revision 4, but shows the waiting answer. The person answers once more.
-//    With revision 4 this answer would overwrite one that the person has not seen. With revision 3 the server refuses
-//    it, and the person learns of both.
+// 1. The second item gets the seen revision of the first (`add`). The page may have loaded a newer revision of the box,
+//    but it does not show that while the first item waits. For example, an answer on a box at revision 3 waits. Somebody
+//    else answers the box, and the page loads it at revision 4, but shows the waiting answer. The person answers once
+//    more. With revision 4 this answer would overwrite one that the person has not seen. With revision 3 the server
+//    refuses it, and the person learns of both.
 // 2. Once the first item is stored, the second gets the next revision (`finish`), since the answer in between is the
 //    person's own. But a second item that waits in another tab does not get it: the server refuses that item, and the
 //    person chooses between the two answers.
@@ -108,8 +108,11 @@ export const wasAttempted = (item) => !isBulkUndo(item) && item.attempted === tr
 /** Retries of an answer have the same key on the server, but not after `renew`. @param {SingleAnswer} item */
 export const idempotencyKey = ({ key, renewed }) => (renewed ? `${key}.${renewed}` : key);
 
-/** How many answers it is. @param {OutboxItem} item */
-const sizeOf = (item) => (isSingle(item) ? 1 : item.count);
+/** How many answers these are: boxes with an answer on one box, and the boxes of each bulk item. @param {readonly OutboxItem[]} items */
+export function countAnswers(items) {
+  const inBulk = items.filter(isBulk).reduce((sum, { count }) => sum + count, 0);
+  return new Set(items.filter(isSingle).map(({ boxId }) => boxId)).size + inBulk;
+}
 
 /**
  * The seen revision of each box of an item. None for a bulk item on a filter.
@@ -279,7 +282,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      // Without `attempted`, it is no longer than before: the browser may have no room for more.
+      // `attempted` goes, so that the text does not grow: the browser may have no room for more.
       write({ ...item, seenRevision: revision, renewed: (item.renewed ?? 0) + 1, attempted: undefined });
     },
 
@@ -305,16 +308,13 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
 
     /** How many answers of each person are kept in this browser, by any tab. @returns {Map<string, number>} */
     countByPerson() {
-      /** @type {Map<string, number>} */
-      const counts = new Map();
-      for (const item of storedItems(storage)) {
-        if (item.person) counts.set(item.person, (counts.get(item.person) ?? 0) + sizeOf(item));
-      }
-      return counts;
+      const all = storedItems(storage);
+      const people = new Set(all.flatMap(({ person }) => person || []));
+      return new Map([...people].map((name) => [name, countAnswers(all.filter(({ person }) => person === name))]));
     },
 
     /** How many answers do not say who gave them. */
-    countUnowned: () => unowned().reduce((sum, item) => sum + sizeOf(item), 0),
+    countUnowned: () => countAnswers(unowned()),
 
     /** Make those the answers of the person who is signed in. */
     takeUnowned: () => unowned().forEach((item) => write({ ...item, person: who() })),

@@ -5,7 +5,7 @@
 import { seenRevision } from "../boxes/box.js";
 import { ApiError, NoResponse, createRetries, get, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
-import { idempotencyKey, isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outbox.js";
+import { countAnswers, idempotencyKey, isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outbox.js";
 
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../core/openapi.js").Review} StoredReview */
@@ -84,8 +84,7 @@ const REQUESTS = {
  * @property {ReadonlySet<number>} waiting  boxes with an unsaved answer that was given on one box, in any tab
  * @property {ReadonlySet<number>} waitingInBulk  boxes of bulk answers, and of their undos, that are not stored, of any
  *   tab
- * @property {number} count  of the answers that this tab has to send: boxes with an answer on one box, and the boxes of
- *   each bulk item
+ * @property {number} count  of the answers that this tab has to send
  * @property {readonly OpenBulkItem[]} bulkItems  of this tab, with the refused ones
  */
 
@@ -127,12 +126,11 @@ export function createSender(outbox, requests = REQUESTS, later) {
     const ofAllTabs = outbox.itemsOfAllTabs();
     const items = ofAllTabs.filter(outbox.isOfThisTab);
     const bulkItems = items.filter(isBulk);
-    const bulkCount = bulkItems.reduce((sum, { count }) => sum + count, 0);
     return {
       phase: items.length > 0 ? phase : "saved",
       waiting: boxesOf(ofAllTabs),
       waitingInBulk: new Set(ofAllTabs.filter(isBulk).flatMap(({ boxIds = [] }) => boxIds)),
-      count: boxesOf(items).size + bulkCount,
+      count: countAnswers(items),
       bulkItems: [...refused.values(), ...bulkItems.map((item) => openItem(phase, item))],
     };
   }
@@ -216,8 +214,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
     try {
       ({ items } = await requests.history(item.boxId));
     } catch (error) {
-      const isLasting = error instanceof ApiError && ![401, 408, 429, 503].includes(error.status);
-      if (isLasting) return false; // the person chooses
+      // The server has a fault (500), or will never tell: the person chooses.
+      const isLasting = error instanceof ApiError && (error.status === 500 || !(error.isTemporary || error.status === 401));
+      if (isLasting) return false;
       throw error;
     }
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);

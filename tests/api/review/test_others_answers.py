@@ -230,9 +230,9 @@ def test_reviewer_may_not_discard_cleared_or_overruled_answers_of_others(
     assert grace in detail
 
 
-def test_answer_is_undone_only_by_its_reviewer_or_an_admin(street, person):
-    _, boxes = street
-    (grace, hers), (_, his), (_, admins) = person(), person(), person("admin")
+def test_answer_is_undone_only_by_its_reviewer_or_an_admin(street, person, admin):
+    name, boxes = street
+    (grace, hers), (_, his), (boss, admins) = person(), person(), person("admin")
     undo = f"/boxes/{boxes[0]}/reviews/{{}}/undo".format
     hers.review(boxes[0], "keep")
 
@@ -245,6 +245,25 @@ def test_answer_is_undone_only_by_its_reviewer_or_an_admin(street, person):
     assert admins.post(undo(1)).status_code == 201
     hers.review(boxes[0], "reject", 2)
     assert hers.post(undo(3)).status_code == 201
+    items = admin.get(f"{BASE}/audit").json()["items"]
+    noted = [one for one in items if one["action"] == "review.undone"]
+    assert [(one["actor"], one["subject"], one["details"]) for one in noted[:1]] == [
+        (
+            boss,
+            str(boxes[0]),
+            {"dataset": name, "revision": 1, "reviewer": grace},
+        )
+    ]
+
+
+def test_answer_counts_again_once_an_admin_has_undone_its_undo(street, person):
+    name, boxes = street
+    (grace, hers), (_, his), (_, admins) = person(), person(), person("admin")
+    hers.review(boxes[0], "keep")
+    hers.post(f"/boxes/{boxes[0]}/reviews/1/undo")
+    assert admins.post(f"/boxes/{boxes[0]}/reviews/2/undo").status_code == 201
+
+    assert grace in refusal(replace(his, name))[2]
 
 
 def test_answers_that_an_admin_has_undone_may_not_be_discarded(street, person):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Final
 
@@ -10,7 +10,7 @@ from alembic.config import Config
 from alembic.script import ScriptDirectory
 
 from app.db.engine import make_engine
-from app.db.migrate import current_revision, head_revision, migrate
+from app.db.migrate import WouldLose, current_revision, head_revision, migrate
 from app.package import migrations_dir
 from tests.support.api import Api
 from tests.support.databases import url_of
@@ -59,8 +59,9 @@ class Restarting:
     def _go_down_and_up(self) -> None:
         engine = make_engine(url_of(self._data))
         try:
-            migrate(engine, migrations_dir(), _before_head())
-            assert current_revision(engine) == _before_head()
+            with suppress(WouldLose):  # then nothing has changed
+                migrate(engine, migrations_dir(), _before_head())
+                assert current_revision(engine) == _before_head()
             migrate(engine, migrations_dir())
             assert current_revision(engine) == head_revision(migrations_dir())
         finally:
