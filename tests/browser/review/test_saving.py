@@ -87,7 +87,7 @@ def test_answer_is_stored_once_if_its_response_is_lost(scene, user):
     user.open(scene.link("ghost"))
     user.press("a")
     expect(save_state(page)).to_contain_text("offline")
-    page.get_by_role("button", name="Retry").click()
+    user.send_now()
 
     user.wait_until_saved()
     assert arrived == [201]
@@ -162,7 +162,7 @@ def test_overtaken_answer_on_another_frame_links_to_its_box(scene, user):
     user.press("a", "PageDown")
     expect(page.locator("h1")).to_have_text("run/000002")
     page.unroute("**/reviews")
-    page.get_by_role("button", name="Retry").click()
+    user.send_now()
 
     page.get_by_role("link", name="Show box").click()
 
@@ -230,7 +230,7 @@ def test_answer_of_another_tab_is_shown_before_and_after_it_is_stored(
     expect(second.page.locator(".answerline")).to_contain_text("keep")
     expect(state).to_have_text("not saved yet")
     first.page.unroute("**/reviews")
-    first.page.get_by_role("button", name="Retry").click()
+    first.send_now()
     first.wait_until_saved()
     expect(second.page.locator(".answerline")).to_contain_text("keep by admin")
     expect(state).to_have_text("saved")

@@ -69,6 +69,10 @@ class Visitor:
         for key in keys:
             self.page.keyboard.press(key)
 
+    def send_now(self) -> None:
+        """Let the page send what waits, without a button that goes once it is sent."""
+        self.page.evaluate("dispatchEvent(new Event('online'))")
+
     def wait_until_saved(self) -> None:
         """Wait until the page shows that every answer is saved on the server."""
         expect(self.page.locator(".savestate")).to_have_class(RE_SAVED)
