@@ -9,6 +9,7 @@ import pytest
 
 from tests.support.api import Api
 from tests.support.cluster import Cluster, Node, cluster
+from tests.support.databases import DATABASE_URL, migrated_postgres
 from tests.support.servers import RunningServer
 
 
@@ -27,7 +28,11 @@ class RunningCluster:
 def running_cluster(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[RunningCluster]:
-    with cluster(tmp_path_factory.mktemp("cluster")) as made:
+    with (
+        migrated_postgres() as url,  # with SQLite, there is only one server
+        cluster(tmp_path_factory.mktemp("cluster")) as made,
+    ):
+        made.settings[DATABASE_URL] = url
         scheduler = made.scheduler()
         # The server comes first: it creates the database, which a worker needs.
         with made.server() as (server, api):
