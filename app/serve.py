@@ -31,7 +31,7 @@ from app.package import VERSION
 from app.process.connections import raise_descriptor_limit
 from app.process.server import GracefulServer, ProblemProtocol, exit_on_sigterm
 from app.settings import Settings, bracketed
-from app.storage import SERVER_LOCK, CannotLock, InUse, alone_in, make_folder
+from app.storage import SERVER_LOCK, CannotLock, InUse, locked, make_folder
 from unghost.wire.note import note_path
 
 STOP_WAIT_S: Final = 10
@@ -125,7 +125,7 @@ class _Locks:
         self._notes: list[Callable[[str], None]] = []
         self._unlocked: dict[Path, str] = {}
 
-    def add(self, file: Path, locked: str, advice: str) -> None:
+    def add(self, file: Path, what: str, advice: str) -> None:
         """Lock a file; the texts say what it stands for, and how to choose another one.
 
         Raises
@@ -134,11 +134,11 @@ class _Locks:
             Another server has locked it.
         """
         try:
-            note = self._held.enter_context(alone_in(file.parent, file.name))
+            note = self._held.enter_context(locked(file))
         except CannotLock as exc:
             self._unlocked[file.parent] = str(exc)
         except InUse as exc:
-            raise CannotServe(_in_use(locked, advice, str(exc))) from exc
+            raise CannotServe(_in_use(what, advice, str(exc))) from exc
         else:
             self._notes.append(note)
 
@@ -172,40 +172,38 @@ def _only_server(settings: Settings) -> Iterator[_Locks]:
     CannotServe
         Another server uses one of them, or the folder cannot be written to.
     """
-    file = database_file(settings)
+    database = database_file(settings)
     with ExitStack() as held:
         locks = _Locks(held)
-        if file is not None:  # several servers may share PostgreSQL
-            _lock(settings, file.resolve(), locks)
+        if database is None:  # several servers may share PostgreSQL
+            yield locks
+            return
+        database = database.resolve()
+        try:
+            make_folder(settings.data)
+            locks.add(
+                settings.data.resolve() / SERVER_LOCK,
+                f"the data folder {str(settings.data)!r}",
+                "--data chooses another folder",
+            )
+            locks.add(
+                database_lock(database),
+                f"the database {str(database)!r}",
+                "UNGHOST_DATABASE_URL chooses another database",
+            )
+        except OSError as exc:
+            raise _cannot_start(settings, exc) from exc
         yield locks
 
 
-def _lock(settings: Settings, database: Path, locks: _Locks) -> None:
-    folder = settings.data.resolve()
-    try:
-        make_folder(settings.data)
-        locks.add(
-            folder / SERVER_LOCK,
-            f"the data folder {str(settings.data)!r}",
-            "--data chooses another folder",
-        )
-        locks.add(
-            database_lock(database),
-            f"the database {str(database)!r}",
-            "UNGHOST_DATABASE_URL chooses another database",
-        )
-    except OSError as exc:
-        raise _cannot_start(settings, exc) from exc
-
-
-def _in_use(locked: str, advice: str, address: str) -> str:
+def _in_use(what: str, advice: str, address: str) -> str:
     if not address:  # only while it starts or stops
         return (
-            f"{locked} is in use by a server that is starting or stopping; "
+            f"{what} is in use by a server that is starting or stopping; "
             "try again in a moment"
         )
     return (
-        f"{locked} is in use by the server at {address}; use that one, or stop it "
+        f"{what} is in use by the server at {address}; use that one, or stop it "
         f"first. {advice}"
     )
 

@@ -68,10 +68,10 @@ def is_known(scripts: Path, revision: str) -> bool:
     return revision in _revisions(scripts)
 
 
-def refuse_to_lose(table: str, where: str = "1 = 1") -> None:
-    """For downgrades, before they drop a table or a column: raises WouldLose.
+def refuse_to_lose(table: str, where: str = "1 = 1", what: str = "") -> None:
+    """For downgrades: raises WouldLose if a table has rows that fulfil a condition.
 
-    That is, if the table has rows that fulfil the condition `where`.
+    `what` says what would be lost, if that is not the rows themselves.
     """
     from alembic import context, op
 
@@ -80,8 +80,8 @@ def refuse_to_lose(table: str, where: str = "1 = 1") -> None:
     rows = connection.execute(counted)
     if (count := rows.scalar_one()) and not config.attributes.get(_MAY_LOSE, False):
         raise WouldLose(
-            f"this downgrade would lose the {count} rows of {table}, and nothing was "
-            "changed; make a backup, and pass may_lose=True to delete them"
+            f"this downgrade would lose {what or f'the {count} rows of {table}'}, and "
+            "nothing was changed; make a backup, and pass may_lose=True to lose them"
         )
 
 

@@ -23,14 +23,15 @@ from app.package import migrations_dir
 from app.settings import Settings
 from app.storage import (
     BLOBS,
+    MAINTENANCE_LOCK,
     BlobStore,
     CannotLock,
     InUse,
     MissingLibrary,
-    alone_in,
     endpoint_of,
     flush_file,
     flush_folder,
+    locked,
     open_store,
 )
 
@@ -204,7 +205,7 @@ def alone(settings: Settings) -> Iterator[None]:
     """
     with ExitStack() as held:
         try:
-            held.enter_context(alone_in(settings.data))
+            held.enter_context(locked(settings.data / MAINTENANCE_LOCK))
         except (FileNotFoundError, NotADirectoryError) as exc:
             raise CannotMaintain(
                 f"there is no folder {str(settings.data)!r}; name the data folder with "

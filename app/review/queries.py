@@ -271,11 +271,11 @@ class ReviewRepository:
 
     def author(self, box_id: int, revision: int) -> str:
         """Who gave an answer; of one that an undo has repeated, who gave that one."""
-        answer = self.at(box_id, revision)
-        assert answer is not None
-        if answer.undoes is None or answer.undoes == 1:
-            return answer.reviewer
-        return self.author(box_id, answer.undoes - 1)
+        answers = self.of_box(box_id)
+        answer = answers[revision - 1]
+        while answer.undoes is not None and answer.undoes > 1:
+            answer = answers[answer.undoes - 2]
+        return answer.reviewer
 
     def is_in_force(self, answer: Review) -> bool:
         """Whether no answer followed this one, or all that followed were undone."""

@@ -24,10 +24,10 @@ from app.storage.durable import (
     SERVER_LOCK,
     CannotLock,
     InUse,
-    alone_in,
     flush_everything,
     flush_file,
     flush_folder,
+    locked,
     make_folder,
 )
 from app.storage.folder import FolderStorage
@@ -45,7 +45,6 @@ __all__ = [
     "MissingLibrary",
     "StoredFile",
     "Unsure",
-    "alone_in",
     "digest_of",
     "endpoint_of",
     "export_of",
@@ -53,6 +52,7 @@ __all__ = [
     "flush_file",
     "flush_folder",
     "leftovers",
+    "locked",
     "make_folder",
     "open_store",
     "sha256_of",

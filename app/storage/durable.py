@@ -71,10 +71,8 @@ class CannotLock(Exception):
 
 
 @contextmanager
-def alone_in(
-    folder: Path, lock: str = MAINTENANCE_LOCK
-) -> Iterator[Callable[[str], None]]:
-    """Lock a file of a folder; the lock ends with the process, however that ends.
+def locked(file: Path) -> Iterator[Callable[[str], None]]:
+    """Lock a file, which is created; the lock ends with the process, however that ends.
 
     The yielded function replaces the note that other processes find while it is locked.
 
@@ -86,7 +84,7 @@ def alone_in(
         No process can lock it.
     """
     # Python opens files so that no child process inherits them, and with them the lock.
-    descriptor = os.open(folder / lock, os.O_RDWR | os.O_CREAT, 0o600)
+    descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o600)
 
     def note(text: str) -> None:
         with suppress(OSError):  # a full disk: the lock holds without a note

@@ -34,6 +34,7 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    # Which answers on one box were undone; of bulk answers, their batches say it.
-    refuse_to_lose("reviews", "undoes IS NOT NULL AND batch_id IS NULL")
+    # Of the undo of a bulk answer, the batches say what it has undone.
+    on_one_box = "undoes IS NOT NULL AND batch_id IS NULL"
+    refuse_to_lose("reviews", on_one_box, what="which answers were undone")
     op.drop_column("reviews", "undoes")

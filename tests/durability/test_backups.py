@@ -15,7 +15,7 @@ from app.maintenance.datafolder import CannotMaintain
 from app.maintenance.restore import restore
 from app.serve import check_free
 from app.settings import Settings
-from app.storage import alone_in
+from app.storage import MAINTENANCE_LOCK, locked
 from tests.support import frames as scene
 from tests.support import without_locks
 from tests.support.data_folders import (
@@ -126,7 +126,10 @@ def test_partial_backup_of_a_killed_process_does_not_block_the_next(filled, tmp_
 
 
 def test_second_concurrent_backup_is_refused(filled, tmp_path):
-    with alone_in(filled), pytest.raises(CannotMaintain, match="is running already"):
+    with (
+        locked(filled / MAINTENANCE_LOCK),
+        pytest.raises(CannotMaintain, match="is running already"),
+    ):
         backed_up(filled, tmp_path / "kept")
 
 

@@ -12,7 +12,7 @@ from app.maintenance.datafolder import CannotMaintain
 from app.maintenance.gc import collect
 from app.measuring.queries import DatasetRepository
 from app.settings import Settings
-from app.storage import FolderStorage, alone_in, sha256_of
+from app.storage import MAINTENANCE_LOCK, FolderStorage, locked, sha256_of
 from tests.support import frames as scene
 from tests.support.api import BASE
 from tests.support.archives import frame, lines_of, tar_archive
@@ -105,7 +105,10 @@ def test_unused_file_that_is_uploaded_again_is_not_removed(filled):
 
 
 def test_collection_during_a_backup_is_refused(filled):
-    with alone_in(filled), pytest.raises(CannotMaintain, match="is running already"):
+    with (
+        locked(filled / MAINTENANCE_LOCK),
+        pytest.raises(CannotMaintain, match="is running already"),
+    ):
         collected(filled)
 
 

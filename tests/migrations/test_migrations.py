@@ -226,7 +226,7 @@ def test_a_downgrade_that_would_lose_which_answers_were_undone_is_refused(engine
     with engine.begin() as connection:
         connection.execute(text("UPDATE reviews SET undoes = 1 WHERE id = 1"))
 
-    with pytest.raises(WouldLose, match="rows of reviews"):
+    with pytest.raises(WouldLose, match="lose which answers were undone"):
         migrate(engine, SCRIPTS, "0010")
 
     assert current_revision(engine) == head_revision(SCRIPTS)

@@ -6,7 +6,7 @@ import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js
 import { FILTER_KEYS, filtersOf, selectionOf } from "../boxes/filters.js";
 import { VerdictBar } from "../boxes/signs.js";
 import { get, url } from "../core/api.js";
-import { useDataset, useTopBar, usePages, useTyped, useValue } from "../core/hooks.js";
+import { useDataset, usePages, useTopBar, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";

@@ -5,7 +5,7 @@ import { isUnanswered } from "../boxes/box.js";
 import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
 import { SORTS, countOfMore, cycleVerdict, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
 import { get } from "../core/api.js";
-import { useActions, useClosing, useDataset, useTopBar, useLoaded, useTask, useTyped, useValue } from "../core/hooks.js";
+import { useActions, useClosing, useDataset, useLoaded, useTask, useTopBar, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { Keys, keyText, useKeyText, useKeys, withKey } from "../core/keymap.js";

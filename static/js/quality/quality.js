@@ -2,7 +2,7 @@
 // The quality view, and how far people agree with each other.
 
 import { get } from "../core/api.js";
-import { useTopBar, useLoaded } from "../core/hooks.js";
+import { useLoaded, useTopBar } from "../core/hooks.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";

@@ -78,7 +78,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     if (isUndone === null) return;
     steps.drop(step);
     closeOvertaken(box.box_id);
-    if (!isUndone) return void toasts.show("Not undone: another tab has saved the answer.", { kind: "error" });
+    if (!isUndone) return void toasts.show("Not undone: another tab has taken over the answer.", { kind: "error" });
     show(boxes.get(box.box_id) ?? box, step.dataset);
     app.announcement.set(`${box.class} ${box.id}: answer undone`);
   }

@@ -5,7 +5,7 @@ import { asShown, isUnanswered } from "../boxes/box.js";
 import { cycleVerdict, filtersOf, isShown, neighbour, nextUnanswered, shownBoxes } from "../boxes/filters.js";
 import { useBoxes, useHeld, useAsShown } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
-import { useActions, useTopBar, useLoaded, useValue } from "../core/hooks.js";
+import { useActions, useLoaded, useTopBar, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { Toggle } from "../core/keymap.js";

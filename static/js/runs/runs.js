@@ -3,7 +3,7 @@
 
 import { VerdictBar } from "../boxes/signs.js";
 import { get } from "../core/api.js";
-import { useDataset, useTopBar, useLoaded, useNewest, usePages } from "../core/hooks.js";
+import { useDataset, useLoaded, useNewest, usePages, useTopBar } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { agoText, countOf, countText, tookText } from "../core/numbers.js";
 import { Failure, FailureLine } from "../core/parts.js";

@@ -1,7 +1,7 @@
 // @ts-check
 // The frame around every view: which view a route shows (most are loaded when first opened), messages, sign-in.
 
-import { useActions, useTopBar, useTask, useTitle, useValue } from "../core/hooks.js";
+import { useActions, useTask, useTitle, useTopBar, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon, Mark } from "../core/icons.js";
 import { HelpDialog } from "../core/keymap.js";

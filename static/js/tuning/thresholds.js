@@ -4,7 +4,7 @@
 import { StrokeSwatch, VerdictBar } from "../boxes/signs.js";
 import { get } from "../core/api.js";
 import { useFields } from "../core/form.js";
-import { useDataset, useTopBar, useLoaded } from "../core/hooks.js";
+import { useDataset, useLoaded, useTopBar } from "../core/hooks.js";
 import { html, useEffect, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";

@@ -178,6 +178,19 @@ def test_review_changes_the_effective_verdict_and_is_in_the_history(client, fill
     assert [entry.kind for entry in client.history(box_id)] == ["review", "decision"]
 
 
+def test_review_is_undone_once(client, filled):
+    box_id = ghost(client, filled).box_id
+    client.review(box_id, "unsure", seen_revision=0, comment="far")
+    client.review(box_id, "keep", seen_revision=1)
+
+    undone = client.undo_review(box_id, 2)
+
+    assert (undone.revision, undone.verdict, undone.comment) == (3, "unsure", "far")
+    assert client.history(box_id)[0].undoes == 2
+    with pytest.raises(unghost.Conflict, match="is not in force any more"):
+        client.undo_review(box_id, 2)
+
+
 def test_bulk_review_is_counted_and_undone(client, filled):
     ids = [box.box_id for box in client.boxes(filled, verdict="rejected")]
 

@@ -43,6 +43,13 @@ def toast(page: Page):
     return page.locator(".toast").last
 
 
+def reject_first_three(user: Visitor) -> None:
+    """Reject b0, b1 and b2 with one answer, and wait until it is stored."""
+    select_range(user.page, 0, 2)
+    user.press("x")
+    expect(toast(user.page)).to_contain_text("3 boxes rejected")
+
+
 @pytest.mark.parametrize(
     ("key", "verdict", "words"),
     [
@@ -119,9 +126,7 @@ def test_message_offers_undo_until_it_is_used(many, user, page):
 
 
 def test_undo_skips_and_lists_boxes_answered_since(many, user, page):
-    select_range(page, 0, 2)
-    user.press("x")
-    expect(toast(page)).to_contain_text("3 boxes rejected")
+    reject_first_three(user)
     many_boxes.review(many, many.box_id("b1"), "keep")
 
     user.press("z")
@@ -134,9 +139,7 @@ def test_undo_skips_and_lists_boxes_answered_since(many, user, page):
 
 
 def test_offline_undo_is_shown_at_once_and_sent_when_online(many, user, page):
-    select_range(page, 0, 2)
-    user.press("x")
-    expect(toast(page)).to_contain_text("3 boxes rejected")
+    reject_first_three(user)
     page.context.set_offline(True)
 
     user.press("z")
@@ -152,9 +155,7 @@ def test_offline_undo_is_shown_at_once_and_sent_when_online(many, user, page):
 
 
 def test_unsent_answer_survives_undo_of_its_bulk_answer(many, user, page):
-    select_range(page, 0, 2)
-    user.press("x")
-    expect(toast(page)).to_contain_text("3 boxes rejected")
+    reject_first_three(user)
     route_loaded(page, "**/reviews/bulk", lambda route: route.abort())
     cell(page, 1).click()
     user.press("a")
@@ -202,9 +203,7 @@ def open_frame(page: Page, user: Visitor, link: str) -> None:
 def test_box_has_no_answer_after_a_later_answer_and_the_bulk_answer_are_undone(
     many, user, page, is_offline
 ):
-    select_range(page, 0, 2)
-    user.press("x")
-    expect(toast(page)).to_contain_text("3 boxes rejected")
+    reject_first_three(user)
     open_frame(page, user, many.link("b1"))
     page.context.set_offline(is_offline)
     user.press("a")
@@ -225,9 +224,7 @@ def test_box_has_no_answer_after_a_later_answer_and_the_bulk_answer_are_undone(
 def test_undoing_a_bulk_answer_by_its_message_and_then_a_later_answer_undoes_both(
     many, user, page
 ):
-    select_range(page, 0, 2)
-    user.press("x")
-    expect(toast(page)).to_contain_text("3 boxes rejected")
+    reject_first_three(user)
     open_frame(page, user, many.link("b0"))
     page.context.set_offline(True)
     user.press("a")

@@ -3,6 +3,7 @@ import { beforeEach, test } from "node:test";
 
 import { createBoxes } from "../../../static/js/boxes/store.js";
 import { createSteps } from "../../../static/js/review/answers.js";
+import { createOutbox } from "../../../static/js/review/outbox.js";
 import { decision, memoryStorage } from "../../support/page/builders.js";
 import { fill, reviewPage } from "../../support/page/review_page.js";
 
@@ -75,6 +76,17 @@ test("if the browser's storage is full, an answer is neither given nor undone, a
   undo();
   assert.equal(said.length, 3);
   assert.deepEqual(answers(), ["keep", null, null], "nor undone");
+});
+
+test("an answer that another tab has taken over is not undone, and a message says so", () => {
+  const storage = memoryStorage();
+  ({ app, said } = reviewPage(storage));
+  app.answer(1, "keep");
+  createOutbox(storage, "t2", () => "ada").takeOver(new Set());
+
+  undo();
+
+  assert.deepEqual([answers(), said], [["keep", null, null], ["Not undone: another tab has taken over the answer."]]);
 });
 
 test("a tab takes over the unsent answers of closed tabs, and of no others", async () => {

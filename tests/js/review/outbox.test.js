@@ -137,6 +137,15 @@ test("answers are stored in the format that other versions of the page write and
   }
 });
 
+test("unsaved answers are counted by box, and bulk answers by their size", () => {
+  const outbox = createOutbox(storage, "t1", () => person);
+  const given = { boxId: 1, frameId: 1, comment: "", seenRevision: 0 };
+  outbox.addAnswer({ ...given, verdict: "keep" });
+  outbox.addAnswer({ ...given, verdict: "reject" });
+  outbox.addBulkAnswer({ dataset: "d", verdict: "keep", boxIds: [1, 2], seenRevisions: [0, 0], count: 2 });
+  assert.deepEqual([...outbox.countByPerson()], [["ada", 3]]);
+});
+
 test("an answer can be renewed even if the storage has no room for more", () => {
   const outbox = createOutbox(storage, "t1", () => person);
   outbox.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 0 });
