@@ -53,7 +53,8 @@ def filled(service):
             ).json()["id"],
         }
     names = {"dataset": "hers", "key:any": "a", "kind": "image", "name:path": "x"}
-    return {**names, "token_id": 1, "batch_id": 1, **answers}
+    ids = dict.fromkeys(("token_id", "batch_id", "revision"), 1)
+    return {**names, **ids, **answers}
 
 
 def statuses_of(client, values, operations=NEEDING_A_ROLE):

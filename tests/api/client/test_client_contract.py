@@ -186,7 +186,7 @@ def test_review_is_undone_once(client, filled):
     undone = client.undo_review(box_id, 2)
 
     assert (undone.revision, undone.verdict, undone.comment) == (3, "unsure", "far")
-    assert client.history(box_id)[0].undoes == 2
+    assert next(iter(client.history(box_id))).undoes == 2
     with pytest.raises(unghost.Conflict, match="is not in force any more"):
         client.undo_review(box_id, 2)
 

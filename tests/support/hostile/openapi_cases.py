@@ -25,7 +25,10 @@ MALFORMED: Final = ("invalid_request", "unknown_parameter")
 the content of a request, which no schema can describe.
 """
 _BY_VALIDATOR: Final = "value_error"
-_IDS: Final = ("box_id", "frame_id", "run_id", "export_id", "batch_id", "token_id")
+_IDS: Final = (
+    *("box_id", "revision", "frame_id", "run_id", "export_id"),
+    *("batch_id", "token_id"),
+)
 _OWN_TOKENS: Final = 2
 _REFUSALS: Final = ["2xx", "3xx", "400", "401", "403", "404", "409", "412", "413"]
 
