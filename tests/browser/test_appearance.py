@@ -7,9 +7,10 @@ import re
 import pytest
 from playwright.sync_api import expect
 
+from tests.support.page.accessibility import findings
 from tests.support.page.scenes import Scene
 from tests.support.page.stage import view, wait_for_drawing
-from tests.support.page.windows import PHONE, OpenWindow, Visitor
+from tests.support.page.windows import OVERFLOW, PHONE, OpenWindow, Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -55,8 +56,7 @@ def test_nothing_overflows_at_any_window_width(
     for link in links:
         page = user.open(link)
         expect(page.locator(".topbar")).to_be_visible()
-        overflow = "document.documentElement.scrollWidth - innerWidth"
-        assert page.evaluate(overflow) <= 0, link
+        assert page.evaluate(OVERFLOW) <= 0, link
         for button in page.locator(".topbar button, .bar button").all():
             if button.is_visible():
                 assert button.evaluate(IN_SIGHT), (link, button.inner_text())
@@ -116,6 +116,11 @@ def test_empty_server_shows_how_to_upload_data(open_window, start_server):
         "unghost push FOLDER --dataset NAME"
     )
     expect(page.get_by_role("button", name=re.compile("^Copy"))).to_have_count(3)
+    assert findings(page) == []
+    # The longest command is wider than both windows.
+    for width in (1440, 390):
+        page.set_viewport_size({"width": width, "height": 844})
+        assert page.evaluate(OVERFLOW) <= 0, width
 
 
 def test_failed_dataset_list_shows_error_and_can_be_retried(scene, user: Visitor):

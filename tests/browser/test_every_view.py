@@ -19,6 +19,7 @@ from tests.support.page.accessibility import findings
 from tests.support.page.scenes import MakeScene
 from tests.support.page.tuning import car_at
 from tests.support.page.windows import (
+    OVERFLOW,
     SCHEMES,
     WIDTHS,
     OpenWindow,
@@ -29,7 +30,6 @@ from tests.support.sensors import ANNOTATION, sensors
 
 pytestmark = pytest.mark.browser
 
-OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
 CHANNELS = 6
 
 

@@ -8,12 +8,17 @@ from playwright.sync_api import FloatRect, Locator, Page, Route, ViewportSize, e
 
 from tests.support.page import many_boxes
 from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.windows import PHONE, WIDE, OpenWindow, Visitor
+from tests.support.page.windows import (
+    OVERFLOW,
+    PHONE,
+    WIDE,
+    OpenWindow,
+    Visitor,
+)
 
 pytestmark = pytest.mark.browser
 
 LONG_KEY = f"{'a-run-whose-name-says-everything-' * 4}/front-camera/000001"
-OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
 OVERFLOW_DOWN = "document.documentElement.scrollHeight - innerHeight"
 KEEP_WITHOUT_A_NAME = """localStorage.setItem(
   "unghost.bulk.v1.k", JSON.stringify({ key: "k", count: 7 }))"""
