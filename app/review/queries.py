@@ -337,8 +337,9 @@ def _meant(
 ) -> Iterator[tuple[int, str, str, int | None]]:
     """The answers that their author did not undo: box, author, verdict, origin.
 
-    `answers` are those of some boxes as `ReviewRepository._said` gives them. The origin
-    of an answer that was carried over is the box in an earlier revision of the frame.
+    `answers` are those of some boxes as `ReviewRepository._said` gives them: an undo
+    comes before the answer that it undoes. The origin of an answer that was carried
+    over is the box in an earlier revision of the frame.
     """
     undone_by: dict[tuple[int, int], str] = {}
     for box_id, revision, who, verdict, undoes, origin in answers:
@@ -421,13 +422,12 @@ class ReviewBatches:
 
 
 def _standing(answers: ColumnElement[bool]) -> CTE:
-    """For each of these answers: the revisions with the answer that its box has now.
+    """Which of these answers are in force: those of a row with `revision == answered`.
 
-    In each row, `answered` is the revision of one of these answers. The first row of
-    an answer has the revision of its box's latest answer as `revision`. An answer that
-    undoes the one with revision 5 repeats that with revision 4: then there is another
-    row with 4, and so on. If one row has `answered` as its `revision`, the answer is in
-    force. So several answers on a box can be undone one by one, the newest first.
+    `answered` is the revision of one of these answers. Its rows go back through the
+    answers of its box: the first has the latest revision as `revision`. If that is an
+    undo of revision 5, the box has its answer of revision 4 again, and the next row
+    has 4; and so on. So several answers on a box can be undone, the newest first.
     """
     standing = (
         select(

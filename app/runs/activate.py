@@ -164,15 +164,15 @@ class Activation:
         """Count all boxes, which is cheaper and safer than counting changes."""
         if not len(numbers):
             return
-        # The reviewed boxes of this part; all ids are in order.
+        # The reviewed boxes of this part, and their rows in it; all ids are in order.
         first, last = numbers.box_ids[[0, -1]]
         here = slice(*np.searchsorted(self._reviewed, [first, last + 1]).tolist())
-        at = np.searchsorted(numbers.box_ids, self._reviewed[here])
-        plain = np.ones(len(numbers), np.bool_)
-        plain[at] = False
-        counts = _count_alike(numbers.class_ids[plain], decisions, plain)
+        rows = np.searchsorted(numbers.box_ids, self._reviewed[here])
+        others = np.ones(len(numbers), np.bool_)
+        others[rows] = False
+        counts = _count_unreviewed(numbers.class_ids[others], decisions[others])
         self.tallies.update(counts)
-        for review, row in zip(self._reviews[here], at.tolist(), strict=True):
+        for review, row in zip(self._reviews[here], rows.tolist(), strict=True):
             key = TallyKey(
                 int(numbers.class_ids[row]),
                 int(decisions.reason[row]),
@@ -227,12 +227,8 @@ def _differs(before: Decisions, after: Decisions) -> BoolArray:
     return different
 
 
-def _count_alike(
-    class_ids: IntArray, decisions: Decisions, rows: BoolArray
-) -> dict[TallyKey, int]:
-    packed = (class_ids * _REASONS + decisions.reason[rows]) * 2 + decisions.toss_up[
-        rows
-    ]
+def _count_unreviewed(class_ids: IntArray, decisions: Decisions) -> dict[TallyKey, int]:
+    packed = (class_ids * _REASONS + decisions.reason) * 2 + decisions.toss_up
     keys, counts = np.unique(packed, return_counts=True)
     return {
         TallyKey(key // 2 // _REASONS, key // 2 % _REASONS, bool(key % 2), ""): boxes

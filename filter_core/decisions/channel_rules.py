@@ -172,17 +172,20 @@ class _Channel:
 
 
 def _ordered_needed(boxes: _Boxes) -> IntArray:
-    # Nearer boxes take their pixels first (`filter_core.evidence.ordered`); a box owns
-    # what is left. `explained_by` is the nearer box that has taken pixels of this one.
-    # Only if there is one, `ordered_min_pixels` applies.
-    is_taken = boxes.numbers.explained_by != NOT_MEASURED
-    least = np.maximum(boxes.min_visible_pixels, 1)
-    return np.where(is_taken, boxes.config.ordered_min_pixels, least)
+    # If a nearer box has taken pixels of this one (`filter_core.evidence.ordered`),
+    # it needs `ordered_min_pixels`; else as many as without this channel, at least 1.
+    of_others = np.maximum(boxes.min_visible_pixels, 1)
+    return np.where(_has_lost_pixels(boxes), boxes.config.ordered_min_pixels, of_others)
 
 
 def _ordered_rejected(boxes: _Boxes) -> IntArray:
-    is_taken = boxes.numbers.explained_by != NOT_MEASURED
-    return np.where(is_taken, Reason.EXPLAINED_BY_NEARER, Reason.NO_VISIBLE_PIXELS)
+    return np.where(
+        _has_lost_pixels(boxes), Reason.EXPLAINED_BY_NEARER, Reason.NO_VISIBLE_PIXELS
+    )
+
+
+def _has_lost_pixels(boxes: _Boxes) -> BoolArray:
+    return boxes.numbers.explained_by != NOT_MEASURED
 
 
 _CHANNELS: Final[Mapping[ChannelName, _Channel]] = {

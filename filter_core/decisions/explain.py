@@ -426,13 +426,14 @@ def _ordered_words(box: ExplainedBox) -> str:
         return (
             f"{_counted(box, f'of its {names} pixels')} not explained by nearer boxes"
         )
-    counted = f"{box.number:.0f} of its pixels {_is(box)}"  # "12 of its pixels are"
-    if box.nearer is not None:
-        rest = f"; {counted} left, {_needed(box)}" if box.number else ""
-        return f"explained by the nearer {box.nearer}{rest}"
-    if box.number:
-        return f"only {counted} {names}, {_needed(box)}"
-    return f"none of its pixels are {names}"
+    if not box.number:
+        if box.nearer is None:
+            return f"none of its pixels are {names}"
+        return f"explained by the nearer {box.nearer}"
+    pixels_are = f"{box.number:.0f} of its pixels {_is(box)}"
+    if box.nearer is None:
+        return f"only {pixels_are} {names}, {_needed(box)}"
+    return f"explained by the nearer {box.nearer}; {pixels_are} left, {_needed(box)}"
 
 
 def _depth_words(box: ExplainedBox) -> str:

@@ -110,8 +110,8 @@ def _decide_block(
     _, classes, reasons = thresholds.shape
     index = (large * np.int32(classes) + class_index) * np.int32(reasons) + reason
     threshold = thresholds.take(index)
-    # Under carlasimu the match can exceed 100. Its pixels are those of a box with
-    # truncated corners, which may be larger than the given one, whose area divides it.
+    # Under carlasimu the match can exceed 100: it counts the pixels of the box with
+    # truncated corners, and divides by the area of the given box, which may be smaller.
     margin = np.minimum(evidence.match_percent[rows], 100.0) - threshold
     decisions.reason[rows] = reason
     decisions.threshold[rows] = threshold

@@ -51,7 +51,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     const box = boxes.get(boxId);
     if (!box) return false;
     const before = [currentAnswer(box)];
-    boxes.keepRevisions([boxId]); // an older response with this box may still arrive
+    boxes.keepRevisions([boxId]); // so that a late response with an older revision is dropped
     const given = sender.addAnswer(answerOn(box, { verdict, comment }));
     if (!given) return false;
     steps.push({ before, dataset: app.topBar.get().dataset, given });

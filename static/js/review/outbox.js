@@ -10,11 +10,10 @@
 // answered it meanwhile, and the server refuses the item. What if a person answers the same box twice, and both items
 // wait in the outbox?
 //
-// 1. The second item gets the seen revision of the first (`add`). The page may have loaded a newer revision of the box,
-//    but it does not show that while the first item waits. For example, an answer on a box at revision 3 waits. Somebody
-//    else answers the box, and the page loads it at revision 4, but shows the waiting answer. The person answers once
-//    more. With revision 4 this answer would overwrite one that the person has not seen. With revision 3 the server
-//    refuses it, and the person learns of both.
+// 1. The second item gets the seen revision of the first (`add`), also if the page has loaded a newer one meanwhile: it
+//    shows the waiting answer, so the person has not seen the newer one. For example, an answer waits on a box at
+//    revision 3. Somebody else answers: revision 4. Then the person answers once more. Sent with 4, this would overwrite
+//    an answer that the person has not seen. Sent with 3, it is refused, and the person learns of the other answer.
 // 2. Once the first item is stored, the second gets the next revision (`finish`), since the answer in between is the
 //    person's own. But a second item that waits in another tab does not get it: the server refuses that item, and the
 //    person chooses between the two answers.
@@ -264,11 +263,11 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       const kept = answer(stored.key); // it may have been undone since `stored` was read
       remove(stored);
       if (kept?.earlier && revision) {
-        const { earlier, ...undone } = kept;
-        const undo = { ...undone, ...earlier, undoes: revision }; // with the verdict and the comment of `earlier`
-        write({ ...undo, key: newKey(), seenRevision: revision, attempted: false });
+        const { earlier, ...undo } = { ...kept, ...kept.earlier }; // with the verdict and the comment of `earlier`
+        write({ ...undo, key: newKey(), undoes: revision, seenRevision: revision, attempted: false });
       }
-      const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, revision ?? seen + 1])); // bulk responses have none
+      // The response to a bulk item names no revisions: each is the next one.
+      const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, revision ?? seen + 1]));
       for (const boxId of leftOut) revisions.delete(boxId);
       for (const item of items()) {
         if (item.order <= stored.order || wasAttempted(item)) continue;
@@ -282,7 +281,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      // `attempted` goes, so that the text does not grow: the browser may have no room for more.
+      // The browser may have no room for a longer text: `attempted` leaves it, since `renewed` is added.
       write({ ...item, seenRevision: revision, renewed: (item.renewed ?? 0) + 1, attempted: undefined });
     },
 
