@@ -83,8 +83,7 @@ log = logging.getLogger(__name__)
 
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether to work frame by frame in this attempt; see the table above."""
-    # A driver has counted its attempt already, a worker's is counted if it dies. So 2
-    # means that one driver has died before, or two workers.
+    # The driver has counted this attempt, too: then 2 means that one has died before.
     return chunk.attempts >= 2
 
 

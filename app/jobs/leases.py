@@ -118,8 +118,8 @@ class JobLease:
         LeaseLost
             Another process drives the job.
         """
-        # `take` raises LeaseLost if the row is locked, for instance by the thread that
-        # renews the lease of this process. `require` waits for the lock.
+        # If the thread that renews this lease has locked its row, `require` waits, and
+        # `take` raises LeaseLost.
         if self._is_taken:
             self.require(session)
         else:

@@ -9,7 +9,7 @@
    and the client gets the status 412.
 4. `answer_box` then ends the claim on the box (the queue reserves a box for one person)
    and calls `copy_answers` (`app.boxes.current`), which copies the answer to the
-   decision of the box and moves the box to another tally.
+   decision of the box and corrects the stored counts of boxes by answer.
 5. `commit_and_respond` (`app.http.transaction`) commits, and only then is the stored
    answer sent back.
 

@@ -99,7 +99,10 @@ def decide_all(task: Task[Run]) -> None:
 def _decide_and_store(
     task: Task[Run], session: Session, run: Run, config: FilterConfig
 ) -> None:
-    """Store flips and counts; if the run activates, make its verdicts current."""
+    """Store counts and *flips*, that is, which boxes get another reason.
+
+    If the run activates, its verdicts become current.
+    """
     dataset = DatasetRepository(session).with_id(run.dataset_id)
     active = config_of(active_version(session, dataset))
     boxes = frames_state(session, dataset.id)[1]

@@ -185,7 +185,8 @@ def _ordered_rejected(boxes: _Boxes) -> IntArray:
 
 
 def _has_lost_pixels(boxes: _Boxes) -> BoolArray:
-    return boxes.numbers.explained_by != NOT_MEASURED
+    has_lost: BoolArray = boxes.numbers.explained_by != NOT_MEASURED
+    return has_lost
 
 
 _CHANNELS: Final[Mapping[ChannelName, _Channel]] = {

@@ -237,18 +237,14 @@ def hidden_by(
     total = sum(tag_counts)
     hiding = _hiding_tags(accept_mask, family)
     found = [
-        (-count, *hiding[column])
+        (count, *hiding[column])
         for column, count in enumerate(tag_counts)
         if count and column in hiding
     ]
+    found.sort(key=lambda one: (-one[0], one[1]))
     return [
-        {
-            "tag": tag,
-            "name": name,
-            "rgb": list(rgb),
-            "percent": 100.0 * -negative / total,
-        }
-        for negative, tag, name, rgb in sorted(found)[:_MOST_SHOWN]
+        {"tag": tag, "name": name, "rgb": list(rgb), "percent": 100.0 * count / total}
+        for count, tag, name, rgb in found[:_MOST_SHOWN]
     ]
 
 

@@ -220,16 +220,15 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      */
     undoAnswer({ key, revision }, earlier) {
       const item = answer(key);
-      if (item && !item.attempted) {
-        remove(item); // It was never sent: as if it had not been given.
-      } else if (item) {
-        // The server may have it: once that is known, `finish` adds the undo.
-        write({ ...item, earlier: { verdict: earlier.verdict, comment: earlier.comment } });
-      } else if (revision) {
-        // The server has it, and gives the box the answer before it again.
-        addSingle({ ...earlier, key: newKey(), undoes: revision });
+      if (item) {
+        const { verdict, comment } = earlier;
+        if (item.attempted) write({ ...item, earlier: { verdict, comment } }); // `finish` adds the undo, if it was stored
+        else remove(item); // it was never sent: as if it had not been given
+        return true;
       }
-      return item !== undefined || revision !== null;
+      if (revision === null) return false;
+      addSingle({ ...earlier, key: newKey(), undoes: revision });
+      return true;
     },
 
     /** Whether an answer that is being sent was undone meanwhile. @param {OutboxItem} item */
@@ -263,8 +262,9 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       const kept = answer(stored.key); // it may have been undone since `stored` was read
       remove(stored);
       if (kept?.earlier && revision) {
-        const { earlier, ...undo } = { ...kept, ...kept.earlier }; // with the verdict and the comment of `earlier`
-        write({ ...undo, key: newKey(), undoes: revision, seenRevision: revision, attempted: false });
+        const { verdict, comment } = kept.earlier;
+        const undo = { ...kept, key: newKey(), verdict, comment, undoes: revision, seenRevision: revision };
+        write({ ...undo, earlier: undefined, attempted: false });
       }
       // The response to a bulk item names no revisions: each is the next one.
       const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, revision ?? seen + 1]));
@@ -281,7 +281,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      // The browser may have no room for a longer text: `attempted` leaves it, since `renewed` is added.
+      // `attempted` makes room for `renewed`: the browser may have no room for a longer text.
       write({ ...item, seenRevision: revision, renewed: (item.renewed ?? 0) + 1, attempted: undefined });
     },
 

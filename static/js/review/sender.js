@@ -214,10 +214,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
     try {
       ({ items } = await requests.history(item.boxId));
     } catch (error) {
-      // The server has a fault (500), or will never tell: the person chooses.
-      const isLasting = error instanceof ApiError && (error.status === 500 || !(error.isTemporary || error.status === 401));
-      if (isLasting) return false;
-      throw error;
+      const mayPass = !(error instanceof ApiError) || error.status === 401 || (error.isTemporary && error.status !== 500);
+      if (mayPass) throw error;
+      return false; // the server has a fault (500), or will never tell: the person chooses
     }
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
     const isOwnAndOlder = (/** @type {HistoryEntry} */ { batch }) => {
