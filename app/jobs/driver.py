@@ -1,5 +1,6 @@
 """Drives a job: plans its chunks step by step, submits them to the engine, and ends it.
 
+The engine executes chunks in threads of this process or on a cluster (`app.engine`).
 Chunks may be executed more than once and in any order; only their rows in the database
 count. So another process can continue at any moment. `app.jobs.leases` says which one
 does, and `app.jobs.attempts` what happens to a chunk that ends its processes.
@@ -95,7 +96,7 @@ def _fail(
         with context.database.write() as session:
             row = open_job(session, kind_of(lease.job).table, lease.job.id)
             # The failure may have been before the lease was taken.
-            lease.take_or_require(session)
+            lease.take(session)
             close(session, row, "failed", error)
     except JobStopped:
         return False
@@ -221,6 +222,7 @@ class JobDriver:
     def _next(self, row: JobRow) -> int | None:
         """The chunk to submit next; None if none can be submitted now."""
         if self._suspects:
+            # Alone, so that if a process dies again, this chunk is the cause.
             return None if self._in_flight else self._suspects[0]
         room = self.context.engine.most_in_flight - len(self._in_flight)
         if room > 0 and not self._to_send and not self._planned.is_complete:

@@ -92,13 +92,18 @@ class JobLease:
         self._is_over = threading.Event()
 
     def take(self, session: Session) -> None:
-        """Take the lease, or renew it; once committed, it is renewed in a thread.
+        """Take the lease, if it is not taken yet, and `require` it.
+
+        Once that is committed, a thread renews it.
 
         Raises
         ------
         LeaseLost
             Another process drives the job.
         """
+        if self._is_taken:
+            self.require(session)
+            return
         now = _now(session)
         if not self._add(session, now):  # there is a row already
             lease = _locked(session, self.job, skip_locked=True)
@@ -109,21 +114,6 @@ class JobLease:
             lease.holder, lease.until = self._holder, now + LEASE_LASTS
             session.flush()
         once_committed(session, self._start_renewing)
-
-    def take_or_require(self, session: Session) -> None:
-        """Take the lease, or `require` it if this process has taken it already.
-
-        Raises
-        ------
-        LeaseLost
-            Another process drives the job.
-        """
-        # If the thread that renews this lease has locked its row, `require` waits, and
-        # `take` raises LeaseLost.
-        if self._is_taken:
-            self.require(session)
-        else:
-            self.take(session)
 
     def require(self, session: Session) -> None:
         """Lock the lease until this transaction ends, so that no other can take it.

@@ -172,10 +172,10 @@ class _Channel:
 
 
 def _ordered_needed(boxes: _Boxes) -> IntArray:
-    # If a nearer box has taken pixels of this one (`filter_core.evidence.ordered`),
-    # it needs `ordered_min_pixels`; else as many as without this channel, at least 1.
-    of_others = np.maximum(boxes.min_visible_pixels, 1)
-    return np.where(_has_lost_pixels(boxes), boxes.config.ordered_min_pixels, of_others)
+    # A box that has lost pixels to a nearer one (`filter_core.evidence.ordered`) needs
+    # `ordered_min_pixels`; any other as many as without this channel, but at least 1.
+    if_lost, if_whole = boxes.config.ordered_min_pixels, boxes.min_visible_pixels
+    return np.where(_has_lost_pixels(boxes), if_lost, np.maximum(if_whole, 1))
 
 
 def _ordered_rejected(boxes: _Boxes) -> IntArray:

@@ -105,8 +105,8 @@ def _decide_block(
     large = area >= size if _as_carlasimu(limits) else area > size
     reason = _first_reason(_rules(evidence, rows, limits, large))
     threshold = _look_up(thresholds, large, class_index, reason)
-    # Under carlasimu the match can exceed 100: it counts the pixels of the box with
-    # truncated corners, and divides by the area of the given box, which may be smaller.
+    # Under carlasimu (see `_as_carlasimu`) the match can exceed 100: it counts pixels
+    # of the box with truncated corners, and divides by the area of the given box.
     margin = np.minimum(evidence.match_percent[rows], 100.0) - threshold
     decisions.reason[rows] = reason
     decisions.threshold[rows] = threshold

@@ -10,10 +10,10 @@
 // answered it meanwhile, and the server refuses the item. What if a person answers the same box twice, and both items
 // wait in the outbox?
 //
-// 1. The second item gets the seen revision of the first (`add`), also if the page has loaded a newer one meanwhile: it
-//    shows the waiting answer, so the person has not seen the newer one. For example, an answer waits on a box at
-//    revision 3. Somebody else answers: revision 4. Then the person answers once more. Sent with 4, this would overwrite
-//    an answer that the person has not seen. Sent with 3, it is refused, and the person learns of the other answer.
+// 1. The second item gets the seen revision of the first (`add`). Suppose the first waits on a box at revision 3, and
+//    somebody else answers the box: revision 4. The page may load this, but goes on showing the answer that waits. Now
+//    the person answers once more. With 4, this would overwrite an answer that the person has not seen. With 3, it is
+//    refused, and the person learns of the other answer.
 // 2. Once the first item is stored, the second gets the next revision (`finish`), since the answer in between is the
 //    person's own. But a second item that waits in another tab does not get it: the server refuses that item, and the
 //    person chooses between the two answers.
@@ -281,7 +281,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      // `attempted` makes room for `renewed`: the browser may have no room for a longer text.
+      // Without `attempted`, the stored text becomes no longer by `renewed`; there may be no room for a longer one.
       write({ ...item, seenRevision: revision, renewed: (item.renewed ?? 0) + 1, attempted: undefined });
     },
 

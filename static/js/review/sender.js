@@ -112,8 +112,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
    */
   const refused = new Map();
   /**
-   * The bulk answers on a filter, and undos of these, that were stored since the page was loaded: their `order`, by
-   * their id on the server.
+   * The bulk answers on a filter, and undos of these, that were stored since the page was loaded: by their id on the
+   * server, their `order`, that is, when they were given.
    * @type {Map<number, number>}
    */
   const storedOnFilter = new Map();
@@ -192,7 +192,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
       stored = await (item.undoes ? requests.undo(item) : requests.answer(item));
     } catch (error) {
       const current = currentBox(error);
-      if (current && (await isOvertakenByOwn(item)) && !outbox.wasUndone(item)) {
+      const isOvertaken = current && (await isOvertakenByOwn(item));
+      // It may have been undone just now.
+      if (isOvertaken && !outbox.wasUndone(item)) {
         return outbox.renew(item, seenRevision(current)); // and `drain` sends it again
       }
       throw error;
@@ -214,9 +216,10 @@ export function createSender(outbox, requests = REQUESTS, later) {
     try {
       ({ items } = await requests.history(item.boxId));
     } catch (error) {
-      const mayPass = !(error instanceof ApiError) || error.status === 401 || (error.isTemporary && error.status !== 500);
-      if (mayPass) throw error;
-      return false; // the server has a fault (500), or will never tell: the person chooses
+      const isTemporary = !(error instanceof ApiError) || error.status === 401 || error.isTemporary;
+      const isFault = error instanceof ApiError && error.status === 500; // it may last
+      if (isTemporary && !isFault) throw error;
+      return false; // so that the person chooses
     }
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
     const isOwnAndOlder = (/** @type {HistoryEntry} */ { batch }) => {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import zipfile
+from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import car_at
 from tests.support.page.windows import PHONE, Visitor
+from tests.support.servers import RunningServer
 from tests.support.slow_datasets import (
     FROM_PIXELS,
     OTHER_PIXELS,
@@ -35,11 +37,32 @@ def street(make_scene: MakeScene) -> Scene:
 
 
 @pytest.fixture
-def long_street(street: Scene) -> Scene:
-    """A street of so many frames that measuring them again takes a visible time."""
+def long_street(street: Scene) -> Iterator[Scene]:
+    """A street of so many frames that measuring them again takes a visible time.
+
+    Its dataset is deleted afterwards, and with it the runs that the next test would
+    have to wait for.
+    """
     for number in range(2, FRAMES + 2):
         scenes.push(street.api, street.dataset, f"run/{number:06d}")
-    return street
+    yield street
+    name = street.dataset
+    deleted = street.api.delete(f"/datasets/{name}?confirm={name}")
+    assert deleted.status_code == 204, deleted.text
+
+
+@pytest.fixture
+def slow_street(server: RunningServer) -> Iterator[tuple[Api, str]]:
+    """A client, and a dataset whose runs take much longer than requesting one.
+
+    It is deleted afterwards, like `long_street`.
+    """
+    api = Api.at(server.url, server.headers)
+    with api.http:
+        street = create_slow_dataset(api, 30)
+        yield api, street
+        deleted = api.delete(f"/datasets/{street}?confirm={street}")
+        assert deleted.status_code == 204, deleted.text
 
 
 def runs_page(user: Visitor, street: Scene, query: str = "") -> Page:
@@ -80,19 +103,16 @@ def test_run_is_shown_from_start_until_done(user, long_street):
     expect(run(page, number).locator(".statebadge--done")).to_be_visible()
 
 
-def test_open_jobs_do_not_use_up_the_browser_connections(user, server):
+def test_open_jobs_do_not_use_up_the_browser_connections(user, server, slow_street):
     """A browser opens six connections to a server, shared by all its tabs.
 
     Formerly each open job occupied one of them.
     """
-    api = Api.at(server.url, server.headers)
-    with api.http:
-        # Each run takes much longer than starting the others.
-        street = create_slow_dataset(api, 30)
-        numbers = [
-            api.post(f"/datasets/{street}/runs", {"config": config}).json()["id"]
-            for config in (FROM_PIXELS, *OTHER_PIXELS)
-        ]
+    api, street = slow_street
+    numbers = [
+        api.post(f"/datasets/{street}/runs", {"config": config}).json()["id"]
+        for config in (FROM_PIXELS, *OTHER_PIXELS)
+    ]
     with hold_write_lock(server.data):
         page = user.open(f"#/datasets/{street}/runs")
         open_now = page.locator(".statebadge--queued, .statebadge--running")

@@ -98,7 +98,7 @@ def test_own_renewal_under_way_is_not_taken_for_another_process(postgres_service
     Timer(0.2, may_end.set).start()
     try:
         with database.write() as session:
-            lease.take_or_require(session)
+            lease.take(session)
     finally:
         may_end.set()
         renewing.join()
