@@ -123,9 +123,9 @@ class JobDriver:
     result and are in no chunk.
 
     `_to_send` are the numbers of chunks that wait for room in the engine, and
-    `_in_flight` those that the engine works on. `_suspects` are those during which a
-    process has died, and that have not ended since: one of them at a time is in the
-    engine, and no other chunk beside it (`app.jobs.attempts`).
+    `_in_flight` those that the engine works on. `_suspects` are chunks during which a
+    process has died. Each of them is submitted alone, when nothing else is in flight
+    (`app.jobs.attempts`).
     """
 
     context: ServiceContext

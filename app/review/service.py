@@ -42,7 +42,7 @@ def review_box(session: Session, box_id: int, given: ReviewIn, reviewer: str) ->
     Raises
     ------
     NotFound
-        The box does not exist, or is not one of the newest revision of its frame.
+        The box does not exist, or its frame was replaced or deleted.
     StaleReview
         The box was answered since the person saw it; contains its current decision.
     """

@@ -81,8 +81,8 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     `max_distance` has none: it decides boxes before pixels are looked at, whatever the
     evidence is (`Reason.is_final`).
 
-    The annotations are type variables because three classes in `filter.py` inherit the
-    keys, and their values have different types:
+    Three classes in `filter.py` inherit the keys. The annotations are type variables,
+    because a key has a value of another type in each of these classes:
 
     - `ClassLimits`, for one class: a number;
     - `ClassConfig`, for what one class overrides: a number, or `INHERIT`;

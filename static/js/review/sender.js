@@ -192,9 +192,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
       stored = await (item.undoes ? requests.undo(item) : requests.answer(item));
     } catch (error) {
       const current = currentBox(error);
-      const isOvertaken = current && (await isOvertakenByOwn(item));
+      const isByOwn = current && (await isOvertakenByOwn(item));
       // It may have been undone just now.
-      if (isOvertaken && !outbox.wasUndone(item)) {
+      if (isByOwn && !outbox.wasUndone(item)) {
         return outbox.renew(item, seenRevision(current)); // and `drain` sends it again
       }
       throw error;
@@ -216,15 +216,15 @@ export function createSender(outbox, requests = REQUESTS, later) {
     try {
       ({ items } = await requests.history(item.boxId));
     } catch (error) {
-      const isTemporary = !(error instanceof ApiError) || error.status === 401 || error.isTemporary;
-      const isFault = error instanceof ApiError && error.status === 500; // it may last
-      if (isTemporary && !isFault) throw error;
-      return false; // so that the person chooses
+      // If the server has a fault (500) or refuses, waiting may not help: the person chooses.
+      const mayPass = !(error instanceof ApiError) || error.status === 401 || (error.isTemporary && error.status !== 500);
+      if (mayPass) throw error;
+      return false;
     }
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
     const isOwnAndOlder = (/** @type {HistoryEntry} */ { batch }) => {
-      const order = storedOnFilter.get(batch ?? 0);
-      return order !== undefined && order <= item.order;
+      const givenAt = storedOnFilter.get(batch ?? 0);
+      return givenAt !== undefined && givenAt <= item.order;
     };
     return since.length > 0 && since.every(isOwnAndOlder);
   }
