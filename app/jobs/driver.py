@@ -195,7 +195,8 @@ class JobDriver:
     def _drive_final_step(self) -> None:
         """Execute the final step, in this thread regardless of the engine.
 
-        If it does not end the job, `drive` continues with the chunks and comes back.
+        It does not end the job if frames were uploaded meanwhile: then `drive` plans
+        them, and comes back.
         """
         with self.context.database.write() as session:
             self.lease.require(session)

@@ -167,7 +167,8 @@ class Activation:
         """Count all boxes, which is cheaper and safer than counting changes."""
         if not len(numbers):
             return
-        # The reviewed boxes of this part, and their rows in it; all ids are in order.
+        # All ids are in order. `here`: where `_reviewed` has the reviewed boxes of this
+        # part; `rows`: where this part has them.
         first, last = numbers.box_ids[[0, -1]]
         here = slice(*np.searchsorted(self._reviewed, [first, last + 1]).tolist())
         rows = np.searchsorted(numbers.box_ids, self._reviewed[here])

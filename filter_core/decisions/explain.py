@@ -178,8 +178,8 @@ def _explained(
         "number": numbers.tolist(),
         "needed": needed.tolist(),
         "depth_gap": gaps,
-        # Class and id, such as "car 7".
-        "nearer": [other and f"{other[1]} {other[0]}" for other in nearer],
+        # Such as "car 7" for the box "7" of class "car".
+        "nearer": [box and "{1} {0}".format(*box) for box in nearer],
     }
     rows = zip(*(columns[name] for name in ExplainedBox._fields), strict=True)
     return map(ExplainedBox._make, rows)

@@ -105,8 +105,9 @@ def _decide_block(
     large = area >= size if _as_carlasimu(limits) else area > size
     reason = _first_reason(_rules(evidence, rows, limits, large))
     threshold = _look_up(thresholds, large, class_index, reason)
-    # Under carlasimu (see `_as_carlasimu`) the match can exceed 100: it counts pixels
-    # of the box with truncated corners, and divides by the area of the given box.
+    # Under carlasimu (see `_as_carlasimu`) the match can exceed 100: its pixels are
+    # counted in the box with truncated corners, which may be larger than the given one,
+    # but divided by the area of the given one.
     margin = np.minimum(evidence.match_percent[rows], 100.0) - threshold
     decisions.reason[rows] = reason
     decisions.threshold[rows] = threshold
@@ -185,7 +186,7 @@ def _threshold_by_reason(limits: LimitsByClass) -> FloatArray:
     of_small[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
     of_small[:, Reason.VISIBLE] = limits.threshold_small_box
     of_large[:, Reason.LARGE_BELOW_THRESHOLD] = limits.threshold_big_box
-    # Only under carlasimu, where large boxes have to pass this threshold, too.
+    # The threshold of small boxes: under carlasimu, large ones have to pass it, too.
     of_large[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
     # Under carlasimu the higher of both, else `threshold_big_box`.
     of_large[:, Reason.VISIBLE] = limits.threshold_kept_large_box

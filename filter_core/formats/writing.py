@@ -428,9 +428,10 @@ class _BoxChooser:
         if crowd:
             return "crowd"
         if wanted:
-            # It has no rectangle, or one without extent.
-            absent = np.isnan(_rectangles(boxes[row : row + 1], self._options.boxes)[0])
-            return boxes.reason_label(row) if absent.any() else "degenerate"
+            rectangle, _ = _rectangles(boxes[row : row + 1], self._options.boxes)
+            if np.isnan(rectangle).any():  # it has none; its reason says why
+                return boxes.reason_label(row)
+            return "degenerate"  # it has one without extent
         by_person = self._options.include == "effective" and boxes.is_reviewed[row]
         return "rejected_by_person" if by_person else boxes.reason_label(row)
 

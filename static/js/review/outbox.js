@@ -281,7 +281,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      // Without `attempted`, the stored text becomes no longer by `renewed`; there may be no room for a longer one.
+      // Leaving out `attempted` makes up for the length of `renewed`: there may be no room for a longer text.
       write({ ...item, seenRevision: revision, renewed: (item.renewed ?? 0) + 1, attempted: undefined });
     },
 

@@ -112,8 +112,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
    */
   const refused = new Map();
   /**
-   * The bulk answers on a filter, and undos of these, that were stored since the page was loaded: by their id on the
-   * server, their `order`, that is, when they were given.
+   * When a bulk answer on a filter, or the undo of one, was given (its `order`), by its id on the server. Only those
+   * that were stored since the page was loaded.
    * @type {Map<number, number>}
    */
   const storedOnFilter = new Map();
@@ -195,7 +195,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
       const isByOwn = current && (await isOvertakenByOwn(item));
       // It may have been undone just now.
       if (isByOwn && !outbox.wasUndone(item)) {
-        return outbox.renew(item, seenRevision(current)); // and `drain` sends it again
+        return outbox.renew(item, seenRevision(current)); // no error: `drain` goes on, and takes it again
       }
       throw error;
     }
