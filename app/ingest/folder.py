@@ -1,10 +1,12 @@
 """Finds the frames in a folder that a person dropped on the page. Stores none of them.
 
-The page sends the files as a tar: text files as they are, pictures and other files
-without content, since readers of folders need only their names. They are written to a
-temporary folder (`SentFolder`). A child process reads that with the readers of
-``unghost push`` and writes the response next to it (`write_response`). The files are
-untrusted, so the child has limits on memory and time (`app.engine.children`).
+The page sends the files as a tar: text files as they are, other files without content,
+since readers of folders need only their names. (KITTI's reader needs the sizes of its
+images; so the page sends their first bytes.) The files are written to a temporary
+folder (`SentFolder`), under their names if these are safe (`_why_not`). A child process
+reads that with the readers of ``unghost push`` and writes the response next to it
+(`write_response`). The files are untrusted, so the child has limits on memory and time
+(`app.engine.children`).
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ does not renew it for `LEASE_LASTS`, and at once if the driver stops and leaves 
 
 - whose lease is void;
 - that has been without a lease for `UNDRIVEN_FOR_S`: the service that queued it has
-  died before it began the job.
+  died before it began the job, or is still busy with other jobs.
 
 The new driver continues with what the database says (`JobDriver`).
 

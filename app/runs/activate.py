@@ -99,7 +99,7 @@ def decide_all(task: Task[Run]) -> None:
 def _decide_and_store(
     task: Task[Run], session: Session, run: Run, config: FilterConfig
 ) -> None:
-    """Store counts and *flips*, that is, which boxes get another reason.
+    """Store counts, and in the table `flips` which boxes get another reason.
 
     If the run activates, its verdicts become current.
     """

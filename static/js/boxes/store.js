@@ -10,7 +10,7 @@ import { asShown, seenRevision, withAnswer } from "./box.js";
 /** @typedef {import("./box.js").AnswerWithComment} AnswerWithComment */
 /** @typedef {import("./box.js").Decision} Decision */
 
-/** If more boxes than this have changed at the server, the grid reads its lists again instead of loading their frames. */
+/** If more boxes than this have changed at the server, the grid reads its lists again, and frames are not loaded for it. */
 const MOST_LOADED = 20;
 
 /** For how many answers the boxes are held. */
@@ -26,7 +26,7 @@ const MOST_EARLY = 10_000;
  */
 
 /**
- * One store for the whole page. Lists hold ids; a box stays in memory as long as some list holds its id.
+ * One store for the whole page. A box stays in memory as long as its id is held, to show it, or remembered.
  * Of two versions of a box the higher revision wins; with equal revisions, the one received later.
  * @param {import("../core/api.js").Later} [later]
  */
@@ -45,8 +45,10 @@ export function createBoxes(later) {
   const early = new Map();
   /** All combined, made on request: the same object until something changes. @type {Map<number, Decision>} */
   const combined = new Map();
-  /** How many lists hold an id. @type {Map<number, number>} */
-  const holders = new Map();
+  /** How often an id is held. @type {Map<number, number>} */
+  const held = new Map();
+  /** How often an id is remembered. @type {Map<number, number>} */
+  const remembered = new Map();
   /** The functions that release the boxes of `keepRevisions`, the oldest first. @type {(() => void)[]} */
   const releases = [];
   /** Increases when lists of boxes have to be read again. */
@@ -74,10 +76,10 @@ export function createBoxes(later) {
     return now;
   }
 
-  /** Drop boxes that no list holds. @param {readonly number[]} ids */
+  /** Drop boxes that are neither held nor remembered. @param {readonly number[]} ids */
   function sweep(ids) {
     for (const id of ids) {
-      if (holders.has(id)) continue;
+      if (held.has(id) || remembered.has(id)) continue;
       stored.delete(id);
       sentElsewhere.delete(id);
       combined.delete(id);
@@ -106,16 +108,17 @@ export function createBoxes(later) {
 
   /**
    * Keep boxes in the store until they are released.
-   * @param {readonly number[]} ids @returns {() => void} release them
+   * @param {Map<number, number>} counts  `held` or `remembered` @param {readonly number[]} ids
+   * @returns {() => void} release them
    */
-  function hold(ids) {
-    const held = [...ids];
-    for (const id of held) holders.set(id, (holders.get(id) ?? 0) + 1);
+  function keep(counts, ids) {
+    const kept = [...ids];
+    for (const id of kept) counts.set(id, (counts.get(id) ?? 0) + 1);
     return () => {
-      for (const id of held.splice(0)) {
-        const rest = (holders.get(id) ?? 1) - 1;
-        if (rest > 0) holders.set(id, rest);
-        else holders.delete(id);
+      for (const id of kept.splice(0)) {
+        const rest = (counts.get(id) ?? 1) - 1;
+        if (rest > 0) counts.set(id, rest);
+        else counts.delete(id);
       }
       // Not at once: a view may release boxes that the next view is about to hold.
       queueMicrotask(() => sweep([...ids]));
@@ -125,8 +128,14 @@ export function createBoxes(later) {
   return {
     get: getBox,
     receive,
-    hold,
     reloads,
+
+    /** A view shows these boxes: keep them until they are released. @param {readonly number[]} ids */
+    hold: (ids) => keep(held, ids),
+
+    /** Keep these boxes until they are released, whether a view shows them or not. @param {readonly number[]} ids */
+    remember: (ids) => keep(remembered, ids),
+
     /** Lists of boxes have to be read again. */
     reload,
 
@@ -135,13 +144,15 @@ export function createBoxes(later) {
 
     /**
      * Load boxes again that somebody else may have answered, each frame of theirs once.
-     * @param {readonly number[]} ids
+     * @param {readonly number[]} changed  their ids
      */
-    async loadAgain(ids) {
-      if (ids.length > MOST_LOADED) {
-        reload();
-        // The grid has released the boxes of its lists: those that nothing else holds go, and are not loaded.
+    async loadAgain(changed) {
+      let ids = changed;
+      if (changed.length > MOST_LOADED) {
+        reload(); // with it, the grid releases the boxes of its lists
         await null;
+        ids = changed.filter((id) => held.has(id));
+        tell(new Set(changed.filter((id) => !held.has(id) && sentElsewhere.delete(id))));
       }
       /** @type {Map<number, number[]>} */
       const frames = new Map();
@@ -199,13 +210,13 @@ export function createBoxes(later) {
     },
 
     /**
-     * Hold boxes that were just answered, for the next 500 answers. An earlier response with such a box may still be on
-     * its way. When it comes, `receive` drops it, as its revision is lower. Without the hold, the store might have
-     * forgotten the revision.
+     * Remember boxes that were just answered, for the next 500 answers. An earlier response with such a box may still be
+     * on its way. When it comes, `receive` drops it, as its revision is lower. Otherwise the store might have forgotten
+     * the revision.
      * @param {readonly number[]} ids
      */
     keepRevisions(ids) {
-      releases.push(hold(ids));
+      releases.push(keep(remembered, ids));
       if (releases.length > MOST_ANSWERED) releases.shift()?.();
     },
 

@@ -507,7 +507,9 @@ export interface paths {
          * Read Folder
          * @description List the frames in a folder, without storing them.
          *
-         *     The body is a tar of its files: text files as they are, the others without content.
+         *     The body is a tar of its files: text files as they are, the others without content,
+         *     but for images in a folder `image_2` (KITTI): of these, the first 24 bytes of a PNG
+         *     or 64 KiB of a JPEG, which have the size of the image.
          */
         post: operations["read_folder_api_v1_folders_post"];
         delete?: never;

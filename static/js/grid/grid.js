@@ -38,6 +38,7 @@ export function GridView({ app, route }) {
         ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
         : html`<${GridFilters} app=${app} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
             <${UnsentBulkAnswers} app=${app} dataset=${name} />
+            <${LeftOut} app=${app} dataset=${name} />
             <${Boxes} key=${name} app=${app} dataset=${name} query=${route.query} onQuery=${setQuery}
               inAll=${dataset.value?.counts.boxes ?? null} />`}
     </main>`;
@@ -334,7 +335,6 @@ function RangeEnd({ label, hint, most, value, onChange }) {
 /** @param {{app: App, pager: Pager, query: Query, inAll: number | null, version: number, selected: number, onUpdate: () => void, onAll: () => void}} props */
 export function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
   const total = pager.total();
-  const report = useValue(app.bulkAnswers.report);
   const key = useKeyText(app, "select");
   const left = pager.changed().filter((box) => !isShown(box, query)).length;
   const hidden = total !== null && inAll !== null && isFiltered(query) ? Math.max(0, inAll - total) : 0;
@@ -348,12 +348,13 @@ export function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll
     <span class="grid-status__middle"></span>
     <span class="faint grid-status__hint">${selected ? "" : `Click${key ? `, drag or ${key}` : " or drag"} selects`}</span>
     ${total !== null && total > 0 && html`<button class="button button--small" onClick=${onAll}>Select all ${countText(total)}</button>`}
-  </div>
-  ${report && html`<${ReportLine} app=${app} report=${report} />`}`;
+  </div>`;
 }
 
-/** The boxes that a bulk answer, or its undo, did not change. @param {{app: App, report: import("../review/bulk.js").Report}} props */
-function ReportLine({ app, report }) {
+/** The boxes that the last bulk answer on this dataset, or its undo, did not change. @param {{app: App, dataset: string}} props */
+function LeftOut({ app, dataset }) {
+  const report = useValue(app.bulkAnswers.report);
+  if (report?.dataset !== dataset) return null;
   const shown = report.boxes.slice(0, 12);
   return html`<div class="strip" role="status">
     <${Icon} name="warn" /><p>${report.text} ${shown.map((id) => html`<${BoxLink} app=${app} id=${id} />`)}${report.boxes.length > shown.length && html` and ${countText(report.boxes.length - shown.length)} more`}</p>

@@ -228,7 +228,7 @@ export function createSteps(boxes) {
   return {
     /** @param {Step} step */
     push(step) {
-      entries.push({ step, release: boxes.hold(step.before.map(({ boxId }) => boxId)) });
+      entries.push({ step, release: boxes.remember(step.before.map(({ boxId }) => boxId)) });
       if (entries.length > MOST_STEPS) entries.shift()?.release();
     },
 

@@ -13,7 +13,7 @@ import { randomId } from "../core/tab.js";
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("./answers.js").Step} Step */
 /** @typedef {import("./outbox.js").NewBulkAnswer} NewBulkAnswer */
-/** @typedef {{text: string, boxes: readonly number[]}} Report  boxes that a bulk answer, or its undo, has left out */
+/** @typedef {{dataset: string, text: string, boxes: readonly number[]}} Report  boxes that a bulk answer, or its undo, has left out */
 
 /** What a bulk answer does with its boxes, before and after it is stored. @type {Record<Answer, string>} */
 export const VERBS = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: "remove the answers of" };
@@ -152,7 +152,7 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
       const offer = undoing.has(key) ? undefined : { text: "Undo", run: () => steps.ofBulkAnswer(key) && undo(step) };
       const count = countOf(bulk.count - leftOut.length, "box", "boxes");
       offers.set(key, toasts.show(`${count} ${DONE[verdict]}`, { action: offer }));
-      report.set(reportOf(stale, skipped));
+      report.set(reportOf(bulk.dataset, stale, skipped));
     },
 
     onBulkRefused({ dataset, count }, error) {
@@ -168,14 +168,14 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
       if (isUndone) toasts.show(`Discarded: ${VERBS[verdict]} ${countOf(count, "box", "boxes")}`);
     },
 
-    onUndoStored({ bulkKey, boxIds, seenRevisions, before, laterIds = [] }, { undone, skipped }) {
+    onUndoStored({ bulkKey, dataset, boxIds, seenRevisions, before, laterIds = [] }, { undone, skipped }) {
       undoing.delete(bulkKey);
       // If a later answer on one of these was undone in the meantime, the server has undone the bulk answer there, too.
       void boxes.loadAgain(laterIds);
       receive(boxIds ?? [], (i) => before[i] ?? { verdict: "clear", comment: "" }, seenRevisions, skipped);
       if (!boxIds) boxes.reload();
       toasts.show(`${countOf(undone, "answer")} undone`);
-      report.set(undoReportOf(skipped));
+      report.set(undoReportOf(dataset, skipped));
     },
 
     onUndoRefused({ bulkKey, boxIds = [] }, error) {
@@ -204,19 +204,19 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
 
 /**
  * The boxes that a bulk answer has left out, and why.
- * @param {number[]} stale @param {number[]} skipped @returns {Report | null}
+ * @param {string} dataset @param {number[]} stale @param {number[]} skipped @returns {Report | null}
  */
-function reportOf(stale, skipped) {
+function reportOf(dataset, stale, skipped) {
   /** @param {readonly number[]} boxIds @param {string} why */
   const line = ({ length }, why) => (length ? [`${countOf(length, "box was", "boxes were")} left out: ${why}.`] : []);
   const lines = [...line(stale, "somebody has answered since"), ...line(skipped, "deleted or replaced meanwhile")];
-  return lines.length ? { text: lines.join(" "), boxes: [...stale, ...skipped] } : null;
+  return lines.length ? { dataset, text: lines.join(" "), boxes: [...stale, ...skipped] } : null;
 }
 
-/** The boxes that the undo of a bulk answer has left as they are. @param {number[]} skipped @returns {Report | null} */
-function undoReportOf(skipped) {
+/** The boxes that the undo of a bulk answer has left as they are. @param {string} dataset @param {number[]} skipped @returns {Report | null} */
+function undoReportOf(dataset, skipped) {
   if (skipped.length === 0) return null;
   const count = countOf(skipped.length, "answer was", "answers were");
   const asIs = skipped.length === 1 ? "it is" : "they are";
-  return { text: `${count} left as ${asIs}: somebody has answered since.`, boxes: skipped };
+  return { dataset, text: `${count} left as ${asIs}: somebody has answered since.`, boxes: skipped };
 }

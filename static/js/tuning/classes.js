@@ -45,7 +45,7 @@ export function AllClasses({ app, tuning, scale, selected }) {
     </header>
     <${Histogram} app=${app} name="all classes" size="large" counts=${together(followers.map((name) => counts[name] ?? []))}
       threshold=${threshold} active=${Number(valueOf(active.config, THRESHOLD))} isLog=${scale !== "linear"} onChange=${set} />
-    <${Legend} />
+    <${Legend} isExclusive=${valueOf(tried, "profile") === "carlasimu"} />
   </section>`;
 }
 
@@ -59,10 +59,11 @@ function followText(following, own) {
   return `${countOf(following, "class", "classes")} together; ${shown} ${own.length === 1 ? "has its own" : "have their own"}`;
 }
 
-function Legend() {
+/** @param {{isExclusive: boolean}} props  `isExclusive`: a share that equals the threshold fails */
+function Legend({ isExclusive }) {
   return html`<p class="chartlegend">
-    <span><i class="chartswatch chartswatch--below"></i>below the threshold</span>
-    <span><i class="chartswatch chartswatch--above"></i>at or above it</span>
+    <span><i class="chartswatch chartswatch--below"></i>${isExclusive ? "at or below" : "below"} the threshold</span>
+    <span><i class="chartswatch chartswatch--above"></i>${isExclusive ? "above" : "at or above"} it</span>
     <span><i class="chartswatch chartswatch--active"></i>active threshold</span>
     <span class="chartlegend__keys">Drag, or <kbd>←</kbd><kbd>→</kbd> 0.5 · <kbd>⇧</kbd> 5 · <kbd>PgUp</kbd><kbd>PgDn</kbd> 10</span>
   </p>`;

@@ -33,7 +33,7 @@ import { contentOf } from "./uploader.js";
 
 /** @typedef {{step: "labels" | "waiting" | "frames", done: number, of: number | null}} Reading  labels read here, then frames read by the server */
 
-/** Files whose content the server needs; of all others it needs only the names. */
+/** Files whose content the server needs; of all others but those in `SIZED` it needs only the names. */
 const TEXT = /\.(txt|xml|jsonl?|ya?ml|names)$/i;
 
 /** For KITTI the server needs the size of each picture, which is in its first bytes. */
@@ -120,7 +120,7 @@ const BLOCK = 512;
 const AT_ONCE = 8;
 
 /**
- * A tar of these files: texts as they are, all others without content.
+ * A tar of these files, of each what the server needs: see `bytesOf`.
  * @param {readonly Entry[]} entries @param {AbortSignal} signal @param {(done: number, of: number) => void} tell
  */
 export async function archiveOf(entries, signal, tell) {

@@ -143,6 +143,23 @@ test("for many boxes, lists are told to load again, and only boxes that others h
   assert.deepEqual([boxes.reloads.get(), asked, boxes.get(7)?.review?.verdict], [1, ["/frames/7"], "keep"]);
 });
 
+test("boxes that are only remembered are not loaded one by one if many have changed", async () => {
+  const boxes = createBoxes();
+  const ids = Array.from({ length: 21 }, (_, i) => i);
+  const giveBack = boxes.hold(boxes.receive(ids.map((id) => decision({ box_id: id, frame_id: id }))));
+  boxes.keepRevisions(ids);
+  boxes.remember(ids);
+  boxes.layOver(new Map([[7, { verdict: "keep", comment: "" }]]));
+  boxes.showUntilLoaded([7]);
+  boxes.layOver(new Map());
+  boxes.reloads.observe(giveBack);
+  const asked = serve({});
+
+  await boxes.loadAgain(ids);
+
+  assert.deepEqual([boxes.reloads.get(), asked, boxes.get(7)?.review], [1, [], null]);
+});
+
 test("an answer stays shown until its box has been loaded, even if that takes several attempts", async () => {
   /** @type {(string | undefined)[]} */
   const shown = [];
