@@ -93,8 +93,7 @@ def test_cancelled_queued_run_never_starts(slow):
 
 
 def test_cancelling_a_finished_run_returns_409(api):
-    dataset = api.dataset()
-    api.upload_frame(dataset, "a")
+    dataset = api.dataset_of_one_frame()
     run = api.run(dataset, NOTHING_VISIBLE)
 
     answer = api.post(f"/runs/{run['id']}/cancel")
