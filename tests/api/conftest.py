@@ -15,6 +15,7 @@ from tests.support.api import Api
 from tests.support.live import Live, live
 from tests.support.servers import RunningServer
 from tests.support.slow_datasets import slow_server
+from unghost import Client
 from unghost.wire.words import Role
 
 LIMITS = {"max_json_bytes": 5_000, "max_body_bytes": 10_000}
@@ -92,6 +93,13 @@ def api(server: RunningServer) -> Iterator[Api]:
     """
     opened = Api.at(server.url, server.headers)
     with opened.http:
+        yield opened
+
+
+@pytest.fixture
+def client(server: RunningServer) -> Iterator[Client]:
+    """A Python client of the server that all tests share, as admin."""
+    with Client(server.url, server.token) as opened:
         yield opened
 
 
