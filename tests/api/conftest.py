@@ -14,6 +14,8 @@ from tests.support import frames as scene
 from tests.support.api import Api
 from tests.support.live import Live, live
 from tests.support.servers import RunningServer
+from tests.support.slow_datasets import slow_server
+from unghost import Client
 from unghost.wire.words import Role
 
 LIMITS = {"max_json_bytes": 5_000, "max_body_bytes": 10_000}
@@ -70,6 +72,19 @@ def as_role(service: Live) -> Iterator[AsRole]:
         yield client
 
 
+@pytest.fixture(scope="module")
+def slow(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[RunningServer, Api, str]]:
+    """A server that measures one frame at a time, a client, and a slow dataset.
+
+    The dataset has as many frames as the test module says in `FRAMES`.
+    """
+    folder = tmp_path_factory.mktemp("slow")
+    with slow_server(folder, request.module.FRAMES) as slow:
+        yield slow
+
+
 @pytest.fixture(scope="session")
 def api(server: RunningServer) -> Iterator[Api]:
     """An admin's client of the server that all tests share.
@@ -78,6 +93,13 @@ def api(server: RunningServer) -> Iterator[Api]:
     """
     opened = Api.at(server.url, server.headers)
     with opened.http:
+        yield opened
+
+
+@pytest.fixture
+def client(server: RunningServer) -> Iterator[Client]:
+    """A Python client of the server that all tests share, as admin."""
+    with Client(server.url, server.token) as opened:
         yield opened
 
 

@@ -6,6 +6,7 @@ A test can compare its state after a capture with its state before.
 from __future__ import annotations
 
 import importlib.util
+import json
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -54,6 +55,11 @@ class Stage:
             scenario(**changes), self.folder, self.notes.append, lambda *_: None
         )
         return record(as_library(self.simulator), request)
+
+    def frames(self) -> list[dict[str, Any]]:
+        """The frames that the recorded manifest lists."""
+        text = (self.folder / "manifest.jsonl").read_text("utf-8")
+        return [json.loads(line) for line in text.splitlines()]
 
     def left_behind(self) -> dict[str, Any]:
         """What of the simulator's state differs from the beginning, by name."""

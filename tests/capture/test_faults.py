@@ -6,7 +6,6 @@ left as it was before.
 
 from __future__ import annotations
 
-import json
 import signal
 from itertools import pairwise
 
@@ -16,15 +15,9 @@ from tests.support.fake_carla.simulator import at
 from unghost.capture.simulator import CaptureError
 
 
-def frames(stage):
-    """The frames that the recorded manifest lists."""
-    path = stage.folder / "manifest.jsonl"
-    return [json.loads(line) for line in path.read_text("utf-8").splitlines()]
-
-
 def ticks(stage):
     """The ticks that were recorded, counted from the first tick of the world."""
-    return [frame["extra"]["capture"]["frame"] - 1000 for frame in frames(stage)]
+    return [frame["extra"]["capture"]["frame"] - 1000 for frame in stage.frames()]
 
 
 # The first recorded tick: after one in which walkers get their controllers, and ten of
@@ -48,7 +41,7 @@ def test_tick_with_a_lost_measurement_is_skipped_and_counted(stage):
 
     assert ticks(stage) == [FIRST_TICK + 1, FIRST_TICK + 3, FIRST_TICK + 5]
     assert done.missed == {"segmentation sent nothing in time": 1}
-    assert frames(stage)[0]["extra"]["capture"]["missed_before"] == 1
+    assert stage.frames()[0]["extra"]["capture"]["missed_before"] == 1
     assert stage.left_behind() == {}
 
 
@@ -104,7 +97,7 @@ def test_both_poses_are_stored_and_the_used_pose_depends_on_version(
 
     done = stage.capture(**SHORT_SCENARIO)
 
-    frame = frames(stage)[0]
+    frame = stage.frames()[0]
     poses = frame["extra"]["capture"]["poses"]
     assert (poses["image"]["x"], poses["snapshot"]["x"]) == (2.5, 1.5)
     assert poses["used"] == used
@@ -119,7 +112,7 @@ def test_version_with_lagging_images_also_stores_adjacent_ticks(make_stage):
 
     stage.capture(**SHORT_SCENARIO, ego={"spawn_point": 0})
 
-    story = frames(stage)[0]["extra"]["capture"]
+    story = stage.frames()[0]["extra"]["capture"]
     xs = [story["before"]["camera"]["x"], story["poses"]["snapshot"]["x"]]
     xs.append(story["after"]["camera"]["x"])
     assert [b - a for a, b in pairwise(xs)] == pytest.approx([1, 1])
@@ -131,7 +124,7 @@ def test_version_with_lagging_images_also_stores_adjacent_ticks(make_stage):
 def test_newest_version_stores_no_adjacent_ticks(stage):
     stage.capture(**SHORT_SCENARIO)
 
-    assert not {"before", "after"} & set(frames(stage)[0]["extra"]["capture"])
+    assert not {"before", "after"} & set(stage.frames()[0]["extra"]["capture"])
 
 
 def test_vanished_actor_loses_only_its_own_box(stage):
@@ -144,7 +137,7 @@ def test_vanished_actor_loses_only_its_own_box(stage):
 
     done = stage.capture(**SHORT_SCENARIO)
 
-    counts = [len(frame["boxes"]) for frame in frames(stage)]
+    counts = [len(frame["boxes"]) for frame in stage.frames()]
     assert counts == [10, 9, 9]
     assert done.missed.total() == 0
     assert stage.left_behind() == {}
@@ -164,7 +157,7 @@ def test_actor_without_box_or_snapshot_is_left_out_and_counted(stage, fault, rea
     done = stage.capture(**SHORT_SCENARIO)
 
     assert done.left_out[reason] == 3
-    assert [len(frame["boxes"]) for frame in frames(stage)] == [10, 10, 10]
+    assert [len(frame["boxes"]) for frame in stage.frames()] == [10, 10, 10]
 
 
 def test_dormant_actors_have_no_box(stage):
@@ -277,7 +270,7 @@ def test_version_mismatch_is_reported_and_both_versions_are_stored(make_stage):
     stage.capture(**SHORT_SCENARIO)
 
     assert "CARLA 0.9.15, the client library 0.9.16" in stage.notes[0]
-    frame = frames(stage)[0]
+    frame = stage.frames()[0]
     assert frame["carla_version"] == "0.9.15"
     assert frame["extra"]["capture"]["client_version"] == "0.9.16"
 
@@ -298,7 +291,7 @@ def test_parked_props_of_large_maps_are_straightened(stage):
     made.type_id = "static.prop.mesh"
     stage.capture(**SHORT_SCENARIO)
 
-    box = next(b for b in frames(stage)[0]["boxes"] if b["id"] == str(made.id))
+    box = next(b for b in stage.frames()[0]["boxes"] if b["id"] == str(made.id))
     assert box["class"] == "car"
     assert box["extra"]["flags"] == ["straightened", "default_size"]
     assert box["box3d"]["transform"]["yaw"] == pytest.approx(40, abs=1e-4)

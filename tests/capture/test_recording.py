@@ -5,7 +5,6 @@ The filter reads the folder and keeps visible objects and rejects hidden ones.
 
 from __future__ import annotations
 
-import json
 from itertools import pairwise
 from typing import Any
 
@@ -25,12 +24,6 @@ from tests.support.fake_carla.scenarios import scenario
 FAR = {"attributes": {"range": 50}}
 ALL_SENSORS: dict[str, Any] = {"instances": True, "depth": True, "radar": True}
 ALL_SENSORS |= {"lidar": FAR, "semantic_lidar": FAR}
-
-
-def manifest_frames(stage):
-    """The frames that the recorded manifest lists."""
-    text = (stage.folder / "manifest.jsonl").read_text("utf-8")
-    return [json.loads(line) for line in text.splitlines()]
 
 
 def keys(count, **changes):
@@ -56,7 +49,7 @@ def read_image(stage, name):
 
 def actor_ids_by_position(stage):
     """The ids of the first frame's actors, by their position (x, y)."""
-    boxes = manifest_frames(stage)[0]["boxes"]
+    boxes = stage.frames()[0]["boxes"]
     placed = [box for box in boxes if "transform" in box["box3d"]]
     return {
         (box["box3d"]["transform"]["x"], box["box3d"]["transform"]["y"]): box["id"]
@@ -96,7 +89,7 @@ def test_boxes_of_the_map_are_kept_without_duplicates(stage):
 def test_every_frame_has_a_key_and_its_files(stage):
     done = stage.capture(sensors=ALL_SENSORS, frames=4)
 
-    frames = manifest_frames(stage)
+    frames = stage.frames()
     assert (done.frames, done.added, done.missed.total()) == (4, 4, 0)
     assert [frame["key"] for frame in frames] == keys(4, sensors=ALL_SENSORS)
     ticks = [frame["extra"]["capture"]["frame"] for frame in frames]
@@ -109,7 +102,7 @@ def test_every_frame_has_a_key_and_its_files(stage):
 def test_tags_depth_and_instance_ids_are_stored_losslessly(stage):
     stage.capture(sensors=ALL_SENSORS)
 
-    frame = manifest_frames(stage)[0]
+    frame = stage.frames()[0]
     tags = read_image(stage, frame["segmentation"])
     depth = read_depth((stage.folder / frame["depth"]).read_bytes())
     ids = read_instances((stage.folder / frame["instances"]).read_bytes())
@@ -129,7 +122,7 @@ def test_tags_depth_and_instance_ids_are_stored_losslessly(stage):
 def test_image_is_stored_in_true_colours(stage):
     stage.capture(sensors=ALL_SENSORS)
 
-    frame = manifest_frames(stage)[0]
+    frame = stage.frames()[0]
     shown = read_image(stage, frame["image"])
     assert shown[0, 80].tolist() == [180, 130, 70]  # the sky, as BGR
 
@@ -137,7 +130,7 @@ def test_image_is_stored_in_true_colours(stage):
 def test_lidar_and_radar_points_are_stored_as_measured(stage):
     stage.capture(sensors=ALL_SENSORS)
 
-    frame = manifest_frames(stage)[0]
+    frame = stage.frames()[0]
     points = read_points((stage.folder / frame["lidar"]).read_bytes())
     plain = frame["extra"]["files"]["lidar_intensity"]
     radar = (stage.folder / frame["radar"]).read_bytes()
@@ -156,7 +149,7 @@ def test_lidar_and_radar_points_are_stored_as_measured(stage):
 def test_attributes_of_an_actor_are_stored(stage):
     stage.capture()
 
-    boxes = {box["id"]: box for box in manifest_frames(stage)[0]["boxes"]}
+    boxes = {box["id"]: box for box in stage.frames()[0]["boxes"]}
     car = boxes[actor_ids_by_position(stage)[15, -3]]
     assert car["type_id"] == "vehicle.tesla.model3"
     assert (car["class"], car["base_type"]) == ("car", "car")
@@ -174,7 +167,7 @@ def test_attributes_of_an_actor_are_stored(stage):
 def test_two_wheeler_without_width_gets_the_default_size_and_a_flag(stage):
     stage.capture(vehicles={"count": 1, "filter": "vehicle.bh.*"}, walkers={})
 
-    box = next(b for b in manifest_frames(stage)[0]["boxes"] if b["class"] == "bicycle")
+    box = next(b for b in stage.frames()[0]["boxes"] if b["class"] == "bicycle")
     assert box["extra"]["flags"] == ["default_size"]
     assert box["box3d"]["extent"] == {"x": 0.82, "y": 0.3, "z": 0.85}
     assert box["box3d"]["location"] == {"x": 0, "y": 0, "z": 0.85}
@@ -190,7 +183,7 @@ def test_a_two_wheeler_without_width_is_left_out_on_request(stage):
     )
 
     assert [
-        box for box in manifest_frames(stage)[0]["boxes"] if box["class"] == "bicycle"
+        box for box in stage.frames()[0]["boxes"] if box["class"] == "bicycle"
     ] == []
     assert done.left_out["impossible_box"] == 2  # one is a pedestrian's button
 
@@ -201,7 +194,7 @@ def test_object_in_map_and_actors_is_recorded_once(stage):
 
     done = stage.capture(frames=1)
 
-    ids = [box["id"] for box in manifest_frames(stage)[0]["boxes"]]
+    ids = [box["id"] for box in stage.frames()[0]["boxes"]]
     assert f"env-{2**40 + 1}" not in ids
     assert done.left_out["duplicate"] == 1
 
@@ -211,9 +204,7 @@ def test_traffic_lights_missing_from_the_map_come_from_the_level(stage):
 
     stage.capture(frames=1)
 
-    boxes = [
-        b for b in manifest_frames(stage)[0]["boxes"] if b["class"] == "traffic_light"
-    ]
+    boxes = [b for b in stage.frames()[0]["boxes"] if b["class"] == "traffic_light"]
     assert [box["extra"]["source"] for box in boxes] == ["level", "level"]
     assert boxes[1]["extra"]["flags"] == ["thickened"]
 
@@ -244,7 +235,7 @@ def test_weather_lights_layers_and_classes_follow_the_scenario(stage):
         classes={"vehicle.tesla.model3": "taxi"},
     )
 
-    frames = manifest_frames(stage)
+    frames = stage.frames()
     assert [frame["weather"]["fog_density"] for frame in frames] == [0, 25, 50]
     assert {frame["weather"]["precipitation"] for frame in frames} == {100}
     assert {layers[0] for layers, _ in seen} == {"ParkedVehicles"}
@@ -290,7 +281,7 @@ def test_lidar_rotates_once_per_tick_unless_configured_otherwise(stage):
 
 def test_resumed_capture_does_not_repeat_its_traffic(stage):
     def placed():
-        boxes = manifest_frames(stage)[-1]["boxes"]
+        boxes = stage.frames()[-1]["boxes"]
         return {
             b["id"]: b["box3d"]["transform"]
             for b in boxes
@@ -318,7 +309,7 @@ def test_resumed_capture_changes_the_configured_walker_seed(stage):
 def test_parked_cars_of_a_removed_map_layer_get_no_boxes(stage, layer):
     stage.capture(frames=1, map_layers={layer: False})
 
-    ids = [box["id"] for box in manifest_frames(stage)[0]["boxes"]]
+    ids = [box["id"] for box in stage.frames()[0]["boxes"]]
     assert [one for one in ids if one.startswith("env-")] == []
 
 
@@ -330,7 +321,7 @@ def test_interrupted_capture_resumes_after_the_last_complete_frame(stage):
     done = stage.capture(frames=4)
 
     assert (done.frames, done.added) == (4, 2)
-    assert [frame["key"] for frame in manifest_frames(stage)] == keys(4)
+    assert [frame["key"] for frame in stage.frames()] == keys(4)
     again = stage.capture(frames=4)
     assert (again.frames, again.added) == (4, 0)
     assert stage.left_behind() == {}

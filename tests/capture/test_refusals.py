@@ -5,19 +5,11 @@ That is: scenarios that this simulator cannot play, and folders of something els
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
 from unghost.capture.simulator import CaptureError
 
 SHORT_SCENARIO = {"frames": 3, "camera": {"width": 48, "height": 32}}
-
-
-def frames(stage):
-    """The frames that the recorded manifest lists."""
-    path = stage.folder / "manifest.jsonl"
-    return [json.loads(line) for line in path.read_text("utf-8").splitlines()]
 
 
 WRONG = [
@@ -92,7 +84,7 @@ def test_another_scenario_in_the_same_folder_is_refused(stage):
     with pytest.raises(CaptureError, match="another scenario"):
         stage.capture(**SHORT_SCENARIO, seed=5)
 
-    assert len(frames(stage)) == 3
+    assert len(stage.frames()) == 3
 
 
 @pytest.mark.parametrize(

@@ -57,6 +57,15 @@ class Api:
         assert answer.status_code == 201, answer.text
         return name
 
+    def dataset_of_one_frame(self, *args: Any, **more: Any) -> str:
+        """Create a dataset with one frame, "a", and return the name of the dataset.
+
+        The arguments are those of `put` after the key.
+        """
+        name = self.dataset()
+        self.upload_frame(name, "a", *args, **more)
+        return name
+
     def dataset_of_cars(self, boxes: int) -> tuple[str, list[int]]:
         """Create a dataset with one frame, "a", of so many boxes; its name, their ids.
 

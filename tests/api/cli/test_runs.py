@@ -10,20 +10,13 @@ from pathlib import Path
 import pytest
 
 from tests.support.command_line import CommandLine
-from tests.support.slow_datasets import OTHER_PIXELS, slow_server
+from tests.support.slow_datasets import OTHER_PIXELS
 from unghost import Client, Conflict
 
 pytestmark = pytest.mark.long
 
 DONE, REFUSED, INTERRUPTED = 0, 1, 130
 FRAMES = 150
-
-
-@pytest.fixture(scope="module")
-def slow(tmp_path_factory):
-    """A server that measures one frame at a time, a client, and a dataset."""
-    with slow_server(tmp_path_factory.mktemp("slow"), FRAMES) as slow:
-        yield slow
 
 
 @pytest.fixture

@@ -1,21 +1,13 @@
-"""A client of the real server, an empty dataset, and one with three frames."""
+"""An empty dataset, and one with three frames, made by a client of the real server."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
 
 import pytest
 
 from tests.support import frames
-from tests.support.servers import RunningServer
 from unghost import Client
-
-
-@pytest.fixture
-def client(server: RunningServer) -> Iterator[Client]:
-    with Client(server.url, server.token) as client:
-        yield client
 
 
 @pytest.fixture

@@ -42,12 +42,6 @@ def filled(server):
         return fill(client, "formats")
 
 
-@pytest.fixture
-def client(server):
-    with Client(server.url, server.token) as client:
-        yield client
-
-
 def export_and_unpack(
     client: Client, dataset: str, form: str, folder: Path, **options
 ) -> Path:

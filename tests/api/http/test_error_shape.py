@@ -11,6 +11,7 @@ from starlette.requests import ClientDisconnect
 
 from app import errors
 from app.http.problems import refusal_of
+from tests.support.connections import read_until_closed
 from unghost.wire.model import Fault
 
 KEYS = {
@@ -182,7 +183,7 @@ def test_malformed_http_request_is_a_problem_document(service, sent):
 
     with socket.create_connection((host, int(port))) as connection:
         connection.sendall(sent)
-        received = b"".join(iter(lambda: connection.recv(65536), b""))
+        received = read_until_closed(connection)
 
     head, _, body = received.partition(b"\r\n\r\n")
     assert head.startswith(b"HTTP/1.1 400 ")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import io
 import struct
 import zipfile
-import zlib
 
 import pytest
 
 from tests.support import frames as scene
 from tests.support.archives import frame, lines_of, tar_archive
+from tests.support.pictures import chunk
 
 PAGE = b"<html><script>alert(1)</script></html>"
 SVG = b"<svg xmlns='http://www.w3.org/2000/svg' onload='alert(1)'/>"
@@ -26,11 +26,6 @@ def service(tmp_path_factory):
         with running.admin() as client:
             client.post("/api/v1/datasets", json={"name": "files"})
         yield running
-
-
-def chunk(kind, body):
-    checksum = struct.pack(">I", zlib.crc32(kind + body))
-    return struct.pack(">I", len(body)) + kind + body + checksum
 
 
 def with_chunk(png, extra):

@@ -12,9 +12,7 @@ from tests.support.sensors import ANNOTATION, files, scene, sensors
 
 @pytest.fixture
 def dataset(api):
-    name = api.dataset()
-    api.upload_frame(name, "a", ANNOTATION, **sensors())
-    return name
+    return api.dataset_of_one_frame(ANNOTATION, **sensors())
 
 
 def far_box(api, dataset):

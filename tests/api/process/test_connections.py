@@ -18,6 +18,7 @@ from app.process.connections import (
 )
 from tests.support import frames as scene
 from tests.support import plain_http
+from tests.support.connections import read_until_closed
 from tests.support.live import live
 from tests.support.servers import start_anew, stop, token_of, wait_for_link
 
@@ -88,11 +89,6 @@ def put(client, key):
     }
     with client_of(client.base_url, client.headers) as once:
         return once.put(f"{STREET}/frames/{key}", files=files).status_code
-
-
-def read_until_closed(connection):
-    """Everything received until the server closes the connection, or a time-out."""
-    return b"".join(iter(lambda: connection.recv(65536), b""))
 
 
 def test_uploads_succeed_while_thousands_of_idle_connections_are_opened(tmp_path):

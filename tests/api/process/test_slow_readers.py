@@ -13,6 +13,7 @@ import pytest
 from app.package import static_dir
 from app.process.server import MOST_PIPELINED
 from tests.support.archives import frame, tar_without_end
+from tests.support.connections import read_until_closed
 from tests.support.live import live
 from tests.support.probe_routes import endless_response_stopped
 
@@ -41,10 +42,6 @@ def open_connection(service):
     connection.settimeout(LONG_S)
     connection.connect((host, int(port)))
     return closing(connection)
-
-
-def read_until_closed(connection):
-    return b"".join(iter(lambda: connection.recv(65536), b""))
 
 
 def request_head(path, **more):

@@ -9,6 +9,7 @@ import pytest
 
 from app.process.server import MOST_PIPELINED
 from tests.support.archives import frame, tar_without_end
+from tests.support.connections import read_until_closed
 from tests.support.live import live
 
 pytestmark = pytest.mark.long
@@ -37,11 +38,6 @@ def request_head(service, method, path, **more):
     more = {"Host": "localhost", **service.bearer, **more}
     lines = (f"{method} {path} HTTP/1.1", *(f"{k}: {v}" for k, v in more.items()))
     return "\r\n".join((*lines, "", "")).encode()
-
-
-def read_until_closed(connection):
-    """Everything received until the server closes the connection, or a time-out."""
-    return b"".join(iter(lambda: connection.recv(65536), b""))
 
 
 def test_endless_request_head_is_cut_off(service):

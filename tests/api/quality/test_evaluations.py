@@ -14,9 +14,7 @@ CHANNELS = ["ordered", "depth", "depth_center", "instance", "lidar"]
 
 @pytest.fixture
 def dataset(api):
-    name = api.dataset()
-    api.upload_frame(name, "a", ANNOTATION, **sensors())
-    return name
+    return api.dataset_of_one_frame(ANNOTATION, **sensors())
 
 
 def run_evaluation(api, dataset):

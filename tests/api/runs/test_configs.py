@@ -13,13 +13,6 @@ CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 YAML = {"Content-Type": "application/yaml"}
 
 
-@pytest.fixture
-def dataset(api):
-    name = api.dataset()
-    api.upload_frame(name, "a")
-    return name
-
-
 def ids(api, dataset):
     """The server's ids of the car and of the ghost."""
     return [box["box_id"] for box in api.boxes(dataset)]

@@ -4,29 +4,15 @@ from __future__ import annotations
 
 import time
 
-import pytest
-
 from tests.support import frames as scene
 from tests.support.api import Api
 from tests.support.event_reader import events, open_events
-from tests.support.slow_datasets import (
-    FROM_PIXELS,
-    OTHER_PIXELS,
-    create_slow_dataset,
-    slow_server,
-)
+from tests.support.slow_datasets import FROM_PIXELS, OTHER_PIXELS, create_slow_dataset
 
 FRAMES = 60
 AT_ONCE_S = 10
 """More seconds than a busy machine takes for something that needs no work."""
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
-
-
-@pytest.fixture(scope="module")
-def slow(tmp_path_factory):
-    """A server that measures one frame at a time, a client, and a slow dataset."""
-    with slow_server(tmp_path_factory.mktemp("slow"), FRAMES) as slow:
-        yield slow
 
 
 def start_run(api, dataset, config, *, activate=True):
@@ -107,8 +93,7 @@ def test_cancelled_queued_run_never_starts(slow):
 
 
 def test_cancelling_a_finished_run_returns_409(api):
-    dataset = api.dataset()
-    api.upload_frame(dataset, "a")
+    dataset = api.dataset_of_one_frame()
     run = api.run(dataset, NOTHING_VISIBLE)
 
     answer = api.post(f"/runs/{run['id']}/cancel")

@@ -15,13 +15,6 @@ BOXES = [
 ]
 
 
-@pytest.fixture
-def dataset(api):
-    name = api.dataset()
-    api.upload_frame(name, "a")
-    return name
-
-
 def first_run(api, dataset):
     return api.json(f"/datasets/{dataset}/runs")["items"][-1]["id"]
 

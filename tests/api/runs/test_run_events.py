@@ -13,19 +13,12 @@ from tests.support.api import BASE, Api
 from tests.support.databases import change
 from tests.support.event_reader import events, open_events
 from tests.support.servers import running_server
-from tests.support.slow_datasets import FROM_PIXELS, slow_server
+from tests.support.slow_datasets import FROM_PIXELS
 from tests.support.waiting import PATIENCE_S, until
 
 FRAMES = 100
 FAST_S = 0.15
 """Less than the 0.2 s between two events, as the clock of a busy machine varies."""
-
-
-@pytest.fixture(scope="module")
-def slow(tmp_path_factory):
-    """A server that measures one frame at a time, a client of it, and a dataset."""
-    with slow_server(tmp_path_factory.mktemp("slow"), FRAMES) as slow:
-        yield slow
 
 
 def start_run(api, dataset, config):

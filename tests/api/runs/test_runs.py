@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
 from app.db.engine import make_engine
 from app.db.migrate import migrate
 from app.package import migrations_dir
@@ -15,13 +13,6 @@ from tests.support.servers import STOP_WAIT_S
 
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
-
-
-@pytest.fixture
-def dataset(api):
-    name = api.dataset()
-    api.upload_frame(name, "a")
-    return name
 
 
 def ids(api, dataset):

@@ -10,17 +10,12 @@ from filter_core.annotation.frame import AnnotationLimits
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import AnnotationErrors
 from filter_core.values import MAX_FAULTS
+from tests.support.annotation_faults import faults_of
 
 POSE = {"x": 0, "y": 0, "z": 2.4}
 CAMERA = {"width": 1280, "height": 720, "fov": 90, "transform": POSE}
 K = [[640, 0, 640], [0, 640, 360], [0, 0, 1]]
 NAN, INF = float("nan"), float("inf")
-
-
-def faults_of(raw, **options):
-    with pytest.raises(AnnotationErrors) as found:
-        parse_annotation(raw, **options)
-    return [(fault.pointer, fault.kind, fault.detail) for fault in found.value.errors]
 
 
 @pytest.mark.parametrize(

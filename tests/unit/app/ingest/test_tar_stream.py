@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import tarfile
 import time
 import tracemalloc
@@ -16,9 +15,9 @@ from hypothesis import strategies as st
 
 from app.errors import TooLarge, UnsupportedMedia
 from app.ingest.tar import BadArchive, Member, TarLimits, TarStream
+from tests.support.archives import END, tar_archive
 
 LIMITS = TarLimits(max_archive_bytes=10**9, max_member_bytes=10_000, max_members=20)
-END = bytes(1024)
 
 
 def read(data, *cuts, limits=LIMITS):
@@ -38,16 +37,6 @@ def header(name, size=0, kind=tarfile.REGTYPE, form=tarfile.GNU_FORMAT, **more):
     return member.tobuf(form)
 
 
-def packed(members, form):
-    out = io.BytesIO()
-    with tarfile.open(fileobj=out, mode="w", format=form) as archive:
-        for name, content in members:
-            member = tarfile.TarInfo(name)
-            member.size = len(content)
-            archive.addfile(member, io.BytesIO(content))
-    return out.getvalue()
-
-
 names = st.text("abcdé/._-", min_size=1, max_size=180).filter(
     lambda name: not name.startswith(("/", "./")) and not name.endswith("/")
 )
@@ -60,7 +49,7 @@ safe_names = names.filter(lambda name: ".." not in name.split("/") and "//" not 
     data=st.data(),
 )
 def test_archives_of_tarfile_are_read_in_pieces_of_any_size(members, form, data):
-    archive = packed(members, form)
+    archive = tar_archive(members, form)
     cuts = data.draw(st.lists(st.integers(0, len(archive)), max_size=6))
 
     assert read(archive, *cuts) == [Member(*one) for one in members]
@@ -177,7 +166,7 @@ def test_valid_encodings_of_a_member_size_are_read(field, size):
 def test_long_name_split_after_a_slash_is_a_file():
     name = "a" * 99 + "/b"
 
-    assert read(packed([(name, b"1")], tarfile.GNU_FORMAT)) == [Member(name, b"1")]
+    assert read(tar_archive([(name, b"1")], tarfile.GNU_FORMAT)) == [Member(name, b"1")]
 
 
 def seconds_of(data):

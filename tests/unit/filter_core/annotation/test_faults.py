@@ -4,19 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from filter_core.annotation.parsing import parse_annotation
-from filter_core.errors import AnnotationErrors
+from tests.support.annotation_faults import faults_of
 
 POSE = {"x": 0, "y": 0, "z": 2.4}
 CAMERA = {"width": 1280, "height": 720, "fov": 90, "transform": POSE}
 FORMS = "xyxy, xyxyn, xywh, cxcywh, cxcywhn, vertices, box3d"
 NAN, INF = float("nan"), float("inf")
-
-
-def faults_of(raw, **options):
-    with pytest.raises(AnnotationErrors) as found:
-        parse_annotation(raw, **options)
-    return [(fault.pointer, fault.kind, fault.detail) for fault in found.value.errors]
 
 
 def box_faults(box, **frame):

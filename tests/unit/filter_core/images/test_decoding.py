@@ -17,6 +17,7 @@ from filter_core.images.decoding import decode_color, decode_image
 from filter_core.images.header import read_image_header
 from filter_core.images.png import PngHeader
 from tests.support import pictures
+from tests.support.pictures import chunk
 
 FLAGS = {"rgb": cv2.IMREAD_COLOR_RGB, "bgr": cv2.IMREAD_COLOR}
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -28,11 +29,6 @@ STREET = RNG.integers(0, 256, (300, 400, 3), np.uint8)
 PASSES = [(0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4)]
 PASSES += [(2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1)]
 """First row and column, and steps in both, of each pass of an interlaced PNG."""
-
-
-def chunk(kind: bytes, body: bytes) -> bytes:
-    checksum = zlib.crc32(kind + body)
-    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", checksum)
 
 
 def rows(pixels: np.ndarray, filters=b"\0") -> bytes:
