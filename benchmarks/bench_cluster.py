@@ -27,7 +27,8 @@ from benchmarks.bench_batch import Scene, send
 from benchmarks.bench_upload import cpu_seconds
 from benchmarks.street import street
 from tests.support.api import Api
-from tests.support.cluster import children, cluster
+from tests.support.cluster import cluster
+from tests.support.processes import children
 from tests.support.servers import RunningServer, running_server
 from tests.support.slow_datasets import OTHER_PIXELS
 

@@ -17,19 +17,13 @@ from app.engine.certificates import make_certificates
 from tests.support.api import Api
 from tests.support.databases import environment_of
 from tests.support.ports import reserved_port
-from tests.support.processes import Process
+from tests.support.processes import Process, children
 from tests.support.servers import RunningServer, running_server, start, start_anew, stop
 from tests.support.sources import CHECKOUT
 from tests.support.waiting import until
 
 PATIENCE_S = 60
 _numbers = count(1)
-
-
-def children(pid: int) -> list[int]:
-    """The ids of the child processes of a process."""
-    found = Path(f"/proc/{pid}/task/{pid}/children").read_text("ascii")
-    return [int(child) for child in found.split()]
 
 
 @dataclass

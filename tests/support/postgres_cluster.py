@@ -26,6 +26,7 @@ from sqlalchemy.pool import NullPool
 
 from tests.support import databases
 from tests.support.ports import reserved_port
+from tests.support.processes import children
 from tools.ensure_programs import path_of
 
 START_WAIT_S = 60
@@ -60,7 +61,7 @@ class Cluster:
     def kill(self) -> None:
         """Kill the server's first process and its children with SIGKILL."""
         pid = int((self.folder / "data" / "postmaster.pid").read_text().split()[0])
-        group = [pid, *_children(pid)]
+        group = [pid, *children(pid)]
         for each in group:
             os.kill(each, signal.SIGKILL)
 
@@ -89,11 +90,6 @@ class Cluster:
 
     def _control(self, *words: str) -> None:
         run(self.programs / "pg_ctl", "-w", "-D", str(self.folder / "data"), *words)
-
-
-def _children(pid: int) -> list[int]:
-    found = Path(f"/proc/{pid}/task/{pid}/children").read_text("ascii")
-    return [int(child) for child in found.split()]
 
 
 @contextmanager

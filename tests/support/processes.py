@@ -176,6 +176,12 @@ def start_anew(
     )
 
 
+def children(pid: int) -> list[int]:
+    """The ids of the child processes of a process."""
+    found = Path(f"/proc/{pid}/task/{pid}/children").read_text("ascii")
+    return [int(child) for child in found.split()]
+
+
 def _early(environ: Mapping[str, str]) -> dict[str, str]:
     return {
         name: value

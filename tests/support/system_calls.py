@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.processes import children
 from tests.support.servers import (
     SERVER,
     RunningServer,
@@ -67,7 +68,7 @@ def traced_server(data: Path) -> Iterator[tuple[RunningServer, Path]]:
         yield RunningServer(url, token_of(data), data, log, process), trace
     finally:
         # strace passes no signals on, so send the signal to the server itself.
-        for child in _children(process.pid):
+        for child in children(process.pid):
             os.kill(child, signal.SIGTERM)
         try:
             process.wait(STOP_WAIT_S)
@@ -95,8 +96,3 @@ def calls_of(trace: Path) -> list[Call]:
         if call and int(call["result"]) >= 0:
             found.append(Call(call["name"], call["words"]))
     return found
-
-
-def _children(pid: int) -> list[int]:
-    text = Path(f"/proc/{pid}/task/{pid}/children").read_text("ascii")
-    return [int(child) for child in text.split()]
