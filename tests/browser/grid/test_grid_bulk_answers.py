@@ -154,7 +154,9 @@ def test_offline_undo_is_shown_at_once_and_sent_when_online(many, user, page):
     assert answers(many) == {}
 
 
-def test_unsent_answer_survives_undo_of_its_bulk_answer(many, user, page):
+def test_unsent_answer_survives_undo_of_its_bulk_answer(
+    many, user, page, make_scene: MakeScene
+):
     reject_first_three(user)
     route_loaded(page, "**/reviews/bulk", lambda route: route.abort())
     cell(page, 1).click()
@@ -168,6 +170,10 @@ def test_unsent_answer_survives_undo_of_its_bulk_answer(many, user, page):
     expect(report).to_be_visible()
     expect(strip(page)).to_have_count(1)
     assert answers(many) == {"b1": "keep"}
+
+    user.open(grid(make_scene()))
+    expect(cell(page, 0)).to_be_visible()
+    expect(strip(page)).to_have_count(0)
 
 
 def test_bulk_answer_whose_response_is_lost_can_be_undone_but_not_discarded(
