@@ -167,7 +167,7 @@ async function countAnswered(dataset, filter) {
  * @param {App} app @param {string} dataset
  * @param {() => {place: import("./pager.js").Place, query: import("../core/router.js").Query}} page  the current place and query
  */
-export function createGridActions(app, dataset, page) {
+function createGridActions(app, dataset, page) {
   /** Read again for each action: keys may be pressed faster than the page is drawn. */
   function now() {
     const { place, query } = page();
@@ -256,11 +256,11 @@ export function createGridActions(app, dataset, page) {
 /** @typedef {ReturnType<typeof createGridActions>} GridActions */
 
 const TYPING_PAUSE_MS = 400;
-export const SMALLEST_PX = 72;
-export const LARGEST_PX = 360;
+const SMALLEST_PX = 72;
+const LARGEST_PX = 360;
 
 /** @param {{app: App, classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
-export function GridFilters({ app, classes, query, onChange }) {
+function GridFilters({ app, classes, query, onChange }) {
   const [isOpen, setOpen] = useState(false);
   return html`<div class="grid-filters" role="search" aria-label="Filter boxes">
     <${VerdictFilter} query=${query} onChange=${onChange} />
@@ -332,7 +332,7 @@ function RangeEnd({ label, hint, most, value, onChange }) {
 }
 
 /** @param {{app: App, pager: Pager, query: Query, inAll: number | null, version: number, selected: number, onUpdate: () => void, onAll: () => void}} props */
-export function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
+function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
   const total = pager.total();
   const report = useValue(app.bulkAnswers.report);
   const key = useKeyText(app, "select");
@@ -372,7 +372,7 @@ function BoxLink({ app, id }) {
 const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused" };
 
 /** Bulk answers, and their undos, that the server has not stored, each with what the person can do about it. @param {{app: App, dataset: string}} props */
-export function UnsentBulkAnswers({ app, dataset }) {
+function UnsentBulkAnswers({ app, dataset }) {
   const { bulkItems } = useValue(app.sender.state);
   const undone = new Set(bulkItems.map(({ item }) => isBulkUndo(item) && item.bulkKey)); // only the undo is listed
   const unsent = bulkItems.filter(({ item, state }) => item.dataset === dataset && state !== "sending" && !undone.has(item.key));

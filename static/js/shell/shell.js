@@ -137,7 +137,7 @@ function UnknownView({ app, route }) {
 }
 
 /** @param {{app: import("../review/answers.js").ReviewApp & import("../upload/uploader.js").UploadApp}} props */
-export function Newcomer({ app }) {
+function Newcomer({ app }) {
   const newcomer = useValue(app.newcomer);
   const person = useValue(app.person);
   const dialog = useRef(/** @type {HTMLDialogElement | null} */ (null));
@@ -182,7 +182,7 @@ function Unowned({ app }) {
 }
 
 /** @param {{app: import("../review/answers.js").ReviewApp, linkError: string}} props */
-export function SignIn({ app, linkError }) {
+function SignIn({ app, linkError }) {
   useTitle("Sign in");
   const kept = [...app.kept()];
   const ended = useValue(app.ended);
@@ -227,7 +227,7 @@ function credentialIn(text) {
 }
 
 /** @param {{app: import("../review/answers.js").ReviewApp & import("../upload/uploader.js").UploadApp}} props */
-export function Toasts({ app }) {
+function Toasts({ app }) {
   const toasts = useValue(app.toasts.list);
   return html`<div class="toasts">
     ${toasts.map(
