@@ -8,10 +8,11 @@ import { get } from "../core/api.js";
 import { useActions, useClosing, useDataset, useLoaded, useTask, useTopBar, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
-import { Keys, keyText, useKeyText, useKeys, withKey } from "../core/keymap.js";
+import { keyText, useKeyText, withKey } from "../core/keymap.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
+import { ANSWERS, AnswerButton } from "../review/answer_bar.js";
 import { VERBS } from "../review/bulk.js";
 import { isBulkUndo } from "../review/outbox.js";
 import { GridCells } from "./cells.js";
@@ -74,27 +75,15 @@ function Boxes({ app, dataset, query, inAll, onQuery }) {
     <div class="sr-only" role="status">${selected ? `${countOf(selected, "box", "boxes")} selected` : ""}</div>`;
 }
 
-const ANSWERS_TO_MANY = /** @type {const} */ ([
-  { action: "keep", icon: "check", text: "Keep" },
-  { action: "reject", icon: "cross", text: "Reject" },
-  { action: "unsure", icon: "question", text: "Unsure" },
-  { action: "clear", icon: "minus", text: "Remove" },
-]);
+const ANSWERS_TO_MANY = [...ANSWERS, { action: "clear", icon: "minus", text: "Remove" }];
 
 /** The buttons for answers on the selected boxes. @param {{app: App, selected: number, isAll: boolean, actions: Record<string, () => void>, onNone: () => void}} props */
 function SelectionBar({ app, selected, isAll, actions, onNone }) {
-  const rows = useKeys(app);
   const escape = useKeyText(app, "escape");
   if (selected === 0) return null;
-  /** @param {string} action */
-  const keysOf = (action) => rows.find((row) => row.action === action)?.keys.slice(0, 1) ?? [];
   return html`<div class="bar bar--answer bar--grid" role="toolbar" aria-label="Answer for the selected boxes">
     <span class="bar__count"><b class="num">${countText(selected)}</b> ${isAll ? "of this filter" : "selected"}</span>
-    ${ANSWERS_TO_MANY.map(
-      ({ action, icon, text }) => html`<button class="answer answer--${action}" onClick=${actions[action]}>
-        <${Icon} name=${icon} /><span>${text}</span><${Keys} app=${app} keys=${keysOf(action)} />
-      </button>`,
-    )}
+    ${ANSWERS_TO_MANY.map((row) => html`<${AnswerButton} app=${app} row=${row} actions=${actions} />`)}
     <span class="bar__rule" aria-hidden="true"></span>
     <button class="answer" aria-label="Select none" title=${withKey("Select none", escape)} onClick=${onNone}><${Icon} name="cross" /></button>
   </div>`;
