@@ -233,7 +233,7 @@ async function load(address, signal) {
 /** @typedef {{url: string, state: "waiting" | "shown" | "none" | "failed", crop: Crop | null}} SeenCrop */
 
 /** A crop, requested while its cell is on the page, and again after a failure that may pass. @param {string} url @returns {SeenCrop} */
-export function useCrop(url) {
+function useCrop(url) {
   const [seen, setSeen] = useState(/** @type {(CropAnswer & {url: string}) | null} */ (null));
   const [attempt, setAttempt] = useState(0);
   useEffect(() => (url ? crops.want(url, (answer) => setSeen({ url, ...answer })) : undefined), [url, attempt]);

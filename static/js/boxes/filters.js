@@ -85,7 +85,7 @@ const FLAGS = /** @type {const} */ (["toss_up", "conflict"]);
 const NUMBERS = /** @type {const} */ (["match_min", "match_max", "distance_min", "distance_max"]);
 
 /** Filters in the menu "More". */
-export const MORE_KEYS = /** @type {readonly string[]} */ ([...FLAGS, ...NUMBERS]);
+const MORE_KEYS = /** @type {readonly string[]} */ ([...FLAGS, ...NUMBERS]);
 
 export const BOX_FILTER_KEYS = /** @type {readonly string[]} */ ([...FILTER_KEYS, ...MORE_KEYS]);
 

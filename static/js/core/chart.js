@@ -14,7 +14,7 @@ const SOON_MS = 150;
 const TOKENS = ["text", "text-soft", "text-faint", "line", "line-strong", "surface", "accent", "kept-strong", "rejected-strong", "kept", "rejected", "unsure", "unmeasured-strong"];
 
 /** The colours as they are now. @param {Element} element @returns {Ink} */
-export function readInk(element) {
+function readInk(element) {
   const style = getComputedStyle(element);
   return Object.fromEntries(TOKENS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 }

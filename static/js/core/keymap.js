@@ -74,7 +74,7 @@ export function nameOf(press) {
  * grid, takes precedence over what the person has chosen for all views, but a letter does not.
  * @param {KeySettings} settings @returns {Binding[]}
  */
-export function boundKeys(settings) {
+function boundKeys(settings) {
   /** @param {string | undefined} where */
   const chosen = (where) => KEYMAP.flatMap((row) => (row.where === where ? (settings.keys[row.action] ?? []) : []));
   return KEYMAP.map((row) => {
@@ -163,7 +163,7 @@ export function rebind(settings, action, name) {
 const SHOWN = { ArrowRight: "→", ArrowLeft: "←", ArrowUp: "↑", ArrowDown: "↓", Escape: "Esc", PageDown: "PgDn", PageUp: "PgUp", Backspace: "⌫", Delete: "Del" };
 
 /** @param {string} name */
-export const shownKey = (name) => SHOWN[name] ?? name.replace("Shift+", "⇧");
+const shownKey = (name) => SHOWN[name] ?? name.replace("Shift+", "⇧");
 
 /** @param {Pick<Storage, "getItem">} storage @returns {KeySettings} */
 export function loadKeys(storage) {
@@ -215,7 +215,7 @@ export function perform(app, action, press) {
 }
 
 /** Whether a key press belongs to the focused field or dialog, so that it is no shortcut. @param {KeyboardEvent} event */
-export function isTyping({ target, key }) {
+function isTyping({ target, key }) {
   if (!(target instanceof HTMLElement)) return false;
   if (target.closest("dialog[open]")) return true;
   if (target.matches("textarea, select, input:not([type=checkbox]):not([type=range])")) return key !== "Escape";

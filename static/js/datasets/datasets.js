@@ -57,7 +57,7 @@ function Card({ app, dataset }) {
 }
 
 /** @param {{counts: import("../core/openapi.js").FrameCounts}} props */
-export function Legend({ counts }) {
+function Legend({ counts }) {
   return html`<div class="legend">
     <span><${StrokeSwatch} verdict="kept" /><b>${countText(counts.kept)}</b> kept</span>
     <span><${StrokeSwatch} verdict="rejected" /><b>${countText(counts.rejected)}</b> rejected</span>

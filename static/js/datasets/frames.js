@@ -117,7 +117,7 @@ function Nothing({ isFiltered, onClear }) {
 const TYPING_PAUSE_MS = 250;
 
 /** @param {{classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
-export function FrameFilters({ classes, query, onChange }) {
+function FrameFilters({ classes, query, onChange }) {
   return html`<div class="filters" role="search" aria-label="Filter frames">
     <${VerdictFilter} query=${query} onChange=${onChange} />
     <${FilterMenus} query=${query} own=${{ class: { choices: classChoices(classes) } }} onChange=${onChange} onClear=${hasFilters(query) ? () => onChange({}) : null}>

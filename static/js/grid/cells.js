@@ -181,7 +181,7 @@ const SMALL_PX = 112;
  */
 
 /** @param {RowProps} props */
-export function Row({ app, row, top, layout, frameSize, waiting, cells, openTitle, onPick, onOpen }) {
+function Row({ app, row, top, layout, frameSize, waiting, cells, openTitle, onPick, onOpen }) {
   return html`<div class="grid-row ${layout.cell < SMALL_PX ? "is-small" : ""}" role="row" aria-rowindex=${row + 1} style=${{ transform: `translateY(${top}px)`, gridTemplateColumns: `repeat(${layout.columns}, ${layout.cell}px)` }}>
     ${cells.map(
       (cell, column) => html`<${Cell} key=${cell.index} app=${app} cell=${cell} column=${column} size=${layout.cell} frameSize=${frameSize}

@@ -8,10 +8,11 @@ import { get } from "../core/api.js";
 import { useActions, useClosing, useDataset, useLoaded, useTask, useTopBar, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
-import { Keys, keyText, useKeyText, useKeys, withKey } from "../core/keymap.js";
+import { keyText, useKeyText, withKey } from "../core/keymap.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
+import { ANSWERS, AnswerButton } from "../review/answer_bar.js";
 import { VERBS } from "../review/bulk.js";
 import { isBulkUndo } from "../review/outbox.js";
 import { GridCells } from "./cells.js";
@@ -75,27 +76,15 @@ function Boxes({ app, dataset, query, inAll, onQuery }) {
     <div class="sr-only" role="status">${selected ? `${countOf(selected, "box", "boxes")} selected` : ""}</div>`;
 }
 
-const ANSWERS_TO_MANY = /** @type {const} */ ([
-  { action: "keep", icon: "check", text: "Keep" },
-  { action: "reject", icon: "cross", text: "Reject" },
-  { action: "unsure", icon: "question", text: "Unsure" },
-  { action: "clear", icon: "minus", text: "Remove" },
-]);
+const ANSWERS_TO_MANY = [...ANSWERS, { action: "clear", icon: "minus", text: "Remove" }];
 
 /** The buttons for answers on the selected boxes. @param {{app: App, selected: number, isAll: boolean, actions: Record<string, () => void>, onNone: () => void}} props */
 function SelectionBar({ app, selected, isAll, actions, onNone }) {
-  const rows = useKeys(app);
   const escape = useKeyText(app, "escape");
   if (selected === 0) return null;
-  /** @param {string} action */
-  const keysOf = (action) => rows.find((row) => row.action === action)?.keys.slice(0, 1) ?? [];
   return html`<div class="bar bar--answer bar--grid" role="toolbar" aria-label="Answer for the selected boxes">
     <span class="bar__count"><b class="num">${countText(selected)}</b> ${isAll ? "of this filter" : "selected"}</span>
-    ${ANSWERS_TO_MANY.map(
-      ({ action, icon, text }) => html`<button class="answer answer--${action}" onClick=${actions[action]}>
-        <${Icon} name=${icon} /><span>${text}</span><${Keys} app=${app} keys=${keysOf(action)} />
-      </button>`,
-    )}
+    ${ANSWERS_TO_MANY.map((row) => html`<${AnswerButton} app=${app} row=${row} actions=${actions} />`)}
     <span class="bar__rule" aria-hidden="true"></span>
     <button class="answer" aria-label="Select none" title=${withKey("Select none", escape)} onClick=${onNone}><${Icon} name="cross" /></button>
   </div>`;
@@ -168,7 +157,7 @@ async function countAnswered(dataset, filter) {
  * @param {App} app @param {string} dataset
  * @param {() => {place: import("./pager.js").Place, query: import("../core/router.js").Query}} page  the current place and query
  */
-export function createGridActions(app, dataset, page) {
+function createGridActions(app, dataset, page) {
   /** Read again for each action: keys may be pressed faster than the page is drawn. */
   function now() {
     const { place, query } = page();
@@ -257,11 +246,11 @@ export function createGridActions(app, dataset, page) {
 /** @typedef {ReturnType<typeof createGridActions>} GridActions */
 
 const TYPING_PAUSE_MS = 400;
-export const SMALLEST_PX = 72;
-export const LARGEST_PX = 360;
+const SMALLEST_PX = 72;
+const LARGEST_PX = 360;
 
 /** @param {{app: App, classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
-export function GridFilters({ app, classes, query, onChange }) {
+function GridFilters({ app, classes, query, onChange }) {
   const [isOpen, setOpen] = useState(false);
   return html`<div class="grid-filters" role="search" aria-label="Filter boxes">
     <${VerdictFilter} query=${query} onChange=${onChange} />
@@ -333,7 +322,7 @@ function RangeEnd({ label, hint, most, value, onChange }) {
 }
 
 /** @param {{app: App, pager: Pager, query: Query, inAll: number | null, version: number, selected: number, onUpdate: () => void, onAll: () => void}} props */
-export function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
+function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
   const total = pager.total();
   const key = useKeyText(app, "select");
   const left = pager.changed().filter((box) => !isShown(box, query)).length;
@@ -373,7 +362,7 @@ function BoxLink({ app, id }) {
 const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused" };
 
 /** Bulk answers, and their undos, that the server has not stored, each with what the person can do about it. @param {{app: App, dataset: string}} props */
-export function UnsentBulkAnswers({ app, dataset }) {
+function UnsentBulkAnswers({ app, dataset }) {
   const { bulkItems } = useValue(app.sender.state);
   const undone = new Set(bulkItems.map(({ item }) => isBulkUndo(item) && item.bulkKey)); // only the undo is listed
   const unsent = bulkItems.filter(({ item, state }) => item.dataset === dataset && state !== "sending" && !undone.has(item.key));

@@ -94,7 +94,7 @@ function useMeasuring(app, dataset, onDone) {
 }
 
 /** @param {{dataset: string, found: Evaluation, by: string, active: string}} props */
-export function ChannelTable({ dataset, found, by, active }) {
+function ChannelTable({ dataset, found, by, active }) {
   const channels = Object.entries(found.channels);
   if (by === "all") return html`<${Whole} dataset=${dataset} channels=${channels} boxes=${found.boxes} active=${active} />`;
   return html`<div class="tablewrap" role="group" aria-label="Kinds of evidence" tabindex="0"><table class="table groups channels channels--matrix">

@@ -122,7 +122,7 @@ function Row({ dataset, truth, group }) {
 }
 
 /** @param {{measure: Measure | null, name: string}} props */
-export function Whisker({ measure, name }) {
+function Whisker({ measure, name }) {
   if (!measure) return html`<span class="whisker whisker--none" title=${`${name}: too few answers`}><span class="sr-only">not known</span></span>`;
   const [low, at, high] = [measure.low, measure.value, measure.high].map((share) => 100 * share);
   return html`<span class="whisker" title=${`${name} ${shareText(measure.value)}, 95 % between ${intervalText(measure)}`}>

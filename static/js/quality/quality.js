@@ -85,7 +85,7 @@ const Skeleton = () => html`<div class="quality" aria-hidden="true">${[0, 1, 2].
   <p class="sr-only" role="status">Loading quality</p>`;
 
 /** @param {{agreement: Agreement, reviewers: readonly Reviewer[]}} props */
-export function Reviewers({ agreement, reviewers }) {
+function Reviewers({ agreement, reviewers }) {
   return html`<section class="panelbox quality__wide" aria-labelledby="reviewers-title">
     <header class="panelbox__head"><h2 id="reviewers-title">People</h2><span class="faint">${countOf(reviewers.length, "reviewer")}</span></header>
     <div class="quality__split quality__split--top">

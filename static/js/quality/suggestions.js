@@ -82,7 +82,7 @@ function SaveButton({ app, dataset, active, suggested, text, isLarge = false, on
 const TABLE_ROWS = 12;
 
 /** @param {{app: import("../core/app.js").App, suggestion: Suggestion}} props */
-export function Curve({ app, suggestion }) {
+function Curve({ app, suggestion }) {
   const element = useRef(/** @type {HTMLDivElement | null} */ (null));
   useEffect(() => {
     if (!element.current) return undefined;

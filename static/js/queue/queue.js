@@ -131,7 +131,7 @@ function useSupply(app, session, media) {
  * @param {{stage: () => import("../stage/stage.js").Stage | null, openComment: () => void, isBlind: () => boolean,
  *   view: import("../core/observable.js").Value<"crop" | "frame">}} page
  */
-export function createQueueActions(app, session, page) {
+function createQueueActions(app, session, page) {
   const { line } = session;
   const current = () => app.boxes.get(currentOf(line.get()) ?? 0) ?? null;
 
@@ -216,7 +216,7 @@ export function createQueueActions(app, session, page) {
 /** @typedef {ReturnType<typeof createQueueActions>} QueueActions */
 
 /** @param {{box: import("../boxes/box.js").Decision, session: import("./session.js").Session, onSee: () => void}} props */
-export function BlindPanel({ box, session, onSee }) {
+function BlindPanel({ box, session, onSee }) {
   const last = useValue(session.comparisons).at(-1);
   return html`<aside class="panel panel--inspector" aria-label="Selected box">
     <header class="inspector__head"><h2>${box.class} <span class="faint">${box.id}</span></h2></header>
@@ -230,10 +230,10 @@ export function BlindPanel({ box, session, onSee }) {
   </aside>`;
 }
 
-export const Fetching = () => html`<div class="queue__message" aria-busy="true"><div class="queue__wait shimmer"></div><p class="sr-only" role="status">Loading the next boxes</p></div>`;
+const Fetching = () => html`<div class="queue__message" aria-busy="true"><div class="queue__wait shimmer"></div><p class="sr-only" role="status">Loading the next boxes</p></div>`;
 
 /** @param {{app: App, session: Session, query: Query, actions: QueueActions, onAll: () => void}} props */
-export function AllDone({ app, session, query, actions, onAll }) {
+function AllDone({ app, session, query, actions, onAll }) {
   const { verdicts } = useValue(session.tally);
   const { elsewhere } = useValue(session.counts);
   const { waiting } = useValue(app.sender.state);
@@ -250,7 +250,7 @@ export function AllDone({ app, session, query, actions, onAll }) {
   </div>`;
 }
 
-export const NoBoxesYet = () => html`<div class="queue__message"><${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//></div>`;
+const NoBoxesYet = () => html`<div class="queue__message"><${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//></div>`;
 
 /** What one can do now. @param {{dataset: string, order: string, query: Query, open: number, elsewhere: number, session: Session, actions: QueueActions, onAll: () => void}} props */
 function Ways({ dataset, order, query, open, elsewhere, session, actions, onAll }) {
@@ -271,7 +271,7 @@ function doneText(verdicts) {
 }
 
 /** Notices for boxes that somebody else answered first. @param {{app: App, session: Session, onShow: (line: import("./line.js").Line) => void}} props */
-export function OvertakenNotices({ app, session, onShow }) {
+function OvertakenNotices({ app, session, onShow }) {
   const overtaken = [...useValue(app.overtaken).values()].flatMap((item) => {
     const box = session.line.get().ids.includes(item.boxId) ? app.boxes.get(item.boxId) : undefined;
     return box ? [{ item, box }] : [];

@@ -43,7 +43,7 @@ const MOST_EXCLUDED = 1000;
 export const orderOf = (query) => ORDERS.find(({ value }) => value === query.order)?.value ?? "doubt";
 
 /** @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query */
-export function createQueueSession(app, dataset, query) {
+function createQueueSession(app, dataset, query) {
   const { boxes } = app;
   /** The functions that release the boxes of this session in the store. @type {(() => void)[]} */
   const releases = [];

@@ -9,29 +9,42 @@ import { Keys, keepFocus, useKeys } from "../core/keymap.js";
 /** @typedef {import("../core/app.js").Actions} Actions */
 /** @typedef {import("../core/app.js").App} App */
 /** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @typedef {{action: string, icon: string, text: string}} AnswerRow */
 
-/** @type {readonly {action: string, answer: string, icon: string, text: string}[]} */
-const ANSWERS = [
-  { action: "keep", answer: "keep", icon: "check", text: "Keep" },
-  { action: "reject", answer: "reject", icon: "cross", text: "Reject" },
-  { action: "unsure", answer: "unsure", icon: "question", text: "Unsure" },
+/** The answers, by the names of their actions. @type {readonly AnswerRow[]} */
+export const ANSWERS = [
+  { action: "keep", icon: "check", text: "Keep" },
+  { action: "reject", icon: "cross", text: "Reject" },
+  { action: "unsure", icon: "question", text: "Unsure" },
 ];
+
+/** The first key of an action. @param {{app: App, action: string}} props */
+function FirstKey({ app, action }) {
+  const keys = useKeys(app).find((row) => row.action === action)?.keys.slice(0, 1) ?? [];
+  return html`<${Keys} app=${app} keys=${keys} />`;
+}
+
+/**
+ * The button of an answer, with its key.
+ * @param {{app: App, row: AnswerRow, actions: Actions, isGiven?: boolean, isDisabled?: boolean,
+ *   children?: unknown}} props  `isGiven`: whether the box has this answer; undefined for many boxes
+ */
+export const AnswerButton = ({ app, row: { action, icon, text }, actions, isGiven, isDisabled = false, children }) =>
+  html`<button class="answer answer--${action}" aria-pressed=${isGiven} disabled=${isDisabled} onClick=${actions[action]}>
+    <${Icon} name=${icon} /><span>${text}</span><${FirstKey} app=${app} action=${action} />${children}
+  </button>`;
 
 /** @param {{app: App, box: Decision | null, isWaiting: boolean, actions: Actions}} props */
 export function AnswerBar({ app, box, isWaiting, actions }) {
-  const rows = useKeys(app);
-  /** @param {string} action */
-  const keysOf = (action) => rows.find((row) => row.action === action)?.keys.slice(0, 1) ?? [];
   const given = box ? answerOf(box) : null;
   return html`<div class="bar bar--answer" role="toolbar" aria-label="Answer" onMouseDown=${keepFocus}>
     ${ANSWERS.map(
-      ({ action, answer, icon, text }) => html`<button class="answer answer--${answer}" aria-pressed=${given === answer} disabled=${!box} onClick=${actions[action]}>
-        <${Icon} name=${icon} /><span>${text}</span><${Keys} app=${app} keys=${keysOf(action)} />
-        ${given === answer && html`<span class="answer__state ${isWaiting ? "is-waiting" : ""}" title=${isWaiting ? "not saved yet" : "saved"}></span>`}
-      </button>`,
+      (row) => html`<${AnswerButton} app=${app} row=${row} actions=${actions} isGiven=${given === row.action} isDisabled=${!box}>
+        ${given === row.action && html`<span class="answer__state ${isWaiting ? "is-waiting" : ""}" title=${isWaiting ? "not saved yet" : "saved"}></span>`}
+      <//>`,
     )}
     <span class="bar__rule" aria-hidden="true"></span>
-    <button class="answer answer--undo" onClick=${actions.undo} aria-label="Undo" title="Undo your last answer"><${Icon} name="undo" /><${Keys} app=${app} keys=${keysOf("undo")} /></button>
+    <button class="answer answer--undo" onClick=${actions.undo} aria-label="Undo" title="Undo your last answer"><${Icon} name="undo" /><${FirstKey} app=${app} action="undo" /></button>
   </div>`;
 }
 

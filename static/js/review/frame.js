@@ -268,7 +268,7 @@ export function createFrameActions(app, frame, ids, page) {
 /** @typedef {ReturnType<typeof createFrameActions>} FrameActions */
 
 /** @param {{frame: import("../core/openapi.js").Frame, query: import("../core/router.js").Query}} props */
-export function FrameSteps({ frame, query }) {
+function FrameSteps({ frame, query }) {
   return html`<div class="framesteps" role="group" aria-label="Frames">
     <${Step} id=${frame.previous_id} query=${query} icon="left" text="Previous frame" />
     <${Step} id=${frame.next_id} query=${query} icon="right" text="Next frame" />

@@ -234,7 +234,7 @@ const When = ({ at }) => html`<time class="faint" datetime=${at} title=${at}>${a
 const MOST = 6;
 
 /** @param {{boxes: readonly Decision[], box: Decision, onSelect: (boxId: number) => void}} props */
-export function Neighbours({ boxes, box, onSelect }) {
+function Neighbours({ boxes, box, onSelect }) {
   const found = useMemo(() => overlapping(boxes, box), [boxes, box]);
   if (found.length === 0) return null;
   return html`<section class="neighbours" aria-label="Overlapping boxes">
@@ -277,7 +277,7 @@ function rowsOf(box) {
 const signed = (percent) => `${percent < 0 ? "−" : "+"}${percentText(Math.abs(percent))}`;
 
 /** @param {{box: Decision}} props */
-export function Numbers({ box }) {
+function Numbers({ box }) {
   return html`<section class="numbers">
     <h3>Numbers</h3>
     <dl class="facts">

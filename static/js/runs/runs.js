@@ -78,7 +78,7 @@ async function configOf(run, signal) {
 }
 
 /** @param {{app: App, dataset: string, run: number, against: number | null, runs: readonly Run[]}} props */
-export function RunDiffPanel({ app, dataset, run, against, runs }) {
+function RunDiffPanel({ app, dataset, run, against, runs }) {
   const loaded = useLoaded((signal) => diffOf(run, { against, limit: 1 }, signal), [run, against]);
   const diff = loaded.value;
   return html`<section class="panelbox rundiff" aria-labelledby="diff-title" aria-busy=${loaded.state === "loading"}>
@@ -159,7 +159,7 @@ function Boxes({ app, diff }) {
 const KINDS = /** @type {Record<string, string>} */ ({ measure: "measured again", decide: "decided again" });
 
 /** @param {{app: import("../core/app.js").App, dataset: string, run: Run, isActive: boolean, isShown: boolean}} props */
-export function RunRow({ app, dataset, run, isActive, isShown }) {
+function RunRow({ app, dataset, run, isActive, isShown }) {
   return html`<article class="run ${isShown ? "is-shown" : ""}" aria-label=${`Run ${run.id}`}>
     <div class="run__what">
       <span class="run__name">Run ${run.id}</span><${StateBadge} state=${run.state} />

@@ -7,7 +7,7 @@ import { Icon, Mark } from "../core/icons.js";
 import { HelpDialog } from "../core/keymap.js";
 import { NO_TOKEN_LINKS } from "../core/login.js";
 import { countOf } from "../core/numbers.js";
-import { Failure, Notice } from "../core/parts.js";
+import { Dialog, Failure, Notice, useDialog } from "../core/parts.js";
 import { linkTo, loginOf } from "../core/router.js";
 import { DatasetsView } from "../datasets/datasets.js";
 import { FramesView } from "../datasets/frames.js";
@@ -60,6 +60,7 @@ export function Shell({ app, linkError }) {
   const route = useValue(app.router.route);
   const isSignedIn = useValue(app.isSignedIn);
   const announcement = useValue(app.announcement);
+  const newcomer = useValue(app.newcomer);
   const [isHelpOpen, setHelpOpen] = useState(false);
   const [actions] = useState(() => ({ help: () => setHelpOpen(true) }));
   useActions(app, actions);
@@ -74,7 +75,7 @@ export function Shell({ app, linkError }) {
         <${View} key=${route.name} app=${app} route=${route} />`
       : html`<${SignIn} app=${app} linkError=${linkError} />`}
     ${isSignedIn && html`<${Uploads} app=${app} />`}
-    <${Newcomer} app=${app} />
+    ${newcomer && html`<${Newcomer} app=${app} newcomer=${newcomer} />`}
     <${Toasts} app=${app} />
     <div class="sr-only" role="status" aria-live="polite">${announcement}</div>
     ${isHelpOpen && html`<${HelpDialog} app=${app} onClose=${() => setHelpOpen(false)} />`}
@@ -136,25 +137,21 @@ function UnknownView({ app, route }) {
     </main>`;
 }
 
-/** @param {{app: import("../review/answers.js").ReviewApp & import("../upload/uploader.js").UploadApp}} props */
-export function Newcomer({ app }) {
-  const newcomer = useValue(app.newcomer);
-  const person = useValue(app.person);
-  const dialog = useRef(/** @type {HTMLDialogElement | null} */ (null));
-  useEffect(() => void (newcomer && dialog.current?.showModal()), [newcomer]);
-  if (!newcomer) return null;
-  const now = person?.name ?? "";
-  return html`<dialog class="dialog dialog--question" ref=${dialog} aria-labelledby="newcomer-title" onCancel=${() => app.admit(false)}>
-    <div class="dialog__body">
-      <header class="dialog__head"><h2 id="newcomer-title">Sign in as ${newcomer.name} instead of ${now}?</h2></header>
-      <p>You opened a login link of <b>${newcomer.name}</b> (${newcomer.role}). If you sign in, your answers are stored under that name.</p>
-      <p>If you did not ask for this link, stay ${now}. Answers of ${now} that are not saved yet stay in this browser until ${now} is back.</p>
-      <footer class="dialog__foot">
-        <button class="button" onClick=${() => app.admit(true)}>Sign in as ${newcomer.name}</button>
-        <button class="button button--primary" autofocus onClick=${() => app.admit(false)}>Stay ${now}</button>
-      </footer>
-    </div>
-  </dialog>`;
+/**
+ * Asks whether the person of an opened login link is to be signed in.
+ * @param {{app: App, newcomer: {name: string, role: string}}} props
+ */
+function Newcomer({ app, newcomer: { name, role } }) {
+  const now = useValue(app.person)?.name ?? "";
+  const dialog = useDialog();
+  return html`<${Dialog} dialog=${dialog} id="newcomer-title" title="Sign in as ${name} instead of ${now}?" onClose=${() => app.admit(false)}>
+    <p>You opened a login link of <b>${name}</b> (${role}). If you sign in, your answers are stored under that name.</p>
+    <p>If you did not ask for this link, stay ${now}. Answers of ${now} that are not saved yet stay in this browser until ${now} is back.</p>
+    <footer class="dialog__foot">
+      <button class="button" onClick=${() => app.admit(true)}>Sign in as ${name}</button>
+      <button class="button button--primary" autofocus onClick=${dialog.close}>Stay ${now}</button>
+    </footer>
+  <//>`;
 }
 
 /** Unsent answers that do not say who gave them, until somebody decides what becomes of them. @param {{app: import("../review/answers.js").ReviewApp}} props */
@@ -182,7 +179,7 @@ function Unowned({ app }) {
 }
 
 /** @param {{app: import("../review/answers.js").ReviewApp, linkError: string}} props */
-export function SignIn({ app, linkError }) {
+function SignIn({ app, linkError }) {
   useTitle("Sign in");
   const kept = [...app.kept()];
   const ended = useValue(app.ended);
@@ -227,7 +224,7 @@ function credentialIn(text) {
 }
 
 /** @param {{app: import("../review/answers.js").ReviewApp & import("../upload/uploader.js").UploadApp}} props */
-export function Toasts({ app }) {
+function Toasts({ app }) {
   const toasts = useValue(app.toasts.list);
   return html`<div class="toasts">
     ${toasts.map(

@@ -103,7 +103,7 @@ function MenuPanel({ app, close }) {
 export const hasTabs = (route) => ROUTES.some(({ name, nav }) => nav && name === route.name);
 
 /** The tabs of a dataset. Their links keep the filters. @param {{app: import("../review/answers.js").ReviewApp}} props */
-export function DatasetTabs({ app }) {
+function DatasetTabs({ app }) {
   const route = useValue(app.router.route);
   const list = useRef(/** @type {HTMLUListElement | null} */ (null));
   useLayoutEffect(() => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "center" }), [route.name]);

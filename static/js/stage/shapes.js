@@ -11,7 +11,7 @@ import { VERDICT_SIGN, shortText } from "../boxes/wording.js";
 
 /** Width of a line, without and with the casing on both sides. */
 const INK_PX = 2;
-export const LINE_PX = 4;
+const LINE_PX = 4;
 
 /** Length of a prepared piece of a dashed line, a multiple of every dash; longer edges repeat it. */
 const STRIP_PX = 2 * 3 * 5 * 11 * 4;

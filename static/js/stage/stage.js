@@ -245,7 +245,7 @@ function fitLayer(layer, size) {
 const DURATION_MS = 160;
 
 /** @param {() => View} current @param {(view: View) => void} show */
-export function createGlide(current, show) {
+function createGlide(current, show) {
   /** @type {View | null} */
   let goal = null;
   let request = 0;

@@ -222,7 +222,7 @@ const LARGE_STEP = 5;
 const PAGE_STEP = 10;
 
 /** @param {number} value */
-export const clampPercent = (value) => Math.min(100, Math.max(0, value));
+const clampPercent = (value) => Math.min(100, Math.max(0, value));
 
 /** Two digits, so that steps never leave 10.499999. @param {number} value */
 const rounded = (value) => Math.round(value * 100) / 100;
@@ -262,7 +262,7 @@ export function typedPercent(text) {
 const HATCH_PX = 5;
 
 /** @param {UPlot} plot @param {Ink} ink @param {Bars} bars */
-export function paintBars(plot, ink, { heights, threshold, active }) {
+function paintBars(plot, ink, { heights, threshold, active }) {
   const { ctx, bbox } = plot;
   const at = (/** @type {number} */ percent) => plot.valToPos(percent, "x", true);
   const shape = barShape(plot, heights);

@@ -3,6 +3,7 @@
 
 import { FILTER_KEYS } from "../boxes/filters.js";
 import { post } from "../core/api.js";
+import { useLoaded } from "../core/hooks.js";
 import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
 import { linkTo } from "../core/router.js";
 import { configQuery, editsOf, effectiveEdits, queryOf, withEdits } from "./config.js";
@@ -84,14 +85,12 @@ const previewOf = (dataset, question, signal) => post("/api/v1/datasets/{dataset
  * @param {import("../core/openapi.js").FilterConfigIn} tried @param {number} limit
  */
 function usePreviews(dataset, active, tried, limit) {
-  const [baseline, setBaseline] = useState(/** @type {Preview | null} */ (null));
+  const baseline = useLoaded((signal) => previewOf(dataset, { config: active.config, limit: 0 }, signal), [dataset, active]);
   const [preview, setPreview] = useState(/** @type {Preview | null} */ (null));
   const [counted, setCounted] = useState(/** @type {import("../core/openapi.js").FilterConfigIn | null} */ (null));
   const [listed, setListed] = useState(/** @type {Preview | null} */ (null));
   const [error, setError] = useState(/** @type {Error | null} */ (null));
-  const [baselineError, setBaselineError] = useState(/** @type {Error | null} */ (null));
   const [isBusy, setBusy] = useState(false);
-  const [attempt, setAttempt] = useState(0);
   const ask = useMemo(
     () =>
       createLatest(
@@ -110,14 +109,6 @@ function usePreviews(dataset, active, tried, limit) {
     [dataset, active],
   );
   useEffect(() => () => ask.stop(), [ask]);
-  useEffect(() => {
-    const stop = new AbortController();
-    previewOf(dataset, { config: active.config, limit: 0 }, stop.signal).then(
-      (answer) => !stop.signal.aborted && (setBaseline(answer), setBaselineError(null)),
-      (error) => !stop.signal.aborted && setBaselineError(error),
-    );
-    return () => stop.abort();
-  }, [ask, attempt]);
   // Before the frame is painted: the server can count meanwhile.
   useLayoutEffect(() => {
     ask.ask({ config: tried, limit: 0 });
@@ -125,10 +116,10 @@ function usePreviews(dataset, active, tried, limit) {
     return () => clearTimeout(timer);
   }, [ask, tried, limit]);
   const retry = () => {
-    setAttempt((n) => n + 1);
+    baseline.reload();
     ask.ask({ config: tried, limit });
   };
-  return { baseline, preview, counted, listed, error: error ?? baselineError, isBusy, retry, isListed: listed !== null && listed.config === preview?.config };
+  return { baseline: baseline.value, preview, counted, listed, error: error ?? baseline.error, isBusy, retry, isListed: listed !== null && listed.config === preview?.config };
 }
 
 /**

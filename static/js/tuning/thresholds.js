@@ -107,7 +107,7 @@ function ChannelLine({ config, keys }) {
 }
 
 /** @param {{tuning: Tuning, onReset: () => void, onSave: () => void, isRunning: boolean}} props */
-export function Summary({ tuning, onReset, onSave, isRunning }) {
+function Summary({ tuning, onReset, onSave, isRunning }) {
   const { preview, baseline, edits, counted } = tuning;
   const changed = Object.keys(edits).length;
   const isCurrent = counted === tuning.tried;

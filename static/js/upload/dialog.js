@@ -203,7 +203,7 @@ const slugOf = (text) => text.toLowerCase().replace(/[^a-z0-9._-]+/g, "-").repla
 const MOST_ROWS = 4;
 
 /** The first frames, as they will be sent. @param {{plan: import("./folder.js").Plan}} props */
-export function PlanTable({ plan }) {
+function PlanTable({ plan }) {
   const rest = plan.frames.length - MOST_ROWS;
   return html`<div class="upload__table"><table>
     <thead><tr><th scope="col">Frame</th><th scope="col">Image</th><th scope="col">Segmentation</th><th scope="col" class="is-number">Boxes</th></tr></thead>

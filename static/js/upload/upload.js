@@ -94,20 +94,20 @@ function Picker({ app, text, icon, isFolder = false, isPrimary = false }) {
 }
 
 /** With more files than this the page would be too slow. */
-export const MOST_FILES = 60_000;
+const MOST_FILES = 60_000;
 
 /** Too many files were dropped or picked. */
-export class TooMany extends Error {
+class TooMany extends Error {
   constructor() {
     super(`These are more than ${MOST_FILES} files: use the command line for them.`);
   }
 }
 
 /** Whether files are being dragged. @param {DataTransfer | null} transfer */
-export const hasFiles = (transfer) => transfer?.types.includes("Files") ?? false;
+const hasFiles = (transfer) => transfer?.types.includes("Files") ?? false;
 
 /** All files of a drop. Must be called within the event's handler: its content is not available later. @param {DataTransfer} transfer @returns {Promise<Entry[]>} */
-export function filesOfDrop(transfer) {
+function filesOfDrop(transfer) {
   const items = [...transfer.items].filter(({ kind }) => kind === "file");
   const found = items.map((item) => item.webkitGetAsEntry?.() ?? item.getAsFile());
   return allOf(found);
@@ -125,7 +125,7 @@ async function allOf(found) {
 }
 
 /** @param {FileList} files @returns {Promise<Entry[]>} */
-export async function filesOfField(files) {
+async function filesOfField(files) {
   if (files.length > MOST_FILES) throw new TooMany();
   return [...files].map((file) => entryOf(file, file.webkitRelativePath || file.name));
 }
@@ -164,7 +164,7 @@ const PHASES = {
 };
 
 /** @param {{app: import("./uploader.js").UploadApp, job: import("./uploader.js").Job}} props */
-export function UploadPanel({ app, job: { dataset, uploader } }) {
+function UploadPanel({ app, job: { dataset, uploader } }) {
   const progress = useValue(uploader.state);
   const { phase, total, refused, trouble } = progress;
   const done = doneOf(progress);

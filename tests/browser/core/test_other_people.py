@@ -43,6 +43,20 @@ def test_foreign_login_link_does_not_replace_the_current_session(
     assert kept_session(page)["session"] == before["session"]
 
 
+def test_escape_refuses_a_foreign_login_link(open_window, server, bo):
+    page = open_window().open("#/datasets")
+    expect(page.locator(".who__name")).to_have_text("admin")
+    page.goto(server.login_link_of(bo[1]))
+    expect(page.get_by_role("button", name="Stay admin")).to_be_focused()
+
+    with page.expect_response(lambda sent: sent.request.method == "DELETE") as ended:
+        page.keyboard.press("Escape")
+
+    assert ended.value.url == f"{server.url}/api/v1/session"
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    expect(page.locator(".who__name")).to_have_text("admin")
+
+
 def test_signing_in_as_another_person_switches_every_tab(open_window, server, bo):
     name, token = bo
     page = open_window(sign_in=False).page
