@@ -83,7 +83,7 @@ log = logging.getLogger(__name__)
 
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether to work frame by frame in this attempt; see the table above."""
-    # The driver has counted this attempt, too: then 2 means that one has died before.
+    # Two workers have died before; or one driver, which counts this attempt, too.
     return chunk.attempts >= 2
 
 

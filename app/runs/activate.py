@@ -39,7 +39,7 @@ from filter_core.decisions.rules import decide
 from filter_core.types import BoolArray, Decisions, IntArray
 
 _REASONS: Final = 32
-"""Greater than each `Reason`: `_count_alike` packs class, reason and flag into one
+"""Greater than each `Reason`: `_count_unreviewed` packs class, reason and flag into one
 number."""
 
 

@@ -105,9 +105,9 @@ def _decide_block(
     large = area >= size if _as_carlasimu(limits) else area > size
     reason = _first_reason(_rules(evidence, rows, limits, large))
     threshold = _look_up(thresholds, large, class_index, reason)
-    # Under carlasimu (see `_as_carlasimu`) the match can exceed 100: its pixels are
-    # counted in the box with truncated corners, which may be larger than the given one,
-    # but divided by the area of the given one.
+    # Under carlasimu (see `_as_carlasimu`) the match can exceed 100: pixels are counted
+    # in a box with truncated corners, but divided by the area of the given box. The
+    # former may be larger.
     margin = np.minimum(evidence.match_percent[rows], 100.0) - threshold
     decisions.reason[rows] = reason
     decisions.threshold[rows] = threshold
