@@ -178,11 +178,14 @@ def _explained(
         "number": numbers.tolist(),
         "needed": needed.tolist(),
         "depth_gap": gaps,
-        # Such as "car 7" for the box "7" of class "car".
-        "nearer": [box and "{1} {0}".format(*box) for box in nearer],
+        "nearer": [None if box is None else _class_and_id(*box) for box in nearer],
     }
     rows = zip(*(columns[name] for name in ExplainedBox._fields), strict=True)
     return map(ExplainedBox._make, rows)
+
+
+def _class_and_id(box_id: str, class_name: str) -> str:
+    return f"{class_name} {box_id}"
 
 
 def nearer_boxes(

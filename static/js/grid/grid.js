@@ -340,7 +340,7 @@ function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
   </div>`;
 }
 
-/** The boxes that the last bulk answer on this dataset, or its undo, did not change. @param {{app: App, dataset: string}} props */
+/** The boxes that the last bulk answer, or its undo, did not change, if it was on this dataset. @param {{app: App, dataset: string}} props */
 function LeftOut({ app, dataset }) {
   const report = useValue(app.bulkAnswers.report);
   if (report?.dataset !== dataset) return null;
