@@ -4,9 +4,9 @@ A route that writes takes a `WriteSession`. Its transaction has four steps:
 
 1. It begins with the first statement of the route, which waits for its turn
    (`app.db.turns`).
-2. If the request has an Idempotency-Key, beginning it takes the key. If an earlier
-   request has taken the key already, this raises `RepeatedRequest`, and the client
-   gets the response of the earlier request (`repeat_response`).
+2. If the request has an Idempotency-Key, the key is stored first of all. If an earlier
+   request has stored it already, `RepeatedRequest` is raised, and the client gets the
+   response of the earlier request (`repeat_response`).
 3. The route does its work. Its response is stored beside the key, if there is one.
 4. It is committed, and only then is the response sent. `write_session` commits after
    the route has returned; a route that is called very often commits by itself, with
@@ -90,12 +90,11 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
             partial(transaction.__exit__, type(exc), exc, exc.__traceback__)
         )
         raise
-    end = partial(transaction.__exit__, None, None, None)  # commits
+    # Commits what is not committed yet, and calls the functions of `once_committed`.
+    end = partial(transaction.__exit__, None, None, None)
     if session.in_transaction():
         await _in_own_thread(end)
-    else:
-        # The route has committed. This only calls what waits for that, which is quick
-        # (`once_committed`).
+    else:  # The route has committed; the rest is quick, and needs no thread.
         end()
 
 

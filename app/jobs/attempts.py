@@ -83,7 +83,8 @@ log = logging.getLogger(__name__)
 
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether to work frame by frame in this attempt; see the table above."""
-    # Two workers have died before; or one driver, which counts this attempt, too.
+    # A worker's death is counted afterwards, so 2 means that two workers have died. A
+    # driver has counted this attempt, too, so 2 means that one driver has died.
     return chunk.attempts >= 2
 
 

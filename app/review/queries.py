@@ -42,7 +42,7 @@ from app.errors import NotFound
 from app.measuring.queries import is_deleted, is_there
 
 
-class BoxState(NamedTuple):
+class CurrentBox(NamedTuple):
     """A current box: the reason of its decision, and its latest answer.
 
     `review` is None if the box has no answer, or if the latest one cleared it.
@@ -151,14 +151,14 @@ class ReviewRepository:
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def state(self, box_id: int) -> BoxState:
+    def state(self, box_id: int) -> CurrentBox:
         """The current state of a box; raises NotFound if the box is not current."""
         rows = select(*_STATE).where(Decision.box_id == box_id)
         there = rows.join(Dataset, Dataset.id == Decision.dataset_id).where(is_there())
         found = self._session.execute(there).first()
         if found is None:
             raise NotFound("box", box_id)
-        return BoxState(*found)
+        return CurrentBox(*found)
 
     def answer_box(self, box_id: int, seen_revision: int, answer: Answer) -> bool:
         """Store an answer on a box, if it still has the seen revision; else False.
@@ -182,12 +182,12 @@ class ReviewRepository:
         stored: int = self._session.connection().execute(counted).rowcount
         return stored
 
-    def states(self, dataset_id: int, box_ids: Iterable[int]) -> Iterator[BoxState]:
+    def states(self, dataset_id: int, box_ids: Iterable[int]) -> Iterator[CurrentBox]:
         """Those of these boxes that are current boxes of the dataset."""
         for chunk in chunks(box_ids):
             rows = select(*_STATE).where(Decision.box_id.in_(chunk), _of(dataset_id))
             for row in self._session.execute(rows):
-                yield BoxState(*row)
+                yield CurrentBox(*row)
 
     def answer_boxes(
         self, batch: ReviewBatch, comment: str, boxes: Iterable[SeenBoxes]

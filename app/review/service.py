@@ -30,7 +30,7 @@ from app.db.engine import once_committed
 from app.errors import Conflict, NotFound, StaleReview
 from app.measuring.queries import DatasetRepository
 from app.metrics import REVIEWS
-from app.review.queries import Answer, BoxState, ReviewRepository
+from app.review.queries import Answer, CurrentBox, ReviewRepository
 from app.security import Principal
 from app.verdicts import effective_verdict
 from unghost.wire.boxes import Review, ReviewIn
@@ -105,7 +105,7 @@ def undo_answer(audit: AuditTrail, box_id: int, revision: int, by: Principal) ->
     return _stored(box, answer, box.revision + 1)
 
 
-def _stored(box: BoxState, answer: Answer, revision: int) -> Review:
+def _stored(box: CurrentBox, answer: Answer, revision: int) -> Review:
     return Review(
         box_id=box.box_id,
         revision=revision,

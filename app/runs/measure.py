@@ -1,7 +1,7 @@
-"""The measuring part of a run: computes numbers from pixels or from tag histograms.
+"""The measuring part of a run: computes evidence from pixels or from tag histograms.
 
-Numbers are stored four times a second. If the process dies, whoever continues with the
-chunk measures the frames of it that lack their numbers; a frame that another process
+Evidence is stored four times a second. If the process dies, whoever continues with the
+chunk measures the frames of it that have no evidence yet; a frame that another process
 has measured meanwhile is not stored again.
 """
 

@@ -2,8 +2,9 @@
 
 A configuration names channels to try in order (`DecideConfig.channels`). The first one
 with a number for a box decides, and overwrites what the rules of the segmentation
-decided, except for reasons that need no pixels (`Reason.is_final`). A box that
-no channel has a number for keeps its decision. `_CHANNELS` has one row per
+decided, except for the reasons with `Reason.is_final`: from OUTSIDE_IMAGE to
+UNMAPPED_CLASS. They need no pixels. A box that no channel has a number for keeps its
+decision. `_CHANNELS` has one row per
 channel: the number that it compares, the number that is needed, and the reason of the
 boxes that it rejects. The sentences of channels are in `explain`.
 """
@@ -185,7 +186,9 @@ def _ordered_rejected(boxes: _Boxes) -> IntArray:
 
 
 def _has_lost_pixels(boxes: _Boxes) -> BoolArray:
-    has_lost: BoolArray = boxes.numbers.explained_by != NOT_MEASURED
+    # The nearer box that takes most of its pixels; `NOT_MEASURED`: none takes any.
+    taken_by = boxes.numbers.explained_by
+    has_lost: BoolArray = taken_by != NOT_MEASURED
     return has_lost
 
 

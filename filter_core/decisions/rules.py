@@ -48,8 +48,8 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
     """Decide each box: by the first rule whose condition holds, or by a channel.
 
     Where a channel of the configuration has a number for a box, its rule replaces the
-    decision, unless the reason of that decision needs no pixels
-    (`Reason.is_final`).
+    decision, unless the reason of that decision is one of those that need no pixels:
+    from OUTSIDE_IMAGE to UNMAPPED_CLASS (`Reason.is_final`).
 
     Parameters
     ----------
@@ -106,8 +106,8 @@ def _decide_block(
     reason = _first_reason(_rules(evidence, rows, limits, large))
     threshold = _look_up(thresholds, large, class_index, reason)
     # Under carlasimu (see `_as_carlasimu`) the match can exceed 100: pixels are counted
-    # in a box with truncated corners, but divided by the area of the given box. The
-    # former may be larger.
+    # between the box's corners without their decimals, but divided by the area of the
+    # box as given. A box from x = 0.9 to 2.0 has 2 columns, but is 1.1 wide.
     margin = np.minimum(evidence.match_percent[rows], 100.0) - threshold
     decisions.reason[rows] = reason
     decisions.threshold[rows] = threshold

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from filter_core.errors import JsonError, LayoutError
-from filter_core.formats.format import Format, Recognition, Source
+from filter_core.formats.format import FOLDER_OPTIONS, Format, Recognition, Source
 from filter_core.formats.reading import (
     FrameSet,
     ReadOptions,
@@ -35,6 +35,7 @@ CARLASIMU: Final = Format(
         "distance band"
     ),
     recognised_by="carlasimu's labels/labelNN/ or label/",
+    read_options=FOLDER_OPTIONS | {"classes", "default_class"},
 )
 
 

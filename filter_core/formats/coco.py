@@ -25,6 +25,7 @@ from filter_core.formats.coco_index import CocoIndex, index_coco, looks_like_coc
 from filter_core.formats.export import ExportFrame
 from filter_core.formats.files import Spool, json_bytes
 from filter_core.formats.format import (
+    FOLDER_OPTIONS,
     LABEL_NEEDS,
     LABEL_OPTIONS,
     Format,
@@ -63,6 +64,7 @@ COCO: Final = Format(
     ),
     brief="one JSON file per part of the split",
     recognised_by="a COCO .json file",
+    read_options=FOLDER_OPTIONS | {"classes"},
     needs=LABEL_NEEDS,
     options=LABEL_OPTIONS | {"bands", "rejected"},
 )

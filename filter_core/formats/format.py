@@ -35,6 +35,9 @@ Formats are tried in a fixed order.
 - ``none``: it is not in this format.
 """
 
+FOLDER_OPTIONS: Final = frozenset({"segmentation", "labels"})
+"""The `ReadOptions` that say where the files of a frame are."""
+
 SELECTION_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
 """The `ExportOptions` that select what is written: which boxes, and images or none."""
 
@@ -127,6 +130,9 @@ class Format:
         empty if it cannot be written.
     recognised_by : str
         The files that `recognise` looks for, in words.
+    read_options : frozenset of str
+        The names of the `ReadOptions` that `read` uses; any other must keep its
+        default.
     options : frozenset of str
         The names of the `ExportOptions` that `write` uses; any other must keep its
         default.
@@ -146,6 +152,7 @@ class Format:
     docs_row: str
     brief: str = ""
     recognised_by: str = ""
+    read_options: frozenset[str] = FOLDER_OPTIONS
     options: frozenset[str] = frozenset()
     needs: frozenset[Need] = frozenset()
     recognise: Callable[[Source], Recognition] | None = field(default=None, init=False)

@@ -57,6 +57,7 @@ MANIFEST: Final = Format(
     ),
     brief="the annotations as uploaded, without the rejected boxes",
     recognised_by=MANIFEST_NAME,
+    read_options=frozenset({"segmentation"}),
     needs=LABEL_NEEDS,
     options=SELECTION_OPTIONS,
 )

@@ -13,7 +13,7 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path, PurePosixPath
 from typing import Final
 
@@ -128,6 +128,12 @@ class ReadOptions:
     labels: Path | None = None
     classes: Sequence[str] | None = None
     default_class: str = "unknown"
+
+    def changed(self) -> frozenset[str]:
+        """Names of the options that differ from their defaults."""
+        return frozenset(
+            one.name for one in fields(self) if getattr(self, one.name) != one.default
+        )
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,8 @@ def read_source(
     Raises
     ------
     LayoutError
-        Nothing there, no layout or several recognised, or no list of classes.
+        Nothing there, no layout or several recognised, an option that the layout does
+        not have, or no list of classes.
     """
     if not source.exists():
         raise LayoutError(f"{source.name}: expected a folder or a manifest, found none")
@@ -110,7 +111,11 @@ def read_source(
         raise LayoutError(
             f"unknown layout {name[:40]!r}; the nearest is {nearest(name, LAYOUTS)!r}"
         )
-    return found.read(source, options or ReadOptions())
+    options = options or ReadOptions()
+    for option in sorted(options.changed() - found.read_options):
+        heeded = ", ".join(sorted(found.read_options))
+        raise LayoutError(f"layout {name!r} has no option {option!r}; it has {heeded}")
+    return found.read(source, options)
 
 
 def detect_layout(source: Path) -> str:

@@ -22,6 +22,7 @@ import yaml
 from filter_core.config.file import parse_yaml
 from filter_core.errors import ConfigError, FilterError, LayoutError
 from filter_core.formats.format import (
+    FOLDER_OPTIONS,
     LABEL_NEEDS,
     LABEL_OPTIONS,
     Format,
@@ -62,6 +63,7 @@ YOLO: Final = Format(
     ),
     brief="images, labels and data.yaml",
     recognised_by="YOLO's labels with data.yaml or classes.txt",
+    read_options=FOLDER_OPTIONS | {"classes", "default_class"},
     needs=LABEL_NEEDS,
     options=LABEL_OPTIONS | {"bands"},
 )

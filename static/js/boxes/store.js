@@ -22,7 +22,7 @@ const MOST_EARLY = 10_000;
 /**
  * @typedef {object} StoredAnswer  an answer that the server has stored
  * @property {number} revision  of its box, now
- * @property {(box: Decision) => Decision} given  the box with the answer
+ * @property {(box: Decision) => Decision} applyTo  returns the box with the answer
  */
 
 /**
@@ -95,7 +95,7 @@ export function createBoxes(later) {
     const changed = new Set();
     for (const sent of boxes) {
       const answer = early.get(sent.box_id);
-      const box = answer && seenRevision(sent) < answer.revision ? answer.given(sent) : sent;
+      const box = answer && seenRevision(sent) < answer.revision ? answer.applyTo(sent) : sent;
       const known = stored.get(box.box_id);
       if (known && (seenRevision(known) > seenRevision(box) || isSame(known, box))) continue;
       stored.set(box.box_id, Object.freeze(box));
@@ -195,7 +195,7 @@ export function createBoxes(later) {
         [...answers].flatMap(([id, answer]) => {
           const box = stored.get(id);
           if (!box) early.set(id, answer);
-          return box ? [answer.given(box)] : [];
+          return box ? [answer.applyTo(box)] : [];
         }),
       );
       for (const id of [...early.keys()].slice(0, -MOST_EARLY)) early.delete(id);

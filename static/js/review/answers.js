@@ -93,7 +93,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
       const { box_id: boxId, revision } = stored;
       steps.noteStored(key, revision);
       changedFrame.set({ id: boxes.get(boxId)?.frame_id ?? null });
-      boxes.receiveAnswers(new Map([[boxId, { revision, given: (box) => withStored(box, stored) }]]));
+      boxes.receiveAnswers(new Map([[boxId, { revision, applyTo: (box) => withStored(box, stored) }]]));
     },
 
     onOvertaken(item, current) {

@@ -132,7 +132,7 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
     boxIds.forEach((boxId, i) => {
       const { verdict, comment } = answerAt(i);
       const revision = (seenRevisions[i] ?? 0) + 1;
-      if (!left.has(boxId)) stored.set(boxId, { revision, given: (box) => withAnswer(box, verdict, comment, revision) });
+      if (!left.has(boxId)) stored.set(boxId, { revision, applyTo: (box) => withAnswer(box, verdict, comment, revision) });
     });
     boxes.receiveAnswers(stored);
     changedFrame.set({ id: null });

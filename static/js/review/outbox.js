@@ -10,10 +10,11 @@
 // answered it meanwhile, and the server refuses the item. What if a person answers the same box twice, and both items
 // wait in the outbox?
 //
-// 1. The second item gets the seen revision of the first (`add`). Suppose the first waits on a box at revision 3, and
-//    somebody else answers the box: revision 4. The page may load this, but goes on showing the answer that waits. Now
-//    the person answers once more. With 4, this would overwrite an answer that the person has not seen. With 3, it is
-//    refused, and the person learns of the other answer.
+// 1. The second item gets the seen revision of the first (`add`), even if the page has loaded a newer one. An example:
+//    the first item waits with seen revision 3. Somebody else answers the box, which has revision 4 now. The page goes
+//    on showing the answer that waits, and the person answers once more. The second item gets seen revision 3, too, so
+//    that the server refuses it, and the person learns of the other answer. If the second item had seen revision 4, it
+//    would overwrite an answer that the person has never seen.
 // 2. Once the first item is stored, the second gets the next revision (`finish`), since the answer in between is the
 //    person's own. But a second item that waits in another tab does not get it: the server refuses that item, and the
 //    person chooses between the two answers.
@@ -206,10 +207,10 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       return last;
     },
 
-    /** Add an answer on one box. @param {NewAnswer} given @returns {GivenAnswer} */
-    addAnswer(given) {
+    /** Add an answer on one box. @param {NewAnswer} newAnswer @returns {GivenAnswer} */
+    addAnswer(newAnswer) {
       const key = newKey();
-      addSingle({ ...given, key });
+      addSingle({ ...newAnswer, key });
       return { key, revision: null };
     },
 
@@ -281,7 +282,8 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      // Leaving out `attempted` makes up for the length of `renewed`: there may be no room for a longer text.
+      // The storage may be full, so the item's JSON must not become longer: it gets `renewed`, but loses `attempted`
+      // (JSON has no undefined values).
       write({ ...item, seenRevision: revision, renewed: (item.renewed ?? 0) + 1, attempted: undefined });
     },
 

@@ -216,10 +216,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
     try {
       ({ items } = await requests.history(item.boxId));
     } catch (error) {
-      // If the server has a fault (500) or refuses, waiting may not help: the person chooses.
-      const mayPass = !(error instanceof ApiError) || error.status === 401 || (error.isTemporary && error.status !== 500);
-      if (mayPass) throw error;
-      return false;
+      // Where waiting may not help, as after a refusal or a fault of the server (500), the person chooses.
+      if (error instanceof ApiError && error.status !== 401 && (!error.isTemporary || error.status === 500)) return false;
+      throw error;
     }
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
     const isOwnAndOlder = (/** @type {HistoryEntry} */ { batch }) => {

@@ -198,8 +198,8 @@ test("an answer that is shown until its box is loaded is replaced by a newer one
 
 test("a box that arrives after its answer was stored, but is older, is shown with the answer", () => {
   const boxes = createBoxes();
-  const given = (/** @type {any} */ box) => withAnswer(box, "keep", "", 1);
-  boxes.receiveAnswers(new Map([[1, { revision: 1, given }]]));
+  const applyTo = (/** @type {any} */ box) => withAnswer(box, "keep", "", 1);
+  boxes.receiveAnswers(new Map([[1, { revision: 1, applyTo }]]));
 
   boxes.hold(boxes.receive([decision({ box_id: 1, revision: 0 })]));
   assert.equal(boxes.get(1)?.review?.verdict, "keep");

@@ -147,9 +147,12 @@ class StoredDecisions:
 
 
 @pytest.fixture(
-    params=CONFIGS, ids=lambda config: f"{config.profile}-{config.evidence}"
+    scope="module",
+    params=CONFIGS,
+    ids=lambda config: f"{config.profile}-{config.evidence}",
 )
 def stored(request):
+    """The decisions of one configuration; tests only read them."""
     engine = create_engine("sqlite://")
     Base.metadata.create_all(engine)
     with Session(engine) as session:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
+from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
@@ -242,6 +243,26 @@ def test_yolo_without_class_names_is_refused_unless_they_are_given(tmp_path):
         read_source(tmp_path, "yolo")
     named = read_source(tmp_path, "yolo", ReadOptions(classes=["car"]))
     assert [frame.annotation for frame in named] == [{"boxes": [BOX]}]
+
+
+@pytest.mark.parametrize(
+    ("layout", "options", "words"),
+    [
+        (
+            "pairs",
+            ReadOptions(classes=["car"]),
+            "layout 'pairs' has no option 'classes'; it has labels, segmentation",
+        ),
+        ("pairs", ReadOptions(default_class="car"), "no option 'default_class'"),
+        ("coco", ReadOptions(default_class="car"), "no option 'default_class'"),
+        ("manifest", ReadOptions(labels=Path("labels")), "no option 'labels'"),
+    ],
+)
+def test_option_that_a_layout_does_not_use_is_refused(tmp_path, layout, options, words):
+    with pytest.raises(LayoutError) as caught:
+        read_source(tmp_path, layout, options)
+
+    assert words in caught.value.detail
 
 
 def test_carlasimu_layout_reads_widest_band_and_readme_class_numbers(tmp_path):
