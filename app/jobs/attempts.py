@@ -20,14 +20,15 @@ anew.
   `reset`, as `Task.reset_attempts`. The next driver finds in the row how many processes
   in succession have died and stored nothing.
 
-**How the next attempt differs**, by how many processes have died before:
+**How the next attempt differs**, by how many processes have died before. In brackets is
+the count during the attempt: a driver has counted this attempt already.
 
 | died | attempt by a worker | attempt by the driver |
 |---|---|---|
-| 0 | whole chunk | whole chunk |
-| 1 | whole chunk, alone | frame by frame |
-| 2 | frame by frame, alone | frame by frame |
-| 3 | quarantine: the rest of the chunk | quarantine: the frame that is the cause |
+| 0 | whole chunk (0) | whole chunk (1) |
+| 1 | whole chunk, alone (1) | frame by frame (2) |
+| 2 | frame by frame, alone (2) | frame by frame (3) |
+| 3 | none, quarantine of all | none, quarantine of the cause |
 
 A driver that stores something sets the count to zero, even if it dies later. So only
 three drivers that die in succession and store nothing lead to quarantine.
@@ -39,12 +40,13 @@ the cause. Each of them is submitted again while no other one is in progress
 *Frame by frame* (`is_one_by_one`): each result is stored before the next frame begins.
 So the first frame without a result is the cause.
 
-*The frame that is the cause* becomes a chunk of its own, in quarantine. The rest of the
-chunk is tried again.
+*Quarantine of all*: all frames of the chunk that have no result. *Quarantine of the
+cause*: only that frame, which becomes a chunk of its own; the other frames of the chunk
+get a first attempt at once.
 
 **Many such frames in a row** would end three processes each. Therefore, if the frame
 before the cause is in quarantine for the same reason, the driver does not single out
-the cause: it puts the whole rest of the chunk into quarantine (`_follows_another`).
+the cause, but puts all into quarantine (`_follows_another`).
 
 **An unreadable frame** ends no process: only the child processes that decode its images
 die, or exceed their limits of time or memory. `refuse` puts its chunk into quarantine
@@ -83,9 +85,7 @@ log = logging.getLogger(__name__)
 
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether to work frame by frame in this attempt; see the table above."""
-    # A worker's death is counted afterwards, so 2 means that two workers have died. A
-    # driver has counted this attempt, too, so 2 means that one driver has died.
-    return chunk.attempts >= 2
+    return chunk.attempts >= 2  # in the table: the numbers in brackets
 
 
 def count_death(session: Session, job: Job, number: int) -> bool:

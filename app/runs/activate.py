@@ -167,8 +167,8 @@ class Activation:
         """Count all boxes, which is cheaper and safer than counting changes."""
         if not len(numbers):
             return
-        # All ids are in order. `here`: where `_reviewed` has the reviewed boxes of this
-        # part; `rows`: where this part has them.
+        # All ids are in order. `_reviewed[here]` are the reviewed boxes of this part;
+        # `rows` are their positions in it.
         first, last = numbers.box_ids[[0, -1]]
         here = slice(*np.searchsorted(self._reviewed, [first, last + 1]).tolist())
         rows = np.searchsorted(numbers.box_ids, self._reviewed[here])

@@ -216,8 +216,8 @@ class _CommitBuffer:
     def add(self, measured: _Measured, *, is_last: bool) -> None:
         """Add a frame; the last one waits for the caller's `commit`.
 
-        A frame that cannot be read is put into quarantine: frame by frame at once, else
-        with its chunk, by `commit`.
+        A frame that cannot be read is put into quarantine: at once if the chunk
+        `is_one_by_one`, else together with its chunk, by `commit`.
         """
         if measured.refusal is None:
             self._measured.append(measured)

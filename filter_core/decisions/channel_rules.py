@@ -174,7 +174,8 @@ class _Channel:
 
 def _ordered_needed(boxes: _Boxes) -> IntArray:
     # A box that has lost pixels to a nearer one (`filter_core.evidence.ordered`) needs
-    # `ordered_min_pixels`; any other as many as without this channel, but at least 1.
+    # `ordered_min_pixels`. All others need `min_visible_pixels`, as without this
+    # channel, but at least 1.
     if_lost, if_whole = boxes.config.ordered_min_pixels, boxes.min_visible_pixels
     return np.where(_has_lost_pixels(boxes), if_lost, np.maximum(if_whole, 1))
 
