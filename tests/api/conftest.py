@@ -115,4 +115,4 @@ def dataset(api: Api) -> str:
 @pytest.fixture
 def ghosts(api: Api, dataset: str) -> list[int]:
     """The ids of the rejected boxes of `dataset`."""
-    return [box["box_id"] for box in api.boxes(dataset, verdict="rejected")]
+    return api.box_ids(dataset, verdict="rejected")

@@ -101,7 +101,7 @@ def test_revoked_token_is_unauthorized_on_both_servers_within_a_second(replicas)
 def test_of_two_concurrent_reviews_of_a_box_one_is_stale(replicas, make_reviewer):
     (ada, _), (_, bob) = make_reviewer(), make_reviewer()
     name = replicas.make_dataset(frames=10)
-    boxes = [box["box_id"] for box in ada.boxes(name)]
+    boxes = ada.box_ids(name)
 
     for box_id in boxes:
         answers = call_concurrently(
@@ -121,7 +121,7 @@ def test_of_two_concurrent_reviews_of_a_box_one_is_stale(replicas, make_reviewer
 def test_of_two_concurrent_bulk_answers_each_box_counts_in_one(replicas, make_reviewer):
     (ada, _), (_, bob) = make_reviewer(), make_reviewer()
     name = replicas.make_dataset(frames=10)
-    boxes = [box["box_id"] for box in ada.boxes(name)]
+    boxes = ada.box_ids(name)
 
     for act in range(10):
         seen = [act] * len(boxes)
@@ -208,7 +208,7 @@ def test_queue_returns_no_box_to_two_people(replicas, make_reviewer):
 def test_bulk_answer_of_one_server_is_undone_once_on_either(replicas, make_reviewer):
     one, two = make_reviewer()
     name = replicas.make_dataset(frames=4)
-    ids = [box["box_id"] for box in one.boxes(name)]
+    ids = one.box_ids(name)
     wanted = {"dataset": name, "box_ids": ids, "verdict": "reject"}
 
     batch = one.post("/reviews/bulk", wanted).json()

@@ -133,6 +133,10 @@ class Api:
         items: list[Any] = self.json("/boxes", dataset=dataset, **filters)["items"]
         return items
 
+    def box_ids(self, dataset: str, **filters: Any) -> list[int]:
+        """The server's ids of boxes."""
+        return [box["box_id"] for box in self.boxes(dataset, **filters)]
+
     def verdicts(self, dataset: str) -> dict[str, str]:
         """The filter's verdicts by the sender's box ids; for a dataset of one frame."""
         return {box["id"]: box["verdict"] for box in self.boxes(dataset)}

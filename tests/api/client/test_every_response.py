@@ -160,7 +160,7 @@ def call_frame_routes(api: Api, street: str) -> None:
 
 
 def call_box_routes(api: Api, street: str) -> None:
-    first, *others = [box["box_id"] for box in api.boxes(street, count="true")]
+    first, *others = api.box_ids(street, count="true")
     assert successful_json(api.post(f"/datasets/{street}/queue", {}))["items"]
     successful_json(api.review(first, "keep", comment="it is there"))
     many = {"dataset": street, "box_ids": [first, *others], "verdict": "reject"}

@@ -77,7 +77,7 @@ def street(api):
     for number in range(6):
         annotation = {**scene.annotation(), "boxes": BOXES, "number": number}
         api.upload_frame(name, f"a/{number}", annotation)
-    boxes = [box["box_id"] for box in api.boxes(name)]
+    boxes = api.box_ids(name)
     for box_id, verdict in zip(boxes, ("keep", "reject", "unsure"), strict=False):
         assert api.review(box_id, verdict).status_code == 201
     api.post(

@@ -184,7 +184,7 @@ def test_random_order_is_reproducible_by_its_seed(api, dataset):
 
 
 def test_audit_queue_has_only_decided_boxes(api, dataset):
-    boxes = [box["box_id"] for box in api.boxes(dataset)]
+    boxes = api.box_ids(dataset)
     for box_id, verdict in zip(boxes, ["keep", "reject", "unsure"], strict=False):
         api.review(box_id, verdict)
 
@@ -198,7 +198,7 @@ def test_audit_queue_has_only_decided_boxes(api, dataset):
 
 @pytest.mark.parametrize("order", ["doubt", "random", "class", "audit"])
 def test_conflicts_are_queued_in_every_order(api, dataset, order):
-    ghosts = [box["box_id"] for box in api.boxes(dataset, verdict="rejected")]
+    ghosts = api.box_ids(dataset, verdict="rejected")
     api.review(ghosts[0], "keep")
     api.review(ghosts[1], "reject")
 

@@ -13,11 +13,6 @@ CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 YAML = {"Content-Type": "application/yaml"}
 
 
-def ids(api, dataset):
-    """The server's ids of the car and of the ghost."""
-    return [box["box_id"] for box in api.boxes(dataset)]
-
-
 def add_config(api, dataset, content, headers=YAML):
     path = f"{BASE}/datasets/{dataset}/configs"
     return api.http.post(path, content=content, headers=headers)
@@ -142,7 +137,7 @@ def test_preview_returns_the_flips_and_writes_nothing(api, dataset):
 
     preview = api.post(f"/datasets/{dataset}/preview", body).json()
 
-    car, ghost = ids(api, dataset)
+    car, ghost = api.box_ids(dataset)
     kept = {"verdict": "kept", "reason": "visible"}
     unseen = {"verdict": "rejected", "reason": "no_visible_pixels"}
     each_way = {"kept_to_rejected": 1, "rejected_to_kept": 1}

@@ -28,7 +28,7 @@ def flips(diff):
 
 def test_diff_is_against_the_previously_active_run_by_default(api, dataset):
     first = first_run(api, dataset)
-    car, _ = (box["box_id"] for box in api.boxes(dataset))
+    car, _ = api.box_ids(dataset)
     tried = api.run(dataset, CARS_ARE_SKY, activate=False)
     run = api.run(dataset, NOTHING_VISIBLE)
 

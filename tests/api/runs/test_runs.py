@@ -15,11 +15,6 @@ NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 
 
-def ids(api, dataset):
-    """The server's ids of the car and of the ghost."""
-    return [box["box_id"] for box in api.boxes(dataset)]
-
-
 def test_run_is_returned_with_every_field(api, dataset):
     accepted = api.post(f"/datasets/{dataset}/runs", {"config": NOTHING_VISIBLE})
     run = api.wait_for_job(accepted)
@@ -52,7 +47,7 @@ def test_a_run_that_is_not_activated_changes_nothing(api, dataset):
 
     assert run["changed"] == 1
     assert (api.json(f"/datasets/{dataset}"), api.boxes(dataset)) == before
-    entries = api.json(f"/boxes/{ids(api, dataset)[0]}/history")["items"]
+    entries = api.json(f"/boxes/{api.box_ids(dataset)[0]}/history")["items"]
     assert [(e["verdict"], e.get("activated")) for e in entries] == [
         ("rejected", False),
         ("kept", None),
@@ -60,7 +55,7 @@ def test_a_run_that_is_not_activated_changes_nothing(api, dataset):
 
 
 def test_run_keeps_answers_and_counts_conflicts(api, dataset):
-    car, _ = ids(api, dataset)
+    car, _ = api.box_ids(dataset)
     api.review(car, "keep", comment="I see it")
 
     api.run(dataset, NOTHING_VISIBLE)
@@ -72,7 +67,7 @@ def test_run_keeps_answers_and_counts_conflicts(api, dataset):
 
 
 def test_history_reproduces_every_earlier_verdict(api, dataset):
-    car, ghost = ids(api, dataset)
+    car, ghost = api.box_ids(dataset)
     first = api.json(f"/datasets/{dataset}")["config"]
     runs = [
         api.run(dataset, config)

@@ -113,7 +113,7 @@ def populate(api: Api) -> None:
     """Make a dataset with answers, a batch of answers, a second run and an export."""
     restore(api)
     api.run(DATASET, {"threshold_small_box": 40})
-    box_ids = [box["box_id"] for box in api.boxes(DATASET)]
+    box_ids = api.box_ids(DATASET)
     bulk = {"dataset": DATASET, "box_ids": box_ids, "verdict": "keep"}
     assert api.post("/reviews/bulk", bulk).status_code == 201
     export = api.post(f"/datasets/{DATASET}/exports", {"format": "yolo"})
