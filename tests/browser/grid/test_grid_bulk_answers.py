@@ -456,8 +456,12 @@ def test_offline_bulk_answer_is_marked_unsent_and_sent_when_online(many, user, p
 
 def test_unsent_bulk_answer_can_be_sent_or_discarded_manually(many, user, page):
     # So long that the page does not send the answer by itself before the button does.
-    busy = {"status": 503, "headers": {"Retry-After": "600"}, "json": {}}
-    route_loaded(page, "**/reviews/bulk", lambda route: route.fulfill(**busy))
+    later = {"Retry-After": "600"}
+    route_loaded(
+        page,
+        "**/reviews/bulk",
+        lambda route: route.fulfill(status=503, headers=later, json={}),
+    )
     select_range(page, 0, 2)
     user.press("x")
     expect(strip(page)).to_contain_text("reject 3 boxes")
