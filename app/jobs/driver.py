@@ -151,7 +151,8 @@ class JobDriver:
         row = self._begin()
         while True:
             self._drive_chunks(row)
-            if self.kind.final_step_words is None:  # an export: its chunk has ended it
+            if self.kind.final_step_words is None:
+                # There is no final step: the only chunk of an export has ended the job.
                 return
             self._drive_final_step()
             with self.context.database.read() as session:

@@ -92,6 +92,14 @@ const REQUESTS = {
 const currentBox = (error) => (error instanceof ApiError && error.status === 412 && error.problem.current) || null;
 
 /**
+ * Whether the history of a box that could not be loaded may be loaded later: after all errors but a refusal, or a fault
+ * of the server (500) with this one box.
+ * @param {unknown} error
+ */
+const mayLoadLater = (error) =>
+  !(error instanceof ApiError) || error.status === 401 || (error.isTemporary && error.status !== 500);
+
+/**
  * @param {import("./outbox.js").Outbox} outbox @param {Requests} [requests]
  * @param {import("../core/api.js").Later} [later]
  */
@@ -206,8 +214,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
   /**
    * Whether a refused answer (412) was overtaken only by this tab's own bulk answers on a filter, or their undos. The
    * page does not know which boxes a filter selects, so `finish` cannot give an answer the revision that its box has
-   * after the bulk answer. It is looked up in the box's history. If that cannot be loaded now, this throws the error of
-   * that request, so that the answer waits.
+   * after the bulk answer. It is looked up in the box's history. If that cannot be loaded now, but maybe later, this
+   * throws the error of that request, so that the answer waits. If it may never be loaded, this returns false, and the
+   * person chooses between the two answers.
    * @param {SingleAnswer} item
    */
   async function isOvertakenByOwn(item) {
@@ -216,9 +225,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
     try {
       ({ items } = await requests.history(item.boxId));
     } catch (error) {
-      // Where waiting may not help, as after a refusal or a fault of the server (500), the person chooses.
-      if (error instanceof ApiError && error.status !== 401 && (!error.isTemporary || error.status === 500)) return false;
-      throw error;
+      if (mayLoadLater(error)) throw error;
+      return false;
     }
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
     const isOwnAndOlder = (/** @type {HistoryEntry} */ { batch }) => {
