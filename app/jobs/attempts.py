@@ -37,8 +37,8 @@ three drivers that die in succession and store nothing lead to quarantine.
 the cause. Each of them is submitted again while no other one is in progress
 (`JobDriver`), so that if a process dies again, this chunk is the cause.
 
-*Frame by frame* (`is_one_by_one`): each result is stored before the next frame begins.
-So the first frame without a result is the cause.
+*Frame by frame* (`is_one_by_one`, for both from a count of 2 on): each result is stored
+before the next frame begins. So the first frame without a result is the cause.
 
 *Quarantine of all*: all frames of the chunk that have no result. *Quarantine of the
 cause*: only that frame, which becomes a chunk of its own; the other frames of the chunk
@@ -85,7 +85,7 @@ log = logging.getLogger(__name__)
 
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether to work frame by frame in this attempt; see the table above."""
-    return chunk.attempts >= 2  # in the table: the numbers in brackets
+    return chunk.attempts >= 2
 
 
 def count_death(session: Session, job: Job, number: int) -> bool:

@@ -9,6 +9,7 @@ A lease is *void* if it has expired, or if the driver ran on this machine and th
 operating system says that it has ended (`process_has_ended`). It expires if the driver
 does not renew it for `LEASE_LASTS`, and at once if the driver stops and leaves the job
 (`release`). Every service runs a watchdog. It lets its own process drive each open job
+(queued or running)
 
 - whose lease is void;
 - that has been without a lease for `UNDRIVEN_FOR_S`: the service that queued it has
@@ -271,6 +272,7 @@ class Watchdog:
         self, context: ServiceContext, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._context, self._clock = context, clock
+        # Open jobs without a lease, and when this was first seen.
         self._undriven_since: dict[Job, float] = {}
 
     def abandoned(self) -> list[Job]:
@@ -284,13 +286,14 @@ class Watchdog:
         if of_ended_jobs := leased.void.difference(unfinished):
             self._delete(of_ended_jobs)
         now, before = self._clock(), self._undriven_since
-        undriven = [job for job in unfinished if job not in leased.valid]
+        undriven = [job for job in unfinished if job not in leased.valid | leased.void]
         self._undriven_since = {job: before.get(job, now) for job in undriven}
-        return [
+        waited_enough = {
             job
-            for job in undriven
-            if job in leased.void or now - self._undriven_since[job] >= UNDRIVEN_FOR_S
-        ]
+            for job, since in self._undriven_since.items()
+            if now - since >= UNDRIVEN_FOR_S
+        }
+        return [job for job in unfinished if job in leased.void | waited_enough]
 
     def _delete(self, jobs: Iterable[Job]) -> None:
         with self._context.database.write_out_of_turn() as session:

@@ -422,12 +422,13 @@ class ReviewBatches:
 
 
 def _standing(answers: ColumnElement[bool]) -> CTE:
-    """Which of these answers are in force: those of a row with `revision == answered`.
+    """Which of these answers are in force: those with a row `revision == answered`.
 
-    `answered` is the revision of one of these answers. Its rows go back through the
-    answers of its box: the first has the latest revision as `revision`. If that is an
-    undo of revision 5, the box has its answer of revision 4 again, and the next row
-    has 4; and so on. So several answers on a box can be undone, the newest first.
+    Each answer has one or more rows; `answered` is its revision in all of them. In the
+    first row, `revision` is the latest revision of the box. If that is an undo of
+    revision 5, the box has its answer of revision 4 again, and there is a second row
+    with `revision` 4; and so on. So several answers on a box can be undone, the newest
+    first.
     """
     standing = (
         select(

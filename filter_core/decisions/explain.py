@@ -4,6 +4,9 @@
 it collects the values of each box in an `ExplainedBox`, from which `explain` makes one
 sentence. There is one for each reason (`_SENTENCES`), or for each channel where a
 channel decided (`_CHANNEL_SENTENCES`).
+
+`explained_by` and EXPLAINED_BY_NEARER do not mean these sentences: a box is explained
+by a nearer one if the pixels that seem to be its own belong to that one.
 """
 
 from __future__ import annotations

@@ -186,10 +186,10 @@ def _threshold_by_reason(limits: LimitsByClass) -> FloatArray:
     of_small[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
     of_small[:, Reason.VISIBLE] = limits.threshold_small_box
     of_large[:, Reason.LARGE_BELOW_THRESHOLD] = limits.threshold_big_box
-    # The threshold of small boxes: under carlasimu, large ones have to pass it, too.
-    of_large[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
-    # Under carlasimu the higher of both, else `threshold_big_box`.
     of_large[:, Reason.VISIBLE] = limits.threshold_kept_large_box
+    # Only under carlasimu: there, large boxes have to pass this threshold, too
+    # (`_rules`).
+    of_large[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
     return table
 
 

@@ -263,9 +263,8 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       const kept = answer(stored.key); // it may have been undone since `stored` was read
       remove(stored);
       if (kept?.earlier && revision) {
-        const { verdict, comment } = kept.earlier;
-        const undo = { ...kept, key: newKey(), verdict, comment, undoes: revision, seenRevision: revision };
-        write({ ...undo, earlier: undefined, attempted: false });
+        const { earlier, ...rest } = kept; // with its `order`: so the undo is sent before the items behind it
+        write({ ...rest, ...earlier, key: newKey(), undoes: revision, seenRevision: revision, attempted: false });
       }
       // The response to a bulk item names no revisions: each is the next one.
       const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, revision ?? seen + 1]));
