@@ -8,7 +8,7 @@ declares those that it uses.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Final, Literal, TypeAlias, get_args
@@ -159,6 +159,7 @@ class ExportOptions:
             if getattr(self, name) not in choices:
                 found = repr(getattr(self, name))[:40]
                 raise _bad(name, f"one of {', '.join(choices)}", found)
+        self._check_types()
         if not 0 <= self.split <= 1:
             raise _bad("split", "a share from 0 to 1", f"{self.split}")
         if len(self.bands) > MAX_BANDS:
@@ -166,6 +167,14 @@ class ExportOptions:
         for band in self.bands:
             if not 0 < band <= MAX_BAND or band != int(band):
                 raise _bad("bands", f"whole metres from 1 to {MAX_BAND}", f"{band}")
+
+    def _check_types(self) -> None:
+        if not isinstance(self.include_unmeasured, bool):
+            found = repr(self.include_unmeasured)[:40]
+            raise _bad("include_unmeasured", "true or false", found)
+        for name, given in [("split", self.split), *(("bands", b) for b in self.bands)]:
+            if isinstance(given, bool) or not isinstance(given, (int, float)):
+                raise _bad(name, "a number", repr(given)[:40])
 
     @classmethod
     def from_mapping(cls, given: JsonObject) -> ExportOptions:
@@ -180,8 +189,9 @@ class ExportOptions:
         for name in given.keys() - set(names):
             raise _bad("options", f"only {', '.join(names)}", repr(name)[:40])
         bands = given.get("bands", ())
-        distances = (bands,) if isinstance(bands, (int, float)) else tuple(bands)
-        return cls(**{**given, "bands": tuple(sorted(set(distances)))})
+        distances = tuple(bands) if isinstance(bands, (list, tuple)) else (bands,)
+        made = cls(**{**given, "bands": distances})
+        return replace(made, bands=tuple(sorted(set(made.bands))))
 
     def changed(self) -> frozenset[str]:
         """Names of the options that differ from their defaults."""

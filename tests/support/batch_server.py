@@ -50,7 +50,8 @@ class BatchServer:
 
     `known` maps the keys of frames that it already has to their digests. It closes the
     connection, without an answer, on the first `dropped_requests` requests for known
-    frames.
+    frames. Frames in `others_answered`, sent one by one, are refused with 403, because
+    other people have answered their boxes.
     """
 
     def __init__(self) -> None:
@@ -61,6 +62,7 @@ class BatchServer:
         self.known: dict[str, str] = {}
         self.asked_about: list[list[str]] = []
         self.dropped_requests = 0
+        self.others_answered: set[str] = set()
         self._http = _Http(("127.0.0.1", 0), self._handler())
         self.url = f"http://127.0.0.1:{self._http.server_port}"
         self._thread = threading.Thread(target=self._http.serve_forever, args=(0.01,))
@@ -108,7 +110,11 @@ class _Handler(BaseHTTPRequestHandler):
     def do_PUT(self) -> None:
         self.rfile.read(int(self.headers["Content-Length"]))
         self.owner.put.append(self.path)
-        self._answer(201, {"frame": FRAME}, {})
+        if self.path.rpartition("/")[2].partition("?")[0] in self.owner.others_answered:
+            refusal = {"status": 403, "code": "others_answers", "detail": "by others"}
+            self._answer(403, refusal, {})
+        else:
+            self._answer(201, {"frame": FRAME}, {})
 
     def handle_expect_100(self) -> bool:
         turn = self.owner.replies[0] if self.owner.replies else BatchReply()

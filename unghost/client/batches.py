@@ -31,7 +31,7 @@ Report: TypeAlias = Callable[[Outcome], object]
 """Called with each frame's outcome as soon as it is known."""
 
 CONCERNS_ALL: Final = (Unauthorized, Forbidden, NotFound, Unavailable, UnexpectedAnswer)
-"""Errors of one frame that all other frames would get as well."""
+"""Errors of one frame that all other frames would get as well (but see `_put`)."""
 
 _MEDIA_TYPE: Final = "application/x-tar"
 

@@ -205,8 +205,11 @@ class _Senders:
         try:
             call = frame_stored(upload.path, frame, replace=upload.replace)
             stored = upload.transport.send(call)
-        except CONCERNS_ALL:
-            raise
+        except CONCERNS_ALL as error:
+            # The answers of others on this frame; other frames can be replaced.
+            if error.code != "others_answers":
+                raise
+            return NotSent(frame.key, error)
         except (ApiError, OSError) as error:
             return NotSent(frame.key, error)
         return Sent(frame.key, stored.frame.id, stored.created, stored.frame.counts)

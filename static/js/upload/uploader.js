@@ -24,8 +24,12 @@ export const FILE_KINDS = ["image", "segmentation", "depth", "instances", "lidar
 
 const WORKERS = 4;
 
-/** Statuses that mean that every other frame would be refused as well. */
-const HOPELESS = [403, 404];
+/**
+ * Whether every other frame would be refused as well. Not if a frame may not be replaced because of other people's
+ * answers: that concerns this frame only.
+ * @param {ApiError} error
+ */
+const concernsAll = ({ status, problem }) => [403, 404].includes(status) && problem.code !== "others_answers";
 
 /**
  * @param {readonly ReadFrame[]} frames
@@ -72,7 +76,7 @@ export function createUploader(frames, put, later) {
     if (error instanceof ApiError) {
       if (error.isTemporary) return retryLater(frame, "busy", error.retryAfterS);
       if (error.status === 401) return putBack(frame, "signed-out");
-      if (HOPELESS.includes(error.status)) return end(error.message);
+      if (concernsAll(error)) return end(error.message);
     }
     refusedFrames.set(frame.key, frame);
     change({ refused: [...state.get().refused, refusalOf(frame, error)] });

@@ -123,6 +123,17 @@ test("an upload by a person who may not write stops with one message", async () 
   assert.deepEqual([calls.length, ...outline(), uploader.state.get().trouble], [4, "stopped", 0, 0, "", "viewers cannot write"]);
 });
 
+test("a frame with other people's answers is refused, and the others are sent", async () => {
+  const { uploader, calls, outline } = sending(6);
+  uploader.resume();
+
+  calls[0]?.reject(new ApiError(403, { code: "others_answers", detail: "ada has answered" }, null));
+  await settled();
+
+  assert.equal(calls.length, 5);
+  assert.deepEqual([...outline(), uploader.state.get().trouble], ["sending", 0, 0, "0", ""]);
+});
+
 test("an upload that is paused while its last frames are being sent is done when they have arrived", async () => {
   /** @type {((isNew: boolean) => void)[]} */
   const arrive = [];

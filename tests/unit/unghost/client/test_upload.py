@@ -139,6 +139,20 @@ def test_push_through_a_proxy_sends_single_frames(batches, client, monkeypatch):
     assert batches.heads == []
 
 
+def test_push_of_single_frames_goes_on_after_one_that_others_have_answered(
+    batches, client
+):
+    batches.replies = [BatchReply(refusal=(404, "not_found", {}))] * 3
+    batches.others_answered = {"a"}
+
+    frames = [outgoing_frame("a"), outgoing_frame("b")]
+    outcomes = list(client.push("town", frames, replace=True))
+
+    assert len(batches.put) == 2
+    errors = {one.key: str(one.error) for one in outcomes if isinstance(one, NotSent)}
+    assert errors == {"a": "by others"}
+
+
 def test_push_stops_when_unauthorized(batches, client):
     batches.replies = [BatchReply(refusal=(401, "unauthorised", {}))]
 
