@@ -9,11 +9,11 @@ A lease is *void* if it has expired, or if the driver ran on this machine and th
 operating system says that it has ended (`process_has_ended`). It expires if the driver
 does not renew it for `LEASE_LASTS`, and at once if the driver stops and leaves the job
 (`release`). Every service runs a watchdog. It lets its own process drive each open job
-(queued or running)
+(one that is queued or running) if
 
-- whose lease is void;
-- that has been without a lease for `UNDRIVEN_FOR_S`: the service that queued it has
-  died before it began the job, or is still busy with other jobs.
+- its lease is void; or
+- it has been without a lease for `UNDRIVEN_FOR_S`: the service that queued it has died
+  before it began the job, or is still busy with other jobs.
 
 The new driver continues with what the database says (`JobDriver`).
 

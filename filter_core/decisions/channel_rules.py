@@ -4,9 +4,9 @@ A configuration names channels to try in order (`DecideConfig.channels`). The fi
 with a number for a box decides, and overwrites what the rules of the segmentation
 decided, except for the reasons with `Reason.is_final`: from OUTSIDE_IMAGE to
 UNMAPPED_CLASS. They need no pixels. A box that no channel has a number for keeps its
-decision. `_CHANNELS` has one row per
-channel: the number that it compares, the number that is needed, and the reason of the
-boxes that it rejects. The sentences of channels are in `explain`.
+decision. `_CHANNELS` has one row per channel: the number that it compares, the number
+that is needed, and the reason of the boxes that it rejects. The sentences of channels
+are in `explain`.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from numbers import Real
 from pathlib import Path
 from typing import Final, Literal, TypeAlias, get_args
 
@@ -172,9 +173,11 @@ class ExportOptions:
         if not isinstance(self.include_unmeasured, bool):
             found = repr(self.include_unmeasured)[:40]
             raise _bad("include_unmeasured", "true or false", found)
-        for name, given in [("split", self.split), *(("bands", b) for b in self.bands)]:
-            if isinstance(given, bool) or not isinstance(given, (int, float)):
-                raise _bad(name, "a number", repr(given)[:40])
+        numbers = {"split": (self.split,), "bands": self.bands}
+        for name, values in numbers.items():
+            for value in values:
+                if isinstance(value, bool) or not isinstance(value, Real):
+                    raise _bad(name, "a number", repr(value)[:40])
 
     @classmethod
     def from_mapping(cls, given: JsonObject) -> ExportOptions:

@@ -14,9 +14,6 @@ from unghost import wire
 from unghost.client.call import PATIENCE
 from unghost.client.duplex import Duplex, FileChanged
 from unghost.client.errors import (
-    Forbidden,
-    NotFound,
-    Unauthorized,
     Unavailable,
     UnexpectedAnswer,
     error_of_problem,
@@ -29,9 +26,6 @@ if TYPE_CHECKING:
 
 Report: TypeAlias = Callable[[Outcome], object]
 """Called with each frame's outcome as soon as it is known."""
-
-CONCERNS_ALL: Final = (Unauthorized, Forbidden, NotFound, Unavailable, UnexpectedAnswer)
-"""Errors of one frame that all other frames would get as well (but see `_put`)."""
 
 _MEDIA_TYPE: Final = "application/x-tar"
 

@@ -16,8 +16,15 @@ from queue import Empty, SimpleQueue
 from typing import Final, TypeAlias, TypeVar
 
 from unghost.client.api import frame_stored, known_frames
-from unghost.client.batches import CONCERNS_ALL, BatchSender
-from unghost.client.errors import ApiError, NotFound
+from unghost.client.batches import BatchSender
+from unghost.client.errors import (
+    ApiError,
+    Forbidden,
+    NotFound,
+    Unauthorized,
+    Unavailable,
+    UnexpectedAnswer,
+)
 from unghost.client.outgoing import (
     AlreadyThere,
     NotSent,
@@ -205,12 +212,9 @@ class _Senders:
         try:
             call = frame_stored(upload.path, frame, replace=upload.replace)
             stored = upload.transport.send(call)
-        except CONCERNS_ALL as error:
-            # The answers of others on this frame; other frames can be replaced.
-            if error.code != "others_answers":
-                raise
-            return NotSent(frame.key, error)
         except (ApiError, OSError) as error:
+            if _concerns_all(error):
+                raise
             return NotSent(frame.key, error)
         return Sent(frame.key, stored.frame.id, stored.created, stored.frame.counts)
 
@@ -254,3 +258,13 @@ def _windows(items: Iterable[ItemT], size: int) -> Iterator[list[ItemT]]:
     source = iter(items)
     while window := list(islice(source, size)):
         yield window
+
+
+def _concerns_all(error: Exception) -> bool:
+    """Whether all other frames would get this error of one frame as well.
+
+    Not if a frame may not be replaced because of other people's answers.
+    """
+    if isinstance(error, Forbidden):
+        return error.code != "others_answers"
+    return isinstance(error, (Unauthorized, NotFound, Unavailable, UnexpectedAnswer))
