@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import socket
 import sys
 
@@ -46,6 +47,12 @@ def test_dry_run_prints_the_plan_and_writes_nothing(tmp_path, monkeypatch):
     assert rows["sensor radar"] == "sensor.other.radar"
     assert (rows["output"], rows["push to"]) == ("capture-street", "street")
     assert [path.name for path in tmp_path.iterdir()] == ["street.yaml"]
+
+
+def test_dry_run_says_that_the_interval_is_rounded_to_ticks(tmp_path):
+    done = run(write_scenario(tmp_path, interval_s=0.12), "--dry-run")
+
+    assert "interval_s 0.12 is not a whole number of ticks" in done.stderr
 
 
 def test_dry_run_prints_json(tmp_path):
@@ -136,6 +143,41 @@ def test_carlasimu_files_are_converted_to_a_scenario(tmp_path):
     assert yaml.safe_load(done.stdout) == {
         "weather": {"parameters": {"fog_density": 3}}
     }
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("street.yaml",), ("--dry-run",), ("--push", "x"), ("-o", "y"), ("--token", "t")],
+    ids=" ".join,
+)
+def test_options_of_a_recording_beside_from_carlasimu_exit_with_2(
+    tmp_path, monkeypatch, words
+):
+    monkeypatch.chdir(tmp_path)
+    write_scenario(tmp_path)
+    (tmp_path / "weather.yaml").write_text("sitting: {fog_density: 3}")
+
+    done = run("--from-carlasimu", tmp_path, *words)
+
+    assert done.exit_code == 2
+    assert "--from-carlasimu only prints a scenario: leave out" in " ".join(
+        done.output.replace("│", " ").split()
+    )
+
+
+def test_interrupted_capture_does_not_say_that_all_was_restored(as_carla, tmp_path):
+    def crash(server, now):
+        if now == 12:
+            signal.raise_signal(signal.SIGINT)
+            server.faults.gone = True
+
+    as_carla.simulator.faults.on_tick = crash
+    scenario = write_scenario(tmp_path, camera={"width": 48, "height": 32})
+
+    done = run(scenario, "--output", tmp_path / "out")
+
+    assert "its settings were not restored" in done.stderr
+    assert "settings of the simulator were restored" not in done.stderr
 
 
 def test_capture_prints_a_json_summary(as_carla, tmp_path):

@@ -6,12 +6,13 @@ Each file is converted and checked separately, so that an error names its file.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import yaml
+from pydantic import TypeAdapter, ValidationError
 
 from filter_core.classes import class_of
 from filter_core.values import nearest
@@ -73,6 +74,14 @@ _BOX_KEYS: Final = frozenset(
         "threshold_big_box", "time_screen_shot",
     }
 )  # fmt: skip
+_BOX_DISTANCES: Final = {"min_distance": "min_distance", "max_distance": "max_distance"}
+_BOX_ACTORS: Final = {"vehicles": "vehicles", "walkers": "walkers"}
+_UNUSED_OF_PARTS: Final = ("save_dir", "figure_in_window")
+_UNUSED_OF_CAMERA: Final = (*_UNUSED_OF_PARTS, "bbox_dir", "path_save", "3D", "filter")
+_PART_KEYS: Final = frozenset({"save_to_file", *_UNUSED_OF_PARTS})
+_CAMERA_KEYS: Final = frozenset(
+    {*_PART_KEYS, *_UNUSED_OF_CAMERA, *_BOX_DISTANCES, "actors", "num_image"}
+)
 # Keys of sensors.yaml.
 _NAMES: Final = {
     "rgb_camera": "rgb",
@@ -84,7 +93,8 @@ _NAMES: Final = {
 }
 _CAMERAS: Final = ("rgb_camera", "semantic_segmentation_camera", "depth_camera")
 _SHARED: Final = {"image_size_x": "width", "image_size_y": "height", "fov": "fov"}
-_NOT_ATTRIBUTES: Final = frozenset({"location", "sensor_tick", *_SHARED})
+_NOT_ATTRIBUTES: Final = frozenset({"location", "sensor_tick"})
+_TRUTH: Final[TypeAdapter[bool]] = TypeAdapter(bool)
 
 
 @dataclass
@@ -118,8 +128,7 @@ def convert_carlasimu(folder: Path) -> Conversion:
     there = [name for name in _CONVERTERS if (folder / name).is_file()]
     if not there:
         raise ScenarioError(
-            f"{folder.name}: expected at least one of {', '.join(_CONVERTERS)}, "
-            "found none"
+            f"{folder}: expected at least one of {', '.join(_CONVERTERS)}, found none"
         )
     found = {name: _read(folder / name) for name in there}
     result = Conversion()
@@ -134,6 +143,7 @@ def _read(path: Path) -> Mapping[str, object]:
     inner = document.get(_TOP) if isinstance(document, Mapping) else None
     if not isinstance(inner, Mapping):
         raise ScenarioError(f"{path.name}: expected keys under {_TOP!r}")
+    _refuse_unknown(_mapping(document, path.name), frozenset({_TOP}), path.name)
     return _mapping(inner, path.name)
 
 
@@ -150,14 +160,13 @@ def _data(given: Mapping[str, object], result: Conversion) -> None:
     vehicles["lights"] = _lights(lights)
     scenario["vehicles"] = vehicles
     scenario["walkers"] = _walkers(given)
-    unused = [name for name in _WITHOUT_MEANING if name in given]
-    if unused:
-        result.notes.append(f"data.yaml: keys that are not used: {', '.join(unused)}")
-    if given.get("asynch") or given.get("synchronous") is False:
+    _note_unused(_WITHOUT_MEANING, [given], "data.yaml", result.notes)
+    is_asynchronous = _truth(given, "asynch", "data.yaml", default=False)
+    if is_asynchronous or not _truth(given, "synchronous", "data.yaml", default=True):
         result.notes.append(
             "asynch and synchronous are not used: capture is always synchronous"
         )
-    if given.get("no_rendering"):
+    if _truth(given, "no_rendering", "data.yaml", default=False):
         result.notes.append("no_rendering is not used: cameras need rendering")
 
 
@@ -173,14 +182,16 @@ def _walkers(given: Mapping[str, object]) -> dict[str, object]:
 
 def _lights(states: Mapping[str, object]) -> list[str]:
     known = {name.casefold(): name for name in VEHICLE_LIGHTS}
-    lower = {name.casefold(): on for name, on in states.items()}
+    on = set()
     for name in states:
         if name.casefold() not in known:
             raise ScenarioError(
                 f"data.yaml: light_state.{name}: unknown light; the nearest is "
                 f"{nearest(name, VEHICLE_LIGHTS)!r}"
             )
-    return [name for key, name in known.items() if lower.get(key)]
+        if _truth(states, name, "data.yaml: light_state", default=False):
+            on.add(name.casefold())
+    return [name for key, name in known.items() if key in on]
 
 
 def _number_or_all(value: object) -> object:
@@ -248,11 +259,11 @@ def _sensor(
             f"sensors.yaml: {name}.sensor_tick is not used: it drifts against the "
             "world's ticks; interval_s says when a frame is recorded"
         )
-    lens = _lens(sensor) if name in _CAMERAS else {}
+    shared = {*_SHARED, *_lens(sensor)} if name in _CAMERAS else set()
     attributes = {
         key: value
         for key, value in sensor.items()
-        if key not in _NOT_ATTRIBUTES and key not in lens
+        if key not in _NOT_ATTRIBUTES and key not in shared
     }
     if name in _CAMERAS:
         return {"attributes": attributes}
@@ -271,7 +282,11 @@ def _map_layers(given: Mapping[str, object], result: Conversion) -> None:
     known = {**{name: name for name in MAP_LAYERS}, **_LAYERS}
     _refuse_unknown(given, frozenset(known), "mapLayer.yaml")
     # A layer that is loaded already need not be loaded.
-    off = {known[name]: False for name, wanted in given.items() if wanted is False}
+    off = {
+        known[name]: False
+        for name in given
+        if not _truth(given, name, "mapLayer.yaml", default=True)
+    }
     result.scenario["map_layers"] = off
 
 
@@ -281,13 +296,16 @@ def _boxes(given: Mapping[str, object], result: Conversion) -> None:
         name: _mapping(given.get(name), f"boundingBox.yaml: {name}")
         for name in _RECORDED
     }
+    for name, part in parts.items():
+        known = _CAMERA_KEYS if name == "cam_rgb" else _PART_KEYS
+        _refuse_unknown(part, known, f"boundingBox.yaml: {name}")
     camera, scenario = parts["cam_rgb"], result.scenario
-    actors = _mapping(camera.get("actors"), "boundingBox.yaml: cam_rgb.actors")
+    at = "boundingBox.yaml: cam_rgb.actors"
+    actors = _mapping(camera.get("actors"), at)
+    _refuse_unknown(actors, frozenset(_BOX_ACTORS), at)
     scenario["boxes"] = {
-        **_taken(
-            camera, {"min_distance": "min_distance", "max_distance": "max_distance"}
-        ),
-        **_taken(actors, {"vehicles": "vehicles", "walkers": "walkers"}),
+        **_taken(camera, _BOX_DISTANCES),
+        **_taken(actors, _BOX_ACTORS),
         "parked_vehicles": False,
         "traffic_lights": False,
     }
@@ -296,12 +314,20 @@ def _boxes(given: Mapping[str, object], result: Conversion) -> None:
     unwanted = [
         name
         for part, (name, default) in _RECORDED.items()
-        if not parts[part].get("save_to_file", default)
+        if not _truth(
+            parts[part], "save_to_file", f"boundingBox.yaml: {part}", default=default
+        )
     ]
+    sensors = _mapping(scenario.get("sensors"), "sensors")
+    if "semantic_lidar" in sensors:
+        result.notes.append(
+            "sensors.yaml: semantic_lidar is not recorded: carlasimu does not save it"
+        )
     scenario["sensors"] = {
-        **_mapping(scenario.get("sensors"), "sensors"),
+        **sensors,
         **dict.fromkeys([*unwanted, "semantic_lidar"], False),
     }
+    _note_unused(_UNUSED_OF_CAMERA, parts.values(), "boundingBox.yaml", result.notes)
     result.notes.append(
         "the thresholds of boundingBox.yaml belong to the filter: "
         "unghost filter --config boundingBox.yaml reads them"
@@ -309,11 +335,14 @@ def _boxes(given: Mapping[str, object], result: Conversion) -> None:
 
 
 def _vehicles(given: Mapping[str, object], result: Conversion) -> None:
-    named = {
-        str(blueprint): name
-        for name, blueprints in given.items()
-        for blueprint in _list(blueprints, f"vehicles_name.yaml: {name}")
-    }
+    named: dict[str, str] = {}
+    for name, blueprints in given.items():
+        for blueprint in map(str, _list(blueprints, f"vehicles_name.yaml: {name}")):
+            other = named.setdefault(blueprint, name)
+            if other != name:
+                raise ScenarioError(
+                    f"vehicles_name.yaml: {blueprint} is in both {other} and {name}"
+                )
     own = {
         blueprint: name
         for blueprint, name in named.items()
@@ -362,6 +391,29 @@ def _number(value: object, at: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise _wrong(at, "a number", value)
     return float(value)
+
+
+def _truth(given: Mapping[str, object], name: str, at: str, *, default: bool) -> bool:
+    """True or false, as the scenario reads them; the default if nothing is given."""
+    value = given.get(name)
+    if value is None:
+        return default
+    try:
+        return _TRUTH.validate_python(value)
+    except ValidationError:
+        raise _wrong(f"{at}: {name}", "true or false", value) from None
+
+
+def _note_unused(
+    names: Iterable[str],
+    parts: Iterable[Mapping[str, object]],
+    file: str,
+    notes: list[str],
+) -> None:
+    """Add a note that lists which of these keys the parts of a file have."""
+    there = {key for part in parts for key in part}
+    if unused := [name for name in names if name in there]:
+        notes.append(f"{file}: keys that are not used: {', '.join(unused)}")
 
 
 def _refuse_unknown(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import reprlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -40,7 +41,8 @@ _SHORT: Final = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
 _MAX_BYTES: Final = 1 << 20
 _NOT_THE_CONTENT: Final = frozenset({"host", "port", "timeout_s", "frames"})
-"""Keys that may differ when a capture is continued: address, time-outs, number."""
+"""Keys that, like `sensor_wait_s`, may differ when a capture is continued."""
+_USUAL_SENSOR_WAIT_S: Final = 10.0
 Port: TypeAlias = Annotated[int, Field(ge=1, le=65535)]
 Count: TypeAlias = Annotated[int, Field(ge=0, le=2000)]
 Generation: TypeAlias = Literal[1, 2, "all"]
@@ -81,9 +83,21 @@ class Part(BaseModel):
     def _no_bool_for_a_number(cls, given: object, place: ValidationInfo) -> object:
         # `true` would be taken for 1, and `on` and `yes` are true in YAML.
         kind = cls.model_fields[str(place.field_name)].annotation
-        if isinstance(given, bool) and bool not in (kind, *get_args(kind)):
+        if _may_be_bool(kind):
+            return given
+        inner: list[object] = []
+        if isinstance(given, list | tuple):
+            inner = [*given]
+        elif isinstance(given, Mapping) and _model_in(kind) is None:
+            inner = [*given.values()]  # those of a model check themselves
+        if any(isinstance(value, bool) for value in (given, *inner)):
             raise ValueError("true and false are not allowed here")
         return given
+
+
+def _may_be_bool(annotation: object) -> bool:
+    """Whether a value of this type, or one in it, may be true or false."""
+    return annotation is bool or any(map(_may_be_bool, get_args(annotation)))
 
 
 class TrafficManager(Part):
@@ -284,7 +298,7 @@ class Scenario(Part):
     warm_up_ticks: int = Field(default=20, ge=10, le=10_000)
     interval_s: float = Field(default=1.0, gt=0, le=86_400)
     frames: int = Field(default=100, ge=1, le=10_000_000)
-    sensor_wait_s: float = Field(default=10.0, gt=0, le=3600)
+    sensor_wait_s: float = Field(default=_USUAL_SENSOR_WAIT_S, gt=0, le=3600)
     see_through_glass: bool | None = None
     traffic_manager: TrafficManager = TrafficManager()
     vehicles: Vehicles = Vehicles()
@@ -307,13 +321,26 @@ class Scenario(Part):
 
     @property
     def ticks_per_frame(self) -> int:
-        """Ticks from one recorded frame to the next."""
+        """Ticks from one recorded frame to the next: `interval_s`, rounded."""
         return max(1, round(self.interval_s / self.delta_s))
+
+    @property
+    def rounding(self) -> str | None:
+        """In words, what `interval_s` becomes if it is not a whole number of ticks."""
+        seconds = self.ticks_per_frame * self.delta_s
+        if math.isclose(seconds, self.interval_s, rel_tol=1e-6):
+            return None
+        return (
+            f"interval_s {self.interval_s:g} is not a whole number of ticks "
+            f"(delta_s {self.delta_s:g}): frames are {seconds:g} s apart"
+        )
 
     @property
     def digest(self) -> str:
         """SHA-256 of the keys on which the recorded frames depend."""
         content = self.model_dump(mode="json", exclude=set(_NOT_THE_CONTENT))
+        # Not excluded: a capture that an earlier version began must keep its digest.
+        content["sensor_wait_s"] = _USUAL_SENSOR_WAIT_S
         canonical = json.dumps(content, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(canonical.encode()).hexdigest()
 

@@ -1,10 +1,10 @@
-"""Changes the state of a simulator for a capture, and always restores it.
+"""Changes the state of a simulator for a capture, and restores it at the end.
 
-`open_session` switches the scenario's map to synchronous mode. It records how to undo
-each change, and undoes all of them when its block ends, also after an error. Signals
-(SIGINT, SIGTERM, SIGHUP) do not end the process: `listening_for_stop` turns them into a
-request that is checked between two steps, and `shielded` delays them while the
-simulator's state is restored.
+`open_session` switches the scenario's map to synchronous mode. When its block ends,
+also after an error, it undoes each change that can be undone; docs/capture.md lists
+those that cannot. Signals (SIGINT, SIGTERM, SIGHUP) do not end the process:
+`listening_for_stop` turns them into a request that is checked between two steps, and
+`shielded` delays them while the simulator's state is restored.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ def open_session(
     """The scenario's map in synchronous mode, until the block ends.
 
     Afterwards the settings are those of before, the traffic manager is asynchronous
-    again, and every actor that was spawned is gone: after an error and Ctrl-C too.
+    again, and every actor that was spawned is gone: after an error and Ctrl-C too. What
+    could not be restored is reported with `note`.
 
     Raises
     ------

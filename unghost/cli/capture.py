@@ -69,19 +69,22 @@ class CaptureOptions(ServerOptions):
 def capture(options: CaptureOptions) -> None:
     """Record what a scenario describes from a running CARLA simulator.
 
-    Can be interrupted and repeated: the simulator's state is restored, and the same
-    command continues. Exit code 69 if no simulator answers, or it stops answering.
+    Can be interrupted: the simulator's settings are restored, and the same command
+    continues. Exit code 69 if no simulator answers, or it stops answering.
     """
     from unghost.capture.plan import plan_of
     from unghost.capture.scenario import read_scenario
     from unghost.capture.simulator import ScenarioError
 
     if options.from_carlasimu is not None:
+        _refuse_beside_conversion(options)
         _convert(options.from_carlasimu, options)
         return
     if options.scenario is None:
         raise typer.BadParameter("give SCENARIO or --from-carlasimu")
     scenario = read_scenario(options.scenario)
+    if scenario.rounding is not None:
+        options.screen.note(scenario.rounding)
     output = options.output or Path(f"capture-{options.scenario.stem}")
     if options.dry_run:
         plan = plan_of(scenario, output, options.push)
@@ -98,6 +101,23 @@ def capture(options: CaptureOptions) -> None:
     _print_recorded(recorded, output, options)
     if options.push is not None:
         _push(output, options.push, options)
+
+
+def _refuse_beside_conversion(options: CaptureOptions) -> None:
+    """A conversion records nothing, so that these options would have no effect."""
+    useless = {
+        "SCENARIO": options.scenario,
+        "--output": options.output,
+        "--push": options.push,
+        "--dry-run": options.dry_run or None,
+        "--server": options.server,
+        "--token": options.token,
+    }
+    given = [name for name, value in useless.items() if value is not None]
+    if given:
+        raise typer.BadParameter(
+            f"--from-carlasimu only prints a scenario: leave out {', '.join(given)}"
+        )
 
 
 def _convert(folder: Path, options: CaptureOptions) -> None:
@@ -119,8 +139,7 @@ def _record(scenario: Scenario, output: Path, options: CaptureOptions) -> Record
             return record(carla, Request(scenario, output, screen.note, advance))
         except KeyboardInterrupt:
             raise KeyboardInterrupt(
-                "interrupted; the settings of the simulator were restored. The same "
-                "command continues the capture"
+                "interrupted; the same command continues the capture"
             ) from None
 
 

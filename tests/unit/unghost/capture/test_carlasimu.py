@@ -147,6 +147,19 @@ WRONG = [
     ("boundingBox.yaml", {"cam_rgb": 3}, "cam_rgb: expected keys and values"),
     ("boundingBox.yaml", {"cam_rgb": {"actors": 3}}, "cam_rgb.actors: expected keys"),
     ("vehicles_name.yaml", {"car": "vehicle.audi.a2"}, "car: expected a list"),
+    ("vehicles_name.yaml", {"car": ["a.b"], "van": ["a.b"]}, "a.b is in both car and"),
+    ("boundingBox.yaml", {"cam_rgb": {"max_distanse": 9}}, "is 'max_distance'"),
+    ("boundingBox.yaml", {"cam_rgb": {"actors": {"walker": 1}}}, "is 'walkers'"),
+    ("boundingBox.yaml", {"lidar_sensor": {"save_to_fil": True}}, "is 'save_to_file'"),
+    ("boundingBox.yaml", {"lidar_sensor": {"num_image": 3}}, "num_image: unknown key"),
+    (
+        "boundingBox.yaml",
+        {"lidar_sensor": {"save_to_file": "often"}},
+        "lidar_sensor: save_to_file: expected true or false, found 'often'",
+    ),
+    ("data.yaml", {"light_state": {"Fog": 3}}, "light_state: Fog: expected true or"),
+    ("data.yaml", {"synchronous": "maybe"}, "synchronous: expected true or false"),
+    ("mapLayer.yaml", {"building": []}, "building: expected true or false"),
 ]
 
 
@@ -168,6 +181,55 @@ def test_sensor_without_attributes_has_default_values(tmp_path):
     scenario = parse_scenario(convert_carlasimu(tmp_path).scenario, "x")
 
     assert (scenario.camera.width, scenario.sensors.radar is None) == (1280, False)
+
+
+def test_truth_values_in_words_are_read_as_the_scenario_reads_them(tmp_path):
+    write_config_file(tmp_path, "mapLayer.yaml", {"building": "off"})
+    write_config_file(
+        tmp_path, "data.yaml", {"light_state": {"Fog": "off", "LowBeam": "on"}}
+    )
+
+    scenario = parse_scenario(convert_carlasimu(tmp_path).scenario, "x")
+
+    assert scenario.map_layers == {"Buildings": False}
+    assert scenario.vehicles.lights == ("LowBeam",)
+
+
+def test_unused_keys_of_parts_are_listed_in_notes(tmp_path):
+    write_config_file(
+        tmp_path,
+        "boundingBox.yaml",
+        {"cam_rgb": {"3D": False, "save_dir": "x"}, "lidar_sensor": {"save_dir": "y"}},
+    )
+
+    notes = convert_carlasimu(tmp_path).notes
+
+    assert "boundingBox.yaml: keys that are not used: save_dir, 3D" in notes
+
+
+def test_semantic_lidar_that_carlasimu_does_not_save_is_listed_in_notes(tmp_path):
+    write_config_file(tmp_path, "sensors.yaml", {"semantic_lidar": {"range": 9}})
+    write_config_file(tmp_path, "boundingBox.yaml", {"threshold_small_box": 10})
+
+    notes = convert_carlasimu(tmp_path).notes
+
+    assert any("semantic_lidar is not recorded" in note for note in notes)
+
+
+def test_attribute_that_cameras_share_stays_with_a_sensor_that_is_no_camera(tmp_path):
+    write_config_file(tmp_path, "sensors.yaml", {"radar_sensor": {"fov": 30}})
+
+    scenario = parse_scenario(convert_carlasimu(tmp_path).scenario, "x")
+
+    assert scenario.sensors.radar is not None
+    assert scenario.sensors.radar.attributes == {"fov": 30}
+
+
+def test_second_key_beside_sitting_raises_scenario_error(tmp_path):
+    (tmp_path / "data.yaml").write_text("sitting: {port: 1}\nsetting: {port: 2}")
+
+    with pytest.raises(ScenarioError, match=r"data\.yaml: setting: unknown key"):
+        convert_carlasimu(tmp_path)
 
 
 def test_folder_without_carlasimu_files_raises_scenario_error(tmp_path):

@@ -39,6 +39,8 @@ WRONG = [
     ("frames: true", "frames: true and false are not allowed here, found True"),
     ("vehicles: {generation: on}", "vehicles.generation: true and false are not"),
     ("camera: {mount: {x: yes}}", "camera.mount.x: true and false are not"),
+    ("weather: {parameters: {wetness: on}}", "weather.parameters: true and false are"),
+    ("boxes: {bands: [true, 50]}", "boxes.bands: true and false are not"),
     ("frames: 0", "frames: .*greater than or equal to 1, found 0"),
     ("delta_s: 0.2", "delta_s: .*less than or equal to 0.1, found 0.2"),
     ("interval_s: 0.01", "interval_s 0.01 is shorter than a tick"),
@@ -134,9 +136,25 @@ def test_ticks_per_frame_follow_from_the_interval(interval, ticks):
     assert parse_scenario({"interval_s": interval}, "x").ticks_per_frame == ticks
 
 
+def test_interval_that_is_not_a_whole_number_of_ticks_is_put_in_words():
+    assert parse_scenario({"interval_s": 0.15, "delta_s": 0.05}, "x").rounding is None
+    assert parse_scenario({"interval_s": 0.12}, "x").rounding == (
+        "interval_s 0.12 is not a whole number of ticks (delta_s 0.05): frames are "
+        "0.1 s apart"
+    )
+
+
+def test_digest_stays_that_of_earlier_versions():
+    # Otherwise a capture that one of them began could not be continued.
+    assert Scenario().digest == (
+        "a7ea7a787e4e648335a66dc1457c767205b899a01b1c08440424002b96d4fbde"
+    )
+
+
 def test_digest_covers_only_keys_that_recorded_frames_depend_on():
     plain = Scenario().digest
 
     assert parse_scenario({"host": "10.0.0.5", "frames": 9}, "x").digest == plain
+    assert parse_scenario({"sensor_wait_s": 60, "timeout_s": 5}, "x").digest == plain
     assert parse_scenario({"seed": 1}, "x").digest != plain
     assert parse_scenario({"camera": {"fov": 91}}, "x").digest != plain
