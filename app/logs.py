@@ -18,6 +18,8 @@ from typing import Final, NamedTuple, TextIO
 
 current_request_id: ContextVar[str] = ContextVar("current_request_id", default="-")
 
+# The three loggers of the service as a whole. A part that works by itself, such as a
+# job, logs under the name of its module (docs/operations.md, "Logs").
 access_log: Final = logging.getLogger("unghost.access")
 error_log: Final = logging.getLogger("unghost.error")
 server_log: Final = logging.getLogger("unghost.server")

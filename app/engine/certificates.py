@@ -39,7 +39,8 @@ def make_certificates(folder: Path, hosts: tuple[str, ...], days: int) -> list[P
     Raises
     ------
     UnusableEngine
-        One of the files exists already, or a package is missing.
+        One of the files exists already, a package is missing, or a host is neither an
+        address nor a name in ASCII. Nothing is written then.
     """
     names = (AUTHORITY, *NODES)
     files = [folder / f"{name}{end}" for name in names for end in (".pem", ".key")]
@@ -49,16 +50,22 @@ def make_certificates(folder: Path, hosts: tuple[str, ...], days: int) -> list[P
             f"{str(folder)!r} has {', '.join(there)} already; nodes that have their "
             "certificates would no longer be trusted. Choose another folder"
         )
+    for host in hosts:
+        if not (host and host.isascii()):
+            raise UnusableEngine(
+                f"expected an address or a name in ASCII as host, found {host!r}; "
+                "names with other letters have an ASCII form that begins with xn--"
+            )
     try:
         authority = _sign(AUTHORITY, (), days, None)
     except ImportError as exc:
         raise UnusableEngine(
             "certificates need more packages: pip install 'unghost[cluster]'"
         ) from exc
+    signed = {name: _sign(name, hosts, days, authority) for name in NODES}
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    _write(folder, AUTHORITY, authority)
-    for name in NODES:
-        _write(folder, name, _sign(name, hosts, days, authority))
+    for name, one in {AUTHORITY: authority, **signed}.items():
+        _write(folder, name, one)
     return files
 
 

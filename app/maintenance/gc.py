@@ -12,6 +12,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import islice
 from typing import Final
@@ -56,12 +57,12 @@ def collect(
     CannotMaintain
         The folder cannot be used, or is locked by another such command.
     """
-    Reserve(settings.data).give_up()
-    with (
-        alone(settings),
-        opened(settings) as database,
-        stored_files_of(settings) as store,
-    ):
+    with ExitStack() as held:
+        held.enter_context(alone(settings))
+        if not dry_run:
+            Reserve(settings.data).give_up()
+        database = held.enter_context(opened(settings))
+        store = held.enter_context(stored_files_of(settings))
         until = time.time() - grace_hours * HOUR_S
         found = Garbage(removed=not dry_run)
         young = _files(database, store, found, until, steps)

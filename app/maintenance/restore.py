@@ -85,7 +85,7 @@ def _restored(
 ) -> Restored:
     make_folder(data)
     inside = data / RESTORING
-    shutil.rmtree(inside, ignore_errors=True)
+    _remove_unfinished(data)
     inside.mkdir(mode=0o700)
     try:
         with steps("restore", "MB") as advance:
@@ -95,7 +95,7 @@ def _restored(
             raise CannotMaintain(f"{backup} cannot be used: {newer(label.schema)}")
         _put_in_place(inside, data, bucket, steps)
     finally:
-        shutil.rmtree(inside, ignore_errors=True)
+        _remove_unfinished(data)
         flush_folder(data)
     return Restored(
         data, unpacked.files, label.schema, label.created_at, label.left_out
@@ -105,14 +105,34 @@ def _restored(
 def _check_empty(data: Path) -> None:
     # Left by an interrupted restore, by an emptied data folder, and by a file system.
     locks = {MAINTENANCE_LOCK, SERVER_LOCK, database_lock(data / DATABASE).name}
-    sanitised = {RESTORING, *locks, "lost+found"}
+    left = {RESTORING, *locks, "lost+found"}
     if data.exists() and not data.is_dir():
         raise CannotMaintain(f"{data} is not a folder")
     found = [path.name for path in data.iterdir()] if data.is_dir() else []
-    if {*found} - sanitised:
+    if _moved_only_files(data):
+        left.add(BLOBS)
+    if {*found} - left:
         raise CannotMaintain(
             f"{data} is not empty; a backup is restored into an empty or new folder"
         )
+
+
+def _moved_only_files(data: Path) -> bool:
+    """Whether a restore ended after it had moved the files, and before the database."""
+    inside = data / RESTORING
+    moved_or_removed = not any((inside / name).exists() for name in (BLOBS, LABEL))
+    return moved_or_removed and (inside / DATABASE).exists()
+
+
+def _remove_unfinished(data: Path) -> None:
+    """Remove what a restore has unpacked, and files that it moved without a database.
+
+    The folder with the unpacked database is removed last: it shows that these files are
+    not those of a service.
+    """
+    if _moved_only_files(data):
+        shutil.rmtree(data / BLOBS, ignore_errors=True)
+    shutil.rmtree(data / RESTORING, ignore_errors=True)
 
 
 def _put_in_place(

@@ -22,6 +22,7 @@ from typing import IO, Final
 from urllib.parse import quote
 
 from filter_core.formats.export import ExportError, Sink
+from filter_core.formats.reading import name_of
 
 _SAFE: Final = " ()[]{}+-=_.,;!@#$^&~'"
 
@@ -104,7 +105,10 @@ def folder_sink(folder: Path) -> Iterator[Sink]:
         The folder exists already, or a file's path leads out of it.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ExportError(f"{folder.name}: expected a new or an empty folder")
+        raise ExportError(f"{name_of(folder)}: expected a new or an empty folder")
+    if folder.resolve() == Path.cwd():
+        # It is created under another name first, and the current one cannot be moved.
+        raise ExportError(f"{name_of(folder)}: expected a new folder, found this one")
     folder.parent.mkdir(parents=True, exist_ok=True)
     partial = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}-"))
     try:

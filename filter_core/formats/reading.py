@@ -268,6 +268,11 @@ class FileIndex:
         return [*self.unmatched, *unused]
 
 
+def name_of(source: Path) -> str:
+    """The name of a folder or a file, for messages: of ``.``, too, which has none."""
+    return source.name or source.resolve().name or str(source)
+
+
 def frame_key(name: str) -> str:
     """The key of the frame a file belongs to, from its path inside the folder.
 

@@ -43,6 +43,7 @@ from filter_core.formats.reading import (
     FrameSet,
     ReadOptions,
     manifests_below,
+    name_of,
 )
 from filter_core.formats.tally import Counts
 from filter_core.formats.voc import VOC
@@ -104,7 +105,9 @@ def read_source(
         not have, or no list of classes.
     """
     if not source.exists():
-        raise LayoutError(f"{source.name}: expected a folder or a manifest, found none")
+        raise LayoutError(
+            f"{name_of(source)}: expected a folder or a manifest, found none"
+        )
     name = detect_layout(source) if layout == "auto" else layout
     found = FORMATS.get(name)
     if found is None or found.read is None:
@@ -140,21 +143,21 @@ def detect_layout(source: Path) -> str:
         return found[0]
     if found:
         raise LayoutError(
-            f"{source.name}: could be {' or '.join(found)}; name the layout"
+            f"{name_of(source)}: could be {' or '.join(found)}; name the layout"
         )
     if several := manifests_below(source):
         raise LayoutError(
-            f"{source.name}: expected one {MANIFEST_NAME}, found {len(several)}; "
+            f"{name_of(source)}: expected one {MANIFEST_NAME}, found {len(several)}; "
             f"give the folder of one of them, such as {Path(several[0]).parent}"
         )
     if is_zipfile(source):
         raise LayoutError(
-            f"{source.name}: expected a folder or a manifest, found a ZIP archive; "
+            f"{name_of(source)}: expected a folder or a manifest, found a ZIP archive; "
             "unpack it first"
         )
     *first, last = (one.recognised_by for one in _IN_ORDER_OF_TRIAL if one.recognise)
     raise LayoutError(
-        f"{source.name}: no layout recognised; expected {', '.join(first)}, or {last}"
+        f"{name_of(source)}: no layout recognised; expected {', '.join(first)}, or {last}"
     )
 
 

@@ -54,6 +54,17 @@ def test_certificates_are_never_overwritten_and_keys_are_private(made):
     assert "has ca.pem" in second.err
 
 
+@pytest.mark.parametrize("host", ["münchen", ""])
+def test_host_that_no_certificate_can_name_is_refused_before_anything_is_written(
+    tmp_path, host
+):
+    said = CommandLine(tmp_path, {})("certificates", "nodes", "--host", host)
+
+    assert said.code == 1
+    assert f"expected an address or a name in ASCII as host, found {host!r}" in said.err
+    assert not (tmp_path / "nodes").exists()
+
+
 def test_each_certificate_is_signed_for_its_hosts_and_days(made):
     folder = made[0]
     authority = read_certificate(folder, "ca")

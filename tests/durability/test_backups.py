@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 import sqlite3
 import tarfile
 import threading
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -249,6 +251,48 @@ def test_interrupted_restore_is_not_served_and_can_be_repeated(
     assert "run `unghost restore` again" in refused.err
     assert restored(tmp_path / "kept", filled).files == 4
     assert doctor_findings(filled).keys() <= {"token"}
+
+
+@pytest.mark.parametrize("is_killed", [True, False])
+def test_restore_that_moved_only_the_files_can_be_repeated(
+    filled, tmp_path, monkeypatch, is_killed
+):
+    kept = backed_up(filled, tmp_path / "kept")
+    again = tmp_path / "again"
+    rename = Path.rename
+
+    def fail_for_the_database(path, target):
+        if path.name == "unghost.db":
+            if is_killed:
+                shutil.copytree(again, tmp_path / "as_left")
+            raise OSError(errno.EIO, "cannot rename")
+        return rename(path, target)
+
+    with monkeypatch.context() as failing:
+        failing.setattr(Path, "rename", fail_for_the_database)
+        with pytest.raises(OSError, match="cannot rename"):
+            restored(kept, again)
+    if is_killed:
+        assert list(again.iterdir()) == []
+        again = tmp_path / "as_left"
+        assert {path.name for path in again.iterdir()} == {".restoring", "blobs"}
+
+    assert restored(kept, again).files == 4
+    assert doctor_findings(again).keys() <= {"token"}
+
+
+def test_files_of_a_service_beside_an_interrupted_restore_are_not_removed(
+    filled, tmp_path
+):
+    # Its database is on a server, as with PostgreSQL.
+    kept = backed_up(filled, tmp_path / "kept")
+    (filled / "unghost.db").unlink()
+    (filled / ".restoring").mkdir()
+
+    with pytest.raises(CannotMaintain, match="is not empty"):
+        restored(kept, filled)
+
+    assert len(blobs(filled)) == 4
 
 
 def test_backup_of_a_newer_schema_version_is_not_restored(filled, tmp_path):

@@ -82,6 +82,8 @@ def test_full_disk_still_allows_deletion_and_garbage_collection(data, unghost):
         api.upload_frame(small, "a")
         until((data / RESERVE).exists)
         with full_disk(data, 0):
+            looked = unghost("gc", "--data", data, "--dry-run")
+            untouched = (data / RESERVE).exists()
             full = api.put(small, "b").status_code
             api.remove(NAME)
             gone = api.http.delete(f"/api/v1/datasets/{small}?confirm={small}")
@@ -91,6 +93,7 @@ def test_full_disk_still_allows_deletion_and_garbage_collection(data, unghost):
         stored = api.post("/datasets", {"name": NAME}).status_code
         until((data / RESERVE).exists)
 
+    assert (looked.code, untouched) == (0, True), looked.err
     assert (full, gone.status_code, stored) == (503, 204, 201)
     assert collected.code == 0, collected.err
     assert json.loads(collected.out)["files"] == 2

@@ -161,6 +161,7 @@ class CreateTokenOptions(ServerOptions):
 
 def create_token(options: CreateTokenOptions) -> None:
     """Create a token and print it; it is not shown again."""
+    _check_where(options)
     until = None
     if options.days > 0:
         until = datetime.now(timezone.utc) + timedelta(days=options.days)
@@ -170,6 +171,23 @@ def create_token(options: CreateTokenOptions) -> None:
         f"token {made.id} of {made.name!r}, {made.role}, {_until(made)}: it is "
         f"not shown again. Use it to log in at {where}, or as UNGHOST_TOKEN."
     )
+
+
+def _check_where(options: CreateTokenOptions) -> None:
+    """The token is made by a server or in a data folder; options of one exclude both.
+
+    Raises
+    ------
+    typer.BadParameter
+        An option would have no effect.
+    """
+    if not options.offline:
+        if options.data is not None:
+            raise typer.BadParameter("--data is for --offline")
+        return
+    for name, given in (("--server", options.server), ("--token", options.token)):
+        if given is not None:
+            raise typer.BadParameter(f"{name} is not for --offline: no server is asked")
 
 
 def _make_token(

@@ -16,7 +16,12 @@ import typer
 
 from unghost.cli.options import OutputOptions
 from unghost.cli.screen import Screen, partly_done, refusal
-from unghost.cli.sources import LocalFilterOptions, open_source, read_config
+from unghost.cli.sources import (
+    LocalFilterOptions,
+    not_matched,
+    open_source,
+    read_config,
+)
 from unghost.wire.words import EvidenceName
 
 if TYPE_CHECKING:
@@ -113,7 +118,7 @@ def evaluate(options: EvaluateOptions) -> None:
     Precision, recall and F1 with 95 % intervals, ghosts kept and visible objects lost,
     for each kind of evidence, by class and by distance, too; with --json the worst
     boxes, and with --suggest thresholds for each class with their curves. Exit code 3
-    if some frames could not be used; they are listed.
+    if some frames could not be used or matched; they are listed.
     """
     from filter_core.local import evaluate_source
 
@@ -136,6 +141,8 @@ def evaluate(options: EvaluateOptions) -> None:
         )
     for problem in problems:
         screen.note(refusal(problem["key"], problem["error"]["detail"]))
+    for file in found.unmatched:
+        screen.note(not_matched(file))
     result = evaluation.as_dict()
     if thresholds is None:
         screen.record(result)
@@ -148,7 +155,7 @@ def evaluate(options: EvaluateOptions) -> None:
     if options.plot is not None:
         scores = [(name, one["f1"]) for name, one in result["channels"].items()]
         options.plot.write_text(f1_plot(scores), "utf-8")
-    if problems:
+    if problems or found.unmatched:
         raise partly_done(evaluation.frames)
 
 

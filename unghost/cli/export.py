@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from unghost.cli.options import DatasetName, OutputOptions, ServerOptions, listed
+from unghost.cli.runs import cancel_interrupted
 from unghost.cli.screen import Screen, naming_options, partly_done, refusal
 from unghost.cli.sources import (
     SegmentationReading,
@@ -53,8 +54,19 @@ class FormatOptions:
 
     @property
     def given(self) -> dict[str, object]:
-        """The options by name."""
-        return dict(_pair(text) for text in self.option or ())
+        """The options by name.
+
+        Raises
+        ------
+        typer.BadParameter
+            One is not of the form KEY=VALUE, or is given twice.
+        """
+        found: dict[str, object] = {}
+        for key, value in map(_pair, self.option or ()):
+            if key in found:
+                raise typer.BadParameter(f"--option {key} is given twice")
+            found[key] = value
+        return found
 
 
 def _pair(text: str) -> tuple[str, object]:
@@ -125,25 +137,12 @@ def wait_for_export(client: Client, export: Export, screen: Screen) -> Export:
                 export, progress=lambda state: advance(state.done, state.total)
             )
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(_cancel_interrupted(client, export)) from None
-
-
-def _cancel_interrupted(client: Client, export: Export) -> str:
-    import httpx
-
-    from unghost.client.errors import ApiError, Conflict
-
-    begin, again = (
-        f"interrupted; export {export.id}",
-        "the same command creates another",
-    )
-    try:
-        client.cancel_export(export)
-    except Conflict:  # it was faster
-        return f"{begin} had ended already, and {again}"
-    except (ApiError, httpx.TransportError):
-        return f"{begin} continues on the server, and {again}"
-    return f"{begin} was cancelled; {again}"
+        outcome = cancel_interrupted(
+            f"export {export.id}", lambda: client.cancel_export(export)
+        )
+        raise KeyboardInterrupt(
+            f"interrupted; {outcome}; the same command creates another"
+        ) from None
 
 
 def _boxes_written(done: Export) -> str:
@@ -226,8 +225,11 @@ def convert(options: ConvertOptions) -> None:
     it is complete; its manifest.json names every box that was left out or cut.
     Exit code 3 if some frames could not be read or matched; they are listed.
     """
-    if options.config is not None and not options.filter:
-        raise typer.BadParameter("--config is for --filter")
+    if not options.filter:
+        given = ["config"] if options.config is not None else []
+        for name in [*given, *options.reading]:
+            option = name.replace("_", "-")
+            raise typer.BadParameter(f"--{option} is for --filter")
     # Before the folder is read, which may take long: this refuses an unknown format.
     labels = _label_options(options)
     found = open_source(options.source, options)
@@ -263,6 +265,7 @@ def _write_labels(
 ) -> Counts:
     from filter_core.formats.export import ExportHead
     from filter_core.formats.files import folder_sink
+    from filter_core.formats.reading import name_of
     from filter_core.formats.registry import format_of, write_export
     from filter_core.local import class_order, export_sources
 
@@ -270,7 +273,7 @@ def _write_labels(
     classes = found.classes or class_order(found)
     options.screen.note(f"classes in this order: {', '.join(classes)}")
     decided = {"config": config.digest} if options.filter else {}
-    facts = {"source": options.source.name, "layout": found.layout, **decided}
+    facts = {"source": name_of(options.source), "layout": found.layout, **decided}
     needs = format_of(options.to, labels).needs
     frames = export_sources(found, config, measure=options.filter, needs=needs)
     with folder_sink(options.output) as sink:

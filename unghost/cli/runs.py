@@ -7,6 +7,7 @@ configuration of a dataset.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
@@ -143,7 +144,10 @@ def wait_for_run(
                 run, progress=lambda state: advance(state.done, state.total)
             )
     except KeyboardInterrupt:
-        message = _cancel_interrupted(client, run) if cancel else _continues(run)
+        message = _continues(run)
+        if cancel:
+            outcome = cancel_interrupted(f"run {run.id}", lambda: client.cancel(run))
+            message = f"interrupted; {outcome}"
         raise KeyboardInterrupt(message) from None
     except (httpx.TransportError, Unavailable):
         screen.note(
@@ -160,21 +164,39 @@ def _continues(run: Run) -> str:
     )
 
 
-def _cancel_interrupted(client: Client, run: Run) -> str:
-    from unghost.client.errors import Conflict
+def cancel_interrupted(job: str, cancel: Callable[[], object]) -> str:
+    """Cancel a run or an export whose command is interrupted.
+
+    Parameters
+    ----------
+    job : str
+        Its name in the sentence that is returned: "run 3".
+    cancel : callable
+        Sends the request.
+
+    Returns
+    -------
+    str
+        What became of it; also if the server is away.
+    """
+    import httpx
+
+    from unghost.client.errors import ApiError, Conflict
 
     try:
-        client.cancel(run)
+        cancel()
     except Conflict:  # it was faster
-        return f"interrupted; run {run.id} had ended already"
-    return f"interrupted; run {run.id} was cancelled and has changed no verdict"
+        return f"{job} had ended already"
+    except (ApiError, httpx.TransportError):
+        return f"{job} could not be cancelled and continues on the server"
+    return f"{job} was cancelled"
 
 
 def run_line(run: Run) -> str:
     """A run in one line for people."""
     parts = [f"run {run.id}", run.state]
     if run.state == "done":
-        parts.append(f"{run.changed} verdicts changed")
+        parts.append(f"{run.changed} boxes with another verdict or reason")
         parts.append(f"{run.counts.kept} kept, {run.counts.rejected} rejected")
     return "\t".join(parts)
 

@@ -146,7 +146,7 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
     Refused
         It may have several layouts, and none was named; or it has no frames.
     """
-    from filter_core.formats.reading import ReadOptions
+    from filter_core.formats.reading import ReadOptions, name_of
     from filter_core.formats.registry import possible_layouts, read_source
 
     read = ReadOptions(
@@ -159,14 +159,14 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
     possible = possible_layouts(path) if layout == "auto" else ()
     if len(possible) > 1:
         raise Refused(
-            f"{path.name}: could be {' or '.join(possible)}; choose one, for example "
+            f"{name_of(path)}: could be {' or '.join(possible)}; choose one, for example "
             f"with --layout {possible[0]}"
         )
     found = read_source(path, possible[0] if possible else layout, read)
     if found.count is None and found.layout == "manifest":
         found = replace(found, count=_count_lines(path))
     if found.count == 0:
-        raise Refused(f"no frames in {path.name} (layout {found.layout})")
+        raise Refused(f"no frames in {name_of(path)} (layout {found.layout})")
     return found
 
 

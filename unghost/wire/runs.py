@@ -175,7 +175,9 @@ class Run(ResponseModel):
     activate: bool
     total: int
     done: int
-    changed: int
+    changed: int = Field(
+        description="Boxes with another verdict or reason than before."
+    )
     counts: Annotated[RunCounts, IfAbsent(RunCounts())]
     error: Failure | None
     created_by: str

@@ -3137,7 +3137,10 @@ export interface components {
             total: number;
             /** Done */
             done: number;
-            /** Changed */
+            /**
+             * Changed
+             * @description Boxes with another verdict or reason than before.
+             */
             changed: number;
             counts: components["schemas"]["RunCounts"];
             error: components["schemas"]["Failure"] | null;

@@ -193,5 +193,5 @@ function How({ run }) {
   const boxes = kept + rejected + unmeasured;
   if (boxes === 0) return html`<p class="faint">Created with the dataset.</p>`;
   return html`<${VerdictBar} counts=${{ boxes, kept, rejected, unmeasured, reviewed: 0, to_review: 0 }} />
-    <p class="faint num">${countText(kept)} kept · ${countText(rejected)} rejected · <strong class="run__changed">${run.changed ? `${countText(run.changed)} changed` : "nothing changed"}</strong></p>`;
+    <p class="faint num">${countText(kept)} kept · ${countText(rejected)} rejected · <strong class="run__changed" title="Boxes with another verdict or reason than before">${run.changed ? `${countText(run.changed)} changed` : "nothing changed"}</strong></p>`;
 }

@@ -10,7 +10,7 @@ import pytest
 
 from filter_core.config.file import load_config
 from tests.support.command_line import CommandLine
-from tests.support.folders import painted
+from tests.support.folders import painted, write_files
 from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
 
 pytestmark = pytest.mark.long
@@ -154,6 +154,23 @@ def test_the_worst_boxes_of_each_channel_are_listed(unghost, folder_with_partial
         for key in ("a", "b")
     ]
     assert told["channels"]["instance"]["worst"] == []
+
+
+def test_unmatched_files_are_listed(unghost, tmp_path):
+    tags, _, _ = scene()
+    files = {"classes.txt": "car\n", "labels/a.txt": "0 0.5 0.5 0.1 0.1\n"}
+    write_files(tmp_path / "yolo", files)
+    for name in ("images/a.png", "images/b.png", "seg/a.png"):
+        file = tmp_path / "yolo" / name
+        file.parent.mkdir(exist_ok=True)
+        file.write_bytes(painted(tags))
+    truth = tmp_path / "truth.jsonl"
+    truth.write_text('{"key": "a", "id": "0", "visible": true}')
+
+    answer = unghost("evaluate", "yolo", "--truth", truth)
+
+    assert (answer.code, "refused" in answer.err) == (PARTLY, False), answer.err
+    assert "not matched: images/b.png: no label file for this image" in answer.err
 
 
 def test_recall_option_without_suggest_is_refused(unghost, folder):

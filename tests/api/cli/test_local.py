@@ -115,8 +115,16 @@ def test_folder_without_a_known_layout_is_refused(unghost, tmp_path):
     answer = unghost("filter", "empty")
 
     assert answer.code == REFUSED
-    assert "no layout recognised" in answer.err
+    assert "empty: no layout recognised" in answer.err
     assert "Traceback" not in answer.err
+
+
+def test_current_folder_is_named_in_errors(tmp_path):
+    (tmp_path / "empty").mkdir()
+
+    answer = CommandLine(tmp_path / "empty", {})("filter", ".")
+
+    assert "empty: no layout recognised" in answer.err
 
 
 def test_folder_with_two_layouts_is_refused_with_the_option_that_chooses(
@@ -281,7 +289,18 @@ def test_convert_with_filter_drops_rejected_boxes(unghost, tmp_path):
         (("--to", "ylo"), REFUSED, "the nearest is 'yolo'"),
         (("--to", "cvat", "-O", "bands=50"), REFUSED, "has no option 'bands'"),
         (("--to", "yolo", "-O", "split"), USAGE, "not of the form KEY=VALUE"),
+        (
+            ("--to", "yolo", "-O", "split=1", "-O", "split=0"),
+            USAGE,
+            "split is given twi",
+        ),
         (("--to", "yolo", "--config", "frames/manifest.jsonl"), USAGE, "--filter"),
+        (("--to", "yolo", "--palette", "auto"), USAGE, "--palette is for --filter"),
+        (
+            ("--to", "yolo", "--channel-order", "bgr"),
+            USAGE,
+            "--channel-order is for --filter",
+        ),
     ],
 )
 def test_convert_refuses_invalid_options(unghost, tmp_path, words, code, says):
@@ -292,6 +311,18 @@ def test_convert_refuses_invalid_options(unghost, tmp_path, words, code, says):
     assert answer.code == code
     assert says in " ".join(answer.err.split())
     assert not (tmp_path / "made").exists()
+
+
+def test_convert_refuses_the_current_folder_as_output(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 1)
+    (tmp_path / "empty").mkdir()
+
+    answer = CommandLine(tmp_path / "empty", {})(
+        "convert", folder, "--to", "yolo", "-o", "."
+    )
+
+    assert answer.code == REFUSED
+    assert "empty: expected a new folder, found this one" in answer.err
 
 
 def test_convert_refuses_an_output_folder_that_is_not_empty(unghost, tmp_path):

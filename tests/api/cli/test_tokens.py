@@ -86,6 +86,13 @@ def test_revoked_token_is_refused(unghost, by):
         (["create", "admin"], REFUSED, "a token named 'admin' exists already"),
         (["create", "kim", "--days", "-1"], USAGE, "--days"),
         (["create", "kim", "--role", "owner"], USAGE, "--role"),
+        (["create", "kim", "--data", "here"], USAGE, "--data is for --offline"),
+        (
+            ["create", "kim", "--offline", "--server", "http://127.0.0.1:1"],
+            USAGE,
+            "--server is not for --offline",
+        ),
+        (["create", "kim", "--offline", "--token", "ug_x"], USAGE, "--token is not"),
         (["revoke", "nobody"], REFUSED, "there is no token 'nobody'"),
         (["revoke", "admin"], REFUSED, "the last one of an admin"),
     ],

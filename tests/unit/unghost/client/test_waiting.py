@@ -51,8 +51,8 @@ def test_lost_server_while_waiting_for_a_run_prints_wait_command(closed_port, ca
     ("answer", "words"),
     [
         (json_reply({**EXPORT, "state": "cancelled"}), "was cancelled; the same"),
-        (problem(409, "export_over"), "had ended already, and the same"),
-        (problem(403, "forbidden"), "continues on the server, and the same"),
+        (problem(409, "export_over"), "had ended already; the same"),
+        (problem(403, "forbidden"), "and continues on the server; the same"),
     ],
 )
 def test_interrupting_wait_for_export_cancels_it_with_a_message(
@@ -63,11 +63,31 @@ def test_interrupting_wait_for_export_cancels_it_with_a_message(
     scripted.answer(Reply(body=events.encode()), answer)
 
     with pytest.raises(
-        KeyboardInterrupt, match=f"export 4 {words} command creates another"
+        KeyboardInterrupt, match=f"export 4 .*{words} command creates another"
     ):
         wait_for_export(client, Export.read(EXPORT), InterruptingScreen())
 
     assert scripted.received_requests[-1].path == "/api/v1/exports/4/cancel"
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (json_reply({**RUN, "state": "cancelled"}), "run 21 was cancelled"),
+        (problem(409, "run_over"), "run 21 had ended already"),
+        (problem(403, "forbidden"), "could not be cancelled and continues on the"),
+    ],
+)
+def test_interrupting_wait_for_run_with_cancel_says_what_became_of_it(
+    scripted, client, answer, words
+):
+    events = f"event: progress\nid: 1\ndata: {json.dumps(RUN)}\n\n"
+    scripted.answer(Reply(body=events.encode()), answer)
+
+    with pytest.raises(KeyboardInterrupt, match=words):
+        wait_for_run(client, Run.read(RUN), InterruptingScreen(), cancel=True)
+
+    assert scripted.received_requests[-1].path == "/api/v1/runs/21/cancel"
 
 
 def test_waiting_for_a_run_survives_a_server_restart(scripted, client):
