@@ -157,7 +157,8 @@ def detect_layout(source: Path) -> str:
         )
     *first, last = (one.recognised_by for one in _IN_ORDER_OF_TRIAL if one.recognise)
     raise LayoutError(
-        f"{name_of(source)}: no layout recognised; expected {', '.join(first)}, or {last}"
+        f"{name_of(source)}: no layout recognised; "
+        f"expected {', '.join(first)}, or {last}"
     )
 
 

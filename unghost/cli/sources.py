@@ -159,8 +159,8 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
     possible = possible_layouts(path) if layout == "auto" else ()
     if len(possible) > 1:
         raise Refused(
-            f"{name_of(path)}: could be {' or '.join(possible)}; choose one, for example "
-            f"with --layout {possible[0]}"
+            f"{name_of(path)}: could be {' or '.join(possible)}; choose one, for "
+            f"example with --layout {possible[0]}"
         )
     found = read_source(path, possible[0] if possible else layout, read)
     if found.count is None and found.layout == "manifest":
