@@ -20,15 +20,14 @@ anew.
   `reset`, as `Task.reset_attempts`. The next driver finds in the row how many processes
   in succession have died and stored nothing.
 
-**How the next attempt differs**, by how many processes have died before. In brackets is
-the count during the attempt: a driver has counted this attempt already.
+**How a chunk is tried again**
 
-| died | attempt by a worker | attempt by the driver |
+| processes that have died | by a worker | by the driver |
 |---|---|---|
-| 0 | whole chunk (0) | whole chunk (1) |
-| 1 | whole chunk, alone (1) | frame by frame (2) |
-| 2 | frame by frame, alone (2) | frame by frame (3) |
-| 3 | none, quarantine of all | none, quarantine of the cause |
+| none | the whole chunk | the whole chunk |
+| one | the whole chunk, alone | frame by frame |
+| two | frame by frame, alone | frame by frame |
+| three | no more: quarantine of all | no more: quarantine of the cause |
 
 A driver that stores something sets the count to zero, even if it dies later. So only
 three drivers that die in succession and store nothing lead to quarantine.
@@ -37,8 +36,8 @@ three drivers that die in succession and store nothing lead to quarantine.
 the cause. Each of them is submitted again while no other one is in progress
 (`JobDriver`), so that if a process dies again, this chunk is the cause.
 
-*Frame by frame* (`is_one_by_one`, for both from a count of 2 on): each result is stored
-before the next frame begins. So the first frame without a result is the cause.
+*Frame by frame* (`is_one_by_one`): each result is stored before the next frame begins.
+So the first frame without a result is the cause.
 
 *Quarantine of all*: all frames of the chunk that have no result. *Quarantine of the
 cause*: only that frame, which becomes a chunk of its own; the other frames of the chunk
@@ -85,6 +84,7 @@ log = logging.getLogger(__name__)
 
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether to work frame by frame in this attempt; see the table above."""
+    # Two workers have died, or one driver has: it has counted this attempt, too.
     return chunk.attempts >= 2
 
 

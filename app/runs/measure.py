@@ -53,7 +53,7 @@ COMMIT_EVERY_S: Final = 0.25
 class RunScope:
     """The ids and the configuration of a run, read once.
 
-    `measurement_id` is the measurement to which the run belongs: the numbers of all
+    `measurement_id` is the measurement to which the run belongs: the evidence of all
     frames of a dataset that were measured in one way (`MeasureConfig`).
     """
 
@@ -82,7 +82,7 @@ class _Source:
 
 @dataclass(frozen=True)
 class _RunChunk:
-    """One chunk of a run: its frames that lack numbers, and their rows.
+    """One chunk of a run: its frames without evidence, and their rows.
 
     With `is_one_by_one` each frame is stored before the next one begins, because
     processes have died during this chunk (`app.jobs.attempts`).
@@ -118,7 +118,7 @@ class _RunChunk:
 def plan_frames(
     session: Session, run: Run, *, after: int, most: int, frames: int
 ) -> list[PlannedChunk]:
-    """Up to `most` chunks of frames after an id that lack their numbers."""
+    """Up to `most` chunks of frames after an id that have no evidence."""
     missing = EvidenceRepository(session).unmeasured_frames(
         run.dataset_id, run.measurement_id or 0, after=after, limit=most * frames
     )
@@ -129,14 +129,14 @@ def plan_frames(
 
 
 def is_measured(session: Session, scope: RunScope) -> bool:
-    """True if no frame lacks its numbers, not even frames stored during the run."""
+    """True if all frames have evidence, also those stored during the run."""
     return not EvidenceRepository(session).unmeasured_frames(
         scope.dataset_id, scope.measurement_id, limit=1
     )
 
 
 def unmeasured_of(session: Session, run: Run, chunk: Chunk) -> list[int]:
-    """Frames of a chunk that lack their numbers; empty if the chunk is done."""
+    """Frames of a chunk that have no evidence; empty if the chunk is done."""
     if chunk.state == "done":
         return []
     return EvidenceRepository(session).unmeasured_frames(
@@ -148,19 +148,21 @@ def unmeasured_of(session: Session, run: Run, chunk: Chunk) -> list[int]:
 
 
 def measure_chunk(task: Task[Run]) -> None:
-    """Compute and store the missing numbers of a chunk's frames.
+    """Compute and store the evidence of a chunk's frames that have none.
 
     Raises
     ------
     JobStopped
-        It was stopped before the end; numbers computed so far are stored.
+        It was stopped before the end; what was computed so far is stored.
     """
     task.check()
     with task.context.database.read() as session:
         chunk = _RunChunk.of(session, task)
     measured, buffer = 0, _CommitBuffer(task, chunk)
     results = task.context.engine.map(
-        partial(_numbers, task, chunk), chunk.missing, one_by_one=chunk.is_one_by_one
+        partial(_measure_frame, task, chunk),
+        chunk.missing,
+        one_by_one=chunk.is_one_by_one,
     )
     with closing(results) as rows:
         for measured_frame in rows:
@@ -175,7 +177,7 @@ def measure_chunk(task: Task[Run]) -> None:
 
 
 class _Measured(NamedTuple):
-    """The row of a frame's numbers.
+    """The row of a frame's evidence.
 
     `damage` is the error of a damaged file: the frame was measured without that file.
     `refusal` says why nothing was measured: its images cannot be read within the
@@ -189,7 +191,7 @@ class _Measured(NamedTuple):
     refusal: PixelsRefused | None = None
 
 
-def _numbers(task: Task[Run], chunk: _RunChunk, frame_id: int) -> _Measured:
+def _measure_frame(task: Task[Run], chunk: _RunChunk, frame_id: int) -> _Measured:
     context, source = task.context, chunk.source
     if source.needs_pixels:
         frame = chunk.frames[frame_id]
@@ -230,7 +232,7 @@ class _CommitBuffer:
             self.commit(is_whole=False)
 
     def commit(self, *, is_whole: bool) -> None:
-        """Store numbers, count them, and mark a complete chunk, in one transaction.
+        """Store evidence, count frames, and mark a complete chunk, in one transaction.
 
         Frames that another process has measured meanwhile are not counted again. A
         chunk with frames that cannot be read is put into quarantine once all its other

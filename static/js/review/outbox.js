@@ -10,14 +10,14 @@
 // answered it meanwhile, and the server refuses the item. What if a person answers the same box twice, and both items
 // wait in the outbox?
 //
-// 1. The second item gets the seen revision of the first (`add`), even if the page has loaded a newer one. An example:
-//    the first item waits with seen revision 3. Somebody else answers the box, which has revision 4 now. The page goes
-//    on showing the answer that waits, and the person answers once more. The second item gets seen revision 3, too, so
-//    that the server refuses it, and the person learns of the other answer. If the second item had seen revision 4, it
-//    would overwrite an answer that the person has never seen.
-// 2. Once the first item is stored, the second gets the next revision (`finish`), since the answer in between is the
-//    person's own. But a second item that waits in another tab does not get it: the server refuses that item, and the
-//    person chooses between the two answers.
+// 1. The second item must not overwrite an answer of somebody else that the person has not seen. So it gets the seen
+//    revision of the first item (`add`), even if the page has loaded a newer one. An example: the first item waits with
+//    seen revision 3. Somebody else answers the box, which has revision 4 now. The page goes on showing the answer that
+//    waits, and the person answers once more. The second item gets seen revision 3, too: the server refuses it, and the
+//    person learns of the other answer.
+// 2. The second item must not be refused because of the first. So when the first is stored, the second gets the revision
+//    that this has given the box (`finish`). But a second item that waits in another tab does not get it: the server
+//    refuses that item, and the person chooses between the two answers.
 
 import { randomId } from "../core/tab.js";
 
@@ -263,8 +263,10 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       const kept = answer(stored.key); // it may have been undone since `stored` was read
       remove(stored);
       if (kept?.earlier && revision) {
-        const { earlier, ...rest } = kept; // with its `order`: so the undo is sent before the items behind it
-        write({ ...rest, ...earlier, key: newKey(), undoes: revision, seenRevision: revision, attempted: false });
+        const { earlier, ...answered } = kept;
+        const { verdict, comment } = earlier; // what the box gets again
+        const undo = { ...answered, verdict, comment, key: newKey(), undoes: revision, attempted: false };
+        write({ ...undo, seenRevision: revision }); // with the answer's `order`: it is sent before the items behind
       }
       // The response to a bulk item names no revisions: each is the next one.
       const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, revision ?? seen + 1]));
