@@ -16,9 +16,9 @@ anew.
   final step. If it dies, nobody is left to count. So it counts its attempt before it
   begins the chunk (`Attempt.begin`), and sets the count to zero when it stores a part
   of the result (`Attempt.reset`) or when its work ends in any other way
-  (`Attempt.end`). `app.jobs.work` calls `begin` and `end`, and the kinds of jobs call
-  `reset`, as `Task.reset_attempts`. The next driver finds in the row how many processes
-  in succession have died and stored nothing.
+  (`Attempt.end`). `app.jobs.work` calls `begin` and `end`. The kinds of jobs call
+  `reset`, as `Task.reset_attempts`, which does nothing in a worker. The next driver
+  finds in the row how many processes in succession have died and stored nothing.
 
 **How a chunk is tried again**
 
@@ -84,7 +84,8 @@ log = logging.getLogger(__name__)
 
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether to work frame by frame in this attempt; see the table above."""
-    # Two workers have died, or one driver has: it has counted this attempt, too.
+    # With workers, 2 means that two have died. Without, the driver has counted its own
+    # attempt as well, so that 2 means that one driver has died before it.
     return chunk.attempts >= 2
 
 

@@ -85,6 +85,7 @@ def undo_answer(audit: AuditTrail, box_id: int, revision: int, by: Principal) ->
     what = f"answer {revision} on box {box_id}"
     of_others = require_own(by, {undone.reviewer: 1}, f"undoing {what}")
     before = reviews.at(box_id, revision - 1)
+    # "clear" is stored where a box had no answer before.
     said = ("clear", "") if before is None else (before.verdict, before.comment)
     answer = Answer(box.dataset_id, *said, by.name, utc_now(), undoes=revision)
     is_in_force = reviews.is_in_force(undone)

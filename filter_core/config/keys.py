@@ -77,6 +77,8 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
             evidence=(SEMANTIC,),
         )
 
+    (No reason of today is about crowding, so this key would get one of its own.)
+
     `evidence` names the kinds of evidence whose rules use the key. A key such as
     `max_distance` has none: it decides boxes before pixels are looked at, whatever the
     evidence is (`Reason.is_final`).
