@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from sqlalchemy import ColumnElement, and_, false, func, or_, select, union_all
@@ -68,6 +68,8 @@ class Selection:
         return self != Selection()
 
 
+_WITHOUT_MATCH: Final = [int(reason) for reason in Reason if not reason.in_image]
+"""Reasons of boxes without a pixel in the image; the database has 0 as their match."""
 _NAMES = {spec.name for spec in fields(Selection)}
 
 
@@ -170,8 +172,12 @@ class BoxFilter:
     @property
     def is_found_by_match(self) -> bool:
         """Whether the index on matches finds the boxes, and so not in order of id."""
-        has_range = self.match_min is not None or self.match_max is not None
-        return has_range and not self.only_answered
+        return self.has_match_range and not self.only_answered
+
+    @property
+    def has_match_range(self) -> bool:
+        """Whether it has a range of matches, in which boxes without a match are not."""
+        return self.match_min is not None or self.match_max is not None
 
     @property
     def only_answered(self) -> bool:
@@ -181,6 +187,8 @@ class BoxFilter:
 
     def _ranges(self) -> list[ColumnElement[bool]]:
         found: list[ColumnElement[bool]] = []
+        if self.has_match_range:
+            found.append(Decision.reason.not_in(_WITHOUT_MATCH))
         if self.match_min is not None:
             found.append(Decision.match_percent >= self.match_min)
         if self.match_max is not None:
@@ -350,6 +358,8 @@ def _reasons(wanted: Selection) -> tuple[int, ...]:
 def _class_ids(name: str | None, classes: dict[str, int]) -> tuple[int, ...] | None:
     if name is None:
         return None
+    if name in classes:
+        return (classes[name],)  # its name may have a comma
     return tuple(classes[one] for one in name.split(",") if one in classes)
 
 
@@ -367,7 +377,7 @@ def selected(
 ) -> BoolArray:
     """Which boxes the filter selects, as in SQL; filters by answers are not applied.
 
-    NaN is in no range.
+    NaN is in no range, and neither is the match of a box that is not in the image.
     """
     evidence = numbers.evidence
     match, distance = evidence.match_percent, evidence.distance
@@ -382,8 +392,9 @@ def selected(
         threshold = _thresholds(numbers, decisions, wanted.thresholds)
         chosen &= match >= threshold - wanted.margin_max
         chosen &= match <= threshold + wanted.margin_max
+    has_no_match = np.isin(decisions.reason, _WITHOUT_MATCH)
     for column, low, high in (
-        (match, wanted.match_min, wanted.match_max),
+        (np.where(has_no_match, np.nan, match), wanted.match_min, wanted.match_max),
         (distance, wanted.distance_min, wanted.distance_max),
     ):
         if low is not None:

@@ -8,6 +8,7 @@ checked. Here a part is refused as soon as it is too large.
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import AsyncIterable, AsyncIterator, Callable
 from dataclasses import dataclass, field
 from typing import Final, TypeVar
@@ -70,7 +71,17 @@ async def run_off_loop(
 
 def _read(content: bytes) -> object:
     with in_turn(len(content)):
-        return read_json(content, _LIMITS)
+        return read_json(content, _LIMITS, object_pairs_hook=_object_of)
+
+
+def _object_of(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    """An object; ValueError if a key occurs twice: the first one would be ignored."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        counts = Counter(key for key, _ in pairs)
+        repeated = next(key for key, count in counts.items() if count > 1)
+        raise ValueError(f"the key {repeated[:60]!r} twice")
+    return found
 
 
 RETRY_S: Final = 5

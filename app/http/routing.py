@@ -22,7 +22,7 @@ from starlette.responses import Response, StreamingResponse
 from starlette.routing import Match
 from starlette.types import Receive, Scope, Send
 
-from app.errors import UnknownParameter, UnsupportedMedia
+from app.errors import BadRequest, UnknownParameter, UnsupportedMedia
 from app.http.bodies import StrictRequest
 from app.http.deps import BEARER, authorise, services_of, settings_of
 from app.http.idempotency import checked_key
@@ -308,6 +308,13 @@ def _refuse_unknown_parameters(request: Request, known: frozenset[str]) -> None:
         raise UnknownParameter(
             f"unknown query parameter {unknown[0]!r}; known here: {expected}"
         )
+    for name in known & set(request.query_params):
+        count = len(request.query_params.getlist(name))
+        if count > 1:
+            raise BadRequest(
+                f"query parameter {name!r}: expected once, found {count} values",
+                code="repeated_parameter",
+            )
 
 
 def _expect_json(request: Request) -> None:

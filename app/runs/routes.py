@@ -35,7 +35,14 @@ from app.measuring.active import active_version, add_version, describe_version
 from app.measuring.queries import ConfigRepository, DatasetRepository
 from app.runs.flips import DiffPage, PreviewLimits, compared_runs, preview, run_diff
 from app.runs.queries import RunRepository
-from app.runs.service import RUNS, RunRequest, describe_run, described_run, request_run
+from app.runs.service import (
+    RUNS,
+    RunRequest,
+    describe_run,
+    described_run,
+    request_run,
+    run_activating,
+)
 from filter_core.config.file import CARLASIMU_ROOT, LoadedConfig, load_config
 from filter_core.config.filter import FilterConfig
 from unghost.wire.model import Page
@@ -159,11 +166,17 @@ def activate_config(
     services: AppServices,
     audit: Audited,
 ) -> Response:
-    """Make a version the active one, through a run."""
+    """Make a version the active one, through a run.
+
+    If the last open run will do that already, this returns it.
+    """
     found = DatasetRepository(session).named(dataset)
-    wanted = RunRequest(body.digest, audit.name, activate=True)
-    run = request_run(services, session, found, wanted)
-    audit.note(AuditAction.CONFIG_ACTIVATED, dataset, config=body.digest, run=run.id)
+    run = run_activating(session, found, body.digest)
+    if run is None:
+        wanted = RunRequest(body.digest, audit.name, activate=True)
+        run = request_run(services, session, found, wanted)
+        made = {"config": body.digest, "run": run.id}
+        audit.note(AuditAction.CONFIG_ACTIVATED, dataset, **made)
     return accepted(described_run(services, session, run))
 
 

@@ -76,6 +76,14 @@ def request_run(
     return run
 
 
+def run_activating(session: Session, dataset: Dataset, digest: str) -> Run | None:
+    """The last open run that activates anything, if it activates this configuration."""
+    run = RunRepository(session).last_to_activate(dataset.id)
+    if run is None or ConfigRepository(session).with_id(run.config_id).digest != digest:
+        return None
+    return run
+
+
 def coming_settings(
     session: Session, dataset: Dataset
 ) -> tuple[DatasetReading, FilterConfig]:

@@ -15,7 +15,7 @@ from xml.sax.saxutils import escape
 import typer
 
 from unghost.cli.options import OutputOptions
-from unghost.cli.screen import Screen, partly_done, refusal
+from unghost.cli.screen import Refused, Screen, partly_done, refusal
 from unghost.cli.sources import (
     LocalFilterOptions,
     not_matched,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from filter_core.evaluation.comparison import EvaluationObject
     from filter_core.evaluation.scores import ConfusionObject, MeasuredObject
     from filter_core.evaluation.thresholds import ClassSuggestion, Goal, TruthCollector
-    from filter_core.local import EvaluationTask, KnownBoxes
+    from filter_core.local import EvaluationTask, KnownBoxes, Truth
 
 
 _SCORE_COLUMNS: Final = (
@@ -118,15 +118,18 @@ def evaluate(options: EvaluateOptions) -> None:
     Precision, recall and F1 with 95 % intervals, ghosts kept and visible objects lost,
     for each kind of evidence, by class and by distance, too; with --json the worst
     boxes, and with --suggest thresholds for each class with their curves. Exit code 3
-    if some frames could not be used or matched; they are listed.
+    if some frames could not be read, or some files or lines of the ground truth could
+    not be matched.
     """
     from filter_core.local import evaluate_source
 
     found = open_source(options.source, options)
     screen, task = options.screen, _task(options)
     thresholds = _Thresholds.asked_for(options, task.config)
+    use = _TruthUse(task.truth)
 
     def collect(boxes: KnownBoxes) -> None:
+        use.add(boxes)
         if thresholds is not None:
             thresholds.add(boxes)
 
@@ -139,24 +142,50 @@ def evaluate(options: EvaluateOptions) -> None:
             also=collect,
             workers=options.workers,
         )
-    for problem in problems:
-        screen.note(refusal(problem["key"], problem["error"]["detail"]))
-    for file in found.unmatched:
-        screen.note(not_matched(file))
+    measured = next(steps) - 1 - len(problems)
+    left_out = [
+        *(refusal(one["key"], one["error"]["detail"]) for one in problems),
+        *map(not_matched, found.unmatched),
+        *use.unused_lines(),
+    ]
+    for line in (*left_out, *use.frames_without(measured)):
+        screen.note(line)
+    if not evaluation.boxes:
+        raise Refused("nothing was compared: the ground truth of no box is known")
     result = evaluation.as_dict()
-    if thresholds is None:
-        screen.record(result)
-        _print_evaluation(result, screen)
-    else:
-        suggested = [one.as_dict() for one in thresholds.suggested]
-        screen.record({**result, "suggested": suggested})
-        _print_evaluation(result, screen)
-        thresholds.print_and_write(screen)
+    _print_result(result, thresholds, screen)
     if options.plot is not None:
         scores = [(name, one["f1"]) for name, one in result["channels"].items()]
         options.plot.write_text(f1_plot(scores), "utf-8")
-    if problems or found.unmatched:
+    if left_out:
         raise partly_done(evaluation.frames)
+
+
+class _TruthUse:
+    """Which frames have a box of known truth, and which lines of a truth are used."""
+
+    def __init__(self, truth: Truth | None) -> None:
+        self._truth = truth or {}
+        self._frames: set[str] = set()
+        self._unused = sum(map(len, self._truth.values()))
+
+    def add(self, boxes: KnownBoxes) -> None:
+        """The boxes of one frame."""
+        self._frames.add(boxes.key)
+        if boxes.key in self._truth:
+            self._unused -= len(boxes.ids)
+
+    def frames_without(self, measured: int) -> Iterator[str]:
+        """How many of the measured frames have no box of known truth, if any."""
+        if without := measured - len(self._frames):
+            yield f"frames without a box of known truth: {without} of {measured}"
+
+    def unused_lines(self) -> Iterator[str]:
+        """How many lines of the truth are about no box of the frames, if any."""
+        if self._unused:
+            example = next((key for key in self._truth if key not in self._frames), "")
+            such = f", such as those of frame {example!r}" if example else ""
+            yield f"lines of the ground truth about no box here: {self._unused}{such}"
 
 
 def _task(options: EvaluateOptions) -> EvaluationTask:
@@ -168,6 +197,19 @@ def _task(options: EvaluateOptions) -> EvaluationTask:
         truth=None if options.truth is None else read_truth(options.truth),
         channels=tuple(options.channel or COMPARED),
     )
+
+
+def _print_result(
+    result: EvaluationObject, thresholds: _Thresholds | None, screen: Screen
+) -> None:
+    if thresholds is None:
+        screen.record(result)
+        _print_evaluation(result, screen)
+        return
+    suggested = [one.as_dict() for one in thresholds.suggested]
+    screen.record({**result, "suggested": suggested})
+    _print_evaluation(result, screen)
+    thresholds.print_and_write(screen)
 
 
 def _print_evaluation(result: EvaluationObject, screen: Screen) -> None:

@@ -253,11 +253,17 @@ def exit_code(error: Exception) -> int | None:
     import httpx
 
     from unghost.client.discovery import BadServerUrl, ForeignServer
-    from unghost.client.errors import ApiError, DamagedDownload, RunFailed, Unavailable
+    from unghost.client.errors import (
+        ApiError,
+        DamagedDownload,
+        InvalidName,
+        RunFailed,
+        Unavailable,
+    )
 
     if isinstance(error, httpx.TransportError | Unavailable):
         return UNAVAILABLE
-    if isinstance(error, BadServerUrl):
+    if isinstance(error, BadServerUrl | InvalidName):
         return USAGE
     refusals = (Refused, ApiError, RunFailed, DamagedDownload, ForeignServer, OSError)
     if isinstance(error, refusals):

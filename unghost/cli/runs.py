@@ -89,6 +89,8 @@ def run(options: RunOptions) -> None:
 
     The current verdicts do not change, except with --activate.
     """
+    if options.cancel_on_interrupt and not options.wait:
+        raise typer.BadParameter("--cancel-on-interrupt is for --wait")
     with options.connect() as client:
         version = _add_config(client, options.dataset, options.config)
         started = client.start_run(

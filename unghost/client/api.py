@@ -30,7 +30,7 @@ from unghost.client.call import (
     read_object,
     result,
 )
-from unghost.client.outgoing import OutgoingFrame
+from unghost.client.outgoing import OutgoingFrame, checked_file_name
 
 if TYPE_CHECKING:
     from unghost.client.outgoing import FileContent
@@ -83,7 +83,8 @@ class DatasetCalls:
         If the change affects how segmentations are read, the result is the run that
         measures again, and the dataset changes when that run is done.
         """
-        return Call("PATCH", dataset_path(name), _changed_dataset, json=options)
+        path = dataset_path(name)
+        return Call("PATCH", path, _changed_dataset, json=options, repeatable=False)
 
     @endpoint
     def delete_dataset(self, name: str) -> Call[None]:
@@ -148,12 +149,16 @@ class FrameCalls:
         unless `replace` is set.
         """
         given = {name: one for name, one in files.items() if one is not None}
-        frame = OutgoingFrame(key, annotation or {"boxes": []}, given)
+        boxes = {"boxes": []} if annotation is None else annotation
+        frame = OutgoingFrame(key, boxes, given)
         return frame_stored(dataset_path(dataset), frame, replace=replace)
 
     @listing
     def frames(self, /, dataset: str, **filters: object) -> Listing[wire.FrameSummary]:
-        """The frames of a dataset, without their boxes; filters as in the API."""
+        """The frames of a dataset, without their boxes; filters as in the API.
+
+        All of them: `limit` is how many one request fetches.
+        """
         path = dataset_path(dataset, "frames")
         return Listing(path, wire.FrameSummary, _as_in_api(filters))
 
@@ -175,7 +180,8 @@ class FrameCalls:
     @endpoint
     def frame_file(self, frame_id: int, name: str) -> Call[bytes]:
         """A file of a frame as it was stored: "image", "segmentation", ..."""
-        return Call("GET", f"{API}/frames/{frame_id}/{name}", content)
+        path = f"{API}/frames/{frame_id}/{checked_file_name(name)}"
+        return Call("GET", path, content)
 
 
 def frame_stored(
@@ -233,7 +239,9 @@ class BoxCalls:
     @listing
     def boxes(self, /, dataset: str, **filters: object) -> Listing[wire.Decision]:
         """The boxes of a dataset; filters and `sort` as in the API, `class_name` for
-        `class`.
+        `class`. Several classes, reasons or ids may be given as a list.
+
+        All of them: `limit` is how many one request fetches.
         """
         params = {"dataset": dataset, **_as_in_api(filters)}
         return Listing(f"{API}/boxes", wire.Decision, params)
@@ -426,7 +434,7 @@ class ConfigCalls:
     @endpoint
     def config(self, digest: str) -> Call[wire.ConfigVersion]:
         """One version by its digest."""
-        path = f"{API}/configs/{digest}"
+        path = f"{API}/configs/{quote(digest, safe='')}"
         return Call("GET", path, result(wire.ConfigVersion))
 
     @endpoint
@@ -566,7 +574,9 @@ class AccessCalls:
     ) -> Call[wire.NewToken]:
         """Create a token; its secret is in this answer and nowhere else. For admins.
 
-        It expires at `expires_at`, else after so many days; None for never.
+        It expires at `expires_at`, else after so many days; None for never. If the
+        answer is lost, this is not retried: the token may exist, but without its
+        secret.
         """
         body: dict[str, object] = {"name": name, "role": role}
         if expires_at is not None:
@@ -574,7 +584,7 @@ class AccessCalls:
         else:
             body["expires_in_days"] = expires_in_days
         read = result(wire.NewToken)
-        return Call("POST", f"{API}/tokens", read, json=body)
+        return Call("POST", f"{API}/tokens", read, json=body, repeatable=False)
 
     @endpoint
     def revoke_token(self, token_id: int) -> Call[None]:
@@ -588,7 +598,7 @@ class AccessCalls:
         The link to open is the address of the server, `/#code=`, and the code.
         """
         read = result(wire.NewLoginCode)
-        return Call("POST", f"{API}/login-codes", read, json={})
+        return Call("POST", f"{API}/login-codes", read, json={}, repeatable=False)
 
     @endpoint
     def login_code(self, code_id: int) -> Call[wire.LoginCode]:

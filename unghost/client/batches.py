@@ -91,7 +91,9 @@ class BatchSender:
             key = changed.packed.frame.key
             report(NotSent(key, ValueError(str(changed))))
         except h11.RemoteProtocolError as error:
-            raise self._cut(str(error)) from error
+            raise self._cut(
+                "the connection was closed before the answer was complete"
+            ) from error
         except OSError as error:
             raise self._cut(error.strerror or str(error)) from error
         finally:

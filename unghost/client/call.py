@@ -29,10 +29,11 @@ from typing import (
     TypeVar,
     overload,
 )
+from urllib.parse import unquote
 
 import httpx
 
-from unghost.client.errors import json_object, unexpected
+from unghost.client.errors import InvalidName, json_object, unexpected
 
 if TYPE_CHECKING:
     from unghost.wire.model import Json
@@ -81,8 +82,17 @@ class Call(Generic[T]):
         Makes the result from a response with a success status.
     retried
         Whether to try again if the server does not answer or is busy.
+    repeatable
+        Whether it can be sent again after its answer was lost, although the server may
+        have executed it.
     patience
         A factor: multiplies the `RetryPolicy`'s number of attempts.
+
+    Raises
+    ------
+    InvalidName
+        A part of the path is empty or consists of dots. httpx resolves such parts, so
+        that the request would go to another address.
     """
 
     method: str
@@ -95,7 +105,16 @@ class Call(Generic[T]):
     content: bytes | None = None
     headers: Mapping[str, str] = field(default_factory=dict)
     retried: bool = True
+    repeatable: bool = True
     patience: int = 1
+
+    def __post_init__(self) -> None:
+        parts = unquote(self.path).split("/")[1:]
+        if not {"", ".", ".."}.isdisjoint(parts):
+            raise InvalidName(
+                f"{self.path!r} is no address: a name or a part of a key must not be "
+                "empty, '.' or '..'"
+            )
 
 
 @dataclass(frozen=True)
@@ -249,16 +268,12 @@ def body_of(response: httpx.Response) -> Json:
     return body
 
 
-def query_of(params: Params) -> dict[str, str | list[str]]:
+def query_of(params: Params) -> dict[str, str]:
     """The parameters of the query string: without None, each value as text."""
-    query: dict[str, str | list[str]] = {}
-    for key, value in params.items():
-        if isinstance(value, list | tuple):
-            query[key] = [_text(one) for one in value]
-        elif value is not None:
-            query[key] = _text(value)
-    return query
+    return {key: _text(value) for key, value in params.items() if value is not None}
 
 
 def _text(value: object) -> str:
+    if isinstance(value, list | tuple):
+        return ",".join(map(_text, value))  # the API separates several values so
     return str(value).lower() if isinstance(value, bool) else str(value)

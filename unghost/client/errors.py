@@ -14,6 +14,7 @@ ApiError                the server's response is not a success
 `-- UnexpectedAnswer    a response that is not Unghost's
 RunFailed               the run or export that was waited for failed or was cancelled
 DamagedDownload         the downloaded bytes do not have the expected digest
+InvalidName             a name or a key that no address can contain; nothing was sent
 
 If there is no response at all, `httpx.TransportError` is raised.
 """
@@ -119,6 +120,10 @@ class RunFailed(Exception):
 
 class DamagedDownload(Exception):
     """The downloaded bytes do not have the digest that the server announced."""
+
+
+class InvalidName(ValueError):
+    """A name or a key that no address can contain, such as ``..``; nothing was sent."""
 
 
 _BY_STATUS: dict[int, type[ApiError]] = {

@@ -161,7 +161,7 @@ class _Job(Generic[StateT]):
         last_id = ""
         while True:
             moved_on = False
-            error: httpx.TransportError
+            error: Unavailable | httpx.TransportError
             try:
                 with self.transport.stream(self._stream(last_id)) as response:
                     if response.status_code == httpx.codes.NO_CONTENT:
@@ -173,7 +173,7 @@ class _Job(Generic[StateT]):
                         state = json.loads(event.data)
                         yield read_object(self.kind.read, state, response)
                 error = httpx.RemoteProtocolError("the events have no end")
-            except httpx.TransportError as broken:
+            except (Unavailable, httpx.TransportError) as broken:
                 error = broken
             wait_s = attempts.failed(error, moved_on=moved_on)
             if not self.transport.pause(wait_s):

@@ -40,13 +40,21 @@ END_OF_ARCHIVE: Final = bytes(2 * _BLOCK)
 
 @dataclass(frozen=True)
 class OutgoingFrame:
-    """A frame to be sent: its key, its annotation, and its files (paths or bytes)."""
+    """A frame to be sent: its key, its annotation, and its files (paths or bytes).
+
+    The annotation may contain numpy's numbers and arrays.
+    """
 
     key: str
     annotation: Json
     files: Mapping[str, FileContent] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.annotation, Mapping):
+            raise TypeError(
+                f"frame {self.key!r}: expected a mapping as annotation, found "
+                f"{type(self.annotation).__name__}"
+            )
         for name in self.files:
             checked_file_name(name)
 
@@ -57,6 +65,8 @@ class OutgoingFrame:
         ------
         OSError
             A file cannot be read.
+        ValueError
+            The annotation cannot be written as JSON.
         """
         lines = [b"frame 1"]
         for name, content in sorted(self.files.items()):
@@ -71,8 +81,10 @@ class OutgoingFrame:
         ------
         OSError
             A file cannot be read.
+        ValueError
+            The annotation cannot be written as JSON.
         """
-        annotation = json.dumps(dict(self.annotation)).encode()
+        annotation = canonical_json(self.annotation)
         form = {"annotation": ("annotation.json", annotation, "application/json")}
         for name, content in self.files.items():
             form[name] = (name, _bytes(content), _ANY_TYPE)
@@ -91,7 +103,7 @@ class OutgoingFrame:
         OSError
             A file does not exist, is not a regular file, or may not be read.
         ValueError
-            The key is not text.
+            The key is not text, or the annotation cannot be written as JSON.
         """
         if not is_text(self.key):
             raise ValueError("the key is not text: its file's name is not UTF-8")
@@ -167,8 +179,32 @@ Outcome: TypeAlias = Sent | AlreadyThere | NotSent
 
 
 def canonical_json(annotation: Json) -> bytes:
-    """The annotation as canonical JSON: equal annotations give equal text."""
-    return json.dumps(annotation, sort_keys=True, separators=(",", ":")).encode()
+    """The annotation as canonical JSON: equal annotations give equal text.
+
+    Raises
+    ------
+    ValueError
+        It has a value that JSON does not have.
+    """
+    try:
+        text = json.dumps(
+            dict(annotation), sort_keys=True, separators=(",", ":"), default=_plain
+        )
+    except (TypeError, RecursionError) as error:
+        raise ValueError(
+            f"the annotation cannot be written as JSON: {error}"
+        ) from error
+    return text.encode()
+
+
+def _plain(value: object) -> object:
+    """The numbers of an array or of one of numpy's numbers, without importing numpy."""
+    if isinstance(value, Mapping):
+        return dict(value)
+    as_numbers = getattr(value, "tolist", None)
+    if as_numbers is None:
+        raise TypeError(f"found a value of type {type(value).__name__}")
+    return as_numbers()
 
 
 def checked_file_name(name: str) -> str:

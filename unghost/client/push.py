@@ -147,7 +147,7 @@ def _digests(frames: Sequence[OutgoingFrame]) -> Iterator[str | NotSent]:
 def _digest(frame: OutgoingFrame) -> str | NotSent:
     try:
         return frame.digest()
-    except OSError as error:
+    except (OSError, ValueError) as error:
         return NotSent(frame.key, error)
 
 
@@ -212,7 +212,7 @@ class _Senders:
         try:
             call = frame_stored(upload.path, frame, replace=upload.replace)
             stored = upload.transport.send(call)
-        except (ApiError, OSError) as error:
+        except (ApiError, OSError, ValueError) as error:
             if _concerns_all(error):
                 raise
             return NotSent(frame.key, error)

@@ -21,15 +21,16 @@ import httpx
 
 from unghost.client.call import Call, Params, query_of
 from unghost.client.discovery import Server, is_local, refuse_foreign
-from unghost.client.errors import Unavailable, error_of
+from unghost.client.errors import NotFound, Unavailable, error_of
 
 T = TypeVar("T")
 
 DEFAULT_TIMEOUT: Final = httpx.Timeout(60.0, connect=5.0)
 """Long, because an upload is answered when its frame is decided, and may be queued."""
 
-# A POST carries an Idempotency-Key, so that the server does it once only.
-_REPEATABLE: Final = frozenset({"GET", "HEAD", "PUT", "DELETE", "POST"})
+_NOTHING_DONE: Final = frozenset({429, 503})
+"""Statuses of a server that is too busy to have done anything."""
+_NOT_SENT: Final = (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout)
 
 
 @dataclass(frozen=True)
@@ -185,14 +186,21 @@ class Transport:
 
     def _answer(self, call: Call[T]) -> httpx.Response:
         attempts = Attempts(self.retry, call.patience)
-        repeatable = call.retried and call.method in _REPEATABLE
-        # The same for each attempt, so that the server executes the call only once.
+        # The same for each attempt, so that the server executes a POST only once.
         key = uuid.uuid4().hex
+        may_be_done = False
         while True:
+            response = None
             try:
-                return _success(self._http.send(self._request(call, key)))
+                response = self._http.send(self._request(call, key))
+                return _success(response)
+            except NotFound:
+                if response is not None and call.method == "DELETE" and may_be_done:
+                    return response  # deleted by an attempt whose answer was lost
+                raise
             except (Unavailable, httpx.TransportError) as error:
-                if not repeatable:
+                may_be_done = may_be_done or not _was_refused(error)
+                if not call.retried or (may_be_done and not call.repeatable):
                     raise
                 wait_s = attempts.failed(error)  # may raise the error
                 if not self.pause(wait_s):
@@ -217,6 +225,13 @@ class Transport:
         # The server may have ended, and another user's program may have taken its port.
         if event == "connection.connect_tcp.started":
             refuse_foreign(self._server)
+
+
+def _was_refused(error: Unavailable | httpx.TransportError) -> bool:
+    """Whether the server has certainly not executed the call."""
+    if isinstance(error, Unavailable):
+        return error.status in _NOTHING_DONE
+    return isinstance(error, _NOT_SENT)
 
 
 def _success(response: httpx.Response) -> httpx.Response:

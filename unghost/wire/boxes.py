@@ -154,7 +154,10 @@ class BoxSelection(RequestModel):
         default=None,
         description="Whether a person's keep or reject contradicts the filter.",
     )
-    match_min: Percent | None = None
+    match_min: Percent | None = Field(
+        default=None,
+        description="Only boxes with a match: not those outside the image.",
+    )
     match_max: Percent | None = None
     margin_max: Percent | None = None
     distance_min: Metres | None = None

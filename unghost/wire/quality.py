@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator
 
 from unghost.wire.model import IfAbsent, RequestModel, ResponseModel
 from unghost.wire.words import EvidenceName, ThresholdTarget, Truth, WrongVerdict
@@ -24,7 +24,16 @@ class QualityQuery(RequestModel):
         description="What a suggested threshold is for. f1: the best F1; recall: the "
         "highest threshold that reaches `recall`.",
     )
-    recall: Annotated[float, Field(gt=0, le=1)] = 0.99
+    recall: Annotated[
+        float, Field(gt=0, le=1, description="For the target recall only.")
+    ] = 0.99
+
+    @field_validator("recall")
+    @classmethod
+    def _has_an_effect(cls, recall: float, place: ValidationInfo) -> float:
+        if place.data.get("target") == "f1":
+            raise ValueError("has no effect without target=recall")
+        return recall
 
 
 class EvaluationQuery(RequestModel):

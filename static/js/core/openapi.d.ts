@@ -183,6 +183,8 @@ export interface paths {
         /**
          * Activate Config
          * @description Make a version the active one, through a run.
+         *
+         *     If the last open run will do that already, this returns it.
          */
         put: operations["activate_config_api_v1_datasets__dataset__config_put"];
         post?: never;
@@ -1407,7 +1409,10 @@ export interface components {
              * @description Whether a person's keep or reject contradicts the filter.
              */
             conflict?: boolean | null;
-            /** Match Min */
+            /**
+             * Match Min
+             * @description Only boxes with a match: not those outside the image.
+             */
             match_min?: number | null;
             /** Match Max */
             match_max?: number | null;
@@ -3991,6 +3996,7 @@ export interface operations {
                 toss_up?: boolean | null;
                 /** @description Whether a person's keep or reject contradicts the filter. */
                 conflict?: boolean | null;
+                /** @description Only boxes with a match: not those outside the image. */
                 match_min?: number | null;
                 match_max?: number | null;
                 margin_max?: number | null;
@@ -5484,6 +5490,7 @@ export interface operations {
                 toss_up?: boolean | null;
                 /** @description Whether a person's keep or reject contradicts the filter. */
                 conflict?: boolean | null;
+                /** @description Only boxes with a match: not those outside the image. */
                 match_min?: number | null;
                 match_max?: number | null;
                 margin_max?: number | null;
@@ -5728,6 +5735,7 @@ export interface operations {
                 truth?: "people" | "instances";
                 /** @description What a suggested threshold is for. f1: the best F1; recall: the highest threshold that reaches `recall`. */
                 target?: "f1" | "recall";
+                /** @description For the target recall only. */
                 recall?: number;
             };
             header?: never;

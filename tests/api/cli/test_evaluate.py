@@ -156,6 +156,40 @@ def test_the_worst_boxes_of_each_channel_are_listed(unghost, folder_with_partial
     assert told["channels"]["instance"]["worst"] == []
 
 
+def test_truth_of_other_frames_is_counted_and_exits_with_3(unghost, folder):
+    truth = write_truth(folder)
+    truth.write_text(truth.read_text().replace('"b"', '"x"'))
+
+    answer = unghost("evaluate", folder, "--truth", truth, "--channel", "semantic")
+
+    assert answer.code == PARTLY
+    assert "frames without a box of known truth: 2 of 3" in answer.err
+    assert (
+        "lines of the ground truth about no box here: 2, such as those of frame 'x'"
+        in answer.err
+    )
+
+
+def test_truth_of_some_frames_only_is_noted(unghost, folder):
+    truth = write_truth(folder)
+    truth.write_text(truth.read_text().partition('{"key": "b"')[0])
+
+    answer = unghost("evaluate", folder, "--truth", truth, "--channel", "semantic")
+
+    assert answer.code == DONE
+    assert "frames without a box of known truth: 2 of 3" in answer.err
+
+
+def test_empty_truth_is_refused(unghost, folder):
+    (folder / "truth.jsonl").write_text("")
+
+    answer = unghost("evaluate", folder, "--truth", folder / "truth.jsonl", "--suggest")
+
+    assert answer.code == REFUSED
+    assert "nothing was compared" in answer.err
+    assert "no threshold can be suggested" not in answer.err
+
+
 def test_unmatched_files_are_listed(unghost, tmp_path):
     tags, _, _ = scene()
     files = {"classes.txt": "car\n", "labels/a.txt": "0 0.5 0.5 0.1 0.1\n"}

@@ -60,6 +60,17 @@ def test_interrupting_with_cancel_on_interrupt_cancels_the_run(unghost, slow):
     assert f"run {run.id} was cancelled" in err
 
 
+def test_cancel_on_interrupt_without_wait_is_refused(unghost, tmp_path):
+    (tmp_path / "filter.yaml").write_text("min_visible_pixels: 3")
+
+    answer = unghost(
+        *("run", "town", "--config", "filter.yaml", "--cancel-on-interrupt")
+    )
+
+    assert answer.code == 2
+    assert "--cancel-on-interrupt is for --wait" in answer.err
+
+
 def test_cancel_command_cancels_a_run_and_waiting_for_it_fails(unghost, slow):
     server, _, dataset = slow
     with Client(server.url, server.token) as client:

@@ -48,5 +48,12 @@ def test_an_unknown_query_parameter_is_400_and_is_named(admin, path):
     assert repr(path.partition("?")[2].partition("=")[0]) in problem["detail"]
 
 
+def test_query_parameter_that_is_given_twice_is_refused(admin):
+    problem = admin.get("/probe/items/1?limit=5&limit=6").json()
+
+    assert (problem["status"], problem["code"]) == (400, "repeated_parameter")
+    assert problem["detail"] == "query parameter 'limit': expected once, found 2 values"
+
+
 def test_known_query_parameter_is_accepted(admin):
     assert admin.get("/probe/items/1?limit=5").json() == {"item_id": 1, "limit": 5}

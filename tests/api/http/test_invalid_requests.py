@@ -25,6 +25,12 @@ SECRET = "ug_of-somebody-else"
             b'{"name',
             "expected JSON in UTF-8, found a fault at line 1, column 2: Unterminated",
         ),
+        (
+            "POST",
+            "/datasets",
+            b'{"name": "a", "name": "b"}',
+            "expected JSON in UTF-8, found the key 'name' twice",
+        ),
         ("POST", "/datasets", b'{"name": 5}', "/name: expected a text, found 5"),
         ("POST", "/datasets", b'{"name": null}', "/name: expected a text, found null"),
         (

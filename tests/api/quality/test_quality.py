@@ -124,6 +124,25 @@ def test_reviewers_are_compared_by_their_latest_answers(api, dataset, people):
     assert agreed["pairs"][0]["a"].startswith("ada-")
 
 
+def test_answer_that_somebody_else_has_cleared_counts_for_its_reviewer(
+    api, dataset, people
+):
+    ada, eve = people
+    box_id = api.box_ids(dataset)[0]
+    ada.review(box_id, "keep")
+    eve.review(box_id, "reject", 1)
+    api.review(box_id, "clear", 2)
+
+    found = quality(api, dataset)
+
+    agreed = found["agreement"]
+    assert (agreed["boxes"], agreed["agreed"]) == (1, 0)
+    assert {one["name"][:3]: one["answers"] for one in found["reviewers"]} == {
+        "ada": 1,
+        "eve": 1,
+    }
+
+
 def test_undone_bulk_answer_counts_for_no_reviewer(api, dataset, people):
     ada, eve = people
     boxes = api.box_ids(dataset)[:3]
@@ -189,3 +208,15 @@ def test_thresholds_are_suggested_for_a_target_recall(api, dataset):
     assert found["f1_suggested"] == 1
     assert refused.status_code == 422
     assert api.get(f"/datasets/{dataset}/quality", recall=0).status_code == 422
+
+
+def test_recall_with_another_target_is_refused(api, dataset):
+    answers = [
+        api.get(f"/datasets/{dataset}/quality", **query)
+        for query in ({"recall": 0.5}, {"recall": 0.5, "target": "f1"})
+    ]
+
+    assert [answer.status_code for answer in answers] == [422, 422]
+    (fault,) = answers[0].json()["errors"]
+    assert fault["pointer"] == "/query/recall"
+    assert "target=recall" in fault["detail"]

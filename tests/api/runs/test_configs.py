@@ -8,7 +8,10 @@ import pytest
 
 from tests.support import frames as scene
 from tests.support.api import BASE
+from tests.support.slow_datasets import FROM_PIXELS
 
+FRAMES = 30
+"""Frames of the slow dataset: a run is still open when it is requested again."""
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 YAML = {"Content-Type": "application/yaml"}
 
@@ -45,6 +48,20 @@ def test_config_versions_are_identified_by_content(api, dataset):
     ]
     assert oldest["digest"] == api.json(f"/datasets/{dataset}")["config"]
     assert oldest["active"] is True
+
+
+def test_activating_a_config_again_returns_the_open_run(slow):
+    _, api, dataset = slow
+    added = add_config(api, dataset, json.dumps(FROM_PIXELS).encode())
+    body = {"digest": added.json()["digest"]}
+    path = f"{BASE}/datasets/{dataset}/config"
+
+    first, second = (api.http.put(path, json=body) for _ in range(2))
+    api.post(f"/runs/{first.json()['id']}/cancel")
+
+    assert (first.status_code, second.status_code) == (202, 202)
+    assert second.json()["id"] == first.json()["id"]
+    assert second.headers["location"] == first.headers["location"]
 
 
 def test_activating_a_config_starts_a_run(api, dataset):

@@ -32,6 +32,7 @@ PROBLEM = {
         pytest.param(FileNotFoundError("a"), 1, id="a file that is not there"),
         pytest.param(ForeignServer("x"), 1, id="a token kept from another's server"),
         pytest.param(BadServerUrl("x"), 2, id="a wrong address"),
+        pytest.param(errors.InvalidName("x"), 2, id="a name that is no address"),
         pytest.param(httpx.ConnectError("no", request=REQUEST), 69, id="no answer"),
         pytest.param(errors.Unavailable(503, PROBLEM), 69, id="no answer for now"),
         pytest.param(SimulatorAway("no"), 69, id="no simulator"),

@@ -7,8 +7,8 @@ import inspect
 import pytest
 
 from tests.support.response_checks import DATASET
-from tests.support.scripted_server import json_reply
-from unghost import Client, UnexpectedAnswer
+from tests.support.scripted_server import json_reply, problem
+from unghost import Client, Invalid, InvalidName, UnexpectedAnswer
 
 METHODS = [name for name in dir(Client) if not name.startswith("_")]
 
@@ -39,8 +39,44 @@ def test_query_parameters_are_encoded_for_the_api(scripted, client):
     first, asked = scripted.received_requests
     assert first.path == "/api/v1/boxes?limit=2&dataset=town&cursor=here"
     assert asked.path == (
-        "/api/v1/boxes?limit=500&dataset=town&class=car&toss_up=true&id=a&id=1"
+        "/api/v1/boxes?limit=500&dataset=town&class=car&toss_up=true&id=a%2C1"
     )
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda client: client.delete_frame("town", "../../../tokens/1"),
+        lambda client: client.frame_by_key("town", "a//b"),
+        lambda client: client.stats(".."),
+        lambda client: client.dataset(""),
+        lambda client: client.config(".."),
+        lambda client: client.frame("../tokens"),
+    ],
+)
+def test_name_that_leads_to_another_address_is_refused_before_sending(
+    scripted, client, call
+):
+    with pytest.raises(InvalidName, match="is no address"):
+        call(client)
+
+    assert scripted.received_requests == []
+
+
+def test_frame_file_of_an_unknown_kind_raises_type_error(scripted, client):
+    with pytest.raises(TypeError, match="is not a file of a frame"):
+        client.frame_file(1, "../../session")
+
+    assert scripted.received_requests == []
+
+
+def test_empty_annotation_is_sent_as_it_is(scripted, client):
+    scripted.answer(problem(422, "invalid_annotation"))
+
+    with pytest.raises(Invalid):
+        client.put_frame("town", "a", {})
+
+    assert b"\r\n\r\n{}\r\n" in scripted.received_requests[0].body
 
 
 def test_pagination_requests_next_page_after_the_previous_one(scripted, client):

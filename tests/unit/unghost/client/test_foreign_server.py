@@ -120,7 +120,7 @@ def open_transport(url: str, token: str | None = None) -> closing[Transport]:
 
 def send_request(url: str, token: str | None = None) -> None:
     with open_transport(url, token) as transport:
-        transport.send(Call("GET", "/", nothing))
+        transport.send(Call("GET", "/version", nothing))
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0", "::"])
@@ -222,11 +222,11 @@ def test_listener_owner_is_checked_again_on_reconnect(token_file, start_listener
     write_note(url, token_file)
 
     with open_transport(url) as transport:
-        transport.send(Call("GET", "/", nothing))
+        transport.send(Call("GET", "/version", nothing))
         assert own.heard() == ["Bearer secret"]
         other = start_listener(NOBODY, port=own.port)
         with pytest.raises(ForeignServer):
-            transport.send(Call("GET", "/", nothing))
+            transport.send(Call("GET", "/version", nothing))
         with pytest.raises(ForeignServer):
             Duplex(transport.endpoint("/")).begin("text/plain", 1)
 

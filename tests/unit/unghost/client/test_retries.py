@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from datetime import datetime, timezone
 
@@ -9,7 +10,7 @@ import httpx
 import pytest
 
 from tests.support.scripted_server import QUICK_RETRIES, Reply, json_reply, problem
-from unghost import Client, RetryPolicy, Unavailable
+from unghost import Client, NotFound, RetryPolicy, Unavailable
 from unghost.client.errors import retry_after_s
 
 RUN = {"id": 1, "dataset": "town", "kind": "decide", "state": "queued", "config": ""}
@@ -46,6 +47,50 @@ def test_retried_post_has_the_same_idempotency_key(scripted, client):
     keys = [asked.headers["Idempotency-Key"] for asked in scripted.received_requests]
     assert len(keys) == 2
     assert len(set(keys)) == 1
+
+
+def test_deletion_whose_response_was_lost_is_successful(scripted, client):
+    scripted.answer(Reply(hang_up=0), problem(404, "not_found"))
+
+    client.delete_dataset("town")
+
+    assert len(scripted.received_requests) == 2
+
+
+def test_deletion_of_what_never_existed_raises_not_found(scripted, client):
+    scripted.answer(problem(503, "database_busy"), problem(404, "not_found"))
+
+    with pytest.raises(NotFound):
+        client.delete_dataset("town")
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda client: client.create_token("ada"),
+        lambda client: client.create_login_code(),
+        lambda client: client.change_dataset("town", description="x"),
+    ],
+    ids=["token", "login code", "change"],
+)
+def test_call_whose_second_execution_would_harm_is_not_sent_again(
+    scripted, client, call
+):
+    scripted.answer(problem(503, "database_busy"), Reply(hang_up=0))
+
+    with pytest.raises(httpx.TransportError):
+        call(client)
+
+    # The first was refused before anything was done.
+    assert len(scripted.received_requests) == 2
+
+
+def test_events_continue_after_a_busy_server(scripted, client):
+    state = json.dumps({**RUN, "state": "done"})
+    events = f"event: progress\nid: 1\ndata: {state}\n\nevent: end\ndata: {{}}\n\n"
+    scripted.answer(problem(503, "too_many_streams"), Reply(body=events.encode()))
+
+    assert [run.state for run in client.events(1)] == ["done"]
 
 
 def test_separate_posts_have_different_idempotency_keys(scripted, client):

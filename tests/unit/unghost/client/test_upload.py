@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import cast
 
 import httpx
+import numpy as np
 import pytest
 
 from tests.support.batch_server import BatchReply, BatchServer
@@ -257,6 +259,41 @@ def test_push_survives_server_restart_while_requesting_known_frames(batches, cli
         "0": "stored",
         "1": "stored",
     }
+
+
+def test_annotation_may_contain_numbers_and_arrays_of_numpy(batches, client):
+    box = {"class": "car", "xyxy": np.array([1, 2, 5, 6.5]), "id": np.int64(7)}
+    plain = {"class": "car", "xyxy": [1.0, 2.0, 5.0, 6.5], "id": 7}
+
+    list(client.push("town", [OutgoingFrame("a", {"boxes": [box]})]))
+
+    assert batches.taken[0].annotation == {"boxes": [plain]}
+
+
+def test_frame_whose_annotation_is_no_json_is_refused_alone(batches, client):
+    frames = [outgoing_frame("a"), OutgoingFrame("b", {"boxes": {1, 2}}), *many(1)]
+    batches.known["b"] = "other"
+
+    outcomes = {one.key: one for one in client.push("town", frames)}
+
+    words = {key: one.word for key, one in outcomes.items()}
+    assert words == {"a": "stored", "b": "refused", "0": "stored"}
+    assert "cannot be written as JSON: found a value of type set" in str(
+        getattr(outcomes["b"], "error", "")
+    )
+
+
+def test_single_frame_whose_key_is_no_address_is_refused_alone(batches, client):
+    batches.replies = [BatchReply(refusal=(404, "not_found", {}))]
+
+    outcomes = client.push("town", [outgoing_frame("../a"), *many(1)])
+
+    assert outcomes_by_key(outcomes) == {"../a": "refused", "0": "stored"}
+
+
+def test_annotation_that_is_no_mapping_raises_type_error_with_the_key():
+    with pytest.raises(TypeError, match="frame 'a': expected a mapping as annotation"):
+        OutgoingFrame("a", cast("dict[str, object]", [BOX]))
 
 
 def test_put_frame_with_unknown_file_kind_raises_type_error(client):
