@@ -166,6 +166,8 @@ function addressOf(path, { path: named = {}, query = {} } = {}) {
     // A frame's key may be a path itself.
     return name === "key" ? text.replaceAll("%2F", "/") : text;
   });
+  // The browser would resolve these parts: the request would go to another address.
+  if (/\/\.\.?(\/|$)/.test(filled)) throw new ApiError(404, { detail: `There is nothing at ${filled}.` }, null);
   const set = Object.entries(query).flatMap(([key, value]) => (value === undefined || value === null || value === "" ? [] : [[key, String(value)]]));
   return filled + (set.length > 0 ? `?${new URLSearchParams(set)}` : "");
 }

@@ -30,6 +30,13 @@ test("an address contains its path parameters, escaped, and only the query param
   );
   assert.equal(url("/api/v1/datasets/{dataset}/frames/{key}", { path: { dataset: "s", key: "run 1/000?" } }), "/api/v1/datasets/s/frames/run%201/000%3F");
   assert.equal(url("/api/v1/session"), "/api/v1/session");
+  assert.equal(url("/api/v1/datasets/{dataset}/frames/{key}", { path: { dataset: "s", key: "..a/.b" } }), "/api/v1/datasets/s/frames/..a/.b");
+});
+
+test("a name that the browser would resolve to another address is refused", () => {
+  for (const key of ["..", "a/../../tokens", "."]) {
+    assert.throws(() => url("/api/v1/datasets/{dataset}/frames/{key}", { path: { dataset: "s", key } }), { name: "ApiError", status: 404 });
+  }
 });
 
 test("a refusal of the page's own session is reported, and of any other session it is not", async () => {
