@@ -22,12 +22,12 @@ anew.
 
 **How a chunk is tried again**
 
-| processes that have died | by a worker | by the driver |
+| attempt | by a worker | by the driver |
 |---|---|---|
-| none | the whole chunk | the whole chunk |
-| one | the whole chunk, alone | frame by frame |
-| two | frame by frame, alone | frame by frame |
-| three | no more: quarantine of all | no more: quarantine of the cause |
+| first | the whole chunk | the whole chunk |
+| second | the whole chunk, alone | frame by frame |
+| third | frame by frame, alone | frame by frame |
+| no fourth | quarantine of all | quarantine of the cause |
 
 A driver that stores something sets the count to zero, even if it dies later. So only
 three drivers that die in succession and store nothing lead to quarantine.
@@ -84,8 +84,8 @@ log = logging.getLogger(__name__)
 
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether to work frame by frame in this attempt; see the table above."""
-    # With workers, 2 means that two have died. Without, the driver has counted its own
-    # attempt as well, so that 2 means that one driver has died before it.
+    # The count is 2 in a worker's third attempt, when two workers have died. It is 2 in
+    # a driver's second attempt, which that driver has counted when it began.
     return chunk.attempts >= 2
 
 

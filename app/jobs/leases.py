@@ -5,15 +5,15 @@ The *driver* of a job is the process that plans its chunks and has them executed
 until when. It takes the lease in the transaction that begins the job, and renews it
 until the job ends.
 
-A lease is *void* if it has expired, or if the driver ran on this machine and the
-operating system says that it has ended (`process_has_ended`). It expires if the driver
-does not renew it for `LEASE_LASTS`, and at once if the driver stops and leaves the job
-(`release`). Every service runs a watchdog. It lets its own process drive each open job
-(one that is queued or running) if
+Every service runs a watchdog. It lets its own process drive each open job (one that is
+queued or running) whose driver is gone:
 
-- its lease is void; or
-- it has been without a lease for `UNDRIVEN_FOR_S`: the service that queued it has died
-  before it began the job, or is still busy with other jobs.
+- **The job has a lease that is void**: somebody has begun it. A lease is void if it has
+  expired, or if the driver ran on this machine and the operating system says that it
+  has ended (`process_has_ended`). It expires if the driver does not renew it for
+  `LEASE_LASTS`, and at once if the driver stops and leaves the job (`release`).
+- **The job has had no lease for** `UNDRIVEN_FOR_S`: nobody has begun it. The service
+  that queued it has died, or is still busy with other jobs.
 
 The new driver continues with what the database says (`JobDriver`).
 
