@@ -13,12 +13,11 @@ anew.
 - A worker of a cluster: its driver is told that it died, and calls `count_death`. Every
   death counts until the chunk is done, whatever it has stored.
 - The driver itself: if there are no workers it executes all chunks, and always the
-  final step. If it dies, nobody is left to count. So it counts its attempt before it
-  begins the chunk (`Attempt.begin`), and sets the count to zero when it stores a part
-  of the result (`Attempt.reset`) or when its work ends in any other way
-  (`Attempt.end`). `app.jobs.work` calls `begin` and `end`. The kinds of jobs call
-  `reset`, as `Task.reset_attempts`, which does nothing in a worker. The next driver
-  finds in the row how many processes in succession have died and stored nothing.
+  final step. If it dies, nobody is left to count. So it counts each attempt in advance,
+  as if it would die (`Attempt.begin`). If it stores a part of the result, or its work
+  ends in any other way than by its death, the count becomes zero (`Attempt.reset`,
+  `Attempt.end`). So the next driver finds in the row how many processes in succession
+  have died and stored nothing.
 
 **How a chunk is tried again**
 
@@ -82,11 +81,11 @@ _PAUSE_S: Final = 0.5
 log = logging.getLogger(__name__)
 
 
-def is_one_by_one(chunk: Chunk) -> bool:
+def is_one_by_one(chunk: Chunk, *, by_driver: bool) -> bool:
     """Whether to work frame by frame in this attempt; see the table above."""
-    # The count is 2 in a worker's third attempt, when two workers have died. It is 2 in
-    # a driver's second attempt, which that driver has counted when it began.
-    return chunk.attempts >= 2
+    # A driver has counted this attempt already.
+    attempt = chunk.attempts if by_driver else chunk.attempts + 1
+    return attempt >= (2 if by_driver else 3)
 
 
 def count_death(session: Session, job: Job, number: int) -> bool:
@@ -105,7 +104,11 @@ def count_death(session: Session, job: Job, number: int) -> bool:
 
 
 class Attempt:
-    """One attempt at a chunk by the process that drives its job."""
+    """One attempt at a chunk by the process that drives its job.
+
+    `app.jobs.work` calls `begin` and `end`. The kinds of jobs call `reset`, as
+    `Task.reset_attempts`.
+    """
 
     def __init__(self, context: ServiceContext, job: Job, number: int) -> None:
         self._context, self._job, self._number = context, job, number

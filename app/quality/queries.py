@@ -7,7 +7,9 @@ from typing import NamedTuple
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from app.boxes.filter import BoxProbes
 from app.db.tables import Decision, Review, ReviewBatch
+from app.measuring.queries import DatasetRepository
 from app.verdicts import REVIEW_STATES
 
 
@@ -59,14 +61,19 @@ class AnswerRepository:
         Also on boxes without an answer now: that somebody has cleared a box's answer
         does not change what others have said.
         """
+        class_ids = DatasetRepository(self._session).classes(dataset_id).values()
+        span = BoxProbes(self._session).span(dataset_id, class_ids)
+        if span is None:
+            return []
         rows = (
             select(
                 *(Review.box_id, Review.revision, Review.reviewer),
                 *(Review.verdict, Review.batch_id, Review.undoes),
             )
             .join(Decision, Decision.box_id == Review.box_id)
-            # Not by the index of the dataset's boxes: most have no answers.
-            .where(Decision.dataset_id + 0 == dataset_id)
+            # By the answers, not by the index of the dataset's boxes (`+ 0`), most of
+            # which have no answer.
+            .where(Review.box_id.between(*span), Decision.dataset_id + 0 == dataset_id)
             .order_by(Review.box_id, Review.revision.desc())
         )
         return [Said(*row) for row in self._session.execute(rows)]
