@@ -220,14 +220,18 @@ def measured_again(
     update_rows(
         session,
         Decision,
-        {
-            "box_id": box_ids.tolist(),
-            "match_percent": floats_or_none(evidence.match_percent),
-            "crowding": [value or 0.0 for value in floats_or_none(evidence.crowding)],
-            "distance": floats_or_none(evidence.distance),
-        },
+        {"box_id": box_ids.tolist(), **numbers_of_lists(evidence)},
         written,
     )
+
+
+def numbers_of_lists(evidence: Evidence) -> dict[str, list[float | None]]:
+    """The columns of `decisions` by which lists sort and filter, from the evidence."""
+    return {
+        "match_percent": floats_or_none(evidence.match_percent),
+        "crowding": [value or 0.0 for value in floats_or_none(evidence.crowding)],
+        "distance": floats_or_none(evidence.distance),
+    }
 
 
 def replace_tallies(

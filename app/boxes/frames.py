@@ -38,6 +38,7 @@ from app.boxes.queries import (
     PageRequest,
 )
 from app.boxes.reader import DecisionReader, StoredDecision, read_box
+from app.db.base import filled
 from app.db.pages import id_of_cursor, name_of_cursor
 from app.db.tables import Dataset, Frame
 from app.engine.children import PixelPool
@@ -87,7 +88,7 @@ def frame_summaries(
     ids = [frame.id for frame in frames]
     files = FrameRepository(session).files(ids)
     tallies = DecisionRepository(session).per_frame(ids)
-    measurement = dataset.active_measurement_id or 0
+    measurement = filled(dataset.active_measurement_id)
     reports = EvidenceRepository(session).reports(ids, measurement)
     return [
         _summary(
@@ -304,7 +305,7 @@ def frame_pictures(
     frame = FrameRepository(session).with_id(frame_id)
     dataset = DatasetRepository(session).with_id(frame.dataset_id)
     reports = EvidenceRepository(session).reports(
-        [frame_id], dataset.active_measurement_id or 0
+        [frame_id], filled(dataset.active_measurement_id)
     )
     files = FrameRepository(session).files([frame_id])[frame_id]
     return FramePictures(storage, frame_id, files, reports.get(frame_id))

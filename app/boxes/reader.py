@@ -29,6 +29,7 @@ from app.boxes.queries import (
     LatestReview,
     PageRequest,
 )
+from app.db.base import filled
 from app.db.tables import Dataset
 from app.errors import NotFound
 from app.measuring.active import active_version, config_of
@@ -231,7 +232,7 @@ class DecisionReader:
         The evidence of `frame_ids` is read even if these frames have none of the boxes.
         """
         frames = EvidenceRepository(self._session).of_frames(
-            [*frame_ids, *rows.frame_ids], self._dataset.active_measurement_id or 0
+            [*frame_ids, *rows.frame_ids], filled(self._dataset.active_measurement_id)
         )
         return StoredBoxes(rows, frames, self._config, self._classes)
 
@@ -252,7 +253,7 @@ class DecisionReader:
             boxes.projected(edges=True),
         )
         reviews = self._reviews(boxes)
-        run = self._dataset.active_run_id or 0
+        run = filled(self._dataset.active_run_id)
         decided = {
             key: DecidedFrame(key, run, self._version.digest, one.family)
             for key, one in facts.items()

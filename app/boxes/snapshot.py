@@ -20,6 +20,7 @@ from app.boxes.counts import count_boxes
 from app.boxes.filter import BoxFilter, BoxProbes, Selection, to_filter
 from app.boxes.queries import LatestAnswers
 from app.context import ServiceContext
+from app.db.base import filled
 from app.db.tables import Dataset
 from app.errors import StaleSnapshot, TooLarge, Unprocessable
 from filter_core.types import IntArray
@@ -123,7 +124,7 @@ def _snapshot(
         total=total,
         last_box=BoxProbes(session).newest_id(),
         last_review=LatestAnswers(session).newest_id(),
-        run=dataset.active_run_id or 0,
+        run=filled(dataset.active_run_id),
     )
 
 

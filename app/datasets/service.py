@@ -12,7 +12,7 @@ from app.boxes.counts import count, summary
 from app.boxes.current import TallyRepository, replace_tallies
 from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
-from app.db.base import utc_now
+from app.db.base import filled, utc_now
 from app.db.engine import once_committed
 from app.db.tables import Dataset, Run
 from app.errors import BadRequest
@@ -21,7 +21,6 @@ from app.jobs.service import end_all, interrupt
 from app.measuring.active import active_version, add_version
 from app.measuring.plan import DatasetReading, measurement_of, plan_for
 from app.measuring.queries import (
-    ConfigRepository,
     DatasetRepository,
     EvidenceRepository,
     ProblemRepository,
@@ -189,7 +188,7 @@ def statistics(session: Session, dataset: Dataset) -> wire.Stats:
         key: name
         for name, key in DatasetRepository(session).classes(dataset.id).items()
     }
-    active = ConfigRepository(session).with_id(dataset.active_config_id or 0)
+    active = active_version(session, dataset)
     return wire.Stats(
         frames=FrameRepository(session).count(dataset.id),
         **summary(counts),
@@ -197,7 +196,7 @@ def statistics(session: Session, dataset: Dataset) -> wire.Stats:
         conflicts=counts.conflicts,
         toss_ups=counts.toss_ups,
         lossy=EvidenceRepository(session).lossy_boxes(
-            dataset.active_measurement_id or 0
+            filled(dataset.active_measurement_id)
         ),
         effective=counts.effective,
         by_reason=counts.by_reason,

@@ -18,6 +18,19 @@ MAX_ID: Final = 2**63 - 1
 """The largest key."""
 
 
+def filled(key: int | None) -> int:
+    """A key that is null only in the transaction that inserts its row.
+
+    Raises
+    ------
+    RuntimeError
+        It is null: the row was never completed, which is a fault of the program.
+    """
+    if key is None:
+        raise RuntimeError("a key is null in a row that should be complete")
+    return key
+
+
 class UtcDateTime(TypeDecorator[datetime]):
     """A time with the zone UTC; SQLite stores times without a zone."""
 

@@ -29,6 +29,23 @@ def name_of_cursor(cursor: str) -> str:
     return cursor
 
 
+def cursor_after(number: float, row_id: int) -> str:
+    """The cursor of a list in the order of a number, and then of the id."""
+    return f"{number!r}~{row_id}"
+
+
+def number_and_id_of_cursor(cursor: str) -> tuple[float, int]:
+    """The number and the id that `cursor_after` was given; BadCursor otherwise."""
+    number, _, row_id = cursor.partition("~")
+    try:
+        found = float(number), id_of_cursor(row_id)
+    except (ValueError, BadCursor):
+        raise BadCursor(cursor) from None
+    if not found[0] >= 0:
+        raise BadCursor(cursor)
+    return found
+
+
 class NewestPage(NamedTuple):
     """A page of rows, newest first: the rows before an id (None: the first page)."""
 

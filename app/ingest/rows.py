@@ -50,7 +50,6 @@ from filter_core.types import (
     VERDICT_OF_REASON,
     VERDICTS,
     Decisions,
-    FloatArray,
     Reason,
 )
 from unghost.wire.datasets import VerdictCounts
@@ -262,19 +261,12 @@ def _decision_columns(
         "dataset_id": [frame.active.row.dataset_id] * frame.boxes,
         "frame_id": boxes["frame_id"],
         "class_id": boxes["class_id"],
-        "match_percent": _or_none(evidence.match_percent),
-        "crowding": np.nan_to_num(evidence.crowding, nan=0.0).tolist(),
-        "distance": _or_none(evidence.distance),
+        **current.numbers_of_lists(evidence),
         "reason": decisions.reason.tolist(),
         "large": decisions.large.tolist(),
         "toss_up": decisions.toss_up.tolist(),
         "revision": [0] * frame.boxes,
     }
-
-
-def _or_none(column: FloatArray) -> list[float | None]:
-    # Only NaN is not equal to itself.
-    return [value if value == value else None for value in column.tolist()]
 
 
 def _carried(

@@ -10,6 +10,7 @@ from typing import Final, TypeAlias
 from sqlalchemy.orm import Session
 
 from app.db import tables
+from app.db.base import filled
 from app.db.engine import Database
 from app.db.tables import Dataset
 from app.measuring.plan import plan_of
@@ -153,9 +154,7 @@ def add_version(
 
 def active_version(session: Session, dataset: Dataset) -> tables.ConfigVersion:
     """The version by which current verdicts were decided."""
-    if dataset.active_config_id is None:
-        raise RuntimeError(f"dataset {dataset.name!r} has no active config")
-    return ConfigRepository(session).with_id(dataset.active_config_id)
+    return ConfigRepository(session).with_id(filled(dataset.active_config_id))
 
 
 def config_of(version: tables.ConfigVersion) -> FilterConfig:

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, fields
 
 from sqlalchemy.orm import Session
 
+from app.db.base import filled
 from app.db.tables import Dataset, Measurement
 from app.measuring.queries import EvidenceRepository
 from app.package import FILTER_CORE_VERSION
@@ -67,10 +68,8 @@ def needs_pixels(session: Session, dataset: Dataset, plan: MeasureConfig) -> boo
 
 def active_measurement(session: Session, dataset: Dataset) -> Measurement:
     """The measurement with the dataset's current numbers."""
-    if dataset.active_measurement_id is None:
-        raise RuntimeError(f"dataset {dataset.name!r} has no measurement")
     return EvidenceRepository(session).measurement_with_id(
-        dataset.active_measurement_id
+        filled(dataset.active_measurement_id)
     )
 
 

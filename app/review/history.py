@@ -14,6 +14,7 @@ import numpy as np
 from sqlalchemy.orm import Session
 
 from app.boxes.queries import FrameRepository
+from app.db.base import filled
 from app.db.tables import Box, Frame, Review, Run
 from app.measuring.active import config_of
 from app.measuring.evidence import to_evidence, unpack_channels, unpack_numbers
@@ -81,7 +82,7 @@ def _decision(
     version = ConfigRepository(session).with_id(config_id)
     run = RunRepository(session).with_id(run_id)
     classes = DatasetRepository(session).classes(frame.dataset_id)
-    row = EvidenceRepository(session).of_frames([frame.id], run.measurement_id or 0)
+    row = EvidenceRepository(session).of_frames([frame.id], filled(run.measurement_id))
     entry: dict[str, object] = {
         "run": run_id,
         "config": version.digest,

@@ -26,6 +26,7 @@ from app.boxes.current import (
 )
 from app.boxes.queries import LatestAnswers
 from app.context import ServiceContext
+from app.db.base import filled
 from app.db.tables import Dataset, Run
 from app.jobs.kind import Task
 from app.measuring.active import active_version, config_of
@@ -64,7 +65,7 @@ class BeforeAndAfter:
     ) -> Iterator[BeforeAndAfter]:
         """The parts of the dataset, each small enough to be held in memory."""
         dataset = DatasetRepository(session).with_id(run.dataset_id)
-        both = dataset.active_measurement_id or 0, run.measurement_id or 0
+        both = filled(dataset.active_measurement_id), filled(run.measurement_id)
         cache = context.one(ColumnCache)
         for before, after in cache.parts(session, dataset.id, *both):
             yield cls(before, after)
@@ -215,7 +216,7 @@ class _Progress:
 
 def _activate(session: Session, dataset: Dataset, run: Run) -> None:
     measurement = EvidenceRepository(session).measurement_with_id(
-        run.measurement_id or 0
+        filled(run.measurement_id)
     )
     datasets = DatasetRepository(session)
     datasets.activate(dataset, run)

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
-from app.db.base import MAX_ID
+from app.db.base import filled
+from app.db.pages import cursor_after, number_and_id_of_cursor
 from app.db.tables import Dataset, Run
-from app.errors import BadCursor, BadRequest, Conflict
+from app.errors import BadRequest, Conflict
 from app.measuring.active import active_version, config_of
 from app.measuring.columns import (
     ColumnCache,
@@ -321,7 +322,7 @@ def _recounted(
     classes = DatasetRepository(session).classes(dataset.id)
     repository = EvidenceRepository(session)
     frame_ids = list(dict.fromkeys(numbers.frame_ids.tolist()))
-    measurement = dataset.active_measurement_id or 0
+    measurement = filled(dataset.active_measurement_id)
     rows = repository.of_frames(frame_ids, measurement)
     parts = [recount(rows[key], classes, plan) for key in frame_ids]
     return _with_counts_of(parts, numbers.evidence) if parts else numbers.evidence
@@ -356,11 +357,12 @@ def run_diff(
     configs = [
         config_of(ConfigRepository(session).with_id(run.config_id)) for run in runs
     ]
-    measurements = [run.measurement_id or 0 for run in runs]
+    measurements = [filled(run.measurement_id) for run in runs]
     names = tuple(DatasetRepository(session).classes(runs[1].dataset_id))
     table = FlipTable(names)
     # One more than the limit, to find out whether there is a next page.
-    nearest = _Nearest(page.limit + 1, _place(page.cursor) if page.cursor else None)
+    place = number_and_id_of_cursor(page.cursor) if page.cursor else None
+    nearest = _Nearest(page.limit + 1, place)
     cache = context.one(ColumnCache)
     for numbers in cache.parts(session, runs[1].dataset_id, *measurements):
         decisions = [
@@ -374,7 +376,7 @@ def run_diff(
     listed, following = nearest.found[: page.limit], None
     if len(nearest.found) > page.limit:
         distance, box_id, _ = listed[-1]
-        following = f"{distance!r}~{box_id}"
+        following = cursor_after(distance, box_id)
     by_class, sides = table.flips(), table.sides()
     return Diff(
         run=runs[1].id,
@@ -439,14 +441,3 @@ def _compared(
         _Decided(before, before.evidence, decisions[0], rows[0]),
         _Decided(after, after.evidence, decisions[1], rows[1]),
     )
-
-
-def _place(cursor: str) -> tuple[float, int]:
-    distance, _, box_id = cursor.partition("~")
-    try:
-        place = float(distance), int(box_id)
-    except ValueError:
-        place = float("nan"), 0
-    if not place[0] >= 0 or not 0 < place[1] <= MAX_ID:
-        raise BadCursor(cursor)
-    return place

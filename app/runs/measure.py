@@ -18,6 +18,7 @@ from sqlalchemy.orm import Session
 
 from app.boxes.queries import FileRow, FrameRepository
 from app.context import ServiceContext
+from app.db.base import filled
 from app.db.tables import Chunk, Frame, Run
 from app.engine import JobStopped
 from app.engine.children import PixelsRefused
@@ -66,7 +67,7 @@ class RunScope:
     def of(cls, session: Session, run: Run) -> RunScope:
         """The scope of a run's row."""
         config = config_of(ConfigRepository(session).with_id(run.config_id))
-        return cls(run.id, run.dataset_id, run.measurement_id or 0, config)
+        return cls(run.id, run.dataset_id, filled(run.measurement_id), config)
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ def plan_frames(
 ) -> list[PlannedChunk]:
     """Up to `most` chunks of frames after an id that have no evidence."""
     missing = EvidenceRepository(session).unmeasured_frames(
-        run.dataset_id, run.measurement_id or 0, after=after, limit=most * frames
+        run.dataset_id, filled(run.measurement_id), after=after, limit=most * frames
     )
     chunks = (
         missing[start : start + frames] for start in range(0, len(missing), frames)
@@ -142,7 +143,7 @@ def unmeasured_of(session: Session, run: Run, chunk: Chunk) -> list[int]:
         return []
     return EvidenceRepository(session).unmeasured_frames(
         run.dataset_id,
-        run.measurement_id or 0,
+        filled(run.measurement_id),
         after=chunk.first_frame_id - 1,
         until=chunk.last_frame_id,
     )
@@ -272,7 +273,7 @@ class _CommitBuffer:
 def _source(session: Session, scope: RunScope) -> _Source:
     dataset = DatasetRepository(session).with_id(scope.dataset_id)
     evidence = EvidenceRepository(session)
-    former_id = dataset.active_measurement_id or 0
+    former_id = filled(dataset.active_measurement_id)
     former = evidence.measurement_with_id(former_id)
     wanted = evidence.measurement_with_id(scope.measurement_id)
     return _Source(

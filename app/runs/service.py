@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 
 from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
-from app.db.base import utc_now
+from app.db.base import filled, utc_now
 from app.db.tables import Chunk, ConfigVersion, Dataset, Run
 from app.errors import NotFound
 from app.jobs.chunks import PlannedChunk
@@ -93,7 +93,7 @@ def coming_settings(
     if run is None:
         return reading, config_of(active_version(session, dataset))
     measurement = EvidenceRepository(session).measurement_with_id(
-        run.measurement_id or 0
+        filled(run.measurement_id)
     )
     config = config_of(ConfigRepository(session).with_id(run.config_id))
     return replace(reading, **measurement.options["dataset"]), config
@@ -158,7 +158,7 @@ class RunJobs:
             row.total = FrameRepository(session).count(row.dataset_id)
         row.started_at = row.started_at or utc_now()
         missing = EvidenceRepository(session).count_unmeasured(
-            row.dataset_id, row.measurement_id or 0
+            row.dataset_id, filled(row.measurement_id)
         )
         # If nothing is to be measured, `done` counts the frames that are decided.
         if missing:

@@ -10,9 +10,9 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Final
 
-from app.db import tables
+from app.db import tables  # noqa: F401  # defines the tables
 from app.db.base import Base
-from app.db.tables import access
+from app.db.tables import access  # noqa: F401  # defines the rest of them
 from tests.support.sources import Source, python_sources
 
 OWNERS: Final = {
@@ -105,8 +105,6 @@ def test_every_table_has_an_owner():
     owned = [name for names in OWNERS.values() for name in names]
 
     assert sorted(owned) == sorted(TABLES)
-    assert tables is not None
-    assert access is not None
 
 
 def test_table_is_written_only_by_its_owner():

@@ -34,15 +34,21 @@ TEXT = (CHECKOUT / "ARCHITECTURE.md").read_text("utf-8")
 WORDS = " ".join(TEXT.split())
 NAMED = sorted(set(re.findall(r"`([^`\n]+)`", TEXT)))
 SUFFIXES = (".py", ".js", ".md", ".json", ".toml")
-# Words in code style that other programs define: SQLite, PostgreSQL, browsers.
+# Words in code style that other programs define: SQLite, PostgreSQL, Python, browsers.
 OF_OTHER_PROGRAMS = {
     *("BEGIN IMMEDIATE", "COPY", "executemany", "synchronous=FULL", "count(*)"),
-    "requestAnimationFrame",
+    *("Any", "requestAnimationFrame"),
 }
 # Definitions in JavaScript: constants, functions, classes, and methods of objects. The
 # tests have no parser of JavaScript; here only the names that it defines are needed.
 JAVASCRIPT = re.compile(
     r"\b(?:const|function|class)\s+(\w+)|^ +(?:async )?(\w+)(?:\(.*\) \{$|: \()", re.M
+)
+# Files in which texts are names: of tables, columns and views, of values on the wire or
+# of keys.
+STRINGS_ARE_NAMES = (
+    *("app/db/tables/", "migrations/", "unghost/wire/words.py"),
+    "filter_core/config/keys.py",
 )
 COMMANDS = ("python -m", "make", "npm run", "POST ", "UNGHOST_")
 
@@ -77,15 +83,16 @@ def defined_in(file: str) -> frozenset[str]:
     text = (CHECKOUT / file).read_text("utf-8")
     if not file.endswith(".py"):
         return frozenset(one or other for one, other in JAVASCRIPT.findall(text))
-    return frozenset(
-        name for node in ast.walk(ast.parse(text)) for name in names_of(node)
-    )
+    nodes = list(ast.walk(ast.parse(text)))
+    strings = file.startswith(STRINGS_ARE_NAMES)
+    names = {name for node in nodes for name in names_of(node, strings=strings)}
+    return frozenset(names)
 
 
-def names_of(node: ast.AST) -> list[str]:
+def names_of(node: ast.AST, *, strings: bool) -> list[str]:
     """The names that one node of a Python syntax tree defines.
 
-    Strings count as well, since they hold the names of tables and views.
+    With `strings`, those of its texts as well.
     """
     if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         return [node.name]
@@ -93,7 +100,7 @@ def names_of(node: ast.AST) -> list[str]:
         return [node.id]
     if isinstance(node, ast.arg):
         return [node.arg]
-    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+    if strings and isinstance(node, ast.Constant) and isinstance(node.value, str):
         return [node.value, *re.findall(r"CREATE VIEW (\w+)", node.value)]
     return []
 

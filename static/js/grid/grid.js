@@ -396,7 +396,7 @@ function UnsentStrip({ app, item, state, text }) {
     <div class="strip__actions">
       ${isChanged && !now && html`<button class="button button--small" disabled=${count.isBusy} onClick=${count.run}>Count again</button>`}
       ${bulk && isChanged && now && html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk, now)}>${capital(`${VERBS[bulk.verdict]} all ${countText(now.total)}`)}</button>`}
-      ${state === "waiting" && html`<button class="button button--small" onClick=${app.sender.resume}>Send now</button>`}
+      ${state === "waiting" && html`<button class="button button--small" onClick=${app.resume}>Send now</button>`}
       ${bulk && state === "refused" && html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk)}>Send again</button>`}
       ${bulk && html`<button class="button button--small button--quiet" onClick=${() => app.bulkAnswers.discard(bulk)}>${state === "waiting" && bulk.attempted ? "Undo" : "Discard"}</button>`}
     </div>

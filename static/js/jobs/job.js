@@ -1,7 +1,7 @@
 // @ts-check
 // Runs and exports while they are on the page: their state, kept up to date, as bar and badge; cancelling them.
 
-import { ApiError, NoResponse, get, post } from "../core/api.js";
+import { ApiError, NoResponse, createRetries, get, post } from "../core/api.js";
 import { useLoaded, useTask } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
@@ -38,18 +38,22 @@ export function JobBar({ job, label }) {
 
 /**
  * The current state of a run, kept up to date while the component is on the page.
- * @param {Run | null} run @param {(run: Run) => void} [onOver]
+ * @param {Run | null} run
+ * @param {{onOver?: (run: Run) => void, onLost: (error: ApiError) => void}} then  `onLost`: its state cannot be loaded any
+ *   more, for instance because its dataset was deleted
  * @returns {Run | null}
  */
-export function useWatched(run, onOver) {
+export function useWatched(run, { onOver, onLost }) {
   const [seen, setSeen] = useState(run);
   useEffect(() => {
     setSeen(run);
     if (!run || isOver(run)) return undefined;
-    return watchJob(() => get("/api/v1/runs/{run_id}", { path: { run_id: run.id } }), (next) => {
+    const load = () => get("/api/v1/runs/{run_id}", { path: { run_id: run.id } });
+    const onRun = /** @param {Run} next */ (next) => {
       setSeen(next);
       if (isOver(next)) onOver?.(next);
-    });
+    };
+    return watchJob(load, { onJob: onRun, onLost });
   }, [run]);
   return seen && run && seen.id === run.id ? seen : run;
 }
@@ -162,11 +166,12 @@ export function percentDone({ state, done = 0, total = 0 }) {
  * lasts, and a browser opens only six to a server, for all its tabs together.)
  * @template {Job} J
  * @param {() => Promise<J>} load
- * @param {(job: J) => void} onJob
+ * @param {{onJob: (job: J) => void, onLost: (error: ApiError) => void}} then  `onLost`: the server refuses; it is not asked again
  * @param {import("../core/api.js").Later} [later]
  * @returns {() => void} stop watching
  */
-export function watchJob(load, onJob, later = (run, delayMs) => void setTimeout(run, delayMs)) {
+export function watchJob(load, { onJob, onLost }, later = (run, delayMs) => void setTimeout(run, delayMs)) {
+  const retries = createRetries(later);
   let isStopped = false;
   let pauseMs = FIRST_PAUSE_MS;
   async function look() {
@@ -174,11 +179,14 @@ export function watchJob(load, onJob, later = (run, delayMs) => void setTimeout(
     try {
       const job = await load();
       if (isStopped) return;
+      retries.reset();
       isStopped = isOver(job);
       onJob(job);
     } catch (error) {
-      if (error instanceof ApiError && !error.isTemporary) return;
+      if (isStopped) return;
+      if (error instanceof ApiError && !error.isTemporary) return onLost(error);
       if (!(error instanceof ApiError || error instanceof NoResponse)) throw error;
+      return retries.wait(() => void look(), error instanceof ApiError ? error.retryAfterS : null);
     }
     pause();
   }

@@ -82,7 +82,13 @@ function useMeasuring(app, dataset, onDone) {
     if (run.state === "done") setAsked(null);
     onDone();
   };
-  const run = useWatched(asked, afterEnd);
+  const run = useWatched(asked, {
+    onOver: afterEnd,
+    onLost: (error) => {
+      setAsked(null);
+      app.toasts.fail(error);
+    },
+  });
   const search = useOpenRun(dataset, (found) => setAsked((now) => now ?? found), "measure");
   /** Measure every channel that the frames' files allow. */
   const start = useTask(async () => {

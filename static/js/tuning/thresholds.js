@@ -57,7 +57,13 @@ function Tuner({ app, route, dataset, active, onApplied }) {
   const [isSaving, setSaving] = useState(false);
   const [saved, setSaved] = useState(0);
   const [started, setStarted] = useState(/** @type {Run | null} */ (null));
-  const run = useWatched(started, (over) => over.state === "done" && over.activate && onApplied());
+  const run = useWatched(started, {
+    onOver: (over) => over.state === "done" && over.activate && onApplied(),
+    onLost: (error) => {
+      setStarted(null);
+      app.toasts.fail(error);
+    },
+  });
   const isRunning = run !== null && !isOver(run);
   const search = useOpenRun(dataset, (found) => setStarted((now) => now ?? found));
   // What has become active is no longer a change.

@@ -19,7 +19,11 @@ function watched(states) {
     if (state instanceof Error) throw state;
     return /** @type {any} */ (state);
   };
-  const stop = watchJob(load, (job) => heard.push(`${job.state} ${job.done}`), (run, delayMs) => pauses.push({ run, delayMs }));
+  const then = {
+    onJob: /** @param {any} job */ (job) => heard.push(`${job.state} ${job.done}`),
+    onLost: /** @param {ApiError} error */ (error) => heard.push(`lost ${error.status}`),
+  };
+  const stop = watchJob(load, then, (run, delayMs) => pauses.push({ run, delayMs }));
   let paused = 0;
   const next = async () => {
     pauses[paused++]?.run();
@@ -47,13 +51,22 @@ test("a job is asked for again when the server does not answer or is busy", asyn
   assert.deepEqual(heard, ["cancelled 2"]);
 });
 
-test("a job that no longer exists (404) is not asked for again", async () => {
+test("a job that no longer exists (404) is reported as lost, and not asked for again", async () => {
   const { heard, next, asked } = watched([new ApiError(404, {}, null)]);
 
   for (let i = 0; i < 3; i++) await next();
 
   assert.equal(asked(), 1);
-  assert.deepEqual(heard, []);
+  assert.deepEqual(heard, ["lost 404"]);
+});
+
+test("a busy server is asked again after the time that it names", async () => {
+  const running = { state: "running", done: 1 };
+  const { pauses, next } = watched([running, new ApiError(429, {}, 7), new NoResponse(null), running]);
+
+  for (let i = 0; i < 4; i++) await next();
+
+  assert.deepEqual(pauses.map(({ delayMs }) => delayMs), [200, 400, 7000, 2000, 800]);
 });
 
 test("after stop, a job is neither reported nor asked for again", async () => {
