@@ -212,12 +212,12 @@ export function createSender(outbox, requests = REQUESTS, later) {
   }
 
   /**
-   * Whether a refused answer (412) was overtaken only by this tab's own bulk answers on a filter, or their undos. The
-   * page does not know which boxes a filter selects, so `finish` cannot give an answer the revision that its box has
-   * after the bulk answer. It is looked up in the box's history. If that cannot be loaded now, but maybe later, this
-   * throws the error of that request, so that the answer waits. If it may never be loaded, this returns false, and the
-   * person chooses between the two answers.
+   * Whether a refused answer (412) was overtaken only by this tab's own bulk answers on a filter, or their undos: then
+   * the person knew of them. (The answer was sent with the revision from before, because the page does not know which
+   * boxes a filter selects.) The box's history says what came between.
    * @param {SingleAnswer} item
+   * @returns {Promise<boolean>} false also if the history will never be loaded: the person chooses between the answers
+   * @throws {Error} of the request, if the history may be loaded later: the answer waits
    */
   async function isOvertakenByOwn(item) {
     if (storedOnFilter.size === 0) return false;
