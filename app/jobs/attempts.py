@@ -14,10 +14,10 @@ anew.
   death counts until the chunk is done, whatever it has stored.
 - The driver itself: if there are no workers it executes all chunks, and always the
   final step. If it dies, nobody is left to count. So it counts each attempt in advance,
-  as if it would die (`Attempt.begin`). If it stores a part of the result, or its work
-  ends in any other way than by its death, the count becomes zero (`Attempt.reset`,
-  `Attempt.end`). So the next driver finds in the row how many processes in succession
-  have died and stored nothing.
+  as if it would die (`Attempt.begin`). As soon as it stores a part of the result, the
+  count becomes zero (`Attempt.reset`), and also if its work ends otherwise than by its
+  death (`Attempt.end`). So the next driver finds in the row how many processes in
+  succession have died and stored nothing.
 
 **How a chunk is tried again**
 
@@ -27,9 +27,6 @@ anew.
 | second | the whole chunk, alone | frame by frame |
 | third | frame by frame, alone | frame by frame |
 | no fourth | quarantine of all | quarantine of the cause |
-
-A driver that stores something sets the count to zero, even if it dies later. So only
-three drivers that die in succession and store nothing lead to quarantine.
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
 the cause. Each of them is submitted again while no other one is in progress
