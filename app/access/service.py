@@ -61,6 +61,9 @@ def by_token(session: Session, token: str) -> Principal:
     """
     digest, now = hash_secret(token), utc_now()
     tokens = Tokens(session)
+    if token.startswith(SESSION_PREFIX):
+        # It would open another session, which its own end would not end.
+        raise _refused(None, now)
     # The former first token, which was renewed, is stored as a session.
     row = tokens.valid_by_hash(digest, now) or tokens.valid_by_session(digest, now)
     if row is None or not same_hash(row.hash, digest):

@@ -43,7 +43,11 @@ from app.db.pages import id_of_cursor, name_of_cursor
 from app.db.tables import Dataset, Frame
 from app.engine.children import PixelPool
 from app.errors import NoSuchFile, NotFound
-from app.measuring.queries import DatasetRepository, EvidenceRepository
+from app.measuring.queries import (
+    DatasetRepository,
+    EvidenceRepository,
+    ProblemRepository,
+)
 from app.security import Principal
 from app.storage import BlobStore
 from filter_core.pipeline import SegmentationReport
@@ -217,6 +221,7 @@ def remove_frame(audit: AuditTrail, by: Principal, dataset: Dataset, key: str) -
     of_others = require_own(by, answers, f"deleting frame {key!r}")
     retire(session, current)
     frames.remove(dataset.id, key)
+    ProblemRepository(session).forget(dataset.id, key)
     audit.note(
         AuditAction.FRAME_DELETED,
         key,

@@ -43,7 +43,7 @@ from app.measuring.queries import (
 )
 from app.review.queries import ReviewRepository
 from app.security import Principal
-from filter_core.annotation.frame import GEOMETRIES
+from filter_core.annotation.frame import FORMS_3D, GEOMETRIES
 from filter_core.decisions.record import decision_dicts
 from filter_core.decisions.rules import decide
 from filter_core.types import (
@@ -293,7 +293,7 @@ def _carried(
 def _carry_answers(
     session: Session, former: Frame, frame: NewFrame, class_ids: Mapping[str, int]
 ) -> tuple[list[LatestReview], Counter[str]]:
-    """Repeat the latest answers on boxes whose class and geometry are the same.
+    """Repeat the latest answers on boxes of the same class and place in the image.
 
     Returns
     -------
@@ -324,7 +324,8 @@ def _carry_answers(
             index is None
             or review.verdict == "clear"
             or class_id != class_ids[names[index]]
-            or _geometry(raw) != _geometry(boxes[index].raw)
+            or _geometry(raw, annotation)
+            != _geometry(boxes[index].raw, frame.ready.checked.annotation.raw)
         ):
             dropped.append(old_id)
             continue
@@ -338,8 +339,14 @@ def _carry_answers(
     return list(carried.values()), reviews.meant_by(dropped)
 
 
-def _geometry(raw: Mapping[str, object]) -> dict[str, object]:
-    return {key: raw[key] for key in GEOMETRIES if key in raw}
+def _geometry(
+    box: Mapping[str, object], annotation: Mapping[str, object]
+) -> dict[str, object]:
+    """What determines where a box is in the image: for a 3D box, also the camera."""
+    found = {key: box[key] for key in GEOMETRIES if key in box}
+    if not found.keys().isdisjoint(FORMS_3D):
+        found["camera"] = annotation.get("camera")
+    return found
 
 
 def _count(frames: Sequence[NewFrame]) -> None:

@@ -35,7 +35,12 @@ from app.ingest.frame import (
 from app.ingest.rows import insert_frames, verdict_counts
 from app.measuring.active import ActiveDataset, PlanCache
 from app.measuring.frame_files import error_context, measure_files
-from app.measuring.queries import DatasetRepository, KeyRow, note_problem
+from app.measuring.queries import (
+    DatasetRepository,
+    KeyRow,
+    ProblemRepository,
+    note_problem,
+)
 from app.storage import Unsure
 from app.storage.room import require_room
 from filter_core.errors import AnnotationError, FilterError
@@ -116,6 +121,9 @@ def prepare_frame(
         return RefusedFrame(key, error)
     if same is not None:
         context.storage.put_missing(checked.blobs())
+        if known.has_problem:
+            with context.database.write() as session:
+                ProblemRepository(session).forget(active.row.dataset_id, key)
         return same
     drafts = context.storage.draft(checked.blobs())
     return ReadyFrame(checked.without_other_files(), measured, active, drafts)

@@ -242,7 +242,7 @@ def undo_batch(
     Forbidden
         It is another person's, and the caller is not an admin.
     Conflict
-        It was undone already.
+        It was undone already, and none of its answers is in force again.
     """
     with services.database.read() as looking:
         undoable = ReviewBatches(looking).undoable(batch_id)
@@ -252,7 +252,7 @@ def undo_batch(
     batch = batches.with_id(batch_id)
     size = batches.size(batch_id)
     require_own(by, {batch.reviewer: size}, f"undoing bulk answer {batch_id}")
-    if batches.is_undone(batch_id):
+    if not undoable and batches.is_undone(batch_id):
         raise Conflict(
             f"bulk answer {batch_id} was undone already", code="already_undone"
         )

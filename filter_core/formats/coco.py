@@ -337,8 +337,9 @@ class CocoWriter:
     def __init__(self, context: ExportContext) -> None:
         self._context = context
         bands = ("", *map(band_name, context.options.bands))
+        is_tight = context.options.boxes == "tight"
         self._files = {
-            (band, part): _CocoFile(context.spool(), context.spool())
+            (band, part): _CocoFile(context.spool(), context.spool(), is_tight)
             for band in bands
             for part in PARTS
         }
@@ -360,8 +361,9 @@ class CocoWriter:
 
 
 class _CocoFile:
-    def __init__(self, images: Spool, annotations: Spool) -> None:
+    def __init__(self, images: Spool, annotations: Spool, is_tight: bool) -> None:
         self._images, self._annotations = images, annotations
+        self._is_tight = is_tight
 
     def add(self, out: OutFrame) -> None:
         frame, number = out.frame, self._images.count + 1
@@ -385,7 +387,7 @@ class _CocoFile:
         self._images.add(image, by_key=True)
         for one in out.boxes:
             annotation = {
-                **_described(one, frame),
+                **_described(one, frame, is_tight=self._is_tight),
                 "id": self._annotations.count + 1,
                 "image_id": number,
             }
@@ -409,11 +411,20 @@ class _CocoFile:
         yield b"}\n"
 
 
-def _described(one: LabelBox, frame: ExportFrame) -> dict[str, object]:
-    """One annotation, without its own id and that of its image."""
+def _described(
+    one: LabelBox, frame: ExportFrame, *, is_tight: bool
+) -> dict[str, object]:
+    """One annotation, without its own id and that of its image.
+
+    `is_tight`: its rectangle is that of the visible pixels, and not the given one.
+    """
     x_min, y_min, x_max, y_max = one.xyxy
     bbox = [_round(v) for v in (x_min, y_min, x_max - x_min, y_max - y_min)]
     kept = frame.given.box_extra(one.row)
+    if is_tight:
+        # An outline and an area that came with a box are those of its given rectangle.
+        kept.pop("segmentation", None)
+        kept.pop("area", None)
     if one.is_cut or "area" not in kept:
         kept["area"] = _round(bbox[2] * bbox[3])
     return {

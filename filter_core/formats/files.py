@@ -27,10 +27,11 @@ from filter_core.formats.reading import name_of
 _SAFE: Final = " ()[]{}+-=_.,;!@#$^&~'"
 
 _RESERVED: Final = frozenset(
-    {"con", "prn", "aux", "nul", "images", "labels"}
+    {"con", "prn", "aux", "nul", "images", "labels", "classes"}
     | {f"{port}{number}" for port in ("com", "lpt") for number in range(1, 10)}
 )
-"""Names that Windows gives to devices, and those by which YOLO finds its labels."""
+"""Names that Windows gives to devices, and those by which YOLO finds its labels and
+readers find lists of classes."""
 
 _FILE_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".txt", ".xml", ".json")
 """A folder that ends so could meet a file of the same name."""

@@ -64,7 +64,8 @@ KITTI: Final = Format(
     name="kitti",
     title="KITTI",
     docs_row=(
-        "KITTI's 15 columns, or 16 with a score: `training/label_2/`, `image_2/`, "
+        "KITTI's 15 columns (a sixteenth, the score, is read, but not written): "
+        "`training/label_2/`, `image_2/`, "
         "`calib/`, `ImageSets/`; frames are numbered, and `frames.jsonl` says which "
         "is which"
     ),
@@ -408,15 +409,19 @@ class KittiWriter:
 
 
 def kitti_types(classes: Sequence[str]) -> dict[str, str]:
-    """A word without a space for every class, different for each."""
+    """A word without a space for every class, different for each.
+
+    KITTI's types differ in case, so `car` and `Car` are two; but nothing is called like
+    the boxes to be ignored, in whatever case.
+    """
     words: dict[str, str] = {}
-    taken = {_DONT_CARE.lower()}
+    taken: set[str] = set()
     for name in classes:
         stem = "_".join(name.split()) or "_"
         word, number = stem, 2
-        while word.lower() in taken:
+        while word in taken or word.lower() == _DONT_CARE.lower():
             word, number = f"{stem}_{number}", number + 1
-        taken.add(word.lower())
+        taken.add(word)
         words[name] = word
     return words
 

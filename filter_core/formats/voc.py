@@ -340,11 +340,14 @@ def _lines(out: OutFrame) -> Iterator[str]:
 
 def _object(one: LabelBox, frame: ExportFrame) -> Iterator[str]:
     given = frame.given.boxes[one.row]
+    pose = given.get("pose")
     flags = {
-        "pose": given.get("pose", "Unspecified"),
-        "truncated": given.get("truncated", int(one.is_cut)),
-        "difficult": 1 if one.ignored else given.get("difficult", 0),
-        "occluded": given.get("occluded", 0),
+        "pose": pose if isinstance(pose, str) else "Unspecified",
+        "truncated": _flag(given.get("truncated"), one.is_cut),
+        "difficult": _flag(
+            None if one.ignored else given.get("difficult"), one.ignored
+        ),
+        "occluded": _flag(given.get("occluded"), False),
     }
     yield "  <object>"
     yield f"    {element('name', frame.boxes.class_name(one.row))}"
@@ -355,6 +358,11 @@ def _object(one: LabelBox, frame: ExportFrame) -> Iterator[str]:
         yield f"      {element(key, value)}"
     yield "    </bndbox>"
     yield "  </object>"
+
+
+def _flag(given: object, usual: bool) -> int:
+    """0 or 1, as VOC writes flags; the usual value in place of anything else."""
+    return int(given) if given in (0, 1) and isinstance(given, int) else int(usual)
 
 
 def whole_pixels(xyxy: Sequence[float], wh: tuple[int, int]) -> list[int]:

@@ -72,9 +72,6 @@ export function backToSkipped(line) {
   return { ...line, ids: [...answered, ...open, ...line.ids.slice(line.at)], at: answered.length };
 }
 
-/** The newest boxes of the line, which the server is asked not to send again. @param {Line} line @param {number} most */
-export const newest = ({ ids }, most) => ids.slice(-most);
-
 const PACE_OVER = 20;
 
 /** Answers per minute over the last of them; null before there is a pace. @param {readonly number[]} times ms, of the answers @returns {number | null} */

@@ -7,7 +7,7 @@ import { listedOf, selectionOf } from "../boxes/filters.js";
 import { REASONS } from "../boxes/wording.js";
 import { ApiError, get, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
-import { EMPTY, afterAnswer, afterUndo, compared, extended, newest, upcoming } from "./line.js";
+import { EMPTY, afterAnswer, afterUndo, compared, extended, upcoming } from "./line.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../review/answers.js").ReviewApp} App */
@@ -67,13 +67,27 @@ function createQueueSession(app, dataset, query) {
     await ask(BATCH);
   }
 
+  /**
+   * The boxes that the server is asked not to send: those of the line. There is room for `MOST_EXCLUDED`, so first go
+   * those that would not be sent anyway, because their answer is stored.
+   * @param {ReadonlySet<number>} waiting  boxes with an answer that is not stored yet
+   */
+  function toExclude(waiting) {
+    const { verdicts } = tally.get();
+    const { review, conflict } = selectionOf(query);
+    const keepsAnswered = order === "audit" || review !== undefined || conflict !== undefined;
+    const isGone = (/** @type {number} */ id) => !keepsAnswered && !waiting.has(id) && ["keep", "reject"].includes(verdicts.get(id) ?? "");
+    const { ids } = line.get();
+    return [...new Set([...ids.filter(isGone), ...ids.filter((id) => !isGone(id)), ...waiting])].slice(-MOST_EXCLUDED);
+  }
+
   /** @param {number} limit */
   async function ask(limit) {
     isAsking = true;
     supply.set({ ...supply.get(), state: "loading", error: null });
     const waiting = app.sender.state.get().waiting;
     const before = new Set([...tally.get().verdicts.keys()].filter((id) => !waiting.has(id)));
-    const exclude = [...new Set([...waiting, ...newest(line.get(), MOST_EXCLUDED)])].slice(-MOST_EXCLUDED);
+    const exclude = toExclude(waiting);
     const filters = { reason: LOOKABLE, ...selectionOf(query) };
     const fromQueue = () =>
       post("/api/v1/datasets/{dataset}/queue", { path: { dataset }, body: { order, filters, limit, exclude } });
@@ -88,6 +102,7 @@ function createQueueSession(app, dataset, query) {
    * @param {ReadonlySet<number>} before  boxes whose answers were stored before this was requested
    */
   function receive({ items, remaining, unsure, claimed_by_others: elsewhere }, before) {
+    const known = line.get().ids.length;
     line.set(extended(line.get(), take(items)));
     // `remaining` may count boxes that were answered after the request, or not: it is known within `least` and
     // `remaining`, and what the page has counted down itself is kept if it lies between them.
@@ -95,7 +110,8 @@ function createQueueSession(app, dataset, query) {
     const least = Math.max(0, remaining - since);
     const left = Math.min(Math.max(counts.get().left ?? least, least), remaining);
     counts.set({ left, unsure, elsewhere });
-    supply.set({ state: "ready", error: null, isEnd: items.length === 0 || listed.length > 0 });
+    const hasNew = line.get().ids.length > known;
+    supply.set({ state: "ready", error: null, isEnd: !hasNew || listed.length > 0 });
   }
 
   /**

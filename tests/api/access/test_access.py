@@ -219,6 +219,15 @@ def test_login_with_a_wrong_token_is_unauthorised(anonymous):
     assert "session" not in answer.json()
 
 
+def test_session_opens_no_other_session(service, anonymous):
+    session = log_in(service, anonymous)
+    secret = session["Authorization"].removeprefix("Bearer ")
+
+    answer = anonymous.post("/api/v1/session", json={"token": secret})
+
+    assert answer.status_code == 401
+
+
 def test_logging_out_ends_the_session(service, anonymous):
     session = log_in(service, anonymous)
 

@@ -115,6 +115,31 @@ def test_problem_of_a_refused_frame_is_deleted_once_it_is_stored(api):
     assert api.json(f"/datasets/{dataset}/problems")["items"] == []
 
 
+def test_problem_is_deleted_when_the_stored_content_is_sent_again(api):
+    dataset = api.dataset()
+    good = tar_archive(frame("a"))
+    send(api, dataset, good)
+    path = f"/datasets/{dataset}"
+    bad = send(api, dataset, tar_archive(frame("a", boxes=3)))
+    before = api.json(f"{path}/problems")["items"]
+
+    send(api, dataset, good)
+
+    assert batch_results(bad)[0] == [("run/a", 422)]
+    assert [problem["key"] for problem in before] == ["run/a"]
+    assert api.json(f"{path}/problems")["items"] == []
+
+
+def test_problem_is_deleted_with_its_frame(api):
+    dataset = api.dataset()
+    send(api, dataset, tar_archive(frame("a")))
+    send(api, dataset, tar_archive(frame("a", boxes=3)))
+
+    api.delete(f"/datasets/{dataset}/frames/run/a")
+
+    assert api.json(f"/datasets/{dataset}/problems")["items"] == []
+
+
 def test_same_archive_sent_again_stores_nothing(api):
     dataset, archive = api.dataset(), tar_archive(frame("a") + frame("b"))
     first = lines_of(send(api, dataset, archive).text)

@@ -190,6 +190,27 @@ def test_replaced_frame_keeps_the_answers_of_unchanged_boxes(api):
     assert api.json(f"/datasets/{dataset}/stats")["reviewed"] == 1
 
 
+@pytest.mark.parametrize(("yaw", "keeps"), [(0, True), (30, False)])
+def test_answer_on_a_3d_box_is_carried_over_only_with_the_same_camera(api, yaw, keeps):
+    corners = [[x, y, z] for x in (9, 11) for y in (-1, 1) for z in (0, 2)]
+    box = {"id": "1", "class": "car", "vertices": corners}
+
+    def seen_from(yaw):
+        place = {"x": 0, "y": 0, "z": 1, "pitch": 0, "yaw": yaw, "roll": 0}
+        size = {"width": scene.WIDTH, "height": scene.HEIGHT, "fov": 90}
+        return {**annotation(box), "camera": {**size, "transform": place}}
+
+    dataset = api.dataset()
+    old = api.upload_frame(dataset, "a", seen_from(0))
+    api.review(old["decisions"][0]["box_id"], "keep")
+
+    new = api.upload_frame(
+        dataset, "a", {**seen_from(yaw), "note": "again"}, replace=True
+    )
+
+    assert (new["decisions"][0]["review"] is not None) is keeps
+
+
 def test_superseded_revision_of_a_frame_stays_readable(api):
     dataset = api.dataset()
     old = api.upload_frame(dataset, "a")

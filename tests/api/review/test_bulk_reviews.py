@@ -85,6 +85,21 @@ def test_undo_skips_boxes_answered_or_replaced_since(api, dataset, ghosts):
     assert api.json(f"/boxes/{ghosts[1]}")["review"]["verdict"] == "reject"
 
 
+def test_undo_that_skipped_boxes_can_be_repeated_when_the_answers_are_in_force_again(
+    api, dataset, ghosts
+):
+    batch = bulk(api, dataset, "reject", box_ids=ghosts[:1]).json()["id"]
+    api.review(ghosts[0], "keep", 1)
+    first = undo(api, batch).json()
+    api.post(f"/boxes/{ghosts[0]}/reviews/2/undo")
+
+    second = undo(api, batch)
+
+    assert (first["undone"], first["skipped"]) == (0, ghosts[:1])
+    assert (second.status_code, second.json()["undone"]) == (200, 1)
+    assert api.json(f"/boxes/{ghosts[0]}")["review"] is None
+
+
 def test_an_undo_can_be_undone(api, dataset, ghosts):
     batch = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
     first = undo(api, batch).json()

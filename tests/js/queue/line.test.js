@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { EMPTY, afterAnswer, afterUndo, backToSkipped, compared, currentOf, extended, inOrder, isBlind, movedTo, newest, nextOpen, paceOf, skippedBoxes, stepped, upcoming } from "../../../static/js/queue/line.js";
+import { EMPTY, afterAnswer, afterUndo, backToSkipped, compared, currentOf, extended, inOrder, isBlind, movedTo, nextOpen, paceOf, skippedBoxes, stepped, upcoming } from "../../../static/js/queue/line.js";
 import { decision } from "../../support/page/builders.js";
 
 const five = extended(EMPTY, [1, 2, 3, 4, 5]);
@@ -61,7 +61,6 @@ test("boxes that were skipped can be gone through again", () => {
 test("any box of the line can be made the current one, and boxes outside of it cannot", () => {
   assert.equal(currentOf(movedTo(five, 4)), 4);
   assert.equal(currentOf(movedTo(five, 99)), 1);
-  assert.deepEqual(newest(five, 2), [4, 5]);
 });
 
 test("the pace is known after four answers, and counts only the last ones", () => {

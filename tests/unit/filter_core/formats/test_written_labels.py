@@ -146,12 +146,48 @@ def test_kitti_types_are_unique_and_without_spaces():
         "traffic_light": "traffic_light_2",
         "dontcare": "dontcare_2",
         "Car": "Car",
-        "car": "car_2",
+        "car": "car",
     }
     made = export("kitti", [frame("a", box(0, class_name="traffic light"))])
     assert made["training/label_2/000000.txt"].split()[0] == b"traffic_light"
     said = document(made, "manifest.json")["kitti_types"]
     assert said == {"traffic light": "traffic_light"}
+
+
+def test_coco_export_of_tight_boxes_has_no_outline_of_another_rectangle():
+    outline = [[0, 0, 90, 0, 90, 70, 0, 70]]
+    given = {"xyxy": [0, 0, 90, 70], "area": 6300.0, "segmentation": outline}
+    tight = box(0, (0, 0, 90, 70), given=given, tight_xyxy=[10, 10, 30, 30])
+
+    rows = {
+        boxes: document(
+            export("coco", [frame("a", tight)], split=1.0, boxes=boxes),
+            "annotations/instances_train.json",
+        )["annotations"][0]
+        for boxes in ("visible", "tight")
+    }
+
+    seen = {name: (row["area"], row["segmentation"]) for name, row in rows.items()}
+    assert seen == {"visible": (6300.0, outline), "tight": (400.0, [])}
+
+
+def test_label_file_is_never_called_like_a_list_of_classes():
+    files = export("yolo", [frame("classes", box(0))], split=1.0)
+
+    labels = [name for name in files if name.startswith("labels/")]
+    assert len(labels) == 1
+    assert not labels[0].endswith("/classes.txt")
+
+
+def test_voc_flags_are_0_or_1_and_the_pose_is_text():
+    flags = {"truncated": True, "difficult": 0.35, "occluded": None}
+    given = {**flags, "pose": {"x": 1}}
+
+    made = export("voc", [frame("a", box(0, given=given))])
+
+    (one,) = elements(made, "Annotations/a.xml").iter("object")
+    names = ("pose", "truncated", "difficult", "occluded")
+    assert [one.findtext(name) for name in names] == ["Unspecified", "1", "0", "0"]
 
 
 @pytest.mark.parametrize(
