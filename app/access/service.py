@@ -64,11 +64,14 @@ def by_token(session: Session, token: str) -> Principal:
     if token.startswith(SESSION_PREFIX):
         # It would open another session, which its own end would not end.
         raise _refused(None, now)
+    row = tokens.valid_by_hash(digest, now)
     # The former first token, which was renewed, is stored as a session.
-    row = tokens.valid_by_hash(digest, now) or tokens.valid_by_session(digest, now)
-    if row is None or not same_hash(row.hash, digest):
+    former = tokens.valid_by_session(digest, now) if row is None else None
+    found = row or former
+    if found is None or not same_hash(found.hash, digest):
         raise _refused(tokens.by_hash(digest), now)
-    return Principal(row.id, row.name, row.role)
+    former_hash = None if former is None else digest
+    return Principal(found.id, found.name, found.role, former_hash=former_hash)
 
 
 def by_session(session: Session, secret: str) -> Principal:
@@ -105,7 +108,8 @@ def log_out(session: Session, principal: Principal) -> None:
 
 def expiry(session: Session, principal: Principal) -> datetime | None:
     """When the caller's token or session expires; None: never."""
-    return Tokens(session).expiry(principal.token_id, principal.session_hash)
+    stored_as = principal.session_hash or principal.former_hash
+    return Tokens(session).expiry(principal.token_id, stored_as)
 
 
 def issue(

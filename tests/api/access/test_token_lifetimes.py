@@ -164,6 +164,10 @@ def test_the_first_token_is_renewed_while_the_service_runs(serve):
     assert is_authenticated(service, service.token)
     assert is_authenticated(service, old)
     assert is_authenticated(service, opened["session"])
+    with service.client() as script:
+        headers = {"Authorization": f"Bearer {old}"}
+        told = script.get("/api/v1/session", headers=headers).json()
+    assert parse_time(told["expires_at"]) == soon
     with service.admin() as admin:
         assert (
             parse_time(token_named(admin, "admin")["expires_at"])
