@@ -7,17 +7,16 @@
 //
 // Every answer that the server stores gives its box the next revision. For each of its boxes, an item has the *seen
 // revision*: that of the box as the person saw it. If the box has a newer one when the item arrives, somebody else has
-// answered it meanwhile, and the server refuses the item. What if a person answers the same box twice, and both items
-// wait in the outbox?
+// answered it meanwhile, and the server refuses the item.
 //
-// 1. The second item must not overwrite an answer of somebody else that the person has not seen. So it gets the seen
-//    revision of the first item (`add`), even if the page has loaded a newer one. An example: the first item waits with
-//    seen revision 3. Somebody else answers the box, which has revision 4 now. The page goes on showing the answer that
-//    waits, and the person answers once more. The second item gets seen revision 3, too: the server refuses it, and the
-//    person learns of the other answer.
-// 2. The second item must not be refused because of the first. So when the first is stored, the second gets the revision
-//    that this has given the box (`finish`). But a second item that waits in another tab does not get it: the server
-//    refuses that item, and the person chooses between the two answers.
+// If a person answers the same box twice, two items on it may wait. The second must be refused if somebody else has
+// answered the box, but not because of the first one:
+//
+// - While the first item waits, the second has the same seen revision (`add`), even if the page has loaded a newer one
+//   meanwhile. The newer one is somebody else's answer, which the person does not see: the page goes on showing the
+//   answer that waits.
+// - When the first item is stored, the second gets the revision that the box has now (`finish`). Only a second item that
+//   waits in another tab does not get it: the server refuses it, and the person chooses between the two answers.
 
 import { randomId } from "../core/tab.js";
 
@@ -165,7 +164,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   /** By box: the seen revision of the last item on it. */
   const lastSeen = () => new Map(itemsOfAllTabs().flatMap(seenRevisionsOf));
 
-  /** Add an item. Where another one waits on the same box, it gets that one's seen revision (rule 1). @param {OutboxItem} item */
+  /** Add an item. Where another one waits on the same box, it gets that one's seen revision, as said above. @param {OutboxItem} item */
   const add = (item) => write(withSeen(item, lastSeen()));
 
   /** @param {string} key */
@@ -252,7 +251,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     markAttempted: (item) => write({ ...item, attempted: true }),
 
     /**
-     * Remove an item that is stored now, and give its boxes' new revisions to the items behind it: see rule 2. An item
+     * Remove an item that is stored now, and give its boxes' new revisions to the items behind it, as said above. An item
      * that may have reached the server keeps its own: it must be sent again exactly as it was. If an answer was undone
      * while it was being sent, its undo takes its place.
      * @param {OutboxItem} stored

@@ -212,9 +212,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
   }
 
   /**
-   * Whether a refused answer (412) was overtaken only by this tab's own bulk answers on a filter, or their undos: then
-   * the person knew of them. (The answer was sent with the revision from before, because the page does not know which
-   * boxes a filter selects.) The box's history says what came between.
+   * The page does not know which boxes a bulk answer on a filter has changed. So it sends a later answer on such a box
+   * with the revision from before, and the server refuses it (412). This looks into the box's history: is all that came
+   * between a bulk answer on a filter which this tab has sent, or the undo of one? Then the person knows of it.
    * @param {SingleAnswer} item
    * @returns {Promise<boolean>} false also if the history will never be loaded: the person chooses between the answers
    * @throws {Error} of the request, if the history may be loaded later: the answer waits
