@@ -157,7 +157,8 @@ def _rules(
     small = _per_box(limits.threshold_small_box, class_index)
     big = _per_box(limits.threshold_big_box, class_index)
     needed = _per_box(limits.min_visible_pixels, class_index)
-    if _as_carlasimu(limits):  # Here, large boxes have to pass both thresholds.
+    if _as_carlasimu(limits):
+        # Large boxes have to pass both thresholds, so all boxes can fail the small one.
         fails_big, fails_small = (match <= big) & large, match <= small
     else:
         fails_big, fails_small = (match < big) & large, (match < small) & ~large

@@ -222,7 +222,8 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       const item = answer(key);
       if (item) {
         const { verdict, comment } = earlier;
-        if (item.attempted) write({ ...item, earlier: { verdict, comment } }); // `finish` adds the undo, if it was stored
+        // If it was sent, it may be stored: `finish` makes the undo of it then.
+        if (item.attempted) write({ ...item, earlier: { verdict, comment } });
         else remove(item); // it was never sent: as if it had not been given
         return true;
       }
