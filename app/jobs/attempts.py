@@ -39,9 +39,10 @@ So the first frame without a result is the cause.
 cause*: only that frame, which becomes a chunk of its own; the other frames of the chunk
 get a first attempt at once.
 
-**Many frames in a row that end their process** would end three processes each. So, if
-the frame before the cause is in quarantine as a cause, too, the driver puts all frames
-of the chunk that have no result into quarantine (`_follows_another`).
+**Several frames in a row, each of which ends its process,** would end three processes
+each. So the driver looks at the frame before the cause. If that one is in quarantine as
+a cause, too, all frames of the chunk that have no result are put into quarantine, and
+not the cause alone (`_follows_another`).
 
 **An unreadable frame** ends no process: only the child processes that decode its images
 die, or exceed their limits of time or memory. `refuse` puts its chunk into quarantine

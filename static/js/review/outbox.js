@@ -12,9 +12,9 @@
 // If a person answers the same box twice, two items on it may wait. The second must be refused if somebody else has
 // answered the box, but not because of the first one:
 //
-// - While the first item waits, the second has the same seen revision (`add`), even if the page has loaded a newer one
-//   meanwhile. The newer one is somebody else's answer, which the person does not see: the page goes on showing the
-//   answer that waits.
+// - While the first item waits, somebody else may answer the box. The person does not see that, even if the page has
+//   loaded the new revision: it goes on showing the answer that waits. So a second item does not get the new revision
+//   but the seen revision of the first (`add`), and the server refuses both.
 // - When the first item is stored, the second gets the revision that the box has now (`finish`). Only a second item that
 //   waits in another tab does not get it: the server refuses it, and the person chooses between the two answers.
 
