@@ -252,12 +252,13 @@ def undo_batch(
     batch = batches.with_id(batch_id)
     size = batches.size(batch_id)
     require_own(by, {batch.reviewer: size}, f"undoing bulk answer {batch_id}")
-    if not undoable and batches.is_undone(batch_id):
+    was_undone = batches.is_undone(batch_id)
+    undo = batches.add(batch.dataset_id, "clear", by.name, undoes_id=batch_id)
+    undone = ReviewRepository(session).restore_answers(undo, undoable)
+    if was_undone and undone == 0:
         raise Conflict(
             f"bulk answer {batch_id} was undone already", code="already_undone"
         )
-    undo = batches.add(batch.dataset_id, "clear", by.name, undoes_id=batch_id)
-    undone = ReviewRepository(session).restore_answers(undo, undoable)
     once_committed(session, lambda: REVIEWS.labels("undo").inc(undone))
     skipped: set[int] = set()
     if undone != size:
