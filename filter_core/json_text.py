@@ -78,6 +78,19 @@ _ESCAPES: Final = re.compile(
 """An escape, or the two of a surrogate pair; `half` is one without its other half."""
 
 
+def repeated_key(pairs: _Pairs) -> str | None:
+    """The first key that occurs twice in an object; None if each occurs once.
+
+    For an `object_pairs_hook`: of two values under one key, JSON ignores the first.
+    """
+    seen: set[str] = set()
+    for key, _ in pairs:
+        if key in seen:
+            return key
+        seen.add(key)
+    return None
+
+
 def read_json(
     raw: bytes | str,
     limits: JsonLimits = _DEFAULT_LIMITS,

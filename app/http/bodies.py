@@ -8,7 +8,6 @@ checked. Here a part is refused as soon as it is too large.
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
 from collections.abc import AsyncIterable, AsyncIterator, Callable
 from dataclasses import dataclass, field
 from typing import Final, TypeVar
@@ -22,7 +21,7 @@ from app.engine import Stop
 from app.errors import BadRequest, NotReady, TooLarge, Unprocessable
 from app.incoming import Pieces, in_turn
 from filter_core.errors import JsonError
-from filter_core.json_text import JsonLimits, read_json
+from filter_core.json_text import JsonLimits, read_json, repeated_key
 from unghost.wire.model import Fault
 
 Result = TypeVar("Result")
@@ -75,13 +74,10 @@ def _read(content: bytes) -> object:
 
 
 def _object_of(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    """An object; ValueError if a key occurs twice: the first one would be ignored."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        counts = Counter(key for key, _ in pairs)
-        repeated = next(key for key, count in counts.items() if count > 1)
+    """An object; ValueError if a key occurs twice."""
+    if (repeated := repeated_key(pairs)) is not None:
         raise ValueError(f"the key {repeated[:60]!r} twice")
-    return found
+    return dict(pairs)
 
 
 RETRY_S: Final = 5

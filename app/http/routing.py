@@ -190,7 +190,7 @@ class OpenRoute(HeadRoute):
 
         async def checked(request: Request) -> Response:
             await self.admit(request)
-            _refuse_unknown_parameters(request, known)
+            _check_parameters(request, known)
             if takes_json:
                 _expect_json(request)
             strict = StrictRequest(request.scope, request.receive)
@@ -301,7 +301,8 @@ class OpenRouter(APIRouter):
         )
 
 
-def _refuse_unknown_parameters(request: Request, known: frozenset[str]) -> None:
+def _check_parameters(request: Request, known: frozenset[str]) -> None:
+    """Refuse a query parameter that is unknown or given twice: it would be ignored."""
     unknown = sorted(set(request.query_params) - known)
     if unknown:
         expected = ", ".join(sorted(known)) or "none"

@@ -79,11 +79,13 @@ _PAUSE_S: Final = 0.5
 log = logging.getLogger(__name__)
 
 
-def is_one_by_one(chunk: Chunk, *, by_driver: bool) -> bool:
-    """Whether to work frame by frame in this attempt; see the table above."""
-    # A driver has counted this attempt already.
-    attempt = chunk.attempts if by_driver else chunk.attempts + 1
-    return attempt >= (2 if by_driver else 3)
+def is_one_by_one(chunk: Chunk) -> bool:
+    """Whether to work frame by frame in this attempt; see the table above.
+
+    The count is 2 in a worker's third attempt, after two deaths, and in a driver's
+    second attempt, after one death, because a driver counts its attempt in advance.
+    """
+    return chunk.attempts >= 2
 
 
 def count_death(session: Session, job: Job, number: int) -> bool:

@@ -175,8 +175,7 @@ class Task(Generic[Row]):
     """One chunk of a job, as it is passed to a kind's `work` and `finish`.
 
     `reset_attempts` is called in each transaction that stores a part of the result, or
-    finds that more has to be measured first. `by_driver` says whether the process that
-    drives the job works on it, and no worker.
+    finds that more has to be measured first.
     """
 
     context: ServiceContext
@@ -184,7 +183,6 @@ class Task(Generic[Row]):
     job: Job
     number: int
     reset_attempts: Callable[[Session], None] = _ignore
-    by_driver: bool = False
     _is_over: threading.Event = field(default_factory=threading.Event)
     _row_read_at: float = field(default_factory=time.monotonic)
     _told_at: float = field(default_factory=time.monotonic)

@@ -42,7 +42,7 @@ def work_in_driver(context: ServiceContext, kind: str, job_id: int, number: int)
     """
     task = _task(context, Job(kind, job_id), number)
     attempt = Attempt(context, task.job, number)
-    task.reset_attempts, task.by_driver = attempt.reset, True
+    task.reset_attempts = attempt.reset
     outcome = _outcome(task, lambda: _do(task) if attempt.begin() else QUARANTINED)
     # A chunk that is done or in quarantine is not begun again: its count is of no use.
     # (A final step that has found new frames is begun again, and has reset its count.)

@@ -15,7 +15,7 @@ import yaml
 
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import ConfigError, JsonError
-from filter_core.json_text import JsonLimits, read_json
+from filter_core.json_text import JsonLimits, read_json, repeated_key
 
 _MAX_CHARACTERS: Final = 64 * 1024
 
@@ -137,12 +137,9 @@ def parse_yaml(text: str | bytes) -> object:
 
 
 def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    found: dict[str, object] = {}
-    for key, value in pairs:
-        if key in found:
-            raise ConfigError(f"the key {key[:60]!r} is given twice", code="bad_yaml")
-        found[key] = value
-    return found
+    if (key := repeated_key(pairs)) is not None:
+        raise ConfigError(f"the key {key[:60]!r} is given twice", code="bad_yaml")
+    return dict(pairs)
 
 
 class _StrictLoader(yaml.SafeLoader):

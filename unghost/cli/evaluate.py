@@ -133,22 +133,27 @@ def evaluate(options: EvaluateOptions) -> None:
         if thresholds is not None:
             thresholds.add(boxes)
 
+    done = 0
     with screen.progress("evaluate", "frames") as advance:
-        steps = iter(range(1, 1 << 62))
+
+        def step() -> None:
+            nonlocal done
+            done += 1
+            advance(done, found.count)
+
         evaluation, problems = evaluate_source(
             found,
             task,
-            progress=lambda: advance(next(steps), found.count),
+            progress=step,
             also=collect,
             workers=options.workers,
         )
-    measured = next(steps) - 1 - len(problems)
     left_out = [
         *(refusal(one["key"], one["error"]["detail"]) for one in problems),
         *map(not_matched, found.unmatched),
         *use.unused_lines(),
     ]
-    for line in (*left_out, *use.frames_without(measured)):
+    for line in (*left_out, *use.frames_without(done - len(problems))):
         screen.note(line)
     if not evaluation.boxes:
         raise Refused("nothing was compared: the ground truth of no box is known")

@@ -227,8 +227,8 @@ def convert(options: ConvertOptions) -> None:
     """
     if not options.filter:
         given = ["config"] if options.config is not None else []
-        for name in [*given, *options.reading]:
-            option = name.replace("_", "-")
+        if names := [*given, *options.reading]:
+            option = names[0].replace("_", "-")
             raise typer.BadParameter(f"--{option} is for --filter")
     # Before the folder is read, which may take long: this refuses an unknown format.
     labels = _label_options(options)
