@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import AsyncGenerator, Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Final, NamedTuple
@@ -37,35 +37,31 @@ class JobEvent(NamedTuple):
 
 
 async def job_events(
-    context: ServiceContext, job: Job, after: int, token_id: int
+    context: ServiceContext, job: Job, after: int
 ) -> AsyncGenerator[JobEvent | None, None]:
     """Each change of a job after the event with the number `after`, and its end.
 
-    Yields None at each interval without a change, so that the caller can send a
-    heartbeat. If the job is deleted, the events stop without an `end`.
+    Iterate inside `Poller.watching`. Yields None at each interval without a change, so
+    that the caller can send a heartbeat. If the job is deleted, the events stop without
+    an `end`.
     """
     read, poller = partial(_read, context), context.one(Poller)
-    # Another client may have taken the last place since `newest`: check again.
-    watching = poller.watching(job, token_id, context.settings)
-    with suppress(TooManyRequests), watching:
-        while not context.engine.stopping.is_set():
-            state = await poller.newest(job, read)
-            if state is None:
-                return
-            number = progress_number(state)
-            yield JobEvent("progress", number, state) if number > after else None
-            if state.finished:
-                yield JobEvent("end", end_number(state), state)
-                return
-            after = max(after, number)
-            await sleep(INTERVAL_S)
+    while not context.engine.stopping.is_set():
+        state = await poller.newest(job, read)
+        if state is None:
+            return
+        number = progress_number(state)
+        yield JobEvent("progress", number, state) if number > after else None
+        if state.finished:
+            yield JobEvent("end", end_number(state), state)
+            return
+        after = max(after, number)
+        await sleep(INTERVAL_S)
 
 
-async def newest(context: ServiceContext, job: Job, token_id: int) -> Described:
-    """The current state of a job; raises NotFound."""
-    poller = context.one(Poller)
-    with poller.watching(job, token_id, context.settings):
-        state = await poller.newest(job, partial(_read, context))
+async def newest(context: ServiceContext, job: Job) -> Described:
+    """The current state of a job, inside `Poller.watching`; raises NotFound."""
+    state = await context.one(Poller).newest(job, partial(_read, context))
     if state is None:
         raise NotFound(*job)
     return state
@@ -152,7 +148,10 @@ class Poller:
     async def newest(
         self, job: Job, read: Callable[[Job], Described | None]
     ) -> Described | None:
-        """The result of `read`, called now or within the last interval."""
+        """The result of `read`, called now or within the last interval.
+
+        The job has to be watched: see `watching`.
+        """
         watched = self._watched[job]
         async with watched.lock:
             if time.monotonic() - watched.at >= INTERVAL_S:

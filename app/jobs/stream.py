@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import AsyncGenerator, AsyncIterator
-from contextlib import aclosing
+from contextlib import AbstractContextManager, aclosing
+from functools import partial
 from typing import Annotated, Final
 
 from fastapi import Header, Request, Response
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel
+from starlette.types import Receive, Scope, Send
 
 from app.context import ServiceContext
 from app.engine import Job
@@ -18,6 +20,7 @@ from app.http.deps import authorise, current_principal, settings_of
 from app.jobs.events import (
     NOTHING_SEEN,
     JobEvent,
+    Poller,
     end_number,
     job_events,
     newest,
@@ -67,11 +70,18 @@ async def watch(
 ) -> Response:
     """Events of a job after the last one that the client has; raises NotFound."""
     job = Job(kind.table.job_kind, job_id)
-    token_id, after = current_principal(request).token_id, number_of(last_event_id)
-    state = await newest(services, job, token_id)
+    place = partial(
+        services.one(Poller).watching,
+        job,
+        current_principal(request).token_id,
+        services.settings,
+    )
+    after = number_of(last_event_id)
+    with place():
+        state = await newest(services, job)
     if state.finished and after >= end_number(state):
         return Response(status_code=204)
-    return event_stream(request, job_events(services, job, after, token_id))
+    return EventStream(_lines(request, job_events(services, job, after)), place())
 
 
 def number_of(last_event_id: str | None) -> int:
@@ -81,15 +91,27 @@ def number_of(last_event_id: str | None) -> int:
     return int(text) if known else NOTHING_SEEN
 
 
-def event_stream(
-    request: Request, events: AsyncGenerator[JobEvent | None, None]
-) -> StreamingResponse:
-    """The response; it ends when the client disconnects, and no proxy may buffer it."""
-    return StreamingResponse(
-        _lines(request, events),
-        media_type=EVENT_STREAM,
-        headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
-    )
+class EventStream(StreamingResponse):
+    """Lines of events; no proxy may buffer them.
+
+    `place` is entered before the first byte is sent, so that a client that sees a
+    response knows that its stream counts; it is left when the client disconnects.
+    """
+
+    def __init__(
+        self, lines: AsyncIterator[bytes], place: AbstractContextManager[None]
+    ) -> None:
+        super().__init__(
+            lines,
+            media_type=EVENT_STREAM,
+            headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
+        )
+        self._place = place
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the response; raises TooManyRequests if there is no place for it."""
+        with self._place:
+            await super().__call__(scope, receive, send)
 
 
 async def _lines(
