@@ -185,7 +185,7 @@ class Settings(BaseSettings):
         default=300,
         gt=0,
         description="Seconds without a byte of the body after which a request is "
-        "refused.",
+        "refused; JSON has to arrive as a whole within them.",
     )
     answer_wait_s: float = Field(
         default=60,

@@ -16,12 +16,12 @@ from threading import Lock
 from typing import Annotated, Final
 
 from fastapi import Depends, Request
-from sqlalchemy import event
+from sqlalchemy import Connection, event
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from app.access.audit import AuditTrail
-from app.access.service import by_secret
+from app.access.service import by_secret, require_valid
 from app.db.base import utc_now
 from app.errors import Forbidden, Unauthorised
 from app.http.deps import current_principal, database_of, services_of
@@ -72,6 +72,10 @@ class TokenGate:
                 "a session of the review page may be used for writes by that page only"
             )
         return principal
+
+    def require_valid(self, connection: Connection, principal: Principal) -> None:
+        """Raise Unauthorised if the caller's token or session has ended since."""
+        require_valid(connection, principal)
 
 
 @contextmanager

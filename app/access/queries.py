@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Final, NamedTuple
 
-from sqlalchemy import bindparam, delete, or_, select, update
+from sqlalchemy import Connection, bindparam, delete, or_, select, update
 from sqlalchemy.orm import Session
 
 from app.db.pages import NewestPage
@@ -59,6 +59,37 @@ _BY_SESSION: Final = (
     )
     .order_by(Token.id)
 )
+_VALID_ID: Final = (
+    select(Token.id)
+    .where(Token.id == bindparam("token_id"), *_VALID)
+    .order_by(Token.id)
+)
+_VALID_SESSION: Final = _BY_SESSION.where(Token.id == bindparam("token_id"))
+
+
+def is_valid(
+    connection: Connection, token_id: int, session_digest: str | None, now: datetime
+) -> bool:
+    """Whether a token is valid, and its session with this hash, if there is one."""
+    given = {"token_id": token_id, "now": now}
+    if session_digest is None:
+        return connection.execute(_VALID_ID, given).first() is not None
+    found = connection.execute(_VALID_SESSION, {**given, "digest": session_digest})
+    return found.first() is not None
+
+
+class TokenEnd(NamedTuple):
+    """When a token was revoked, and when it expires; None: never."""
+
+    revoked_at: datetime | None
+    expires_at: datetime | None
+
+
+def end_of(connection: Connection, token_id: int) -> TokenEnd | None:
+    """The end of a token, valid or not; None if there is no such token."""
+    statement = select(Token.revoked_at, Token.expires_at).where(Token.id == token_id)
+    row = connection.execute(statement).first()
+    return TokenEnd(*row) if row else None
 
 
 class TokenRow(NamedTuple):

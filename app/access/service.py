@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from datetime import datetime, timedelta
 from typing import Final
 
+from sqlalchemy import Connection
 from sqlalchemy import exc as sql
 from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction, AuditTrail
-from app.access.queries import Tokens
+from app.access.queries import TokenEnd, Tokens, end_of, is_valid
 from app.db.base import rfc3339, utc_now
 from app.db.tables.access import DownloadLink, LoginCode, LoginSession, Token
 from app.errors import Conflict, Forbidden, NotFound, Unauthorised, Unprocessable
@@ -82,6 +83,24 @@ def by_session(session: Session, secret: str) -> Principal:
     if row is None or not same_hash(row.hash, digest):
         raise _refused(tokens.by_session_hash(digest), now, "session_expired")
     return Principal(row.id, row.name, row.role, session_hash=digest)
+
+
+def require_valid(connection: Connection, principal: Principal) -> None:
+    """Check in the transaction of a write that its caller is still valid.
+
+    A caller is identified when the head of a request arrives. Its body may take much
+    longer, and the token may be revoked meanwhile.
+
+    Raises
+    ------
+    Unauthorised
+        The token or the session has ended since.
+    """
+    now, token_id = utc_now(), principal.token_id
+    session_hash = principal.session_hash or principal.former_hash
+    if not is_valid(connection, token_id, session_hash, now):
+        otherwise = "session_expired" if principal.session_hash else ""
+        raise _refused(end_of(connection, token_id), now, otherwise)
 
 
 def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
@@ -257,7 +276,9 @@ def check_link(session: Session, key: str, export_id: int) -> None:
         )
 
 
-def _refused(token: Token | None, now: datetime, otherwise: str = "") -> Unauthorised:
+def _refused(
+    token: Token | TokenEnd | None, now: datetime, otherwise: str = ""
+) -> Unauthorised:
     """The error for a token, or its session, that is not valid."""
     if token is None:
         return Unauthorised(_NO_ENTRY)

@@ -10,6 +10,7 @@ from typing import Annotated, Final, Protocol, TypeVar
 
 from fastapi import Depends, Path, Query, Request
 from fastapi.security import HTTPBearer
+from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
@@ -70,6 +71,9 @@ class Gate(Protocol):
 
     async def identify(self, request: Request) -> Principal:
         """The caller, by the request's secret; raises Unauthorised or Forbidden."""
+
+    def require_valid(self, connection: Connection, principal: Principal) -> None:
+        """Raise Unauthorised if the caller's token or session has ended since."""
 
 
 async def authorise(request: Request, needed: Role) -> Principal:

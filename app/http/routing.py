@@ -206,11 +206,16 @@ class ApiRoute(OpenRoute):
     writing_needs: Role = "reviewer"
 
     async def admit(self, request: Request) -> None:
-        """Check the role of the caller, and limit the size of the body."""
+        """Check the role of the caller, and limit the body's size; JSON's time, too.
+
+        Other bodies, which may be large, arrive as slowly as the network is.
+        """
         reads = request.method in SAFE_METHODS
         await authorise(request, self.reading_needs if reads else self.writing_needs)
         allowance: BodyAllowance = request.scope[BODY_ALLOWANCE]
         allowance.limit_to(self.max_body_bytes(request))
+        if self.takes_json:
+            allowance.until = time.monotonic() + settings_of(request).body_wait_s
         bodies = services_of(request).one(OpenBodies)
         held = HeldBytes(bodies, request.state.principal.token_id)
         allowance.count_in(held, is_streamed=self.is_streamed)

@@ -1,14 +1,15 @@
 """The transaction of a request that writes: committed before the response is sent.
 
-A route that writes takes a `WriteSession`. Its transaction has four steps:
+A route that writes takes a `WriteSession`. Its transaction has five steps:
 
 1. It begins with the first statement of the route, which waits for its turn
    (`app.db.turns`).
-2. If the request has an Idempotency-Key, the key is stored first of all. If an earlier
-   request has stored it already, `RepeatedRequest` is raised, and the client gets the
-   response of the earlier request (`repeat_response`).
-3. The route does its work. Its response is stored beside the key, if there is one.
-4. It is committed, and only then is the response sent. `write_session` commits after
+2. The caller is checked again: its token may have been revoked while the body arrived.
+3. If the request has an Idempotency-Key, the key is stored before anything else. If an
+   earlier request has stored it already, `RepeatedRequest` is raised, and the client
+   gets the response of the earlier request (`repeat_response`).
+4. The route does its work. Its response is stored beside the key, if there is one.
+5. It is committed, and only then is the response sent. `write_session` commits after
    the route has returned; a route that is called very often commits by itself, with
    `commit_and_respond`.
 
@@ -25,11 +26,12 @@ from typing import Annotated, Final, TypeVar
 
 from anyio import CapacityLimiter, WouldBlock, fail_after, to_thread
 from fastapi import Depends, Request, Response
+from sqlalchemy import Connection, event
 from sqlalchemy.orm import Session
 
 from app.errors import DatabaseBusy
 from app.http.bodies import run_off_loop
-from app.http.deps import database_of, settings_of
+from app.http.deps import Gate, database_of, settings_of
 from app.http.idempotency import (
     RepeatableRequest,
     RepeatedRequest,
@@ -38,6 +40,7 @@ from app.http.idempotency import (
     store_response,
     take_key_on_begin,
 )
+from app.security import Principal
 
 WRITE_WAIT_S: Final = 30
 _Result = TypeVar("_Result")
@@ -80,6 +83,7 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
     transaction = database_of(request).write(person=True)
     session = transaction.__enter__()
     request.state.write_session = session
+    _check_caller_on_begin(session, request)
     repeatable: RepeatableRequest | None = getattr(request.state, "repeatable", None)
     if repeatable is not None:
         take_key_on_begin(session, repeatable)
@@ -96,6 +100,18 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
         await _in_own_thread(end)
     else:  # The route has committed; the rest is quick, and needs no thread.
         end()
+
+
+def _check_caller_on_begin(session: Session, request: Request) -> None:
+    principal: Principal | None = getattr(request.state, "principal", None)
+    if principal is None:  # logging in identifies its caller by the body
+        return
+    gate: Gate = request.app.state.gate
+
+    def check(_session: Session, _transaction: object, connection: Connection) -> None:
+        gate.require_valid(connection, principal)
+
+    event.listen(session, "after_begin", check, once=True)
 
 
 # scope="function": the transaction is committed before the response is sent.

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Final
 
 import numpy as np
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
+from app.access.service import require_valid
 from app.boxes.current import DecisionRepository
 from app.context import ServiceContext
 from app.errors import (
@@ -19,6 +21,7 @@ from app.errors import (
     FrameConflict,
     StorageFull,
     TooLarge,
+    Unauthorised,
     Unprocessable,
 )
 from app.ingest.check import check_frame, read_key, require_key
@@ -122,7 +125,7 @@ def prepare_frame(
     if same is not None:
         context.storage.put_missing(checked.blobs())
         if known.has_problem:
-            with context.database.write() as session:
+            with _writing(context, request) as session:
                 ProblemRepository(session).forget(active.row.dataset_id, key)
         return same
     drafts = context.storage.draft(checked.blobs())
@@ -203,6 +206,8 @@ def store_frames(
     ------
     StorageFull
         There is no disk space: nothing is stored.
+    Unauthorised
+        The sender's token or session has ended since the request began.
     """
     drafts = [frame.drafts for frame in frames if isinstance(frame, ReadyFrame)]
     try:
@@ -214,6 +219,8 @@ def store_frames(
     if len(frames) > 1:
         try:
             return _store_together(context, request, frames)
+        except Unauthorised:
+            raise
         except (AppError, FilterError, IntegrityError):
             # One frame made the transaction fail: store each in its own.
             log.info("a batch is stored frame by frame", exc_info=True)
@@ -248,12 +255,23 @@ def _store_together(
 ) -> list[EndedFrame]:
     while True:
         try:
-            with context.database.write() as session:
+            with _writing(context, request) as session:
                 return _write(context, session, request, frames)
         except _MeasuredOtherwise:
             frames = [_measured_again(context, request, frame) for frame in frames]
         except Unsure as unsure:
             context.storage.make_sure(unsure.digests)
+
+
+@contextmanager
+def _writing(context: ServiceContext, request: UploadRequest) -> Iterator[Session]:
+    """A transaction for the sender; Unauthorised if its token has been revoked.
+
+    A batch may be open for hours.
+    """
+    with context.database.write() as session:
+        require_valid(session.connection(), request.sender)
+        yield session
 
 
 def _measured_again(

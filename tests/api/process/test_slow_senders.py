@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import socket
 from contextlib import closing
 
@@ -131,6 +132,22 @@ def test_incomplete_body_times_out_with_408(service, method, path, media_type, b
     assert answer.startswith(b"HTTP/1.1 408 ")
     assert b'"code":"request_timeout"' in answer
     assert b"connection: close" in answer.lower()
+
+
+def test_json_body_that_arrives_byte_by_byte_times_out_with_408(service):
+    """Each pause is short enough; all of them together are too long."""
+    framing = {"Content-Type": "application/json", "Content-Length": "1000"}
+    sent, is_answered = 0, False
+    with open_connection(service) as connection:
+        connection.sendall(request_head(service, "POST", "/api/v1/datasets", **framing))
+        while not is_answered and sent < 100:
+            connection.sendall(b" ")
+            sent += 1
+            is_answered = bool(select.select([connection], [], [], SOON_S / 5)[0])
+        answer = connection.recv(65536)
+
+    assert is_answered
+    assert answer.startswith(b"HTTP/1.1 408 ")
 
 
 def test_batch_that_times_out_keeps_its_stored_frames_and_is_closed(service, admin):
