@@ -37,6 +37,16 @@ from unghost.wire.note import note_path
 STOP_WAIT_S: Final = 10
 _BACKLOG: Final = 2048
 _ANYWHERE: Final = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}
+_OTHER_LOOPBACK: Final = {
+    "127.0.0.1": "::1",
+    "localhost": "::1",
+    "0.0.0.0": "::1",
+    "": "::1",
+    "::1": "127.0.0.1",
+}
+"""For each host that includes one loopback address only, the other one."""
+_TRIES: Final = 20
+"""How many ports are tried if any may be used."""
 
 _HINTS: Final = {
     errno.EADDRINUSE: "is another server running there? --port chooses another port",
@@ -78,9 +88,9 @@ def serve(
     configure_logging(settings.log_level, settings.log_format)
     keep_freed_memory()
     limit = raise_descriptor_limit()
-    with _only_server(settings) as locks, _listen(settings) as listener:
+    with _only_server(settings) as locks, _listening(settings) as sockets:
         locks.warn()
-        url = _url(settings, listener.getsockname()[1])
+        url = _url(settings, sockets[0].getsockname()[1])
         locks.note(url)
         note = ServerNote(url, settings.token_file)
 
@@ -112,7 +122,7 @@ def serve(
         exit_on_sigterm()
         # Ctrl+C is the usual end; with SystemExit uvicorn reports a failed start.
         with suppress(KeyboardInterrupt, SystemExit):
-            server.run(sockets=[listener])
+            server.run(sockets=sockets)
     if not server.started:
         raise _cannot_start(settings, app.state.failure)
 
@@ -313,20 +323,62 @@ def check_free(settings: Settings) -> None:
     CannotServe
         One of them is not; the text says why.
     """
-    with _only_server(settings):
-        _listen(settings).close()
+    with _only_server(settings), _listening(settings):
+        pass
 
 
-def _listen(settings: Settings) -> socket.socket:
-    host = settings.host.strip("[]")
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+@contextmanager
+def _listening(settings: Settings) -> Iterator[list[socket.socket]]:
+    """The listening sockets of the service, during the block.
+
+    A browser looks for ``localhost`` at both loopback addresses, so a service that
+    listens at one of them takes the other one as well. A program of another user there
+    would be the same origin to the browser, which would send it sessions.
+
+    Raises
+    ------
+    CannotServe
+        One of the addresses is taken, or is not one of this machine.
+    """
+    host, port = settings.host.strip("[]"), settings.port
+    other = _OTHER_LOOPBACK.get(host)
+    for left in reversed(range(_TRIES)):
+        with ExitStack() as opened:
+            sockets = [opened.enter_context(_listen(host, port))]
+            try:
+                if other is not None and _has_address(other):
+                    taken = sockets[0].getsockname()[1]
+                    sockets.append(opened.enter_context(_listen(other, taken)))
+            except CannotServe:
+                if port == 0 and left:  # any other port will do
+                    continue
+                raise
+            yield sockets
+            return
+
+
+def _listen(host: str, port: int) -> socket.socket:
     try:
-        return listen(host, settings.port, family)
+        return listen(host, port, _family(host))
     except OSError as exc:
         hint = _HINTS.get(exc.errno or 0, "--host and --port say where to listen")
-        place = f"{bracketed(host)}:{settings.port}"
+        place = f"{bracketed(host)}:{port}"
         detail = f"cannot listen on {place}: {exc.strerror}; {hint}"
         raise CannotServe(detail) from exc
+
+
+def _has_address(host: str) -> bool:
+    """Whether this machine has the address: some have no IPv6."""
+    try:
+        with socket.socket(_family(host), socket.SOCK_DGRAM) as probe:
+            probe.bind((host, 0))
+    except OSError:
+        return False
+    return True
+
+
+def _family(host: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in host else socket.AF_INET
 
 
 def _url(settings: Settings, port: int) -> str:

@@ -1,14 +1,16 @@
-"""Addresses that the service cannot listen on are refused, and no socket stays open."""
+"""The addresses that the service listens on, and those that it cannot listen on."""
 
 from __future__ import annotations
 
 import gc
+import socket
 import warnings
 
 import pytest
 
 from app.serve import CannotServe, check_free, listen
 from app.settings import Settings
+from tests.support import plain_http
 
 
 def test_a_socket_that_cannot_listen_is_closed():
@@ -25,3 +27,34 @@ def test_a_socket_that_cannot_listen_is_closed():
 def test_invalid_host_name_raises_cannot_serve(tmp_path, host):
     with pytest.raises(CannotServe, match="cannot listen on"):
         check_free(Settings(data=tmp_path, host=host, allowed_hosts=["*"]))
+
+
+@pytest.mark.parametrize(
+    ("host", "taken"),
+    [("127.0.0.1", "::1"), ("0.0.0.0", "::1"), ("::1", "127.0.0.1")],
+)
+def test_port_of_another_program_at_the_other_loopback_address_is_refused(
+    tmp_path, host, taken
+):
+    """To a browser, that program would be this service at ``http://localhost``."""
+    family = socket.AF_INET6 if ":" in taken else socket.AF_INET
+    with listen(taken, 0, family) as neighbour:
+        port = neighbour.getsockname()[1]
+        place = f"[{taken}]:{port}" if ":" in taken else f"{taken}:{port}"
+
+        with pytest.raises(CannotServe) as refused:
+            check_free(Settings(data=tmp_path, host=host, port=port))
+
+    assert f"cannot listen on {place}: Address already in use" in str(refused.value)
+    assert "--port chooses another port" in str(refused.value)
+
+
+def test_service_answers_at_both_loopback_addresses(server):
+    port = server.url.rpartition(":")[2]
+
+    answers = [
+        plain_http.get(f"http://{host}:{port}/healthz").status_code
+        for host in ("127.0.0.1", "[::1]", "localhost")
+    ]
+
+    assert answers == [200, 200, 200]
