@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from sqlalchemy.orm import Session
 
@@ -26,7 +27,8 @@ from app.measuring.queries import DatasetRepository
 from app.metrics import REVIEWS
 from app.review.queries import ReviewBatches, ReviewRepository, SeenBoxes
 from app.security import Principal
-from unghost.wire.boxes import BulkIn, ReviewBatch, UndoneBatch
+from app.storage.room import require_room
+from unghost.wire.boxes import MAX_COMMENT, BulkIn, ReviewBatch, UndoneBatch
 
 
 def review_many(
@@ -46,6 +48,8 @@ def review_many(
         There are more or fewer boxes than `given.expected_count`.
     StaleSnapshot
         The boxes of the filter have changed since the snapshot.
+    StorageFull
+        There is too little disk space for so many answers.
     """
     try:
         chosen = _choose(services, given)
@@ -53,6 +57,7 @@ def review_many(
         # Also after an error: a repeated request finds its boxes changed by the first
         # one, and beginning the transaction then raises `RepeatedRequest` instead.
         begin_as_work(audit.session)
+    _require_room(services, chosen.to_answer, len(given.comment.encode()))
     dataset = DatasetRepository(audit.session).named(given.dataset)
     attempt = audit.session.begin_nested()
     stored = _store(audit, dataset, given, chosen)
@@ -78,6 +83,17 @@ def review_many(
         skipped=left,
     )
     return stored
+
+
+_ANSWER_BYTES: Final = 500
+"""Disk space of one answer, apart from its comment: a row, its entries in indexes, and
+both once more in the database's log."""
+
+
+def _require_room(services: ServiceContext, answers: int, comment_bytes: int) -> None:
+    """Refuse so many answers with a comment of this size if the disk is too full."""
+    needed = answers * (_ANSWER_BYTES + 2 * comment_bytes)
+    require_room(services.settings, services.storage, needed)
 
 
 @dataclass(frozen=True)
@@ -243,6 +259,8 @@ def undo_batch(
         It is another person's, and the caller is not an admin.
     Conflict
         It was undone already, and none of its answers is in force again.
+    StorageFull
+        There is too little disk space for so many answers.
     """
     with services.database.read() as looking:
         undoable = ReviewBatches(looking).undoable(batch_id)
@@ -252,6 +270,8 @@ def undo_batch(
     batch = batches.with_id(batch_id)
     size = batches.size(batch_id)
     require_own(by, {batch.reviewer: size}, f"undoing bulk answer {batch_id}")
+    # The answers before it are repeated, with their comments.
+    _require_room(services, size, MAX_COMMENT)
     was_undone = batches.is_undone(batch_id)
     undo = batches.add(batch.dataset_id, "clear", by.name, undoes_id=batch_id)
     undone = ReviewRepository(session).restore_answers(undo, undoable)

@@ -39,20 +39,21 @@ def free_bytes(folders: Iterable[Path]) -> int:
     return min(shutil.disk_usage(folder).free for folder in folders)
 
 
-def require_room(settings: Settings, store: BlobStore) -> None:
-    """Refuse an upload if there is too little free disk space.
+def require_room(settings: Settings, store: BlobStore, needed_bytes: int = 0) -> None:
+    """Refuse what is to be stored if there is too little free disk space.
 
     Raises
     ------
     StorageFull
-        Fewer than `min_free_bytes` are free.
+        Fewer than `min_free_bytes` would be free after `needed_bytes` more.
     """
     free = free_bytes((settings.data, store.temporary_folder()))
-    if free < settings.min_free_bytes:
+    if free - needed_bytes < settings.min_free_bytes:
+        needed = f", and this needs up to {needed_bytes} more" if needed_bytes else ""
         raise StorageFull(
             f"{free} bytes are free on the disk of the service, and "
-            f"{int(settings.min_free_bytes)} have to stay free; nothing more is stored "
-            "until there is disk space",
+            f"{int(settings.min_free_bytes)} have to stay free{needed}; nothing more "
+            "is stored until there is disk space",
             retry_after_s=RETRY_S,
         )
 

@@ -76,6 +76,30 @@ def test_below_min_free_bytes_uploads_and_exports_are_refused_not_reviews(data):
     assert (review.status_code, again.status_code) == (201, 201)
 
 
+def test_bulk_answers_and_their_undo_need_room_for_all_their_comments(data):
+    """A comment of two kilobytes on a thousand boxes takes some megabytes."""
+    comment = "x" * 2000
+    with served(data, **SETTINGS) as (_, api):
+        boxes = api.box_ids(NAME, limit=1000)
+        given = {"dataset": NAME, "box_ids": boxes, "verdict": "reject"}
+        stored = api.post("/reviews/bulk", given)
+        seen = {**given, "seen_revisions": [1] * len(boxes), "comment": comment}
+        with full_disk(data, (MIN_FREE_MIB + 3) * MIB):
+            before = count(data, "reviews")
+            large = api.post("/reviews/bulk", seen)
+            undo = api.post(f"/review-batches/{stored.json()['id']}/undo")
+            review = api.review(boxes[0], "keep", seen=1)
+            after = count(data, "reviews")
+        undone = api.post(f"/review-batches/{stored.json()['id']}/undo")
+
+    assert stored.status_code == 201, stored.text
+    for refused in (large, undo):
+        assert (refused.status_code, refused.json()["code"]) == (503, "storage_full")
+        assert "this needs up to" in refused.json()["detail"]
+    assert (review.status_code, after - before) == (201, 1)
+    assert undone.status_code == 200, undone.text
+
+
 def test_full_disk_still_allows_deletion_and_garbage_collection(data, unghost):
     with served(data, **SETTINGS) as (_, api):
         small = api.dataset()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, TypeAlias, get_args
+from typing import Annotated, Final, TypeAlias, get_args
 
 from pydantic import AwareDatetime, Field
 
@@ -32,7 +32,9 @@ from unghost.wire.words import (
 XYXY: TypeAlias = tuple[float, float, float, float]
 """Left, top, right, bottom, in pixels; of an edge, its two ends."""
 
-Comment = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]
+MAX_COMMENT: Final = 2000
+"""Characters of a comment."""
+Comment = Annotated[str, Field(max_length=MAX_COMMENT, pattern=r"^[^\x00]*$")]
 Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 Metres = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Id = Annotated[int, Field(ge=1, le=2**63 - 1)]
