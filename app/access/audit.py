@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import timedelta
 from enum import Enum
 from typing import Final
 
 from sqlalchemy.orm import Session
 
 from app.access.queries import AuditRepository
+from app.db.base import utc_now
 from app.db.tables.access import AuditEntry
 from app.security import Principal
 
@@ -38,6 +40,10 @@ class AuditAction(str, Enum):
     EXPORT_CANCELLED = "export.cancelled"
 
 
+OFTEN: Final = (AuditAction.CODE_CREATED, AuditAction.SESSION_OPENED)
+MOST_AN_HOUR: Final = 100
+
+
 @dataclass(frozen=True)
 class AuditTrail:
     """Adds entries to the audit log in one transaction, for one actor.
@@ -62,7 +68,13 @@ class AuditTrail:
         return SERVICE if self.actor is None else self.actor.name
 
     def note(self, action: AuditAction, subject: object, **details: object) -> None:
-        """Add an entry; `subject` is the name or id of what the action affected."""
+        """Add an entry; `subject` is the name or id of what the action affected.
+
+        Of `OFTEN`, actions that everybody may repeat as often as they like, the log has
+        at most `MOST_AN_HOUR` of each token and action: no entry is ever deleted.
+        """
+        if self.actor is not None and action in OFTEN and self._has_enough(action):
+            return
         AuditRepository(self.session).add(
             AuditEntry(
                 token_id=None if self.actor is None else self.actor.token_id,
@@ -72,3 +84,8 @@ class AuditTrail:
                 details=details,
             )
         )
+
+    def _has_enough(self, action: AuditAction) -> bool:
+        since = utc_now() - timedelta(hours=1)
+        log = AuditRepository(self.session)
+        return log.noted_since(self.token_id, action.value, since) >= MOST_AN_HOUR

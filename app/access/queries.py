@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Final, NamedTuple
 
-from sqlalchemy import Connection, bindparam, delete, or_, select, update
+from sqlalchemy import Connection, bindparam, delete, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from app.db.pages import NewestPage
@@ -18,6 +18,8 @@ from app.db.tables.access import (
 )
 from unghost.wire.words import Role
 
+_NEWEST: Final = 1000
+
 
 class AuditRepository:
     """The audit log of one database session."""
@@ -29,6 +31,24 @@ class AuditRepository:
         """Insert."""
         self._session.add(entry)
         self._session.flush()
+
+    def noted_since(self, token_id: int, action: str, since: datetime) -> int:
+        """How many entries of a token about this action are younger than `since`.
+
+        Only the newest entries are counted: `_NEWEST` of all tokens and actions.
+        """
+        newest = (
+            select(AuditEntry.token_id, AuditEntry.action, AuditEntry.created_at)
+            .order_by(AuditEntry.id.desc())
+            .limit(_NEWEST)
+            .subquery()
+        )
+        found = select(func.count()).where(
+            newest.c.token_id == token_id,
+            newest.c.action == action,
+            newest.c.created_at > since,
+        )
+        return self._session.scalar(found) or 0
 
     def page(self, page: NewestPage) -> list[AuditEntry]:
         """Entries, newest first; one more than the limit if there is a next page."""

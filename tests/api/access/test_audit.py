@@ -7,6 +7,7 @@ import threading
 import pytest
 from sqlalchemy.exc import DBAPIError
 
+from app.access.audit import MOST_AN_HOUR
 from tests.support.databases import change
 
 TOKENS = "/api/v1/tokens"
@@ -42,6 +43,36 @@ def test_first_token_is_logged_as_created_by_the_service(admin):
     ends = first["details"]["expires_at"]
     assert first["details"] == {"token_id": 1, "role": "admin", "expires_at": ends}
     assert ends.endswith("Z")
+
+
+@pytest.mark.parametrize("action", ["login_code.created", "session.opened"])
+def test_logins_of_one_token_are_limited_in_the_log_and_others_are_not(
+    service, admin, action
+):
+    """A viewer could fill the disk with entries, which nothing deletes."""
+
+    def log_in(given):
+        with client_with_token(service, given) as client:
+            if action == "login_code.created":
+                return client.post("/api/v1/login-codes").status_code
+            sent = {"token": given["token"]}
+            session = client.post("/api/v1/session", json=sent).json()["session"]
+            ended = client.delete(
+                "/api/v1/session", headers={"Authorization": f"Bearer {session}"}
+            )
+            return ended.status_code
+
+    def noted(given):
+        found = admin.get(AUDIT, params={"limit": 1000}).json()["items"]
+        of_token = [one for one in found if one["token_id"] == given["id"]]
+        return sum(one["action"] == action for one in of_token)
+
+    busy, calm = (create_token(admin, f"{who}-{action}") for who in ("busy", "calm"))
+    statuses = {log_in(busy) for _ in range(MOST_AN_HOUR + 5)}
+    log_in(calm)
+
+    assert statuses <= {201, 204}
+    assert (noted(busy), noted(calm)) == (MOST_AN_HOUR, 1)
 
 
 def test_audit_entry_has_actor_action_time_and_subject(admin):
