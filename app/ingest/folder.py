@@ -27,8 +27,10 @@ from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.manifest import MANIFEST, manifest_of
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
+    TEXT_SUFFIXES,
     FrameSet,
     FrameSource,
+    ReadOptions,
     is_hidden,
 )
 from filter_core.formats.registry import FORMATS, possible_layouts, read_source
@@ -52,8 +54,6 @@ MOST_DEPTH: Final = 32
 """Maximum depth of nested folders."""
 MOST_LONGER: Final = 4
 """Maximum size of the response, as a multiple of the maximum size of the folder."""
-TEXT_SUFFIXES: Final = (".txt", ".xml", ".json", ".jsonl", ".yaml", ".yml", ".names")
-"""Text files that some reader opens. The page has these, too (`TEXT` in folder.js)."""
 _DEVICE: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
 """Names reserved for devices on Windows, with any suffix."""
 
@@ -191,7 +191,9 @@ def write_response(task: FolderTask) -> int:
     layout = task.layout
     if layout == "auto" and layouts:
         layout = layouts[0]
-    found = read_source(source, layout)
+    # There are no links here, and `_name_of` refuses every file that was not sent: its
+    # message fits the page better than the reader's, which names an option.
+    found = read_source(source, layout, ReadOptions(outside_files=True))
     layouts = layouts or (found.layout,)
     with _Response(task, source) as response:
         response.write(

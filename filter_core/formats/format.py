@@ -35,7 +35,7 @@ Formats are tried in a fixed order.
 - ``none``: it is not in this format.
 """
 
-FOLDER_OPTIONS: Final = frozenset({"segmentation", "labels"})
+FOLDER_OPTIONS: Final = frozenset({"segmentation", "labels", "outside_files"})
 """The `ReadOptions` that say where the files of a frame are."""
 
 SELECTION_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})

@@ -7,12 +7,13 @@ export leaves out the boxes that are rejected, and changes nothing else.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, ClassVar, Final
 
 import numpy as np
 
-from filter_core.errors import FilterError, JsonError, LayoutError
+from filter_core.errors import JsonError, LayoutError
 from filter_core.formats.files import json_bytes
 from filter_core.formats.format import (
     LABEL_NEEDS,
@@ -26,11 +27,15 @@ from filter_core.formats.reading import (
     MANIFEST_NAME,
     MAX_KEY,
     MAX_LABEL_BYTES,
+    OUTSIDE_FILES_HINT,
     FrameSet,
     FrameSource,
     ReadOptions,
     last_name,
+    lies_in,
     manifests_below,
+    name_of,
+    real_paths,
     walk,
 )
 from filter_core.formats.writing import ExportContext, OutFrame, Traits
@@ -57,7 +62,7 @@ MANIFEST: Final = Format(
     ),
     brief="the annotations as uploaded, without the rejected boxes",
     recognised_by=MANIFEST_NAME,
-    read_options=frozenset({"segmentation"}),
+    read_options=frozenset({"segmentation", "outside_files"}),
     needs=LABEL_NEEDS,
     options=SELECTION_OPTIONS,
 )
@@ -106,20 +111,68 @@ def read_manifest(source: Path, options: ReadOptions) -> FrameSet:
     """The frames of a manifest, read line by line in its order.
 
     Paths are relative to the manifest's folder, or absolute. With
-    ``options.segmentation``, relative segmentations are looked for in that folder.
+    ``options.segmentation``, relative segmentations are looked for in that folder. A
+    file outside these folders is its frame's problem, unless ``options.outside_files``.
 
     Raises
     ------
     LayoutError
-        There is no such file.
+        There is no such file, or it is a link to one outside the folder.
     """
     path = manifest_of(source)
     if path is None:
         raise LayoutError(f"expected {MANIFEST_NAME}, found no such file")
+    if not (options.outside_files or lies_in(path, real_paths(source))):
+        raise LayoutError(
+            f"{name_of(source)}: expected a manifest in the folder, found {path.name}, "
+            f"{_OUTSIDE}"
+        )
     return FrameSet(layout="manifest", frames=lambda: _read_lines(path, options))
 
 
+_OUTSIDE: Final = f"which is or leads outside; {OUTSIDE_FILES_HINT}"
+
+
+@dataclass(frozen=True)
+class _Folders:
+    """Where the files are that a manifest names.
+
+    Attributes
+    ----------
+    manifest, segmentation : Path
+        The folders that relative paths are relative to.
+    allowed : tuple of Path or None
+        The `real_paths` in which every file must lie; None: anywhere.
+    """
+
+    manifest: Path
+    segmentation: Path
+    allowed: tuple[Path, ...] | None
+
+    def file(self, kind: str, given: object, at: str) -> Path:
+        """The path of one of `FRAME_FILES` as a line gives it; `at` is that line.
+
+        Raises
+        ------
+        LayoutError
+            It is no path, or leads outside.
+        """
+        if not isinstance(given, str) or not given:
+            raise LayoutError(f"{at}, {kind}: expected a path, found {shown(given)}")
+        folder = self.segmentation if kind == "segmentation" else self.manifest
+        path = _path(folder, given)
+        if self.allowed is None or lies_in(path, self.allowed):
+            return path
+        raise LayoutError(
+            f"{at}, {kind}: expected a file in the manifest's folder, found "
+            f"{shown(given)}, {_OUTSIDE}"
+        )
+
+
 def _read_lines(path: Path, options: ReadOptions) -> Iterator[FrameSource]:
+    tags = options.segmentation or path.parent
+    allowed = None if options.outside_files else real_paths(path.parent, tags)
+    folders = _Folders(path.parent, tags, allowed)
     with path.open("rb") as file:
         number = 0
         while line := file.readline(MAX_LABEL_BYTES + 1):
@@ -129,7 +182,7 @@ def _read_lines(path: Path, options: ReadOptions) -> Iterator[FrameSource]:
                 _skip_rest_of_line(file, line)
                 yield _problem(at, f"at most {MAX_LABEL_BYTES} bytes", "more")
             elif line.strip():
-                yield _read_line(line, at, path.parent, options)
+                yield _read_line(line, at, folders)
 
 
 def _skip_rest_of_line(file: BinaryIO, piece: bytes) -> None:
@@ -137,7 +190,7 @@ def _skip_rest_of_line(file: BinaryIO, piece: bytes) -> None:
         piece = file.readline(MAX_LABEL_BYTES)
 
 
-def _read_line(line: bytes, at: str, folder: Path, options: ReadOptions) -> FrameSource:
+def _read_line(line: bytes, at: str, folders: _Folders) -> FrameSource:
     try:
         raw = read_json(line.rstrip(), halves=True)
     except JsonError as exc:
@@ -149,24 +202,20 @@ def _read_line(line: bytes, at: str, folder: Path, options: ReadOptions) -> Fram
     key = raw.pop("key", None)
     if not isinstance(key, str) or not 0 < len(key) <= MAX_KEY:
         return _problem(at, f'"key" of 1 to {MAX_KEY} characters', shown(key))
-    files: dict[str, Path] = {}
-    problem: FilterError | None = None
-    for name in FRAME_FILES:
-        given = raw.pop(name, None)
-        if isinstance(given, str) and given:
-            base = options.segmentation if name == "segmentation" else None
-            files[name] = _path(base or folder, given)
-        elif given is not None:
-            problem = LayoutError(
-                f"{at}, {name}: expected a path, found {shown(given)}"
-            )
+    try:
+        files = {
+            kind: folders.file(kind, given, at)
+            for kind in FRAME_FILES
+            if (given := raw.pop(kind, None)) is not None
+        }
+    except LayoutError as exc:
+        return FrameSource(key=key, annotation=None, problem=exc)
     return FrameSource(
         key=key,
-        annotation=None if problem else raw,
+        annotation=raw,
         image=files.pop("image", None),
         segmentation=files.pop("segmentation", None),
         others=files,
-        problem=problem,
     )
 
 

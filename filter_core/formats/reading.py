@@ -32,6 +32,9 @@ MANIFEST_NAME: Final = "manifest.jsonl"
 
 IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg")
 
+TEXT_SUFFIXES: Final = (".txt", ".xml", ".json", ".jsonl", ".yaml", ".yml", ".names")
+"""Text files that some reader opens. The page has these, too (`TEXT` in folder.js)."""
+
 _FOLDER_WORDS: Final = frozenset(
     {"images", "image", "img", "jpegimages", "labels", "label", "annotations"}
 )
@@ -122,12 +125,17 @@ class ReadOptions:
         Names of the classes by index, instead of the layout's own list.
     default_class : str
         The class of labels that carry none.
+    outside_files : bool
+        Whether files outside the folder are read if a manifest or a symbolic link in
+        the folder names them. By default they are refused: a folder that somebody else
+        made could name private files, which would then be uploaded.
     """
 
     segmentation: Path | None = None
     labels: Path | None = None
     classes: Sequence[str] | None = None
     default_class: str = "unknown"
+    outside_files: bool = False
 
     def changed(self) -> frozenset[str]:
         """Names of the options that differ from their defaults."""
@@ -193,6 +201,65 @@ def walk(
         for name in sorted(files):
             if not is_hidden(name) and Path(name).suffix.lower() in suffixes:
                 yield (Path(folder) / name).relative_to(root).as_posix()
+
+
+OUTSIDE_FILES_HINT: Final = "with --outside-files (outside_files) such files are read"
+"""The option that reads files outside the folder, for command line and library."""
+
+
+def check_links(source: Path, options: ReadOptions) -> None:
+    """Refuse a folder with a symbolic link that leads out of it.
+
+    A link may lead to what was named: the source itself and the folders in `options`.
+    Links to files that no reader opens are not looked at.
+
+    Raises
+    ------
+    LayoutError
+        There is such a link; names the first one.
+    """
+    if options.outside_files:
+        return
+    folder = source.parent if source.is_file() else source
+    folders = [folder, *filter(None, (options.segmentation, options.labels))]
+    named = real_paths(source, *folders)
+    for each in folders:
+        for link in _links(each):
+            if not lies_in(link, named):
+                raise LayoutError(
+                    f"{name_of(each)}: expected no link out of the folder, found "
+                    f"{link.relative_to(each).as_posix()}; {OUTSIDE_FILES_HINT}"
+                )
+
+
+def real_paths(*paths: Path) -> tuple[Path, ...]:
+    """The paths with all symbolic links followed, for `lies_in`."""
+    return tuple(Path(os.path.realpath(path)) for path in paths)
+
+
+def lies_in(path: Path, folders: Iterable[Path]) -> bool:
+    """Whether a file, with all links followed, is or lies in one of `real_paths`."""
+    try:
+        real = Path(os.path.realpath(path))
+    except ValueError:  # no file can have such a name
+        return False
+    return any(real.is_relative_to(folder) for folder in folders)
+
+
+def _links(folder: Path) -> Iterator[Path]:
+    """Links to folders and to files that some reader opens, hidden ones included."""
+    try:
+        with os.scandir(folder) as entries:
+            found = sorted(entries, key=lambda entry: entry.name)
+    except OSError:  # no reader can list it, either
+        return
+    for entry in found:
+        path = folder / entry.name
+        if not entry.is_symlink():
+            if entry.is_dir():
+                yield from _links(path)
+        elif path.suffix.lower() in (*IMAGE_SUFFIXES, *TEXT_SUFFIXES) or path.is_dir():
+            yield path
 
 
 def match(

@@ -42,6 +42,7 @@ from filter_core.formats.reading import (
     MANIFEST_NAME,
     FrameSet,
     ReadOptions,
+    check_links,
     manifests_below,
     name_of,
 )
@@ -102,7 +103,8 @@ def read_source(
     ------
     LayoutError
         Nothing there, no layout or several recognised, an option that the layout does
-        not have, or no list of classes.
+        not have, no list of classes, or files outside the folder that
+        `ReadOptions.outside_files` does not allow.
     """
     if not source.exists():
         raise LayoutError(
@@ -118,6 +120,8 @@ def read_source(
     for option in sorted(options.changed() - found.read_options):
         heeded = ", ".join(sorted(found.read_options))
         raise LayoutError(f"layout {name!r} has no option {option!r}; it has {heeded}")
+    if found is not MANIFEST:  # which checks each file that it names
+        check_links(source, options)
     return found.read(source, options)
 
 

@@ -68,6 +68,14 @@ class SourceOptions:
     default_class: Annotated[
         str, typer.Option(metavar="NAME", help="Class to use for labels without one.")
     ] = "unknown"
+    outside_files: Annotated[
+        bool,
+        typer.Option(
+            "--outside-files",
+            help="Also read files outside the folder that a manifest or a symbolic "
+            "link names; only for folders whose origin you trust.",
+        ),
+    ] = False
 
     @property
     def class_list(self) -> tuple[str, ...] | None:
@@ -154,6 +162,7 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
         labels=options.labels,
         classes=options.class_list,
         default_class=options.default_class,
+        outside_files=options.outside_files,
     )
     layout = options.layout
     possible = possible_layouts(path) if layout == "auto" else ()

@@ -107,6 +107,33 @@ def test_push_with_a_missing_image_exits_with_3(unghost, name, tmp_path):
     assert "000001" in answer.err
 
 
+def test_push_uploads_no_file_outside_the_folder_unless_it_is_allowed(
+    unghost, server, name, tmp_path
+):
+    folder = frames_in(tmp_path, 3)
+    manifest = folder / "manifest.jsonl"
+    linked, named = folder / "rgb/000001.png", folder / "rgb/000002.png"
+    linked.symlink_to(linked.rename(tmp_path / "1.png"))
+    private = named.rename(tmp_path / "2.png")
+    manifest.write_text(manifest.read_text().replace("rgb/000002.png", str(private)))
+
+    with Client(server.url, server.token) as client:
+        refused = unghost("push", folder, "--dataset", name)
+        stored = [frame.key for frame in client.frames(name)]
+        allowed = unghost("push", folder, "--dataset", name, "--outside-files")
+
+    assert refused.code == PARTLY
+    assert stored == ["run/000000"]
+    for key, line in (("run/000001", 2), ("run/000002", 3)):
+        assert (
+            f"refused: {key}: manifest.jsonl, line {line}, image: expected a file in "
+            "the manifest's folder, found"
+        ) in refused.err
+    assert "with --outside-files" in refused.err
+    assert allowed.code == DONE
+    assert "2 stored\t1 already_there" in allowed.out
+
+
 def test_push_json_prints_one_record_per_frame_and_a_summary(unghost, name, tmp_path):
     folder = frames_in(tmp_path, 3, bad=frozenset({1}))
 

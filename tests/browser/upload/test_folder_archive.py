@@ -8,7 +8,7 @@ import tarfile
 
 import pytest
 
-from app.ingest.folder import TEXT_SUFFIXES
+from filter_core.formats.reading import TEXT_SUFFIXES
 from filter_core.formats.registry import LAYOUTS, read_source
 from tests.support.folders import LAYOUT_FILES, png, street_tags, write_files
 from tests.support.page.windows import Visitor

@@ -251,7 +251,8 @@ def test_yolo_without_class_names_is_refused_unless_they_are_given(tmp_path):
         (
             "pairs",
             ReadOptions(classes=["car"]),
-            "layout 'pairs' has no option 'classes'; it has labels, segmentation",
+            "layout 'pairs' has no option 'classes'; it has labels, outside_files, "
+            "segmentation",
         ),
         ("pairs", ReadOptions(default_class="car"), "no option 'default_class'"),
         ("coco", ReadOptions(default_class="car"), "no option 'default_class'"),
@@ -263,6 +264,94 @@ def test_option_that_a_layout_does_not_use_is_refused(tmp_path, layout, options,
         read_source(tmp_path, layout, options)
 
     assert words in caught.value.detail
+
+
+@pytest.mark.parametrize(
+    ("layout", "link"),
+    [
+        ("yolo", "images/1.png"),
+        ("yolo", "labels/1.txt"),
+        ("yolo", "data.yaml"),
+        ("yolo", "seg"),
+        ("kitti", "training/image_2"),
+        ("kitti", "training/label_2/000001.txt"),
+        ("voc", "Annotations/1.xml"),
+        ("voc", "JPEGImages/1.png"),
+        ("coco", "annotations"),
+        ("coco", "images/7.png"),
+        ("coco", "annotations/.hidden.json"),
+        ("carlasimu", "cam"),
+        ("carlasimu", "cam/Readme.txt"),
+        ("pairs", "1.json"),
+        ("pairs", "a/1.PNG"),
+    ],
+)
+def test_link_out_of_the_folder_is_refused_before_it_is_read(tmp_path, layout, link):
+    files = {
+        "yolo": {"labels/2.txt": YOLO_LINE, "classes.txt": "car"},
+        "kitti": {"training/label_2/000002.txt": ""},
+        "voc": {"Annotations/2.xml": ""},
+        "coco": {"2.json": EMPTY_COCO, "images/2.png": None},
+        "carlasimu": {"label/2.txt": ""},
+        "pairs": {"2.png": None},
+    }[layout]
+    there = write_files(tmp_path / "elsewhere", {"label/1.txt": "", "1": ""})
+    town = write_files(tmp_path / "town", files)
+    (town / link).parent.mkdir(parents=True, exist_ok=True)
+    (town / link).symlink_to(there / "1" if Path(link).suffix else there)
+
+    with pytest.raises(LayoutError) as caught:
+        read_source(town, layout)
+
+    assert caught.value.detail == (
+        f"town: expected no link out of the folder, found {link}; with "
+        "--outside-files (outside_files) such files are read"
+    )
+
+
+def test_links_inside_the_folder_and_into_named_folders_are_read(tmp_path):
+    files = {"town/labels/1.txt": YOLO_LINE, "town/raw/a.png": None, "tags/1.png": None}
+    town = write_files(tmp_path, {**files, "town/data.yaml": NAMES}) / "town"
+    (town / "images").mkdir()
+    (town / "images/1.png").symlink_to("../raw/a.png")
+    (town / "seg").symlink_to(tmp_path / "tags")
+    (town / "notes").symlink_to(tmp_path / "notes")
+    (tmp_path / "link").symlink_to(town)
+    named = ReadOptions(segmentation=town / "seg")
+
+    (frame,) = read_source(tmp_path / "link", options=named)
+
+    assert frame.image == tmp_path / "link/images/1.png"
+    assert frame.segmentation == town / "seg/1.png"
+
+
+def test_links_out_of_the_folder_are_read_with_the_option(tmp_path):
+    files = {"town/labels/1.txt": YOLO_LINE, "disk/1.png": None, "tags/1.png": None}
+    town = write_files(tmp_path, {**files, "town/data.yaml": NAMES}) / "town"
+    (town / "1.png").symlink_to(tmp_path / "disk/1.png")
+    (town / "seg").symlink_to(tmp_path / "tags")
+
+    (frame,) = read_source(town, options=ReadOptions(outside_files=True))
+
+    assert frame.image == town / "1.png"
+    assert frame.segmentation == town / "seg/1.png"
+
+
+def test_link_that_leads_to_itself_ends_no_reading(tmp_path):
+    town = write_files(tmp_path, {"1.png": None, "2.json": "{}"})
+    (town / "again").symlink_to(town)
+    (town / "1.json").symlink_to("1.json")
+
+    assert keys(read_source(town)) == ["1"]
+
+
+def test_coco_file_that_is_a_link_is_read_if_it_is_named_itself(tmp_path):
+    write_files(tmp_path, {"all.json": EMPTY_COCO, "town/1.png": None})
+    (tmp_path / "town/link.json").symlink_to(tmp_path / "all.json")
+
+    assert keys(read_source(tmp_path / "town/link.json")) == []
+    with pytest.raises(LayoutError, match=r"found link\.json"):
+        read_source(tmp_path / "town")
 
 
 def test_carlasimu_layout_reads_widest_band_and_readme_class_numbers(tmp_path):

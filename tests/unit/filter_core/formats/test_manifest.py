@@ -6,8 +6,11 @@ import json
 
 import pytest
 
+from filter_core.errors import LayoutError
+from filter_core.formats.manifest import FRAME_FILES
 from filter_core.formats.reading import MAX_LABEL_BYTES, ReadOptions
 from filter_core.formats.registry import read_source
+from filter_core.values import shown
 from tests.support.folders import write_files
 
 FRAME = {"key": "a/0", "boxes": [{"class": "car", "xyxy": [1, 2, 3, 4]}]}
@@ -20,16 +23,78 @@ def write(tmp_path, *lines):
 
 
 def test_paths_are_relative_to_the_manifest_or_absolute(tmp_path):
-    files = {"image": "rgb/0.png", "segmentation": "/else/0.png", "depth": "d/0.png"}
+    inside = str(tmp_path / "seg/0.png")
+    files = {"image": "rgb/../rgb/0.png", "segmentation": inside, "depth": "d/0.png"}
     path = write(tmp_path, json.dumps({**FRAME, **files, "map": "Town01"}))
 
     (frame,) = read_source(path)
 
     assert frame.key == "a/0"
-    assert frame.image == tmp_path / "rgb/0.png"
-    assert str(frame.segmentation) == "/else/0.png"
+    assert frame.image == tmp_path / "rgb/../rgb/0.png"
+    assert str(frame.segmentation) == inside
     assert frame.others == {"depth": tmp_path / "d/0.png"}
     assert frame.annotation == {"boxes": FRAME["boxes"], "map": "Town01"}
+
+
+@pytest.fixture
+def town(tmp_path):
+    """A folder for a manifest, with links, and a picture beside it."""
+    write_files(tmp_path, {"private.png": None, "town/rgb/0.png": None})
+    town = tmp_path / "town"
+    (town / "link.png").symlink_to(tmp_path / "private.png")
+    (town / "out").symlink_to(tmp_path)
+    (town / "in").symlink_to("rgb")
+    return town
+
+
+@pytest.mark.parametrize("kind", FRAME_FILES)
+@pytest.mark.parametrize(
+    "given",
+    ["ABSOLUTE", "../private.png", "..\\private.png", "link.png", "out/private.png"],
+)
+def test_file_outside_the_folder_is_the_problem_of_its_frame(town, kind, given):
+    given = given.replace("ABSOLUTE", str(town.parent / "private.png"))
+    lines = [{**FRAME, "key": "bad", kind: given}, {**FRAME, "image": "in/0.png"}]
+    path = write(town, *map(json.dumps, lines))
+
+    bad, good = read_source(path)
+    allowed, _ = read_source(path, options=ReadOptions(outside_files=True))
+
+    assert str(bad.problem) == (
+        f"frames.jsonl, line 1, {kind}: expected a file in the manifest's folder, "
+        f"found {shown(given)}, which is or leads outside; with --outside-files "
+        "(outside_files) such files are read"
+    )
+    assert (bad.annotation, bad.image, bad.segmentation, bad.others) == (
+        None, None, None, {}
+    )  # fmt: skip
+    assert (good.problem, good.image) == (None, town / "in/0.png")
+    named = {"image": allowed.image, "segmentation": allowed.segmentation}
+    found = {**named, **allowed.others}[kind]
+    assert found.samefile(town.parent / "private.png")
+
+
+def test_path_that_no_file_can_have_is_the_problem_of_its_frame(tmp_path):
+    path = write(tmp_path, json.dumps({**FRAME, "image": "a\0b"}), json.dumps(FRAME))
+
+    bad, good = read_source(path)
+
+    assert "found the text 'a\\x00b'" in str(bad.problem)
+    assert good.problem is None
+
+
+def test_manifest_that_is_a_link_to_a_file_outside_is_refused(tmp_path):
+    write_files(tmp_path, {"secret.jsonl": json.dumps(FRAME), "town/1.png": None})
+    link = tmp_path / "town/manifest.jsonl"
+    link.symlink_to(tmp_path / "secret.jsonl")
+
+    with pytest.raises(
+        LayoutError, match=r"manifest\.jsonl, which is or leads out"
+    ):
+        read_source(tmp_path / "town")
+    allowed = ReadOptions(outside_files=True)
+    assert [one.key for one in read_source(link)] == ["a/0"]
+    assert [one.key for one in read_source(link.parent, options=allowed)] == ["a/0"]
 
 
 def test_segmentation_paths_are_relative_to_the_given_folder(tmp_path):
@@ -41,13 +106,13 @@ def test_segmentation_paths_are_relative_to_the_given_folder(tmp_path):
 
 
 def test_windows_paths_are_resolved(tmp_path):
-    write_files(tmp_path, {"rgb/0.png": None, "d/manifest.jsonl": ""})
-    files = {"image": "..\\rgb\\0.png", "depth": "no\\0.png"}
+    write_files(tmp_path, {"d/rgb/0.png": None, "d/manifest.jsonl": ""})
+    files = {"image": "rgb\\0.png", "depth": "no\\0.png"}
     (tmp_path / "d/manifest.jsonl").write_text(json.dumps({**FRAME, **files}))
 
     (frame,) = read_source(tmp_path / "d")
 
-    assert frame.image == tmp_path / "d/../rgb/0.png"
+    assert frame.image == tmp_path / "d/rgb/0.png"
     assert frame.others == {"depth": tmp_path / "d/no/0.png"}
 
 
