@@ -11,6 +11,7 @@ from datetime import datetime, timedelta, timezone
 import pytest
 
 from app.access.service import MOST_LINKS
+from filter_core.formats.registry import EXPORT_FORMATS
 from tests.support import databases, plain_http
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
@@ -72,6 +73,31 @@ def test_export_of_the_same_state_gives_the_same_file(api, dataset, export):
 
     assert again["id"] != export["id"]
     assert again["sha256"] == export["sha256"] != other["sha256"]
+
+
+def contents(api, dataset, **options):
+    """The files of a new export, and its manifest."""
+    archive = download(api, run_export(api, dataset, **options)).content
+    with zipfile.ZipFile(io.BytesIO(archive)) as zipped:
+        files = {name: zipped.read(name) for name in zipped.namelist()}
+    return files, json.loads(files.pop("manifest.json"))
+
+
+@pytest.mark.parametrize("form", EXPORT_FORMATS)
+def test_run_that_changes_no_verdict_changes_only_its_number_in_an_export(api, form):
+    dataset = api.dataset_of_one_frame()
+    files, manifest = contents(api, dataset, form=form)
+
+    run = api.run(dataset, {}, activate=True)
+    later, later_manifest = contents(api, dataset, form=form)
+
+    assert later_manifest == {**manifest, "run": run["id"]} != manifest
+    numbers = [f'"run":{number}'.encode() for number in (manifest["run"], run["id"])]
+    if form == "decisions-jsonl":
+        before = files["decisions.jsonl"]
+        files["decisions.jsonl"] = before.replace(*numbers)
+        assert files["decisions.jsonl"] != before
+    assert later == files
 
 
 def test_download_resumes_with_a_byte_range(api, export):
