@@ -7,6 +7,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn, TypeAlias
 
@@ -285,6 +286,8 @@ def error_lines(error: Exception) -> Iterator[str]:
 
     if isinstance(error, httpx.TransportError):
         yield f"no answer from {_address(error)}: {str(error) or type(error).__name__}"
+        origin = _origin(_address(error))
+        yield f"{origin}; --server URL or UNGHOST_SERVER selects another."
         yield "Is the server running? `unghost serve` starts one."
     elif isinstance(error, ApiError):
         yield f"{error.detail} ({error.code})"
@@ -306,4 +309,23 @@ def _address(error: httpx.TransportError) -> str:
         url = error.request.url
     except RuntimeError:  # httpx: the error has no request
         return "the server"
+    return _base(url)
+
+
+def _base(url: httpx.URL) -> str:
     return str(url.copy_with(path="/", query=None)).rstrip("/")
+
+
+def _origin(address: str) -> str:
+    """Which setting an address is from: the beginning of a sentence."""
+    import httpx
+
+    from unghost.client.discovery import DEFAULT_URL, SERVER_VARIABLE
+
+    said = os.environ.get(SERVER_VARIABLE)
+    with suppress(httpx.InvalidURL):  # not used, then
+        if said and _base(httpx.URL(said)) == address:
+            return f"This address is from {SERVER_VARIABLE}"
+    if not said and address == DEFAULT_URL:
+        return "This address is the default"
+    return "This address is from --server"

@@ -24,6 +24,9 @@ from unghost.wire.note import DEFAULT_PORT, note_path
 
 DEFAULT_URL: Final = "http://127.0.0.1:8000"
 
+SERVER_VARIABLE: Final = "UNGHOST_SERVER"
+"""Environment variable with the address to use instead of `DEFAULT_URL`."""
+
 DEFAULT_DATA: Final = Path("unghost-data")
 
 _ROOT: Final = 0
@@ -71,7 +74,7 @@ def find_server(
     and another user than the owner of that file listens at the address.
     """
     env = os.environ if environ is None else environ
-    address = _checked(url or env.get("UNGHOST_SERVER") or DEFAULT_URL)
+    address = _address(url, env)
     said = token or env.get("UNGHOST_TOKEN")
     if said:
         return Server(address, said.strip())
@@ -96,6 +99,16 @@ def refuse_foreign(server: Server) -> None:
             "the token as UNGHOST_TOKEN; if not, start yours again, on another port "
             "while this one is taken."
         )
+
+
+def _address(url: str | None, env: Mapping[str, str]) -> str:
+    said = env.get(SERVER_VARIABLE)
+    if url or not said:
+        return _checked(url or DEFAULT_URL)
+    try:
+        return _checked(said)
+    except BadServerUrl as exc:
+        raise BadServerUrl(f"{SERVER_VARIABLE}: {exc}") from exc
 
 
 def _checked(url: str) -> str:

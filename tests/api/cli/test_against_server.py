@@ -244,6 +244,7 @@ def test_unavailable_server_exits_with_69(cli_without_server, words):
 
     assert answer.code == UNAVAILABLE
     assert "no answer from http://127.0.0.1:" in answer.err
+    assert "from UNGHOST_SERVER; --server URL or" in answer.err
     assert "Traceback" not in answer.err
     assert answer.out == ""
 

@@ -44,11 +44,30 @@ def test_each_expected_error_has_an_exit_code(error, code):
     assert exit_code(error) == code
 
 
-def test_connection_error_message_names_server_and_serve_command():
+@pytest.mark.parametrize(
+    ("variable", "origin"),
+    [
+        (None, "This address is the default"),
+        ("", "This address is the default"),
+        ("http://127.0.0.1:8000/", "This address is from UNGHOST_SERVER"),
+        ("http://127.0.0.1:8001", "This address is from --server"),
+        ("http://a:x", "This address is from --server"),
+    ],
+)
+def test_connection_error_message_names_address_and_its_origin(
+    monkeypatch, variable, origin
+):
+    monkeypatch.delenv("UNGHOST_SERVER", raising=False)
+    if variable is not None:
+        monkeypatch.setenv("UNGHOST_SERVER", variable)
+
     lines = list(error_lines(httpx.ConnectError("refused", request=REQUEST)))
 
-    assert lines[0] == "no answer from http://127.0.0.1:8000: refused"
-    assert "unghost serve" in lines[1]
+    assert lines == [
+        "no answer from http://127.0.0.1:8000: refused",
+        f"{origin}; --server URL or UNGHOST_SERVER selects another.",
+        "Is the server running? `unghost serve` starts one.",
+    ]
 
 
 def test_message_of_refused_request_lists_all_faults():

@@ -105,3 +105,5 @@ def test_note_path_follows_xdg_state_home(home):
 def test_invalid_server_url_raises_bad_server_url(home, url):
     with pytest.raises(BadServerUrl, match="not the address of a server"):
         find_server(url, environ=env_of(home))
+    with pytest.raises(BadServerUrl, match=f"^UNGHOST_SERVER: {url!r} is not the ad"):
+        find_server(environ=env_of(home, UNGHOST_SERVER=url))
