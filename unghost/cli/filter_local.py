@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Final, NamedTuple, TypeAlias, get_a
 
 import typer
 
-from unghost.cli.options import OutputOptions
+from unghost.cli.options import OutputOptions, note_unknown_classes
 from unghost.cli.screen import Refused, Screen, partly_done, refusal
 from unghost.cli.sources import (
     LocalFilterOptions,
@@ -83,6 +83,7 @@ def filter_local(options: FilterOptions) -> None:
             write(line.content)
     for file in found.unmatched:
         tally.screen.note(not_matched(file))
+    note_unknown_classes(options.screen, config.as_dict(), tally.classes)
     tally.print_summary(options.output, found.unmatched)
     if tally.failed or found.unmatched:
         raise partly_done(tally.decided)
@@ -124,6 +125,7 @@ class _Tally:
         self.screen = screen
         self.decided = 0
         self.failed = 0
+        self.classes: Counter[str] = Counter()
         self._boxes: Counter[str] = Counter()
 
     def watch(
@@ -142,6 +144,7 @@ class _Tally:
             self.screen.note(refusal(line.key, line.fault))
             return
         self.decided += 1
+        self.classes.update(line.classes)
         self._boxes.update(line.verdicts)
 
     def print_summary(self, output: Path, unmatched: Sequence[Unmatched]) -> None:
@@ -160,11 +163,12 @@ class _Tally:
 
 @dataclass(frozen=True)
 class FrameLine:
-    """A frame's line, how many of its boxes got which verdict, or what is wrong."""
+    """A frame's line, its boxes counted by verdict and by class, or what is wrong."""
 
     key: str
     content: bytes
     verdicts: Counter[str] = field(default_factory=Counter)
+    classes: Counter[str] = field(default_factory=Counter)
     fault: str | None = None
 
 
@@ -310,8 +314,10 @@ def _line_of(config: FilterConfig, frame: FrameSource | FrameOutcome) -> FrameLi
     content = _encoder()(dict(outcome.as_dict())) + b"\n"
     if outcome.error is not None:
         return FrameLine(outcome.key, content, fault=outcome.error["detail"])
-    verdicts = Counter(str(each["verdict"]) for each in outcome.decisions or ())
-    return FrameLine(outcome.key, content, verdicts)
+    decisions = outcome.decisions or ()
+    verdicts = Counter(str(each["verdict"]) for each in decisions)
+    classes = Counter(str(each["class"]) for each in decisions)
+    return FrameLine(outcome.key, content, verdicts, classes)
 
 
 @cache

@@ -184,6 +184,41 @@ def error_context(path: Path | None) -> Iterator[None]:
         raise Refused(f"{path}: {exc.detail}") from exc
 
 
+def note_unknown_classes(
+    screen: Screen, config: Mapping[str, object], boxes: Mapping[str, int]
+) -> None:
+    """Note classes of a configuration that are probably misspelt.
+
+    Any name may be the class of boxes, so it is no error. The filter's own classes are
+    not noted: one configuration may be for several datasets.
+
+    Parameters
+    ----------
+    screen : Screen
+    config : mapping
+        A configuration's keys and values.
+    boxes : mapping of str to int
+        The number of boxes of each class that occurs. If there are none, nothing is
+        known about the classes.
+    """
+    from filter_core.classes import CLASSES, canonical_class
+    from filter_core.values import similar
+
+    named = config.get("classes")
+    if not boxes or not isinstance(named, Mapping):
+        return
+    known = {*CLASSES, *map(canonical_class, boxes)}
+    for name in named:
+        if canonical_class(name) in known:
+            continue
+        meant = similar(name, {*known, *boxes})
+        hint = f"; did you mean {meant!r}?" if meant else ""
+        count = sum(boxes.values())
+        screen.note(
+            f"class {name!r} of the configuration occurs in none of {count} boxes{hint}"
+        )
+
+
 def listed(words: object) -> str:
     """The values of a `Literal` as a list in a sentence: "a, b or c"."""
     *first, last = map(str, get_args(words))

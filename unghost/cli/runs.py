@@ -7,7 +7,7 @@ configuration of a dataset.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
@@ -20,6 +20,7 @@ from unghost.cli.options import (
     ServerOptions,
     config_text,
     error_context,
+    note_unknown_classes,
 )
 from unghost.cli.screen import Screen, most_first
 
@@ -92,7 +93,7 @@ def run(options: RunOptions) -> None:
     if options.cancel_on_interrupt and not options.wait:
         raise typer.BadParameter("--cancel-on-interrupt is for --wait")
     with options.connect() as client:
-        version = _add_config(client, options.dataset, options.config)
+        version = _add_config(client, options, options.config)
         started = client.start_run(
             options.dataset, version.digest, activate=options.activate
         )
@@ -292,7 +293,7 @@ def set_config(options: ConfigSetOptions) -> None:
     """
     screen = options.screen
     with options.connect() as client:
-        version = _add_config(client, options.dataset, options.config)
+        version = _add_config(client, options, options.config)
         if version.unused_keys:
             screen.note(f"keys that are not used: {', '.join(version.unused_keys)}")
         run = client.set_config(options.dataset, version.digest)
@@ -301,10 +302,28 @@ def set_config(options: ConfigSetOptions) -> None:
     screen.record(run.raw, f"config {version.digest[:12]}\t{run_line(run)}")
 
 
-def _add_config(client: Client, dataset: str, file: Path) -> ConfigVersion:
+def _add_config(
+    client: Client, options: RunOptions | ConfigSetOptions, file: Path
+) -> ConfigVersion:
     text = config_text(file)
     with error_context(file):
-        return client.add_config(dataset, text)
+        version = client.add_config(options.dataset, text)
+    _note_unknown_classes(client, options, version.config)
+    return version
+
+
+def _note_unknown_classes(
+    client: Client,
+    options: RunOptions | ConfigSetOptions | ConfigDiffOptions,
+    config: Mapping[str, object],
+) -> None:
+    if config.get("classes"):
+        counts = client.stats(options.dataset).by_class
+        boxes = {
+            name: each.kept + each.rejected + each.unmeasured
+            for name, each in counts.items()
+        }
+        note_unknown_classes(options.screen, config, boxes)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -326,6 +345,7 @@ def diff_config(options: ConfigDiffOptions) -> None:
     with error_context(options.config):
         new = load_config(options.config.read_bytes()).config
     with options.connect() as client:
+        _note_unknown_classes(client, options, new.as_dict())
         old = client.active_config(options.dataset)
         preview = client.preview(options.dataset, new.as_dict())
     changes = diff_configs(FilterConfig.from_mapping(old.config), new)
