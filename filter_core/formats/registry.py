@@ -76,6 +76,9 @@ EXPORT_FORMATS: Final = tuple(name for name, one in FORMATS.items() if one.write
 LAYOUTS: Final = ("auto", *(name for name, one in FORMATS.items() if one.read))
 """The formats that `read_source` can read, and ``auto``."""
 
+UNUSED_OPTION: Final = "unused_option"
+"""Code of the error about an option that a layout does not have."""
+
 _TRIED_FIRST: Final = (MANIFEST, KITTI, CARLASIMU, VOC)
 """Layouts that are tried before the others, which follow as in `FORMATS`."""
 
@@ -119,7 +122,10 @@ def read_source(
     options = options or ReadOptions()
     for option in sorted(options.changed() - found.read_options):
         heeded = ", ".join(sorted(found.read_options))
-        raise LayoutError(f"layout {name!r} has no option {option!r}; it has {heeded}")
+        raise LayoutError(
+            f"layout {name!r} has no option {option!r}; it has {heeded}",
+            code=UNUSED_OPTION,
+        )
     if found is not MANIFEST:  # which checks each file that it names
         check_links(source, options)
     return found.read(source, options)

@@ -59,10 +59,17 @@ class FormatOptions:
         Raises
         ------
         typer.BadParameter
-            One is not of the form KEY=VALUE, or is given twice.
+            One is not of the form KEY=VALUE, is given twice, or is no format's option.
         """
+        from unghost.wire.runs import ExportOptions as KnownOptions
+
+        known = KnownOptions.model_fields
         found: dict[str, object] = {}
         for key, value in map(_pair, self.option or ()):
+            if key not in known:
+                raise typer.BadParameter(
+                    f"--option {key}: expected one of {', '.join(known)}"
+                )
             if key in found:
                 raise typer.BadParameter(f"--option {key} is given twice")
             found[key] = value
@@ -94,8 +101,8 @@ class ExportOptions(ServerOptions, FormatOptions):
 
     dataset: DatasetName
     format: Annotated[
-        str,
-        typer.Option("--format", help=f"{listed(ExportFormat)}."),
+        ExportFormat,
+        typer.Option("--format", metavar="FORMAT", help=f"{listed(ExportFormat)}."),
     ]
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The file to write.", dir_okay=False)
@@ -192,7 +199,7 @@ class ConvertOptions(OutputOptions, SourceOptions, SegmentationReading, FormatOp
         ),
     ]
     to: Annotated[
-        str,
+        ExportFormat,
         typer.Option("--to", metavar="FORMAT", help=f"{listed(ExportFormat)}."),
     ]
     output: Annotated[
@@ -249,11 +256,26 @@ def convert(options: ConvertOptions) -> None:
 
 
 def _label_options(options: ConvertOptions) -> LabelOptions:
+    """The options of the format.
+
+    Raises
+    ------
+    typer.BadParameter
+        The format has no such option, or the option no such value.
+    NotAvailable
+        The format needs a library that is not installed.
+    """
+    from filter_core.formats.export import ExportError
     from filter_core.formats.export import ExportOptions as LabelOptions
     from filter_core.formats.registry import format_of
 
-    given = LabelOptions.from_mapping(options.given)
-    selects_boxes = "include" in format_of(options.to, given).options
+    try:
+        given = LabelOptions.from_mapping(options.given)
+        selects_boxes = "include" in format_of(options.to, given).options
+    except ExportError as exc:
+        name = exc.pointer.removeprefix("/options/")
+        why = exc.detail.removeprefix(f"{name}: ")
+        raise typer.BadParameter(f"--option {name}: {why}") from exc
     if options.filter or not selects_boxes:
         return given
     # Without the filter nothing is decided, and so nothing is left out.

@@ -40,7 +40,7 @@ _LOOKED_AT: Final = 500
 """Boxes without tags whose classes are named."""
 _LISTED: Final = 20
 """Problems that are listed one by one, of each kind."""
-_OPTION_OF_FIELD: Final = {"/name": "--dataset", "/classes": "--classes"}
+_OPTION_OF_FIELD: Final = {"/name": "--dataset", "/classes": "classes (--classes)"}
 
 
 @dataclass(frozen=True, kw_only=True)

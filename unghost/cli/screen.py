@@ -69,8 +69,10 @@ def naming_options(option_of_field: Mapping[str, str]) -> Iterator[None]:
 
     Raises
     ------
+    typer.BadParameter
+        The server refuses values of options only (`Invalid`); with all faults.
     Refused
-        The server refuses the content of the request (`Invalid`); with all faults.
+        It refuses something else in the request as well; with all faults.
     """
     from unghost.client.errors import Invalid
 
@@ -83,7 +85,10 @@ def naming_options(option_of_field: Mapping[str, str]) -> Iterator[None]:
                 option + line.removeprefix(field) if line.startswith(field) else line
                 for line in lines
             ]
-        raise Refused("\n  ".join(lines)) from error
+        text = "\n  ".join(lines)
+        if all(line.startswith("--") for line in lines):
+            raise typer.BadParameter(text) from error
+        raise Refused(text) from error
 
 
 def partly_done(done: int) -> typer.Exit:

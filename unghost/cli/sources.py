@@ -33,7 +33,7 @@ class SourceOptions:
     """How to read a folder of frames."""
 
     layout: Annotated[
-        str,
+        Layout,
         typer.Option(
             metavar="LAYOUT",
             help=f"How the files of the folder are arranged: {listed(Layout)}.",
@@ -151,11 +151,18 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
     ------
     LayoutError
         Its layout is unknown, or is not the one that was named.
+    typer.BadParameter
+        Its layout does not have one of the options.
     Refused
         It may have several layouts, and none was named; or it has no frames.
     """
+    from filter_core.errors import LayoutError
     from filter_core.formats.reading import ReadOptions, name_of
-    from filter_core.formats.registry import possible_layouts, read_source
+    from filter_core.formats.registry import (
+        UNUSED_OPTION,
+        possible_layouts,
+        read_source,
+    )
 
     read = ReadOptions(
         segmentation=options.segmentation,
@@ -171,7 +178,12 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
             f"{name_of(path)}: could be {' or '.join(possible)}; choose one, for "
             f"example with --layout {possible[0]}"
         )
-    found = read_source(path, possible[0] if possible else layout, read)
+    try:
+        found = read_source(path, possible[0] if possible else layout, read)
+    except LayoutError as exc:
+        if exc.kind == UNUSED_OPTION:
+            raise typer.BadParameter(exc.detail) from exc
+        raise
     if found.count is None and found.layout == "manifest":
         found = replace(found, count=_count_lines(path))
     if found.count == 0:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.command_line import CommandLine
+from tests.support.folders import write_files
 from tests.support.frames import image as scene_image
 from tests.support.frames import write_manifest
 from tests.support.ports import reserved_port
@@ -352,24 +353,35 @@ def test_labels_are_exported_to_a_file(unghost, pushed_dataset, tmp_path):
 
 def test_refused_export_names_the_options_of_the_command(unghost, pushed_dataset):
     options = {
-        "unghost: --option color: unknown name": ("yolo", "color=1"),
-        "unghost: --option split: expected a number": ("yolo", "split=often"),
-        "unghost: --format: expected 'yolo', 'coco'": ("ylo", "split=0.9"),
+        "--option color: expected one of include, include_un": ("yolo", "color=1"),
+        "--option split: expected a number": ("yolo", "split=often"),
+        "--option split: expected at most 1": ("yolo", "split=2"),
+        "--option bands: format 'cvat' has no option": ("cvat", "bands=50"),
+        "'ylo' is not one of 'yolo', 'coco', 'kitti'": ("ylo", "split=0.9"),
     }
 
     for words, (format_, option) in options.items():
         answer = unghost(
             "export", pushed_dataset, "--format", format_, "-O", option, "-o", "x.zip"
         )
-        assert answer.code == REFUSED
-        assert answer.err.startswith(words)
+        assert answer.code == USAGE
+        assert words in answer.err
 
 
 def test_refused_name_of_a_dataset_names_the_option(unghost, tmp_path):
     answer = unghost("push", frames_in(tmp_path, 1), "--dataset", "Town 10")
 
+    assert answer.code == USAGE
+    assert "--dataset: expected 1 to 100 of a-z" in answer.err
+
+
+def test_refused_classes_of_a_folder_are_no_wrong_usage(unghost, name, tmp_path):
+    write_files(tmp_path / "town", {"labels/1.txt": "", "classes.txt": "car\n" * 2})
+
+    answer = unghost("push", tmp_path / "town", "--dataset", name)
+
     assert answer.code == REFUSED
-    assert answer.err.startswith("unghost: --dataset: expected 1 to 100 of a-z")
+    assert "classes" in answer.err
 
 
 def test_token_is_read_from_the_data_folder_in_the_current_folder(server, tmp_path):

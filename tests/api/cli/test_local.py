@@ -286,8 +286,17 @@ def test_convert_with_filter_drops_rejected_boxes(unghost, tmp_path):
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
-        (("--to", "ylo"), REFUSED, "the nearest is 'yolo'"),
-        (("--to", "cvat", "-O", "bands=50"), REFUSED, "has no option 'bands'"),
+        (("--to", "yolo8"), USAGE, "'yolo8' is not one of 'yolo', 'coco', 'kitti'"),
+        (("--to", "yolo", "--layout", "foo"), USAGE, "'foo' is not one of 'auto', 'y"),
+        (("--to", "yolo", "--classes", "car"), USAGE, "has no option 'classes'"),
+        (
+            ("--to", "cvat", "-O", "bands=50"),
+            USAGE,
+            "bands: format 'cvat' has no option",
+        ),
+        (("--to", "yolo", "-O", "color=1"), USAGE, "color: expected one of include, i"),
+        (("--to", "yolo", "-O", "split=2"), USAGE, "split: expected a share from 0 to"),
+        (("--to", "yolo", "-O", "include=al"), USAGE, "one of effective, kept, all"),
         (("--to", "yolo", "-O", "split"), USAGE, "not of the form KEY=VALUE"),
         (
             ("--to", "yolo", "-O", "split=1", "-O", "split=0"),
