@@ -48,7 +48,9 @@ class FormatOptions:
             "-O",
             metavar="KEY=VALUE",
             help="An option of the format, such as include=all, split=0.9 or "
-            "bands=50,100.",
+            "bands=50,100. split is about the share of the frames for training: a hash "
+            "of its key decides the part of a frame, so that it keeps its part when "
+            "others are added.",
         ),
     ] = None
 

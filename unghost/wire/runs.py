@@ -242,7 +242,13 @@ class ExportOptions(RequestModel):
     ] = "copy"
     split: Annotated[
         float,
-        Field(ge=0, le=1, description="Share of the frames for training, 0 to 1."),
+        Field(
+            ge=0,
+            le=1,
+            description="About this share of the frames is for training, 0 to 1. A "
+            "hash of its key and map decides the part of a frame, so that it keeps its "
+            "part when others are added.",
+        ),
     ] = 0.8
     bands: list[Annotated[int, Field(ge=1, le=MAX_BAND)]] = Field(
         default=[],

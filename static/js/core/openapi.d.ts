@@ -2006,7 +2006,7 @@ export interface components {
             images?: "copy" | "none";
             /**
              * Split
-             * @description Share of the frames for training, 0 to 1.
+             * @description About this share of the frames is for training, 0 to 1. A hash of its key and map decides the part of a frame, so that it keeps its part when others are added.
              * @default 0.8
              */
             split?: number;
