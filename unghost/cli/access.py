@@ -237,7 +237,12 @@ def _find_token(client: Client, which: str) -> Token:
     for token in tokens:
         if str(token.id) == which:
             return token
-    raise Refused(f"there is no token {which!r}; `unghost token list` lists all")
+    # Imported here, because it loads the library.
+    from filter_core.values import similar
+
+    close = similar(which, (token.name for token in tokens))
+    hint = f"the nearest is {close!r}; " if close else ""
+    raise Refused(f"there is no token {which!r}; {hint}`unghost token list` lists all")
 
 
 def _token_row(token: Token) -> tuple[object, ...]:

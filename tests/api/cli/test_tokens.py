@@ -93,7 +93,8 @@ def test_revoked_token_is_refused(unghost, by):
             "--server is not for --offline",
         ),
         (["create", "kim", "--offline", "--token", "ug_x"], USAGE, "--token is not"),
-        (["revoke", "nobody"], REFUSED, "there is no token 'nobody'"),
+        (["revoke", "nobody"], REFUSED, "there is no token 'nobody'; `unghost tok"),
+        (["revoke", "admni"], REFUSED, "there is no token 'admni'; the nearest is 'ad"),
         (["revoke", "admin"], REFUSED, "the last one of an admin"),
     ],
 )

@@ -88,9 +88,7 @@ def test_manifest_that_is_a_link_to_a_file_outside_is_refused(tmp_path):
     link = tmp_path / "town/manifest.jsonl"
     link.symlink_to(tmp_path / "secret.jsonl")
 
-    with pytest.raises(
-        LayoutError, match=r"manifest\.jsonl, which is or leads out"
-    ):
+    with pytest.raises(LayoutError, match=r"manifest\.jsonl, which is or leads out"):
         read_source(tmp_path / "town")
     allowed = ReadOptions(outside_files=True)
     assert [one.key for one in read_source(link)] == ["a/0"]
