@@ -71,6 +71,7 @@ def test_file_outside_the_folder_is_the_problem_of_its_frame(town, kind, given):
     assert (good.problem, good.image) == (None, town / "in/0.png")
     named = {"image": allowed.image, "segmentation": allowed.segmentation}
     found = {**named, **allowed.others}[kind]
+    assert found is not None
     assert found.samefile(town.parent / "private.png")
 
 
