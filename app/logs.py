@@ -108,17 +108,24 @@ class AccessRecord(NamedTuple):
     client: str | None
 
 
+MAX_PATH: Final = 500
+"""Characters of a path in the log: anybody may send longer ones, without a token."""
+
+
 def log_access(record: AccessRecord) -> None:
     """Log one line for a request: no query string, no header, no body."""
     if not access_log.isEnabledFor(logging.INFO):
         return
     duration_ms = round(1e3 * record.seconds, 1)
-    facts = {**record._asdict(), "duration_ms": duration_ms}
+    path = record.path
+    if len(path) > MAX_PATH:
+        path = f"{path[:MAX_PATH]}... ({len(path)} characters)"
+    facts = {**record._asdict(), "path": path, "duration_ms": duration_ms}
     del facts["seconds"]
     access_log.info(
         "%s %s %d %.1f ms %s",
         record.method,
-        record.path,
+        path,
         record.status,
         duration_ms,
         record.caller or "-",

@@ -140,13 +140,13 @@ class Tokens:
     def replace(
         self, name: str, role: Role, digest: str, expires_at: datetime
     ) -> Token:
-        """Give the token of this name a new hash; its sessions end."""
+        """Give the token of this name a new hash; what the former one opened ends."""
         token = self.by_name(name)
         if token is None:
             token = Token(name=name, role=role, hash=digest, expires_at=expires_at)
             self.add(token)
             return token
-        self.end_sessions_of(token.id)
+        self._end_all_of(token.id)
         token.hash, token.role = digest, role
         token.revoked_at, token.expires_at = None, expires_at
         self._session.flush()
@@ -208,8 +208,7 @@ class Tokens:
     def revoke(self, token: Token, now: datetime) -> None:
         """Make the token invalid permanently; a second call changes nothing."""
         token.revoked_at = token.revoked_at or now
-        self.end_sessions_of(token.id)
-        self._session.execute(delete(LoginCode).where(LoginCode.token_id == token.id))
+        self._end_all_of(token.id)
         self._session.flush()
 
     def open_session(self, opened: LoginSession, *, most: int) -> None:
@@ -307,11 +306,10 @@ class Tokens:
         """Delete one session."""
         self._session.execute(delete(LoginSession).where(LoginSession.hash == digest))
 
-    def end_sessions_of(self, token_id: int) -> None:
-        """Delete all sessions that a token opened."""
-        self._session.execute(
-            delete(LoginSession).where(LoginSession.token_id == token_id)
-        )
+    def _end_all_of(self, token_id: int) -> None:
+        """Delete the sessions, login codes and download links of a token."""
+        for table in (LoginSession, LoginCode, DownloadLink):
+            self._session.execute(delete(table).where(table.token_id == token_id))
 
     def end_expired_sessions(self, now: datetime) -> None:
         """Delete expired sessions."""

@@ -109,10 +109,11 @@ def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
     `by` says what it was opened with: ``token`` or ``code``.
     """
     secret = new_session()
+    ends = utc_now() + lifetime
+    if audit.actor is not None:  # the first token's former value ends before its token
+        ends = min(ends, expiry(audit.session, audit.actor) or ends)
     opened = LoginSession(
-        hash=hash_secret(secret),
-        token_id=audit.token_id,
-        expires_at=utc_now() + lifetime,
+        hash=hash_secret(secret), token_id=audit.token_id, expires_at=ends
     )
     Tokens(audit.session).open_session(opened, most=MOST_SESSIONS)
     audit.note(AuditAction.SESSION_OPENED, audit.name, by=by)
@@ -200,7 +201,20 @@ def issue_offline(
 
 
 def make_code(audit: AuditTrail, token_id: int | None = None) -> tuple[LoginCode, str]:
-    """A login code of this token, or of the actor's, and its secret."""
+    """A login code of this token, or of the actor's, and its secret.
+
+    Raises
+    ------
+    Forbidden
+        The actor has a session, or the first token's former value: the session that
+        the code opens would not end with them.
+    """
+    by = audit.actor
+    if by is not None and (by.session_hash or by.former_hash):
+        raise Forbidden(
+            "a login code needs a token that is not replaced; neither a session nor "
+            "the former value of a token makes one"
+        )
     secret, now = new_login_code(), utc_now()
     code = LoginCode(
         hash=hash_secret(secret),

@@ -40,9 +40,9 @@ cause*: only that frame, which becomes a chunk of its own; the other frames of t
 get a first attempt at once.
 
 **Several frames in a row, each of which ends its process,** would end three processes
-each. So the driver looks at the frame before the cause. If that one is in quarantine as
-a cause, too, all frames of the chunk that have no result are put into quarantine, and
-not the cause alone (`_follows_another`).
+each. So if the driver finds a cause, and the frame just before it is in quarantine
+already, it puts not only the cause into quarantine, but all frames of the chunk that
+have no result (`_follows_another`).
 
 **An unreadable frame** ends no process: only the child processes that decode its images
 die, or exceed their limits of time or memory. `refuse` puts its chunk into quarantine

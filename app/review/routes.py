@@ -62,7 +62,9 @@ def take_from_queue(
     wanted = QueueRequest(principal.name, selection=filters, **chosen)
     queue = remaining_boxes(services, dataset, wanted)
     found = DatasetRepository(session).named(dataset)
-    return json_response(next_boxes(session, found, wanted, queue))
+    # no-store: a repeated request may get other boxes, so its response is not kept.
+    headers = {"Cache-Control": "no-store"}
+    return json_response(next_boxes(session, found, wanted, queue), headers=headers)
 
 
 router = ApiRouter(prefix="/api/v1", tag="reviews")

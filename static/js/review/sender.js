@@ -120,8 +120,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
    */
   const refused = new Map();
   /**
-   * When a bulk answer on a filter, or the undo of one, was given (its `order`), by its id on the server. Only those
-   * that were stored since the page was loaded.
+   * The bulk answers on a filter, and their undos, that this tab has stored since it was loaded: from the id on the
+   * server to the `order` in which they were given. `isOvertakenByOwn` recognises them in a box's history.
    * @type {Map<number, number>}
    */
   const storedOnFilter = new Map();

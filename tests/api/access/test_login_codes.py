@@ -88,6 +88,16 @@ def test_login_code_of_a_revoked_token_is_unauthorised(service, admin, anonymous
     assert answer.status_code == 401
 
 
+def test_session_makes_no_login_code(service, anonymous):
+    """It would open another session, which the end of the first one does not end."""
+    session = log_in(service, anonymous)
+
+    answer = anonymous.post("/api/v1/login-codes", headers=session)
+
+    assert answer.status_code == 403
+    assert "a login code needs a token" in answer.json()["detail"]
+
+
 def test_login_code_of_another_token_returns_404(admin, as_role):
     made = admin.post("/api/v1/login-codes").json()
 

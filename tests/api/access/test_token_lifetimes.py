@@ -147,7 +147,7 @@ def test_first_token_without_expiry_is_renewed_at_the_next_start(serve):
 
 
 def test_the_first_token_is_renewed_while_the_service_runs(serve):
-    service = serve()
+    service = serve(session_hours=24 * 60)
     old, soon = service.token, now() + RENEWED_BEFORE - DAY
     with service.client() as page:
         opened = page.post("/api/v1/session", json={"token": old}).json()
@@ -167,14 +167,20 @@ def test_the_first_token_is_renewed_while_the_service_runs(serve):
     with service.client() as script:
         headers = {"Authorization": f"Bearer {old}"}
         told = script.get("/api/v1/session", headers=headers).json()
+        reopened = script.post("/api/v1/session", json={"token": old}).json()
+        code = script.post("/api/v1/login-codes", headers=headers)
     assert parse_time(told["expires_at"]) == soon
+    # Nothing that it opens is valid for longer than itself.
+    assert parse_time(reopened["expires_at"]) <= soon
+    assert code.status_code == 403
     with service.admin() as admin:
         assert (
             parse_time(token_named(admin, "admin")["expires_at"])
             > now() + LIFETIME - DAY
         )
-        newest = admin.get("/api/v1/audit").json()["items"][0]
-        assert (newest["actor"], newest["action"]) == ("unghost", "token.renewed")
+        log = admin.get("/api/v1/audit").json()["items"]
+        noted = [(one["actor"], one["action"]) for one in log]
+        assert noted[:2] == [("admin", "session.opened"), ("unghost", "token.renewed")]
         # Revoking it ends its old value, too, and the sessions opened with that.
         create(admin, "another", role="admin", expires_in_days=None)
         admin.delete(f"{TOKENS}/1")
@@ -211,8 +217,9 @@ def test_token_file_readable_by_others_gets_a_new_token_and_mode_0600(
 ):
     before = serve()
     old = before.token
-    with before.client() as page:
+    with before.client() as page, before.admin() as admin:
         opened = page.post("/api/v1/session", json={"token": old}).json()
+        code = admin.post("/api/v1/login-codes").json()["code"]
     before.settings.token_file.chmod(mode)
 
     after = serve()
@@ -222,5 +229,8 @@ def test_token_file_readable_by_others_gets_a_new_token_and_mode_0600(
     assert is_authenticated(after, after.token)
     assert not is_authenticated(after, old)
     assert not is_authenticated(after, opened["session"])
+    with after.client() as page:
+        by_code = page.post("/api/v1/session", json={"code": code})
+    assert (by_code.status_code, by_code.json()["code"]) == (401, "code_over")
     assert f"the token file could be read by others (mode {mode:o})" in caplog.text
     assert after.token not in caplog.text

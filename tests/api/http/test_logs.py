@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from app.logs import JsonLines
+from app.logs import MAX_PATH, JsonLines
 from tests.support import archives, plain_http
 from tests.support import frames as scene
 from tests.support.api import BASE
@@ -64,6 +64,17 @@ def test_request_log_line_has_id_route_status_duration_and_caller(start_api):
         "caller": "admin",
         "client": "127.0.0.1",
     }
+
+
+def test_long_path_is_cut_in_the_log(start_api):
+    """Otherwise anybody could fill the disk, without a token."""
+    server, api = start_api()
+
+    api.http.get("/" + "%01" * 20_000)
+
+    log = log_with(server, "(20001 characters)")
+    (line,) = [line for line in log.splitlines() if "(20001 characters)" in line]
+    assert len(line) < 20 * MAX_PATH
 
 
 @pytest.mark.parametrize(
@@ -193,7 +204,8 @@ def send_credentials(server, made):
         ]
         opened = client.post(f"{BASE}/session", json={"token": made}).json()
         session = {"Authorization": f"Bearer {opened['session']}"}
-        code = client.post(f"{BASE}/login-codes", headers=session).json()["code"]
+        bearer = {"Authorization": f"Bearer {made}"}
+        code = client.post(f"{BASE}/login-codes", headers=bearer).json()["code"]
         answers += [
             client.get(f"/{code}", headers=session),
             client.get(f"{BASE}/exports/1/file", params={"key": f"ud_{SECRET}"}),

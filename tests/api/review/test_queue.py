@@ -8,7 +8,7 @@ from datetime import datetime, timedelta, timezone
 import pytest
 
 from tests.support import frames as scene
-from tests.support.api import Api
+from tests.support.api import BASE, Api
 from tests.support.databases import empty_postgres
 
 
@@ -94,6 +94,20 @@ def test_unsure_box_is_last_in_the_queue(api, dataset):
 
     assert ids(queue)[-1] == first
     assert (len(ids(queue)), queue["remaining"], queue["unsure"]) == (12, 11, 1)
+
+
+def test_response_of_the_queue_is_not_kept_for_an_idempotency_key(api, dataset):
+    """It has all data of many boxes, and a repeated request may get others."""
+    asked = {"url": f"{BASE}/datasets/{dataset}/queue", "json": {}}
+
+    answers = [
+        api.http.post(**asked, headers={"Idempotency-Key": f"queue-of-{dataset}"})
+        for _ in range(2)
+    ]
+
+    assert [answer.status_code for answer in answers] == [200, 200]
+    assert not any("idempotent-replayed" in answer.headers for answer in answers)
+    assert answers[0].headers["cache-control"] == "no-store"
 
 
 def test_excluded_boxes_are_not_returned_by_the_queue(api, dataset):
