@@ -26,6 +26,12 @@ export const upcoming = ({ ids, at, answered }, count) => ids.slice(at + 1).filt
 /** Boxes that were skipped without an answer. @param {Line} line */
 export const skippedBoxes = ({ ids, at, answered }) => ids.slice(0, at).filter((id) => !answered.has(id));
 
+/** The line without the boxes that are still to be looked at, the current one included. @param {Line} line @returns {Line} */
+export function lookedAt(line) {
+  const ids = line.ids.filter((id, index) => index < line.at || line.answered.has(id));
+  return { ...line, ids, at: ids.length };
+}
+
 /** Append boxes that the server sent; boxes already in the line keep their place. @param {Line} line @param {readonly number[]} more @returns {Line} */
 export function extended(line, more) {
   const known = new Set(line.ids);

@@ -34,7 +34,7 @@ export function QueueView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: `Queue · ${name}`, dataset: name });
   const dataset = useDataset(name);
-  const session = sessionOf(app, name, route.query);
+  const { session, isChecked } = sessionOf(app, name, route.query, dataset.value?.active_run);
   /** @param {Query} query */
   const setQuery = (query) => app.router.replace(linkTo("queue", { dataset: name }, query));
   const failed = dataset.state === "error" && !dataset.value;
@@ -43,7 +43,9 @@ export function QueueView({ app, route }) {
       ${failed
         ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
         : html`<${QueueHead} app=${app} session=${session} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
-            <${SessionView} key=${session} app=${app} session=${session} query=${route.query} isEmpty=${dataset.value?.counts.boxes === 0} onQuery=${setQuery} />`}
+            ${isChecked
+              ? html`<${SessionView} key=${session} app=${app} session=${session} query=${route.query} isEmpty=${dataset.value?.counts.boxes === 0} onQuery=${setQuery} />`
+              : html`<div class="queue__body is-empty"><${Fetching} /></div>`}`}
     </main>`;
 }
 

@@ -7,7 +7,7 @@ import { listedOf, selectionOf } from "../boxes/filters.js";
 import { REASONS } from "../boxes/wording.js";
 import { ApiError, get, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
-import { EMPTY, afterAnswer, afterUndo, compared, extended, upcoming } from "./line.js";
+import { EMPTY, afterAnswer, afterUndo, compared, extended, lookedAt, upcoming } from "./line.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../review/answers.js").ReviewApp} App */
@@ -35,6 +35,18 @@ const LOOKABLE = Object.keys(REASONS)
   .filter((reason) => reason !== "outside_image" && reason !== "degenerate")
   .join(",");
 
+/**
+ * @typedef {object} Past  what a person has done in a session
+ * @property {Line} line  the boxes looked at
+ * @property {readonly import("./line.js").Comparison[]} comparisons
+ * @property {{times: readonly number[], verdicts: ReadonlyMap<number, Answer>}} tally  the times of the answers (ms), and
+ *   the answers by box
+ * @property {readonly {boxId: number, isComment: boolean}[]} entries  the answers and comments, in their order
+ */
+
+/** @type {Past} */
+const NO_PAST = Object.freeze({ line: EMPTY, comparisons: [], tally: { times: [], verdicts: new Map() }, entries: [] });
+
 const BATCH = 12;
 const REFILL_BELOW = 6;
 const MOST_EXCLUDED = 1000;
@@ -42,24 +54,22 @@ const MOST_EXCLUDED = 1000;
 /** @param {import("../core/router.js").Query} query */
 export const orderOf = (query) => ORDERS.find(({ value }) => value === query.order)?.value ?? "doubt";
 
-/** @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query */
-function createQueueSession(app, dataset, query) {
+/**
+ * @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query
+ * @param {Past} [past]  of the session that this one continues
+ */
+function createQueueSession(app, dataset, query, past = NO_PAST) {
   const { boxes } = app;
   /** The functions that release the boxes of this session in the store. @type {(() => void)[]} */
-  const releases = [];
-  const line = createValue(EMPTY);
+  const releases = [boxes.hold(past.line.ids)];
+  const line = createValue(past.line);
   const counts = createValue(/** @type {Counts} */ ({ left: null, unsure: 0, elsewhere: 0 }));
   const supply = createValue(/** @type {Supply} */ ({ state: "loading", error: null, isEnd: false }));
-  const comparisons = createValue(/** @type {readonly import("./line.js").Comparison[]} */ ([]));
-  /** The times of the answers (ms), and the answers by box. */
-  const tally = createValue({
-    times: /** @type {number[]} */ ([]),
-    verdicts: /** @type {ReadonlyMap<number, Answer>} */ (new Map()),
-  });
+  const comparisons = createValue(past.comparisons);
+  const tally = createValue(past.tally);
   const order = orderOf(query);
   const listed = listedOf(query);
-  /** The answers and comments of this session, in their order. @type {{boxId: number, isComment: boolean}[]} */
-  const entries = [];
+  const entries = [...past.entries];
   let isAsking = false;
 
   async function refill() {
@@ -206,6 +216,9 @@ function createQueueSession(app, dataset, query) {
       if (!isAsking && listed.length === 0 && ids.some((id) => !done.has(id))) await ask(1);
     },
 
+    /** What the person has done: with it, another session can continue this one. @returns {Past} */
+    past: () => ({ line: lookedAt(line.get()), comparisons: comparisons.get(), tally: tally.get(), entries }),
+
     /** Release the boxes of this session. */
     end: () => releases.splice(0).forEach((release) => release()),
   };
@@ -214,8 +227,9 @@ function createQueueSession(app, dataset, query) {
 /** @typedef {ReturnType<typeof createQueueSession>} Session */
 
 /**
- * `shownAt`: when it was last shown (ms); Infinity while it is.
- * @type {WeakMap<App, {key: string, session: Session, shownAt: number}>}
+ * `shownAt`: when it was last shown (ms); Infinity while it is. `run`: the active run of the dataset; undefined until it
+ * is known.
+ * @type {WeakMap<App, {key: string, session: Session, shownAt: number, run: number | null | undefined}>}
  */
 const sessions = new WeakMap();
 
@@ -223,17 +237,27 @@ const sessions = new WeakMap();
 const PAUSE_MS = 5 * 60_000;
 
 /**
- * The session of these filters; the last one is continued after a short pause.
+ * The session of these filters. The last one is continued after a short pause. If another run has become active since,
+ * only what the person has done is continued, and boxes are loaded anew.
  * @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query
+ * @param {number | null} [run]  the active run; undefined while it is not known
+ * @returns {{session: Session, isChecked: boolean}}  `isChecked`: no other run is active than in its boxes, as far as it was known
  */
-export function sessionOf(app, dataset, query) {
+export function sessionOf(app, dataset, query, run) {
   const key = JSON.stringify([dataset, orderOf(query), selectionOf(query), listedOf(query)]);
   const last = sessions.get(app);
-  if (last?.key === key && Date.now() - last.shownAt < PAUSE_MS) return last.session;
+  const isSame = last?.key === key && Date.now() - last.shownAt < PAUSE_MS;
+  if (isSame && (run === undefined || last.run === undefined || last.run === run)) {
+    const isChecked = run !== undefined || last.run === undefined;
+    last.run ??= run;
+    return { session: last.session, isChecked };
+  }
+  const past = isSame ? last.session.past() : NO_PAST;
+  const session = createQueueSession(app, dataset, query, past);
   last?.session.end();
-  const session = createQueueSession(app, dataset, query);
-  sessions.set(app, { key, session, shownAt: Date.now() });
-  return session;
+  void app.boxes.loadAgain([...past.line.ids].reverse());
+  sessions.set(app, { key, session, run, shownAt: Date.now() });
+  return { session, isChecked: true };
 }
 
 /**

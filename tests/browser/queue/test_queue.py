@@ -243,6 +243,38 @@ def test_g_key_opens_the_grid_and_back_returns_to_the_same_box(twenty_boxes, use
     )
 
 
+def test_boxes_of_another_run_are_loaded_anew_on_return_to_the_queue(
+    twenty_boxes, user
+):
+    page = open_queue(user, twenty_boxes)
+    answered = queued_box_id(page)
+    user.press("x")
+    skipped = queued_box_id(page)
+    user.press("j")
+    unsure = queued_box_id(page)
+    user.press("Space")
+    expect(page.locator(".badge")).to_be_visible()
+    user.wait_until_saved()
+    user.press("g")
+    expect(page.locator(".cell").first).to_be_visible()
+    twenty_boxes.decide(max_distance=5)
+
+    page.go_back()
+
+    expect(page.locator(".badge")).to_have_text("rejected")
+    expect(page.locator(".history__list")).to_contain_text("rejected, out of range")
+    expect(page.locator(".queue__progress")).to_contain_text(
+        "2 answered · 18 unanswered"
+    )
+    seen = []
+    for _ in range(3):
+        user.press("ArrowLeft")
+        seen.append(queued_box_id(page))
+        expect(page.locator(".badge")).to_have_text("rejected")
+    assert seen == [unsure, skipped, answered]
+    assert answers(twenty_boxes) == {answered: "reject", unsure: "unsure"}
+
+
 def test_v_key_and_filters_select_the_queued_boxes(twenty_boxes, user):
     page = open_queue(user, twenty_boxes)
     user.press("v")

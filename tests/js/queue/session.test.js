@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { createValue } from "../../../static/js/core/observable.js";
-import { currentOf, stepped } from "../../../static/js/queue/line.js";
+import { currentOf, skippedBoxes, stepped } from "../../../static/js/queue/line.js";
 import { sessionOf } from "../../../static/js/queue/session.js";
 
 /**
@@ -27,15 +27,18 @@ function queueOf(count) {
       receive: (/** @type {any[]} */ items) => items.map((box) => (boxes.set(box.box_id, box), box.box_id)),
       hold: () => () => {},
       get: (/** @type {number} */ id) => boxes.get(id),
+      loadAgain: async () => {},
     },
     answer: (/** @type {number} */ id, /** @type {string} */ verdict) => (answers.set(id, verdict), true),
   });
-  return { session: sessionOf(app, `town-${count}-${Math.random()}`, {}), boxes };
+  const dataset = `town-${count}-${Math.random()}`;
+  const returned = (/** @type {number | undefined} */ run) => sessionOf(app, dataset, {}, run);
+  return { session: returned(undefined).session, boxes, returned };
 }
 
 /**
  * Go through the queue to its end.
- * @param {ReturnType<typeof queueOf>} queue @param {(seen: number) => "keep" | "unsure" | null} what  null: skip the box
+ * @param {Pick<ReturnType<typeof queueOf>, "session" | "boxes">} queue @param {(seen: number) => "keep" | "unsure" | null} what  null: skip the box
  * @returns {Promise<number>} how many boxes were shown
  */
 async function goThrough({ session, boxes }, what) {
@@ -62,4 +65,32 @@ test("the queue ends after more than a thousand boxes, also if the first one was
 
   assert.equal(await goThrough(queue, (seen) => (seen === 0 ? "unsure" : "keep")), 1100);
   assert.equal(queue.session.supply.get().isEnd, true);
+});
+
+test("the session goes on as long as no other run has become active", () => {
+  const { session, returned } = queueOf(5);
+
+  assert.deepEqual(returned(3), { session, isChecked: true });
+  assert.deepEqual(returned(undefined), { session, isChecked: false });
+  assert.deepEqual(returned(3), { session, isChecked: true });
+});
+
+test("after another run, boxes are loaded anew, and what was answered or skipped is remembered", async () => {
+  const { session, boxes, returned } = queueOf(20);
+  await session.refill();
+  returned(3);
+  session.answer(boxes.get(1), "keep", "", false);
+  session.show(stepped(session.line.get(), 1));
+  session.answer(boxes.get(3), "unsure", "", false);
+
+  const { session: next, isChecked } = returned(4);
+
+  assert.ok(isChecked);
+  assert.notEqual(next, session);
+  assert.deepEqual(next.line.get().ids, [1, 2, 3]);
+  assert.equal(currentOf(next.line.get()), null);
+  assert.deepEqual([...next.tally.get().verdicts], [[1, "keep"], [3, "unsure"]]);
+  await next.refill();
+  assert.equal(currentOf(next.line.get()), 4);
+  assert.deepEqual(skippedBoxes(next.line.get()), [2]);
 });
