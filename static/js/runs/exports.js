@@ -13,7 +13,10 @@ import { Canceller, JobBar, StateBadge, isOver, percentDone, useLookAgain } from
 /** @typedef {import("../core/app.js").App} App */
 /** @typedef {import("../core/openapi.js").Export} Export */
 /** @typedef {Export["format"]} Format */
-/** @typedef {{formats: {value: Format, text: string, help: string}[], fields: Field[]}} ExportForm */
+/**
+ * `options`: the keys of the options that a format has; it refuses any other.
+ * @typedef {{formats: {value: Format, text: string, help: string, options: readonly string[]}[], fields: Field[]}} ExportForm
+ */
 /** @typedef {import("../core/form.js").Field} Field */
 /** @typedef {import("../core/form.js").Schema} Schema */
 
@@ -49,7 +52,7 @@ export function Exports({ app, dataset }) {
 
 /** @param {{app: App, item: Export, form: ExportForm | null | undefined}} props */
 function ExportRow({ app, item, form }) {
-  const about = optionsText(item.options, form?.fields ?? []);
+  const about = optionsText(item.options, form ? fieldsFor(item.format, form) : []);
   const { run, isBusy } = useTask(() => download(item.id), app.toasts.fail);
   return html`<article class="run" aria-label=${`Export ${item.id}`}>
     <div class="run__what"><span class="run__name">${formatText(item.format, form)}</span><${StateBadge} state=${item.state} /></div>
@@ -119,23 +122,30 @@ const OPTION_WORDS = {
 
 /** @param {Schema} openapi @returns {ExportForm} */
 export function exportForm(openapi) {
-  /** @type {{enum?: Format[], "x-titles"?: Record<string, string>, "x-briefs"?: Record<string, string>}} */
-  const { enum: names = [], "x-titles": titles = {}, "x-briefs": briefs = {} } = openapi.components?.schemas?.ExportIn?.properties?.format ?? {};
+  /** @type {{enum?: Format[], "x-titles"?: Record<string, string>, "x-briefs"?: Record<string, string>, "x-options"?: Record<string, string[]>}} */
+  const { enum: names = [], "x-titles": titles = {}, "x-briefs": briefs = {}, "x-options": options = {} } = openapi.components?.schemas?.ExportIn?.properties?.format ?? {};
   return {
-    formats: names.map((value) => ({ value, text: titles[value] ?? value, help: briefs[value] ?? "" })),
+    formats: names.map((value) => ({ value, text: titles[value] ?? value, help: briefs[value] ?? "", options: options[value] ?? [] })),
     fields: fieldsOf(openapi, "ExportOptions", OPTION_WORDS),
   };
+}
+
+/** The fields of the options that a format has. @param {string | undefined} format @param {ExportForm} form */
+export function fieldsFor(format, { formats, fields }) {
+  const options = formats.find(({ value }) => value === format)?.options ?? [];
+  return fields.filter(({ key }) => options.includes(key));
 }
 
 /** A format's title, or its name where the form is not there yet. @param {string} format @param {ExportForm | null | undefined} form */
 export const formatText = (format, form) => form?.formats.find(({ value }) => value === format)?.text ?? format;
 
-/** The options of an export that differ from the defaults. @param {Record<string, unknown>} options @param {readonly Field[]} fields */
+/** The options of an export that differ from the defaults. @param {Record<string, unknown>} options @param {readonly Field[]} fields  of its format */
 export function optionsText(options, fields) {
   const special = fields.filter(({ key, initial }) => key in options && JSON.stringify(options[key]) !== JSON.stringify(initial));
   const words = special.map((field) => wordsOf(field, options[field.key]));
+  const hasUsualSplit = fields.some(({ key }) => key === "split") && !special.some(({ key }) => key === "split");
   const split = Number(options.split);
-  return [...(split > 0 && split < 1 && !special.some(({ key }) => key === "split") ? [`split ${splitText(split)}`] : []), ...words].join(" · ");
+  return [...(hasUsualSplit && split > 0 && split < 1 ? [`split ${splitText(split)}`] : []), ...words].join(" · ");
 }
 
 /** @param {Field} field @param {unknown} value */
@@ -172,9 +182,10 @@ export function countLinesOf(counts) {
 function ExportAsk({ dataset, form, onMade, onClose }) {
   const [format, setFormat] = useState(form.formats[0]?.value);
   const [chosen, setChosen] = useState(/** @type {Record<string, unknown>} */ ({}));
+  const fields = fieldsFor(format, form);
   const { run, isBusy, error } = useTask(async () => {
     if (!format) return;
-    await post("/api/v1/datasets/{dataset}/exports", { path: { dataset }, body: { format, options: optionsOf(form.fields, chosen) } });
+    await post("/api/v1/datasets/{dataset}/exports", { path: { dataset }, body: { format, options: optionsOf(fields, chosen) } });
     onMade();
   });
   /** @param {Event} event */
@@ -192,9 +203,10 @@ function ExportAsk({ dataset, form, onMade, onClose }) {
         </label>`,
       )}
     </fieldset>
-    <div class="ask__fields">
-      ${form.fields.map((field) => html`<${AskField} key=${field.key} field=${field} value=${field.key in chosen ? chosen[field.key] : field.initial} onChange=${(/** @type {unknown} */ value) => setChosen({ ...chosen, [field.key]: value })} />`)}
-    </div>
+    ${fields.length > 0 &&
+    html`<div class="ask__fields">
+      ${fields.map((field) => html`<${AskField} key=${field.key} field=${field} value=${field.key in chosen ? chosen[field.key] : field.initial} onChange=${(/** @type {unknown} */ value) => setChosen({ ...chosen, [field.key]: value })} />`)}
+    </div>`}
     ${error && html`<${FailureLine} error=${error} />`}
     <p class="ask__foot"><span class="faint">The first export fixes the order of the classes.</span>
       <button type="button" class="button" onClick=${onClose}>Cancel</button>

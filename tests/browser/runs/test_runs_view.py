@@ -223,6 +223,28 @@ def test_every_export_format_of_the_api_is_offered(user, street):
     assert offered == schema["ExportIn"]["properties"]["format"]["enum"]
 
 
+def test_export_form_offers_only_options_of_the_chosen_format(user, street):
+    page = runs_page(user, street)
+    page.get_by_role("button", name="New export").click()
+    rejected = page.get_by_label("Rejected boxes", exact=True)
+    page.get_by_role("radio", name=re.compile("^COCO")).check()
+    rejected.select_option("dontcare")
+
+    page.get_by_role("radio", name=re.compile("^YOLO")).check()
+
+    expect(page.get_by_label("Rectangle")).to_be_visible()
+    expect(rejected).to_have_count(0)
+    page.get_by_role("button", name="Make export").click()
+    made = page.get_by_role("article", name=re.compile("^Export"))
+    expect(made).to_contain_text("split 80/20")
+    page.get_by_role("button", name="New export").click()
+    page.get_by_role("radio", name=re.compile("CSV")).check()
+    expect(page.locator(".ask__fields")).to_have_count(0)
+    page.get_by_role("button", name="Make export").click()
+    expect(made).to_have_count(2)
+    expect(made.first).not_to_contain_text("split")
+
+
 def test_refused_export_request_is_shown_in_the_form(user, street):
     page = runs_page(user, street)
     page.get_by_role("button", name="New export").click()

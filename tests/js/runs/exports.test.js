@@ -2,12 +2,12 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { optionsOf } from "../../../static/js/core/form.js";
-import { countLinesOf, exportForm, formatText, optionsText } from "../../../static/js/runs/exports.js";
+import { countLinesOf, exportForm, fieldsFor, formatText, optionsText } from "../../../static/js/runs/exports.js";
 
 const API = {
   components: {
     schemas: {
-      ExportIn: { properties: { format: { type: "string", enum: ["yolo", "brand-new"], "x-titles": { yolo: "YOLO" }, "x-briefs": { yolo: "with data.yaml" } } } },
+      ExportIn: { properties: { format: { type: "string", enum: ["yolo", "brand-new"], "x-titles": { yolo: "YOLO" }, "x-briefs": { yolo: "with data.yaml" }, "x-options": { yolo: ["split", "include"] } } } },
       ExportOptions: {
         properties: {
           include: { type: "string", enum: ["effective", "all"], default: "effective", description: "Which boxes." },
@@ -45,6 +45,13 @@ test("every option becomes a field by its type; options of unknown types are lef
   assert.equal(fields.find(({ key }) => key === "brand_new")?.text, "Brand new");
 });
 
+test("a format has the fields of its own options only", () => {
+  const form = exportForm(API);
+  const keys = (/** @type {string | undefined} */ format) => fieldsFor(format, form).map(({ key }) => key);
+
+  assert.deepEqual([keys("yolo"), keys("brand-new"), keys(undefined)], [["include", "split"], [], []]);
+});
+
 test("an option that was not changed is sent with the API's default", () => {
   const { fields } = exportForm(API);
   assert.deepEqual(optionsOf(fields, { split: 1 }), { include: "effective", include_unmeasured: false, split: 1, bands: [], brand_new: "a" });
@@ -57,6 +64,7 @@ test("an export names its options that differ from the defaults", () => {
 
   assert.equal(text({}), "split 80/20");
   assert.equal(text({ include: "all", bands: [50, 100] }), "split 80/20 · boxes that go in: all, rejected ones too · labels per distance, metres: 50, 100");
+  assert.equal(optionsText(optionsOf(fields, {}), fields.filter(({ key }) => key !== "split")), "");
   assert.equal(text({ split: 1, include_unmeasured: true }), "unmeasured boxes, too · no split");
 });
 
