@@ -159,7 +159,9 @@ def _add_components(schema: _Object) -> None:
     asked = schemas[ExportIn.__name__]["properties"]["format"]
     asked["x-titles"] = {name: FORMATS[name].title for name in EXPORT_FORMATS}
     asked["x-briefs"] = {name: FORMATS[name].brief for name in EXPORT_FORMATS}
-    asked["x-options"] = {name: sorted(FORMATS[name].options) for name in EXPORT_FORMATS}
+    asked["x-options"] = {
+        name: sorted(FORMATS[name].options) for name in EXPORT_FORMATS
+    }
     content = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
     statuses = sorted({*_EVERYWHERE, *_WITH_TOKEN, *_WITH_BODY, *_OF_SOME})
     components["responses"] = {

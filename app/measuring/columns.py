@@ -11,7 +11,6 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import Final
 
 import numpy as np
@@ -36,7 +35,6 @@ from filter_core.types import (
     Reason,
 )
 from unghost.wire.datasets import Histogram
-from unghost.wire.runs import Flip, FlipSide
 
 REASONS: Final = len(VERDICT_OF_REASON)
 """Number of columns of a table of counts by reason."""
@@ -67,41 +65,6 @@ def outcome(names: Sequence[str], table: IntArray) -> dict[str, object]:
             if row.any()
         },
     }
-
-
-def flip_of(
-    ids: tuple[int, int],
-    class_name: str,
-    match_percent: float | None,
-    reasons: tuple[int, int],
-) -> Flip:
-    """A box whose decision changes.
-
-    Parameters
-    ----------
-    ids : (int, int)
-        The ids of the box and of its frame.
-    class_name : str
-    match_percent : float or None
-        As the second decision shows it (`Evidence.shown_match`).
-    reasons : (int, int)
-        Codes of `Reason` before and after.
-    """
-    return Flip(
-        box_id=ids[0],
-        frame_id=ids[1],
-        class_name=class_name,
-        match_percent=match_percent,
-        before=_side(reasons[0]),
-        after=_side(reasons[1]),
-    )
-
-
-@cache
-def _side(code: int) -> FlipSide:
-    # Cached: a page of flips has thousands of sides, and there are only a few reasons.
-    reason = Reason(code)
-    return FlipSide(verdict=reason.verdict.value, reason=reason.label)
 
 
 def match_counts(evidence: Evidence, bins: int) -> IntArray:

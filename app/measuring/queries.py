@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 from sqlalchemy import (
     ColumnElement,
     Engine,
+    Select,
     and_,
     bindparam,
     delete,
@@ -308,6 +309,20 @@ class NumbersRow(NamedTuple):
     channels: bytes | None
 
 
+def _numbers(measurement_id: int) -> Select[int, int, int, bytes, bytes | None]:
+    return (
+        select(
+            Frame.id,
+            Frame.first_box_id,
+            Frame.box_count,
+            FrameEvidence.numbers,
+            FrameEvidence.channels,
+        )
+        .join(FrameEvidence, FrameEvidence.frame_id == Frame.id)
+        .where(FrameEvidence.measurement_id == measurement_id)
+    )
+
+
 class EvidenceRepository:
     """Rows of `evidence` and `measurements`."""
 
@@ -413,24 +428,23 @@ class EvidenceRepository:
         `frames` are the first and the last id of a range; None selects all frames.
         """
         rows = (
-            select(
-                Frame.id,
-                Frame.first_box_id,
-                Frame.box_count,
-                FrameEvidence.numbers,
-                FrameEvidence.channels,
-            )
-            .join(FrameEvidence, FrameEvidence.frame_id == Frame.id)
-            .where(
-                Frame.dataset_id == dataset_id,
-                Frame.superseded_at.is_(None),
-                FrameEvidence.measurement_id == measurement_id,
-            )
+            _numbers(measurement_id)
+            .where(Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None))
             .order_by(Frame.id)
         )
         if frames is not None:
             rows = rows.where(Frame.id.between(*frames))
         return [NumbersRow(*row) for row in self._session.execute(rows)]
+
+    def numbers_of_frames(
+        self, frame_ids: Iterable[int], measurement_id: int
+    ) -> list[NumbersRow]:
+        """The numbers of these frames."""
+        found: list[NumbersRow] = []
+        for chunk in chunks(dict.fromkeys(frame_ids)):
+            rows = _numbers(measurement_id).where(Frame.id.in_(chunk))
+            found += [NumbersRow(*row) for row in self._session.execute(rows)]
+        return found
 
     def unmeasured_frames(
         self,

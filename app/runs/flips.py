@@ -6,7 +6,7 @@ deciding again: numbers and configurations never change, and deciding is pure.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -24,12 +24,11 @@ from app.measuring.active import active_version, config_of
 from app.measuring.columns import (
     ColumnCache,
     DatasetColumns,
-    flip_of,
     histogram,
     match_counts,
     outcome,
 )
-from app.measuring.evidence import recount
+from app.measuring.evidence import recount, unpack_numbers
 from app.measuring.plan import (
     DatasetReading,
     active_measurement,
@@ -55,10 +54,12 @@ from filter_core.types import (
     Evidence,
     FloatArray,
     IntArray,
+    Reason,
     floats_or_none,
 )
+from unghost.wire.boxes import XYXY
 from unghost.wire.datasets import Histogram
-from unghost.wire.runs import Diff, Flip, FlipCounts, Flips, Preview
+from unghost.wire.runs import Diff, Flip, FlipCounts, Flips, FlipSide, Preview
 
 _REASONS: Final = len(VERDICT_OF_REASON)
 _FLIPS: Final = VERDICT_OF_REASON[:, None] != VERDICT_OF_REASON
@@ -199,14 +200,11 @@ class _Nearest:
             later = (distances > distance) | ((distances == distance) & (ids > box_id))
             order = order[later[order]]
         order = order[: self._limit]
-        matches = floats_or_none(after.evidence.shown_match(rows[order]))
         listed = [
-            (
-                float(distances[at]),
-                int(ids[at]),
-                _flip(before, after, int(flips[at]), match),
+            (float(distances[at]), int(ids[at]), flip)
+            for at, flip in zip(
+                order.tolist(), _flips(before, after, flips[order]), strict=True
             )
-            for at, match in zip(order.tolist(), matches, strict=True)
         ]
         merged = sorted([*self.found, *listed], key=lambda flip: flip[:2])
         self.found = merged[: self._limit]
@@ -234,13 +232,70 @@ class _Decided:
         """The rows in the part of boxes with these indexes."""
         return places if self.rows is None else self.rows[places]
 
+    def sides(self, places: IntArray) -> list[FlipSide]:
+        """The decisions on boxes with these indexes."""
+        rows = self.rows_of(places)
+        matches = floats_or_none(self.evidence.shown_match(rows))
+        thresholds = floats_or_none(self.decisions.threshold[rows])
+        reasons = map(Reason, self.reasons[places].tolist())
+        return [
+            FlipSide(
+                verdict=reason.verdict.value,
+                reason=reason.label,
+                match_percent=match,
+                threshold=threshold,
+            )
+            for reason, match, threshold in zip(
+                reasons, matches, thresholds, strict=True
+            )
+        ]
 
-def _flip(before: _Decided, after: _Decided, at: int, match: float | None) -> Flip:
-    row = at if after.rows is None else int(after.rows[at])
-    ids = int(after.numbers.box_ids[row]), int(after.numbers.frame_ids[row])
-    reasons = int(before.reasons[at]), int(after.reasons[at])
-    class_name = after.evidence.class_names[int(after.evidence.class_index[row])]
-    return flip_of(ids, class_name, match, reasons)
+
+def _flips(before: _Decided, after: _Decided, places: IntArray) -> list[Flip]:
+    """The flips of boxes with these indexes, still without their rectangles."""
+    rows = after.rows_of(places)
+    names = after.evidence.class_names
+    return [
+        Flip(
+            box_id=box_id,
+            frame_id=frame_id,
+            class_name=names[class_index],
+            xyxy=None,
+            match_percent=now.match_percent,
+            before=then,
+            after=now,
+        )
+        for box_id, frame_id, class_index, then, now in zip(
+            after.numbers.box_ids[rows].tolist(),
+            after.numbers.frame_ids[rows].tolist(),
+            after.evidence.class_index[rows].tolist(),
+            before.sides(places),
+            after.sides(places),
+            strict=True,
+        )
+    ]
+
+
+def _with_rectangles(
+    session: Session, flips: Iterable[Flip], measurement_id: int
+) -> tuple[Flip, ...]:
+    """The flips with the rectangles of their boxes under a measurement."""
+    listed = tuple(flips)
+    rows = EvidenceRepository(session).numbers_of_frames(
+        (flip.frame_id for flip in listed), measurement_id
+    )
+    rectangles: dict[int, XYXY] = {}
+    for row in rows:
+        corners = unpack_numbers([row.numbers], [row.box_count])["xyxy"].tolist()
+        # NaN, which alone differs from itself: there is no rectangle in the image.
+        rectangles |= {
+            row.first_box_id + at: (x0, y0, x1, y1)
+            for at, (x0, y0, x1, y1) in enumerate(corners)
+            if x0 == x0
+        }
+    return tuple(
+        flip.model_copy(update={"xyxy": rectangles.get(flip.box_id)}) for flip in listed
+    )
 
 
 @dataclass(frozen=True)
@@ -298,7 +353,9 @@ def preview(
             total=sum(table.flips().values()),
             **table.totals(),
             by_class=table.sides(),
-            items=tuple(flip for _, _, flip in nearest.found),
+            items=_with_rectangles(
+                session, (flip for _, _, flip in nearest.found), measurement.id
+            ),
         ),
     )
 
@@ -386,7 +443,9 @@ def run_diff(
         **table.totals(),
         by_class=by_class,
         sides_by_class={name: sides[name] for name in sorted(sides)},
-        items=tuple(flip for _, _, flip in listed),
+        items=_with_rectangles(
+            session, (flip for _, _, flip in listed), measurements[1]
+        ),
         next_cursor=following,
     )
 

@@ -14,6 +14,7 @@ from pydantic import (
     WrapValidator,
 )
 
+from unghost.wire.boxes import XYXY
 from unghost.wire.datasets import Histogram, VerdictCounts
 from unghost.wire.model import (
     IfAbsent,
@@ -75,18 +76,28 @@ class PreviewIn(RequestModel):
 
 
 class FlipSide(ResponseModel):
-    """A box's verdict on one side of a change, and its reason."""
+    """A box's verdict on one side of a change, its reason, and what was compared.
+
+    `threshold` is null where no threshold applied.
+    """
 
     verdict: Verdict
     reason: Reason
+    match_percent: Annotated[float | None, IfAbsent(None)]
+    threshold: Annotated[float | None, IfAbsent(None)]
 
 
 class Flip(ResponseModel):
-    """A flip: a box whose verdict changes."""
+    """A flip: a box whose verdict changes.
+
+    `match_percent` is that of `after`; `xyxy` is null for a box without a rectangle in
+    the image.
+    """
 
     box_id: int
     frame_id: int
     class_name: str = Field(alias="class")
+    xyxy: Annotated[XYXY | None, IfAbsent(None)]
     match_percent: float | None
     before: FlipSide
     after: FlipSide

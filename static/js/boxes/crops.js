@@ -255,24 +255,30 @@ function useCrop(url) {
 /** How near to the visible part a picture must be to be requested. */
 const NEAR = "400px";
 
-/**
- * A picture that is requested when it comes near the visible part, and given up when it leaves.
- * @param {{url: string, children?: unknown}} props  `children`: shown if there is no picture
- */
-export function NearPicture({ url, children }) {
-  const place = useRef(/** @type {HTMLImageElement | null} */ (null));
+/** Whether an element is near the visible part. @param {{current: HTMLElement | null}} place */
+function useNear(place) {
   const [isNear, setNear] = useState(false);
-  const { state, crop } = useCrop(isNear ? url : "");
-  const isMissing = isNear && (state === "none" || state === "failed");
   useEffect(() => {
     const watcher = new IntersectionObserver((entries) => setNear(entries.at(-1)?.isIntersecting ?? false), { rootMargin: NEAR });
     if (place.current) watcher.observe(place.current);
     return () => watcher.disconnect();
-  }, [isMissing]);
-  return isMissing && children ? children : html`<img ref=${place} src=${crop?.src} alt="" decoding="async" draggable=${false} />`;
+  }, []);
+  return isNear;
 }
 
-/** @param {{box: Decision, size: number, frameSize: Size | null}} props */
+/** A picture that is requested when it comes near the visible part, and given up when it leaves. @param {{url: string}} props */
+export function NearPicture({ url }) {
+  const place = useRef(/** @type {HTMLImageElement | null} */ (null));
+  const { crop } = useCrop(useNear(place) ? url : "");
+  return html`<img ref=${place} src=${crop?.src} alt="" decoding="async" draggable=${false} />`;
+}
+
+/** @typedef {Pick<Decision, "box_id" | "xyxy" | "reason" | "effective_verdict">} PicturedBox */
+
+/**
+ * A box in its surroundings, drawn in a square that its parent provides.
+ * @param {{box: PicturedBox, size: number, frameSize: Size | null}} props  `size`: of the square, css px, or about that
+ */
 export function Picture({ box, size, frameSize }) {
   const { xyxy, box_id } = box;
   const ask = xyxy ? cropRequest(xyxy, size, devicePixelRatio || 1) : null;
@@ -282,10 +288,20 @@ export function Picture({ box, size, frameSize }) {
     [crop, size, frameSize, ask?.pad, box_id],
   );
   if (!xyxy) return html`<div class="cell__none"><${Icon} name="image" /><span>${box.reason === "outside_image" ? "outside" : "no area"}</span></div>`;
-  const outline = html`<span class="cell__box cell__box--${box.effective_verdict}" style=${px(places?.box ?? boxIn(xyxy, size))} />`;
+  const outline = html`<span class="cell__box cell__box--${box.effective_verdict}" style=${shareOf(places?.box ?? boxIn(xyxy, size), size)} />`;
   if (!places || !crop) return html`<div class="cell__none cell__none--low ${state === "waiting" ? "shimmer" : ""}">${state === "waiting" ? "" : state === "failed" ? "not loaded" : "no picture"}</div>${outline}`;
-  return html`<img class="cell__image" src=${crop.src} alt="" draggable=${false} style=${px(places.picture)} />${outline}`;
+  return html`<img class="cell__image" src=${crop.src} alt="" draggable=${false} style=${shareOf(places.picture, size)} />${outline}`;
 }
 
-/** @param {Place} place */
-const px = ({ left, top, width, height }) => ({ left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px` });
+/** A place as share of the square, which may be drawn a little larger or smaller. @param {Place} place @param {number} size */
+const shareOf = ({ left, top, width, height }, size) => {
+  const percent = (/** @type {number} */ px) => `${(100 * px) / size}%`;
+  return { left: percent(left), top: percent(top), width: percent(width), height: percent(height) };
+};
+
+/** A `Picture` that is requested when it comes near the visible part, and given up when it leaves. @param {{box: PicturedBox, size: number}} props */
+export function NearBox({ box, size }) {
+  const place = useRef(/** @type {HTMLSpanElement | null} */ (null));
+  const isNear = useNear(place);
+  return html`<span class="nearbox" ref=${place}>${isNear && html`<${Picture} box=${box} size=${size} frameSize=${null} />`}</span>`;
+}

@@ -5,7 +5,7 @@
 // filter_core/decisions/explain.py), which the inspector shows. It is too long for a label on an image or a row of a
 // list, so the page words those itself, from the same numbers. Where a channel decided, it takes the sentence.
 
-import { exactPercentText, metresText, percentText, wholePercentText } from "../core/numbers.js";
+import { exactPercentText, metresText, percentText, unbroken, wholePercentText } from "../core/numbers.js";
 
 /** @typedef {import("./box.js").Decision} Decision */
 /** @typedef {import("./box.js").Verdict} Verdict */
@@ -106,6 +106,17 @@ const shareText = ({ match_percent: match, threshold }) => percentText(match, th
 function hiddenText(box) {
   const most = box.hidden_by?.[0];
   return most && box.verdict === "rejected" ? `hidden by ${most.name} ${wholePercentText(most.percent)}` : "";
+}
+
+/**
+ * What led to a verdict: "match 16.2 % < 16.5 %", or the reason where no threshold applied.
+ * @param {import("../core/openapi.js").FlipSide} side
+ */
+export function causeText({ verdict, reason, match_percent: match, threshold }) {
+  if (match === null || threshold === null) return reasonText(reason);
+  const sign = verdict === "kept" ? "≥" : match === threshold ? "≤" : "<";
+  const what = reason === "large_below_threshold" ? "large, match" : "match";
+  return unbroken(`${what} ${percentText(match, threshold)} ${sign}\u00a0${exactPercentText(threshold)}`);
 }
 
 /** What the smallest label says: "car 4.1 %". @param {Decision} box */

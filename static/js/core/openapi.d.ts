@@ -2160,6 +2160,9 @@ export interface components {
         /**
          * Flip
          * @description A flip: a box whose verdict changes.
+         *
+         *     `match_percent` is that of `after`; `xyxy` is null for a box without a rectangle in
+         *     the image.
          */
         Flip: {
             /** Box Id */
@@ -2168,6 +2171,13 @@ export interface components {
             frame_id: number;
             /** Class */
             class: string;
+            /** Xyxy */
+            xyxy: [
+                number,
+                number,
+                number,
+                number
+            ] | null;
             /** Match Percent */
             match_percent: number | null;
             before: components["schemas"]["FlipSide"];
@@ -2185,7 +2195,9 @@ export interface components {
         };
         /**
          * FlipSide
-         * @description A box's verdict on one side of a change, and its reason.
+         * @description A box's verdict on one side of a change, its reason, and what was compared.
+         *
+         *     `threshold` is null where no threshold applied.
          */
         FlipSide: {
             /**
@@ -2198,6 +2210,10 @@ export interface components {
              * @enum {string}
              */
             reason: "outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible";
+            /** Match Percent */
+            match_percent: number | null;
+            /** Threshold */
+            threshold: number | null;
         };
         /**
          * Flips

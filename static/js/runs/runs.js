@@ -140,6 +140,9 @@ function Keys({ diff: { run, against } }) {
     : html`<${DiffTable} rows=${rows} names=${[`Run ${against}`, `Run ${run}`]} />`;
 }
 
+/** @param {number} run @returns {(verdict: string) => string} */
+const inRun = (run) => (verdict) => `${verdict} in run ${run}`;
+
 /** @param {{app: App, diff: RunDiff}} props */
 function Boxes({ app, diff }) {
   const [way, setWay] = useState("");
@@ -147,9 +150,10 @@ function Boxes({ app, diff }) {
     diffOf(diff.run, { against: diff.against, limit, cursor }),
   );
   const shown = items.filter((flip) => !way || wayOf(flip) === way);
+  const words = { before: inRun(diff.against), after: inRun(diff.run) };
   return html`<div class="rundiff__boxes">
     <${WayTabs} way=${way} counts=${diff} onChange=${setWay} />
-    <div class="rundiff__flips"><${FlipGrid} items=${shown} />
+    <div class="rundiff__flips"><${FlipGrid} items=${shown} words=${words} />
       ${error && html`<${FailureLine} error=${error} onRetry=${more} />`}
       ${!isDone && items.length > 0 && html`<p class="flippanel__more"><span class="faint">${countText(items.length)} of ${countOf(diff.total, "box", "boxes")}, nearest to the threshold first</span><button class="button button--small" onClick=${more}>Show more</button></p>`}
     </div>

@@ -1,11 +1,11 @@
 // @ts-check
 // Boxes whose verdict changes ("flips"): counts, tabs, cards. The view of runs shows them, too.
 
-import { NearPicture, cropUrl } from "../boxes/crops.js";
-import { reasonText } from "../boxes/wording.js";
+import { NearBox } from "../boxes/crops.js";
+import { causeText } from "../boxes/wording.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
-import { countOf, countText, percentText } from "../core/numbers.js";
+import { countOf, countText } from "../core/numbers.js";
 import { linkTo } from "../core/router.js";
 
 /** @typedef {import("../core/app.js").App} App */
@@ -13,12 +13,12 @@ import { linkTo } from "../core/router.js";
 /** @typedef {import("./preview.js").Tuning} Tuning */
 /** @typedef {"kept_to_rejected" | "rejected_to_kept"} WayOf */
 
-/** The crop of a card: its height in px, and how much around the box it shows. */
-const CROP = { height: 144, pad: 0.6 };
+/** How large a picture is, in css px: about that, as cards share the width of the list. */
+const PICTURE_PX = 140;
 
 export const WAYS = /** @type {const} */ ({
-  kept_to_rejected: { after: "rejected", text: "kept → rejected", spoken: "from kept to rejected" },
-  rejected_to_kept: { after: "kept", text: "rejected → kept", spoken: "from rejected to kept" },
+  kept_to_rejected: { after: "rejected", text: "kept → rejected" },
+  rejected_to_kept: { after: "kept", text: "rejected → kept" },
 });
 
 /** Ways by the names that earlier versions of the page have written into addresses. @type {Record<string, WayOf>} */
@@ -49,23 +49,26 @@ export function WayTabs({ way, counts, onChange }) {
 /** @param {Record<WayOf, number>} counts */
 const sumOf = (counts) => counts.kept_to_rejected + counts.rejected_to_kept;
 
-/** @param {{items: readonly Flip[]}} props */
-export const FlipGrid = ({ items }) => html`<ul class="flips">
-  ${items.map((flip) => html`<li key=${flip.box_id}><${FlipCard} flip=${flip} /></li>`)}
+/** @typedef {{before: (verdict: string) => string, after: (verdict: string) => string}} SideWords  how the verdicts of both sides are said */
+
+/** @type {SideWords} */
+const TRIED = { before: (verdict) => `${verdict} now`, after: (verdict) => `would be ${verdict}` };
+
+/** @param {{items: readonly Flip[], words: SideWords}} props */
+export const FlipGrid = ({ items, words }) => html`<ul class="flips">
+  ${items.map((flip) => html`<li key=${flip.box_id}><${FlipCard} flip=${flip} words=${words} /></li>`)}
 </ul>`;
 
-/** @param {{flip: Flip}} props */
-function FlipCard({ flip }) {
+/** @param {{flip: Flip, words: SideWords}} props */
+function FlipCard({ flip, words }) {
+  const { box_id: id, xyxy, before, after } = flip;
   const way = wayOf(flip);
-  const match = flip.match_percent === null ? "no match" : percentText(flip.match_percent);
-  return html`<a class="flip flip--${WAYS[way].after}" href=${linkTo("frame", { id: flip.frame_id }, { box: String(flip.box_id) })}
-    title=${`${flip.class}, ${match}: ${reasonText(flip.before.reason)} → ${reasonText(flip.after.reason)}`}>
-    <span class="flip__picture">
-      <${NearPicture} url=${cropUrl(flip.box_id, CROP)}><${Icon} name="image" /><//>
-      <${Way} way=${way} />
-    </span>
-    <span class="flip__text"><span class="flip__class">${flip.class}</span><span class="num">${match}</span></span>
-    <span class="flip__reason">${reasonText(flip.after.verdict === "kept" ? flip.before.reason : flip.after.reason)}<span class="sr-only">, ${WAYS[way].spoken}, box ${flip.box_id}</span></span>
+  const box = { box_id: id, xyxy, reason: after.reason, effective_verdict: after.verdict };
+  return html`<a class="flip flip--${WAYS[way].after}" href=${linkTo("frame", { id: flip.frame_id }, { box: String(id) })}>
+    <span class="flip__picture"><${NearBox} box=${box} size=${PICTURE_PX} /><${Way} way=${way} /></span>
+    <span class="flip__class">${flip.class}<span class="sr-only"> of box ${id}</span></span>
+    <span class="flip__side"><b>${words.before(before.verdict)}:</b> <span>${causeText(before)}</span></span>
+    <span class="flip__side"><b>${words.after(after.verdict)}:</b> <span>${causeText(after)}</span></span>
   </a>`;
 }
 
@@ -93,7 +96,7 @@ function Body({ app, tuning, items, wanted }) {
   if (wanted === 0) return html`<p class="panelbox__empty">No verdict changes. Move a threshold to see which ones would.</p>`;
   return html`<div class="flippanel__list ${isListed ? "" : "is-behind"}" aria-busy=${!isListed}>
     ${items.length === 0 && (isListed ? html`<p class="panelbox__empty">None of these is among the ${countText(listed?.flips?.items.length ?? 0)} nearest.</p>` : html`<${SkeletonCards} />`)}
-    <${FlipGrid} items=${items} />
+    <${FlipGrid} items=${items} words=${TRIED} />
     <${More} tuning=${tuning} shown=${items.length} wanted=${wanted} />
   </div>`;
 }

@@ -155,8 +155,18 @@ def test_preview_returns_the_flips_and_writes_nothing(api, dataset):
     preview = api.post(f"/datasets/{dataset}/preview", body).json()
 
     car, ghost = api.box_ids(dataset)
-    kept = {"verdict": "kept", "reason": "visible"}
-    unseen = {"verdict": "rejected", "reason": "no_visible_pixels"}
+    kept = {
+        "verdict": "kept",
+        "reason": "visible",
+        "match_percent": 100.0,
+        "threshold": 10.0,
+    }
+    unseen = {
+        "verdict": "rejected",
+        "reason": "no_visible_pixels",
+        "match_percent": 0.0,
+        "threshold": None,
+    }
     each_way = {"kept_to_rejected": 1, "rejected_to_kept": 1}
     frame = api.json(f"/boxes/{car}")["frame_id"]
     items = {item["box_id"]: item for item in preview["flips"].pop("items")}
@@ -177,6 +187,7 @@ def test_preview_returns_the_flips_and_writes_nothing(api, dataset):
         "box_id": ghost,
         "frame_id": frame,
         "class": "car",
+        "xyxy": api.json(f"/boxes/{ghost}")["xyxy"],
         "match_percent": 100.0,
         "before": unseen,
         "after": kept,

@@ -50,9 +50,20 @@ def test_diff_is_against_the_previously_active_run_by_default(api, dataset):
         "box_id": car,
         "frame_id": api.boxes(dataset)[0]["frame_id"],
         "class": "car",
+        "xyxy": api.json(f"/boxes/{car}")["xyxy"],
         "match_percent": 100.0,
-        "before": {"verdict": "kept", "reason": "visible"},
-        "after": {"verdict": "rejected", "reason": "no_visible_pixels"},
+        "before": {
+            "verdict": "kept",
+            "reason": "visible",
+            "match_percent": 100.0,
+            "threshold": 10.0,
+        },
+        "after": {
+            "verdict": "rejected",
+            "reason": "no_visible_pixels",
+            "match_percent": 100.0,
+            "threshold": None,
+        },
     }
     assert api.json(f"/runs/{tried['id']}/diff")["against"] == first
 

@@ -157,6 +157,9 @@ def test_two_runs_are_compared_by_class_by_key_and_by_box(user, street):
     expect(page.get_by_role("row", name="threshold_small_box 40 60")).to_be_visible()
     expect(page.locator(".flip--rejected")).to_have_count(1)
     expect(page).to_have_url(re.compile(rf"run={second}$"))
+    sides = page.locator(".flip--rejected .flip__side")
+    expect(sides.nth(0)).to_contain_text(f"kept in run {first}: match")
+    expect(sides.nth(1)).to_contain_text(f"rejected in run {second}: match")
 
     against = page.get_by_label("Run to compare with")
     expect(against).to_have_value(str(first))

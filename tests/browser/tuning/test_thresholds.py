@@ -77,6 +77,28 @@ def test_flip_links_to_its_box_in_its_frame(user, street):
     expect(page).to_have_url(re.compile(rf"#/frames/\d+\?box={box['box_id']}$"))
 
 
+def test_flip_shows_its_box_and_what_decides_on_both_sides(user, street):
+    page = open_thresholds(user, street, "?threshold_small_box=30.04")
+    flip = page.locator(".flip--rejected")
+
+    sides = flip.locator(".flip__side")
+    expect(sides.nth(0)).to_have_text("kept now: match 30 % ≥ 10 %")
+    expect(sides.nth(1)).to_have_text("would be rejected: match 30 % < 30.04 %")
+
+    expect(flip.locator("img")).to_be_visible()
+    picture = flip.locator(".flip__picture").bounding_box()
+    outline = flip.locator(".cell__box--rejected").bounding_box()
+    assert picture is not None
+    assert outline is not None
+    x0, y0, x1, y1 = car_at(30, 1)["xyxy"]
+    assert outline["width"] / outline["height"] == pytest.approx(
+        (x1 - x0) / (y1 - y0), rel=0.05
+    )
+    for side, size in (("x", "width"), ("y", "height")):
+        middle = outline[side] + outline[size] / 2
+        assert middle == pytest.approx(picture[side] + picture[size] / 2, abs=1)
+
+
 def test_class_threshold_is_set_by_keyboard(user, street):
     page = open_thresholds(user, street)
     handle(page, "car").focus()

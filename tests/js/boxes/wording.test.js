@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { labelText, matchText, reasonText, shortText, spokenText } from "../../../static/js/boxes/wording.js";
+import { causeText, labelText, matchText, reasonText, shortText, spokenText } from "../../../static/js/boxes/wording.js";
 import { decision } from "../../support/page/builders.js";
 
 test("a label gives the match, the threshold, and what hides the box", () => {
@@ -85,4 +85,15 @@ test("the text for screen readers names box, verdict and answer", () => {
 test("lists show the match where the segmentation decided, and nothing where nothing was measured", () => {
   assert.equal(matchText(decision()), "4.1 %");
   assert.equal(matchText(decision({ evidence: null, match_percent: null, threshold: null })), "");
+});
+
+test("what led to a verdict is said by numbers that differ, or by its reason", () => {
+  /** @param {Partial<import("../../../static/js/core/openapi.js").FlipSide>} some */
+  const text = (some) => causeText({ verdict: "rejected", reason: "below_threshold", match_percent: 16.49, threshold: 16.5, ...some }).replaceAll("\u00a0", " ");
+
+  assert.equal(text({}), "match 16.49 % < 16.5 %");
+  assert.equal(text({ match_percent: 16.5 }), "match 16.5 % ≤ 16.5 %");
+  assert.equal(text({ verdict: "kept", reason: "visible", match_percent: 16.52 }), "match 16.52 % ≥ 16.5 %");
+  assert.equal(text({ reason: "large_below_threshold", threshold: 30 }), "large, match 16.5 % < 30 %");
+  assert.equal(text({ reason: "no_visible_pixels", threshold: null }), "too few visible pixels");
 });
