@@ -45,6 +45,15 @@ export function FailureLine({ what, error, onRetry }) {
 /** A name that may break behind its dots and underscores, and nowhere else. @param {{text: string}} props */
 export const Words = ({ text }) => text.split(/(?<=[._])/).map((part, i) => (i ? html`<wbr />${part}` : part));
 
+/** Of a text that is shortened, so many characters at its end are always shown. */
+const TAIL = 10;
+
+/** One line. Where there is no room for all of it, characters in its middle are left out. @param {{text: string}} props */
+export function MiddleCut({ text }) {
+  const characters = [...text];
+  return html`<span class="middlecut"><span class="middlecut__head">${characters.slice(0, -TAIL).join("")}</span><span class="middlecut__tail">${characters.slice(-TAIL).join("")}</span></span>`;
+}
+
 /** Copy a text; `isCopied` is true for a moment afterwards. @param {string} text */
 export function useCopy(text) {
   const [isCopied, setCopied] = useState(false);

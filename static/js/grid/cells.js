@@ -9,6 +9,8 @@ import { useActions, useValue } from "../core/hooks.js";
 import { Component, html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { useKeyText, withKey } from "../core/keymap.js";
+import { MiddleCut } from "../core/parts.js";
+import { linkTo } from "../core/router.js";
 import { HEAD_PX, WAYS, cellsIn, layoutOf, moved, offsetAt, offsetToShow, rowsInSight, scrollTopFor } from "./layout.js";
 import { createPicking, extended, focused, isSelected, lassoed, listenToLasso } from "./selection.js";
 
@@ -208,7 +210,7 @@ class Cell extends Component {
     const flags = `${isSelected ? "is-selected" : ""} ${isFocused ? "is-focused" : ""}`;
     return html`<div class="cell ${flags}" role="gridcell" id=${id === undefined ? undefined : `cell-${id}`} aria-selected=${isSelected} aria-colindex=${column + 1} data-index=${index}
       onClick=${(/** @type {MouseEvent} */ event) => onPick(event, index)} onDblClick=${() => onOpen(index)}>
-      <span class="sr-only">${box ? spokenText(box) : box === null ? "Loading" : "No longer matches the filters"}</span>
+      <span class="sr-only">${box ? `${spokenText(box)}, frame ${box.frame}` : box === null ? "Loading" : "No longer matches the filters"}</span>
       <div class="cell__picture" aria-hidden="true" style=${{ height: `${size}px` }}>
         ${box && html`<${Picture} box=${box} size=${size} frameSize=${frameSize} />`}
         ${box === null && html`<div class="cell__none shimmer" />`}
@@ -220,12 +222,16 @@ class Cell extends Component {
   }
 }
 
+/** A click on a link or a button does not select the cell. @param {Event} event */
+const stop = (event) => event.stopPropagation();
+
 /** @param {{box: Decision}} props */
 function Caption({ box }) {
   return html`<div class="cell__caption" aria-hidden="true">
     <span class="cell__class"><${StrokeSwatch} verdict=${box.effective_verdict} /><span>${box.class}</span></span>
     <span class="cell__percent num">${matchText(box)}</span>
     <span class="cell__reason">${reasonText(box.reason)}</span>
+    <a class="cell__frame" href=${linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) })} tabindex="-1" draggable=${false} title=${`Frame ${box.frame}`} onClick=${stop} onDblClick=${stop}><${MiddleCut} text=${box.frame} /></a>
   </div>`;
 }
 
@@ -233,11 +239,11 @@ function Caption({ box }) {
 function Marks({ box, isWaiting, openTitle, onOpen }) {
   /** @param {Event} event */
   const open = (event) => {
-    event.stopPropagation();
+    stop(event);
     onOpen();
   };
   return html`<span class="cell__tick" aria-hidden="true"><${Icon} name="check" class="icon--bold" /></span>
     ${box.toss_up && html`<span class="cell__tossup" title="A toss-up: too few pixels to be certain">±</span>`}
     <span class="cell__answer" aria-hidden="true"><${AnswerSign} box=${box} isWaiting=${isWaiting} /></span>
-    <button class="cell__open" tabindex="-1" aria-hidden="true" title=${openTitle} onClick=${open} onDblClick=${(/** @type {Event} */ event) => event.stopPropagation()}><${Icon} name="fit" /></button>`;
+    <button class="cell__open" tabindex="-1" aria-hidden="true" title=${openTitle} onClick=${open} onDblClick=${stop}><${Icon} name="fit" /></button>`;
 }

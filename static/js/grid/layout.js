@@ -15,7 +15,7 @@
 /** @typedef {{x0: number, y0: number, x1: number, y1: number}} Rect  px from the grid's own corner */
 
 export const GAP_PX = 8;
-const CAPTION_PX = 40;
+const CAPTION_PX = 56;
 const MOST_PX = 16_000_000;
 
 /** Room at the start, for the ring around a selected cell. */

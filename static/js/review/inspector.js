@@ -10,7 +10,8 @@ import { html, useEffect, useMemo, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { Keys, useKeys } from "../core/keymap.js";
 import { agoText, countOf, countText, exactPercentText, metresText, percentText, unbroken } from "../core/numbers.js";
-import { FailureLine } from "../core/parts.js";
+import { FailureLine, MiddleCut } from "../core/parts.js";
+import { linkTo } from "../core/router.js";
 import { overlapping } from "../stage/geometry.js";
 import { OvertakenNotice } from "./answer_bar.js";
 
@@ -20,22 +21,23 @@ import { OvertakenNotice } from "./answer_bar.js";
 /** @typedef {import("../core/openapi.js").HistoryEntry} HistoryEntry */
 
 /**
- * @param {{app: App, frame: Frame, box: Decision | null, boxes: readonly Decision[], isWaiting: boolean,
+ * @param {{app: App, frame: Frame | null, box: Decision | null, boxes: readonly Decision[], isWaiting: boolean,
  *   actions: import("./frame.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props
+ *   `frame`: whose view this is; null: the view is not of one frame, so the box's is named
  */
 export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentRef }) {
   return html`<aside class="panel panel--inspector" aria-label="Selected box">
     ${box
-      ? html`<${BoxDetails} key=${box.box_id} app=${app} box=${box} boxes=${boxes} isWaiting=${isWaiting} actions=${actions} commentRef=${commentRef} />`
+      ? html`<${BoxDetails} key=${box.box_id} app=${app} frame=${frame} box=${box} boxes=${boxes} isWaiting=${isWaiting} actions=${actions} commentRef=${commentRef} />`
       : html`<${FrameDetails} app=${app} frame=${frame} boxes=${boxes} onStart=${actions.byName.nextUnanswered} />`}
   </aside>`;
 }
 
 /**
- * @param {{app: App, box: Decision, boxes: readonly Decision[], isWaiting: boolean,
+ * @param {{app: App, frame: Frame | null, box: Decision, boxes: readonly Decision[], isWaiting: boolean,
  *   actions: import("./frame.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props
  */
-function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
+function BoxDetails({ app, frame, box, boxes, isWaiting, actions, commentRef }) {
   const mine = useValue(app.overtaken).get(box.box_id);
   // The server keeps a comment as part of an answer only. On a box that has none, the comment comes with "unsure", which
   // leaves the filter's verdict in force.
@@ -45,6 +47,7 @@ function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
       <h2>${box.class} <span class="faint">${box.id}</span></h2>
       <${VerdictBadge} verdict=${box.verdict} />
     </header>
+    ${!frame && html`<p class="inspector__frame faint"><span>Frame</span><a href=${linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) })} title=${box.frame}><${MiddleCut} text=${box.frame} /></a></p>`}
     ${mine && html`<${OvertakenNotice} app=${app} box=${box} item=${mine} />`}
     <${AnswerLine} box=${box} isWaiting=${isWaiting} />
     <p class="inspector__sentence">${isWithheld(box) ? "Blind re-check: the filter's verdict is shown once you have answered." : unbroken(box.explanation || labelText(box))}</p>

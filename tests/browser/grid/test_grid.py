@@ -13,7 +13,7 @@ from playwright.sync_api import Route, expect
 from tests.support.page import many_boxes, scenes
 from tests.support.page.many_boxes import cell, grid, selected
 from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.windows import Visitor
+from tests.support.page.windows import OVERFLOW, WIDTHS, OpenWindow, Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -30,6 +30,31 @@ def open_grid(user: Visitor, scene: Scene, **query: str):
     return page
 
 
+@pytest.mark.parametrize("width", WIDTHS)
+def test_cell_names_the_frame_of_its_box_and_links_to_it(
+    make_scene, open_window: OpenWindow, width
+):
+    key = f"{'a-long-name-of-a-drive-' * 4}/camera-front/0000000042"
+    scene = make_scene(boxes=[])
+    frame = scene.push(key, boxes=many_boxes.alternating_boxes(2))
+    user = open_window(viewport={"width": width, "height": 844})
+    page = user.open(grid(scene))
+    link = cell(page, 1).locator(".cell__frame")
+
+    expect(link).to_have_text(key)
+    expect(link.get_by_text("0000000042", exact=True)).to_be_visible()
+    picture = cell(page, 1).locator(".cell__picture").bounding_box()
+    shown = link.bounding_box()
+    assert picture is not None
+    assert shown is not None
+    assert shown["width"] <= picture["width"]
+    assert page.evaluate(OVERFLOW) <= 0
+    link.click()
+
+    box = frame["boxes"][1]["box_id"]
+    expect(page).to_have_url(re.compile(rf"#/frames/{frame['id']}\?box={box}$"))
+
+
 def test_every_box_is_shown_with_its_crop_verdict_and_match(sixty_boxes, user):
     page = open_grid(user, sixty_boxes)
 
@@ -39,7 +64,9 @@ def test_every_box_is_shown_with_its_crop_verdict_and_match(sixty_boxes, user):
     expect(second.locator(".cell__box--rejected")).to_have_css("border-style", "dashed")
     expect(first.locator(".cell__percent")).to_have_text("100 %")
     expect(second.locator(".cell__reason")).to_have_text("too few visible pixels")
-    expect(first).to_have_accessible_name("car b0, kept: 100 % Car ≥ 10 %")
+    expect(first).to_have_accessible_name(
+        "car b0, kept: 100 % Car ≥ 10 %, frame run/000001"
+    )
     expect(page.locator(".grid-status p")).to_have_text("60 boxes")
 
 

@@ -12,7 +12,14 @@ from tests.support.page import many_boxes
 from tests.support.page.many_boxes import answers, queue, queued_box_id
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.stage import layer
-from tests.support.page.windows import FILL, PHONE, OpenWindow, Visitor
+from tests.support.page.windows import (
+    FILL,
+    OVERFLOW,
+    PHONE,
+    WIDTHS,
+    OpenWindow,
+    Visitor,
+)
 
 pytestmark = pytest.mark.browser
 
@@ -23,6 +30,9 @@ VIEW_IS_UNCHANGED = """() => {
   return before === stage.dataset.view;
 }"""
 SCALE = "parseFloat(document.querySelector('.stage').dataset.view)"
+
+
+LONG_KEY = f"{'a-long-name-of-a-drive-' * 4}/camera-front/0000000042"
 
 
 @pytest.fixture
@@ -241,6 +251,27 @@ def test_g_key_opens_the_grid_and_back_returns_to_the_same_box(twenty_boxes, use
     expect(page.locator(".queue__progress")).to_contain_text(
         "1 answered · 9 unanswered"
     )
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_queue_names_the_frame_of_the_box_and_links_to_it(
+    make_scene, open_window: OpenWindow, width
+):
+    scene = make_scene(boxes=[])
+    frame = scene.push(LONG_KEY, boxes=many_boxes.alternating_boxes(1))
+    user = open_window(viewport={"width": width, "height": 844})
+    page = open_queue(user, scene)
+    link = page.locator(".inspector__frame a")
+
+    expect(link).to_have_text(LONG_KEY)
+    expect(link.get_by_text("0000000042", exact=True)).to_be_visible()
+    assert page.evaluate(OVERFLOW) <= 0
+    assert link.evaluate("link => link.getBoundingClientRect().right") <= width
+    link.click()
+
+    box = frame["boxes"][0]["box_id"]
+    expect(page).to_have_url(re.compile(rf"#/frames/{frame['id']}\?box={box}$"))
+    expect(page.locator(".inspector__frame")).to_have_count(0)
 
 
 def test_boxes_of_another_run_are_loaded_anew_on_return_to_the_queue(
