@@ -3,8 +3,8 @@
 
 import { json } from "./api.js";
 import { useLoaded } from "./hooks.js";
-import { html, useState } from "./html.js";
-import { NumberField } from "./parts.js";
+import { html, useId, useState } from "./html.js";
+import { NumberField, faultText } from "./parts.js";
 
 /** @typedef {Record<string, any>} Schema */
 /** @typedef {{value: string, text: string}} Choice */
@@ -105,6 +105,14 @@ export function parseNumber({ min, max, isWhole }, text) {
   return number >= min && number <= max && (!isWhole || Number.isInteger(number)) ? number : null;
 }
 
+/** Which numbers a field allows: "a whole number from 0 to 9". @param {Pick<Field, "min" | "max" | "isWhole">} field */
+export function rangeText({ min, max, isWhole }) {
+  const what = isWhole ? "a whole number" : "a number";
+  if (Number.isFinite(min) && Number.isFinite(max)) return `${what} from ${min} to ${max}`;
+  if (Number.isFinite(min)) return `${what} of at least ${min}`;
+  return Number.isFinite(max) ? `${what} of at most ${max}` : what;
+}
+
 /** "50, 100" as numbers; null when it is something else. @param {string} text */
 export function parseNumbers(text) {
   const parts = text.split(/[\s,;]+/).filter(Boolean);
@@ -144,14 +152,16 @@ export function Control({ field, value, onChange, label = field.text, isSet = fa
         return html`<span class="ask__number"><input type="range" class="slider" aria-label=${label} min=${min} max=${max} step="0.05" value=${Number(value)} onInput=${(/** @type {Given} */ { currentTarget }) => onChange(Number(currentTarget.value))} />
           <output class="num">${shown(Number(value))}</output></span>`;
       }
-      return html`<${NumberField} label=${label} unit=${unit} step=${isWhole || unit !== "%" ? 1 : 0.5} isEmptyAllowed=${isEmptyAllowed} isSet=${isSet}
+      return html`<${NumberField} label=${label} unit=${unit} step=${isWhole || unit !== "%" ? 1 : 0.5} isEmptyAllowed=${isEmptyAllowed} isSet=${isSet} expected=${rangeText(field)}
         value=${typeof value === "number" ? value : null} parse=${(/** @type {string} */ text) => parseNumber(field, text)} onChange=${onChange} />`;
   }
 }
 
 /** @param {{label: string, value: unknown, onChange: (value: unknown) => void}} props */
 function Numbers({ label, value, onChange }) {
+  const id = useId();
   const [text, setText] = useState(Array.isArray(value) ? value.join(", ") : "");
+  const fault = parseNumbers(text) === null ? faultText("numbers, separated by commas", { text, isBad: false }) : "";
   /** @param {{currentTarget: HTMLInputElement}} event */
   const onInput = ({ currentTarget }) => {
     setText(currentTarget.value);
@@ -160,5 +170,8 @@ function Numbers({ label, value, onChange }) {
     currentTarget.setCustomValidity(numbers ? "" : "Numbers, separated by commas");
     if (numbers) onChange(numbers);
   };
-  return html`<span class="search"><input class="num" type="text" inputmode="numeric" aria-label=${label} value=${text} placeholder="none, or 50, 100, 200" aria-invalid=${parseNumbers(text) === null} onInput=${onInput} /></span>`;
+  return html`<span class="numberfield">
+    <span class="search"><input class="num" type="text" inputmode="numeric" aria-label=${label} value=${text} placeholder="none, or 50, 100, 200" aria-invalid=${fault !== ""} aria-describedby=${fault ? id : undefined} onInput=${onInput} /></span>
+    ${fault && html`<span id=${id} class="numberfield__fault" role="alert">${fault}</span>`}
+  </span>`;
 }

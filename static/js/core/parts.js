@@ -3,7 +3,7 @@
 
 import { ApiError } from "./api.js";
 import { useRetryOnline } from "./hooks.js";
-import { html, useEffect, useRef, useState } from "./html.js";
+import { html, useEffect, useId, useRef, useState } from "./html.js";
 import { Icon } from "./icons.js";
 import { countText } from "./numbers.js";
 import { linkTo } from "./router.js";
@@ -137,25 +137,38 @@ export function Select({ label, value, choices, any, onChange }) {
 }
 
 /**
- * @param {{label: string, value: number | null, unit: string, step?: number, isEmptyAllowed?: boolean, isSet?: boolean,
- *   parse: (text: string) => number | null, onChange: (value: number | null) => void}} props
+ * What is wrong with a typed number: "Expected 0 to 100, found 131."
+ * @param {string} expected @param {{text: string, isBad: boolean}} typed  `isBad`: it is no number; then browsers give no text
  */
-export function NumberField({ label, value, unit, step = 0.5, isEmptyAllowed = false, isSet = false, parse, onChange }) {
-  const [typed, setTyped] = useState(/** @type {string | null} */ (null));
-  const shown = typed ?? (value === null ? "" : String(value));
-  const isWrong = typed !== null && parse(typed) === null && !(isEmptyAllowed && typed.trim() === "");
+export const faultText = (expected, { text, isBad }) => `Expected ${expected}, found ${isBad ? "no number" : text.trim() || "nothing"}.`;
+
+/**
+ * A field for a number. While what is typed is not allowed, it says why.
+ * @param {{label: string, value: number | null, unit: string, expected: string, step?: number, isEmptyAllowed?: boolean, isSet?: boolean,
+ *   parse: (text: string) => number | null, onChange: (value: number | null) => void}} props  `expected`: which numbers `parse` allows
+ */
+export function NumberField({ label, value, unit, expected, step = 0.5, isEmptyAllowed = false, isSet = false, parse, onChange }) {
+  const id = useId();
+  const [typed, setTyped] = useState(/** @type {{text: string, isBad: boolean} | null} */ (null));
+  const shown = typed?.text ?? (value === null ? "" : String(value));
+  /** @param {{text: string, isBad: boolean}} given */
+  const isNone = ({ text, isBad }) => isEmptyAllowed && !isBad && text.trim() === "";
+  const fault = typed !== null && parse(typed.text) === null && !isNone(typed) ? faultText(expected, typed) : "";
   /** @param {{currentTarget: HTMLInputElement}} event */
   const onInput = ({ currentTarget }) => {
-    const text = currentTarget.value;
-    setTyped(text);
-    const number = parse(text);
+    const given = { text: currentTarget.value, isBad: currentTarget.validity.badInput };
+    setTyped(given);
+    const number = parse(given.text);
     if (number !== null) onChange(number);
-    else if (isEmptyAllowed && text.trim() === "") onChange(null);
+    else if (isNone(given)) onChange(null);
   };
-  return html`<span class="amount ${isSet ? "is-set" : ""} ${isWrong ? "is-wrong" : ""}">
-    <input class="num" type="number" inputmode="decimal" step=${step} min="0" aria-label=${label} aria-invalid=${isWrong}
-      value=${shown} placeholder=${isEmptyAllowed ? "none" : ""} onInput=${onInput} onBlur=${() => setTyped(null)} />
-    <span class="amount__unit" aria-hidden="true">${unit}</span>
+  return html`<span class="numberfield">
+    <span class="amount ${isSet ? "is-set" : ""} ${fault ? "is-wrong" : ""}">
+      <input class="num" type="number" inputmode="decimal" step=${step} min="0" aria-label=${label} aria-invalid=${fault !== ""} aria-describedby=${fault ? id : undefined}
+        value=${shown} placeholder=${isEmptyAllowed ? "none" : ""} onInput=${onInput} onBlur=${() => setTyped(null)} />
+      <span class="amount__unit" aria-hidden="true">${unit}</span>
+    </span>
+    ${fault && html`<span id=${id} class="numberfield__fault" role="alert">${fault}</span>`}
   </span>`;
 }
 

@@ -39,7 +39,7 @@ export function AllClasses({ app, tuning, scale, selected }) {
       <h2 id="all-classes">All classes</h2>
       <span class="faint">${followText(followers.length, own)}</span>
       <span class="panelbox__tools">
-        <${NumberField} label="Threshold of all classes" unit="%" value=${threshold} parse=${typedPercent} onChange=${set} isSet=${THRESHOLD in tuning.edits} />
+        <${NumberField} label="Threshold of all classes" unit="%" value=${threshold} expected="0 to 100" parse=${typedPercent} onChange=${set} isSet=${THRESHOLD in tuning.edits} />
         <${Segments} label="Scale of the counts" value=${scale} choices=${SCALES} onChange=${(/** @type {string} */ value) => tuning.look({ scale: value, class: selected })} />
       </span>
     </header>
@@ -97,7 +97,7 @@ function ClassCard({ app, tuning, name, counts, scale, isSelected }) {
       ${hasOwn(tried, name)
         ? html`<button class="button button--quiet button--small" onClick=${follow} title=${`Follow all classes (${percentText(Number(valueOf(tried, THRESHOLD)))})`}><${Icon} name="undo" />Follow all</button>`
         : html`<span class="faint classcard__follows">as for all</span>`}
-      <${NumberField} label=${`Threshold of ${name}, percent`} unit="%" value=${threshold} parse=${typedPercent} onChange=${set} isSet=${path in edits} />
+      <${NumberField} label=${`Threshold of ${name}, percent`} unit="%" value=${threshold} expected="0 to 100" parse=${typedPercent} onChange=${set} isSet=${path in edits} />
     </header>
     <${Histogram} app=${app} name=${name} size="small" counts=${counts} threshold=${threshold} active=${thresholdOf(active.config, name)} isLog=${scale !== "linear"} onChange=${set} />
     <${ClassCounts} tuning=${tuning} name=${name} />

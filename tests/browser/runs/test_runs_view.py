@@ -293,6 +293,9 @@ def test_export_with_an_invalid_number_is_not_requested(user, street):
     page.get_by_role("button", name="Make export").click()
 
     assert not field.evaluate("field => field.checkValidity()")
+    expect(field).to_have_accessible_description(
+        "Expected numbers, separated by commas, found 50, 100, 20O."
+    )
     path = f"/datasets/{street.dataset}/exports"
     assert scenes.get(street.api, path)["items"] == []
     field.fill("50, 100, 200")

@@ -127,7 +127,16 @@ def test_typed_number_sets_threshold_and_invalid_number_does_not(user, street):
     field.fill("131")
 
     expect(field).to_have_attribute("aria-invalid", "true")
+    expect(field).to_have_accessible_description("Expected 0 to 100, found 131.")
+    expect(page.get_by_role("alert")).to_be_visible()
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "31.25")
+    field.fill("")
+    expect(field).to_have_accessible_description("Expected 0 to 100, found nothing.")
+    field.press_sequentially("-")
+    expect(field).to_have_accessible_description("Expected 0 to 100, found no number.")
+    field.fill("40")
+    expect(field).to_have_accessible_description("")
+    expect(page.get_by_role("alert")).to_have_count(0)
 
 
 def test_tried_thresholds_are_kept_in_the_link_and_can_be_reset(user, street):
@@ -274,7 +283,18 @@ def test_invalid_number_is_marked_and_not_previewed(user, street):
     for wrong in ("101", "-1"):
         share.fill(wrong)
         expect(share).to_have_attribute("aria-invalid", "true")
-    page.get_by_role("spinbutton", name="lidar_min_points").fill("2.5")
+    expect(share).to_have_accessible_description(
+        "Expected a number from 0 to 100, found -1."
+    )
+    points = page.get_by_role("spinbutton", name="lidar_min_points")
+    points.fill("2.5")
+    expect(points).to_have_accessible_description(
+        re.compile("^Expected a whole number .*, found 2.5.$")
+    )
+    most = page.get_by_role("spinbutton", name="max_distance")
+    most.fill("")
+    most.press_sequentially("-")
+    expect(most).to_have_accessible_description(re.compile("found no number.$"))
     expect(page.locator(".summary__state")).to_have_text("The active configuration")
 
     share.fill("70.5")

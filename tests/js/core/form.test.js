@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { fieldsOf, parseNumber, parseNumbers } from "../../../static/js/core/form.js";
+import { fieldsOf, parseNumber, parseNumbers, rangeText } from "../../../static/js/core/form.js";
 
 /** @param {Record<string, unknown>} properties */
 const described = (properties) => fieldsOf({ components: { schemas: { Thing: { properties } } } }, "Thing");
@@ -42,6 +42,13 @@ test("a number is accepted only if it is in the field's range and of its kind", 
   const share = { min: 0, max: 100, isWhole: false };
   assert.deepEqual(["0", " 70.5 ", "100", "100.5", "-1", "", "x"].map((text) => parseNumber(share, text)), [0, 70.5, 100, null, null, null, null]);
   assert.deepEqual(["2", "2.5"].map((text) => parseNumber({ ...share, isWhole: true }, text)), [2, null]);
+});
+
+test("the numbers that a field allows are said in words", () => {
+  assert.equal(rangeText({ min: 0, max: 9, isWhole: true }), "a whole number from 0 to 9");
+  assert.equal(rangeText({ min: 0, max: Infinity, isWhole: false }), "a number of at least 0");
+  assert.equal(rangeText({ min: -Infinity, max: 9, isWhole: false }), "a number of at most 9");
+  assert.equal(rangeText({ min: -Infinity, max: Infinity, isWhole: false }), "a number");
 });
 
 test("a list of numbers is separated by commas or semicolons; anything else is refused", () => {
