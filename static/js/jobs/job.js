@@ -117,9 +117,15 @@ export function Canceller({ app, what, cancel }) {
   return html`<button class="button button--small" disabled=${isAsked} onClick=${run}>${isAsked ? "Cancelling…" : "Cancel"}<span class="sr-only"> ${what}</span></button>`;
 }
 
-/** @param {{app: import("../core/app.js").App, dataset: string, run: Run, onClose: () => void}} props */
-export function RunStrip({ app, dataset, run, onClose }) {
-  return html`<section class="runstrip runstrip--${run.state}" aria-label=${`Run ${run.id}`}>
+/**
+ * The state of a run, as a strip above a view.
+ * @param {{app: import("../core/app.js").App, dataset: string, run: Run, isOwn?: boolean, onClose: () => void}} props
+ *   `isOwn`: the person has just started it: the strip is scrolled to
+ */
+export function RunStrip({ app, dataset, run, isOwn = false, onClose }) {
+  const strip = useRef(/** @type {HTMLElement | null} */ (null));
+  useEffect(() => void (isOwn && strip.current?.scrollIntoView({ block: "center" })), [isOwn]);
+  return html`<section ref=${strip} class="runstrip runstrip--${run.state}" aria-label=${`Run ${run.id}`}>
     <${StateBadge} state=${run.state} />
     <p class="runstrip__text" role="status">${wordsOf(run)}</p>
     ${!isOver(run) && html`<${JobBar} job=${run} label=${`Run ${run.id}`} /><${CancelButton} app=${app} run=${run} />`}

@@ -65,6 +65,13 @@ function Tuner({ app, route, dataset, active, onApplied }) {
     },
   });
   const isRunning = run !== null && !isOver(run);
+  /** The run that was started here last: its strip is shown where the person looks. */
+  const [own, setOwn] = useState(/** @type {number | null} */ (null));
+  /** @param {Run} begun */
+  const onRun = (begun) => {
+    setStarted(begun);
+    setOwn(begun.id);
+  };
   const search = useOpenRun(dataset, (found) => setStarted((now) => now ?? found));
   // What has become active is no longer a change.
   useEffect(() => tuning.setEdits((held) => effectiveEdits(active.config, held)), [active]);
@@ -77,7 +84,7 @@ function Tuner({ app, route, dataset, active, onApplied }) {
   // Before pixels have been looked at there is nothing to draw or to count.
   const isUnknown = tuning.preview?.needs_pixels === true;
   return html`<${Summary} tuning=${tuning} isRunning=${isRunning} onReset=${() => tuning.setEdits({})} onSave=${() => setSaving(true)} />
-    ${run && html`<${RunStrip} app=${app} dataset=${dataset} run=${run} onClose=${() => setStarted(null)} />`}
+    ${run && html`<${RunStrip} key=${run.id} app=${app} dataset=${dataset} run=${run} isOwn=${run.id === own} onClose=${() => setStarted(null)} />`}
     ${search.error && html`<${FailureLine} what="Runs" error=${search.error} onRetry=${search.reload} />`}
     ${tuning.error && html`<${FailureLine} error=${tuning.error} onRetry=${tuning.retry} />`}
     ${!isUnknown && html`<${ChannelLine} config=${tuning.tried} keys=${keys.value ?? []} />`}
@@ -86,12 +93,12 @@ function Tuner({ app, route, dataset, active, onApplied }) {
         ${!isUnknown && html`<${AllClasses} app=${app} tuning=${tuning} scale=${scale} selected=${selected} />
           <${ClassCards} app=${app} tuning=${tuning} scale=${scale} selected=${selected} />
           <${Reasons} tuning=${tuning} selected=${selected} />`}
-        <${Versions} app=${app} dataset=${dataset} tuning=${tuning} saved=${saved} isRunning=${isRunning} onRun=${setStarted} />
+        <${Versions} dataset=${dataset} tuning=${tuning} saved=${saved} isRunning=${isRunning} onRun=${onRun} />
         <${ConfigPanel} tuning=${tuning} keys=${keys} />
       </div>
       ${!isUnknown && html`<${FlipPanel} app=${app} tuning=${tuning} selected=${selected} way=${way} onWay=${(/** @type {string} */ flips) => tuning.look({ class: selected, scale, flips })} />`}
     </div>
-    ${isSaving && html`<${SaveDialog} dataset=${dataset} tuning=${tuning} onClose=${() => setSaving(false)} onSaved=${onSaved} onRun=${setStarted} onOutdated=${onApplied} />`}`;
+    ${isSaving && html`<${SaveDialog} dataset=${dataset} tuning=${tuning} onClose=${() => setSaving(false)} onSaved=${onSaved} onRun=${onRun} onOutdated=${onApplied} />`}`;
 }
 
 const Empty = () => html`<${Notice} icon="layers" title="No boxes yet"><p>Histograms are shown once frames with boxes have been uploaded to this dataset.</p><//>`;

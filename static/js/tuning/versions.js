@@ -4,7 +4,7 @@
 import { get, post, put } from "../core/api.js";
 import { Control } from "../core/form.js";
 import { useNewest, useTask } from "../core/hooks.js";
-import { html } from "../core/html.js";
+import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText } from "../core/numbers.js";
 import { Dialog, FailureLine, Words, useCopy, useDialog } from "../core/parts.js";
@@ -34,13 +34,13 @@ export async function requireActive(dataset, digest, onOutdated, more = "The pag
 }
 
 /**
- * @param {{app: import("../core/app.js").App, dataset: string, tuning: Tuning, saved: number, isRunning: boolean,
+ * @param {{dataset: string, tuning: Tuning, saved: number, isRunning: boolean,
  *   onRun: (run: import("../core/openapi.js").Run) => void}} props
  */
-export function Versions({ app, dataset, tuning, saved, isRunning, onRun }) {
+export function Versions({ dataset, tuning, saved, isRunning, onRun }) {
   const { active } = tuning;
   const loaded = useNewest(NEWEST, (query, signal) => get("/api/v1/datasets/{dataset}/configs", { path: { dataset }, query, signal }), [dataset, active.digest, saved]);
-  const { run: apply, isBusy } = useTask(async (/** @type {string} */ digest) => onRun(await activate(dataset, digest)), app.toasts.fail);
+  const [asked, setAsked] = useState(/** @type {ConfigVersion | null} */ (null));
   return html`<section class="panelbox" aria-labelledby="versions-title">
     <header class="panelbox__head"><h2 id="versions-title">Versions</h2><span class="faint">${loaded.value ? `${loaded.showOlder ? "the newest " : ""}${countOf(loaded.value.items.length, "version")}` : ""}</span></header>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
@@ -53,13 +53,34 @@ export function Versions({ app, dataset, tuning, saved, isRunning, onRun }) {
           ${version.digest !== active.digest &&
           html`<span class="version__actions">
             <button class="button button--small" onClick=${() => tuning.setEdits(editsBetween(active.config, version.config))}>Try</button>
-            <button class="button button--small" disabled=${isRunning || isBusy} onClick=${() => apply(version.digest)}>Apply</button>
+            <button class="button button--small" disabled=${isRunning} onClick=${() => setAsked(version)}>Apply…</button>
           </span>`}
         </li>`,
       )}
     </ul>
     ${loaded.showOlder && html`<p class="more"><button class="button" onClick=${loaded.showOlder}>Older versions</button></p>`}
+    ${asked && html`<${ApplyDialog} dataset=${dataset} active=${active} version=${asked} onClose=${() => setAsked(null)} onRun=${onRun} />`}
   </section>`;
+}
+
+/** Asks before a stored version is applied. @param {{dataset: string, active: ConfigVersion, version: ConfigVersion, onClose: () => void, onRun: (run: Run) => void}} props */
+function ApplyDialog({ dataset, active, version, onClose, onRun }) {
+  const dialog = useDialog();
+  const rows = differences(active.config, version.config);
+  const { run: apply, isBusy, error } = useTask(async () => {
+    onRun(await activate(dataset, version.digest));
+    dialog.close();
+  });
+  return html`<${Dialog} dialog=${dialog} id="apply-title" title=${`Apply version ${version.digest.slice(0, 8)} to ${dataset}?`} isLight=${true} onClose=${onClose}>
+    <p class="savedialog__digest">Version <code title=${version.digest}>${version.digest.slice(0, 16)}</code> <span class="faint">${rows.length > 0 ? "differs from" : "has the same values as"} the active <code>${active.digest.slice(0, 8)}</code>${rows.length > 0 ? " in:" : "."}</span></p>
+    ${error && html`<${FailureLine} error=${error} />`}
+    ${rows.length > 0 && html`<${DiffTable} rows=${rows} names=${["Active", "This version"]} />`}
+    <p class="savedialog__what">A run decides all boxes of ${dataset} by this version. People's answers are not changed.</p>
+    <footer class="dialog__foot">
+      <button class="button" onClick=${dialog.close}>Cancel</button>
+      <button class="button button--primary" disabled=${isBusy} onClick=${apply}>Apply</button>
+    </footer>
+  <//>`;
 }
 
 /** @param {ConfigVersion} active @param {ConfigVersion} version */

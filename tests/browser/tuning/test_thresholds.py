@@ -13,9 +13,16 @@ from playwright.sync_api import Locator, Page, expect
 
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import keys_of
+from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import applied_config, car_at, count_bar_colours, dragged
-from tests.support.page.windows import PHONE, Visitor, route_loaded
+from tests.support.page.windows import (
+    PHONE,
+    WIDTHS,
+    OpenWindow,
+    Visitor,
+    route_loaded,
+)
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
@@ -206,9 +213,41 @@ def test_older_version_can_be_previewed_and_activated_again(user, street):
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "10")
     expect(figure(page, "rejected_to_kept")).to_have_text("2")
     page.get_by_role("button", name="Apply").click()
+    dialog = page.get_by_role("dialog", name=re.compile("^Apply version [0-9a-f]{8}"))
+    expect(dialog).to_contain_text(street.dataset)
+    expect(dialog.get_by_role("row", name="threshold_small_box 60 10")).to_be_visible()
+    dialog.get_by_role("button", name="Cancel").click()
+    expect(dialog).to_have_count(0)
+    assert applied_config(street)["threshold_small_box"] == 60
+    assert len(scenes.get(street.api, f"/datasets/{street.dataset}/runs")["items"]) == 2
 
-    expect(page.locator(".runstrip--done")).to_be_visible()
+    page.get_by_role("button", name="Apply").click()
+    dialog.get_by_role("button", name="Apply", exact=True).click()
+
+    expect(page.locator(".runstrip--done")).to_be_in_viewport(ratio=1)
     assert applied_config(street)["threshold_small_box"] == 10
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_applied_version_is_reported_in_sight(street, open_window: OpenWindow, width):
+    user = open_window(viewport={"width": width, "height": 844})
+    page = open_thresholds(user, street)
+    field = page.get_by_role("spinbutton", name="threshold_big_box")
+    field.fill("60")
+    expect(page.locator(".summary__state")).to_contain_text("1 change")
+    page.keyboard.press("Tab")
+    # Without the scrolling that a click on the button brings.
+    save = page.get_by_role("button", name="Save as new config version")
+    save.evaluate("button => button.click()")
+
+    page.get_by_role("button", name="Save and apply").click()
+
+    strip = page.locator(".runstrip--done")
+    expect(strip).to_be_in_viewport(ratio=1)
+    shown, summary = strip.bounding_box(), page.locator(".summary").bounding_box()
+    assert shown is not None
+    assert summary is not None
+    assert shown["y"] >= summary["y"] + summary["height"]
 
 
 def test_preview_that_needs_pixels_shows_message_and_no_counts(user, street):
