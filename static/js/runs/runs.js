@@ -160,6 +160,13 @@ function Boxes({ app, diff }) {
   </div>`;
 }
 
+/**
+ * Whether a run was stored, as done, when its dataset was created: it has decided nothing. A run that was carried out has
+ * not ended at the very moment when it started.
+ * @param {Pick<Run, "total" | "started_at" | "finished_at">} run
+ */
+export const isFirst = ({ total, started_at, finished_at }) => total === 0 && started_at !== null && started_at === finished_at;
+
 const KINDS = /** @type {Record<string, string>} */ ({ measure: "measured again", decide: "decided again" });
 
 /** @param {{app: import("../core/app.js").App, dataset: string, run: Run, isActive: boolean, isShown: boolean}} props */
@@ -170,7 +177,7 @@ function RunRow({ app, dataset, run, isActive, isShown }) {
       ${isActive && html`<span class="tagword">active</span>`}
       ${!run.activate && html`<span class="faint run__note">not activated</span>`}
     </div>
-    <p class="run__about faint"><code title=${run.config}>${run.config.slice(0, 8)}</code> · ${KINDS[run.kind] ?? run.kind} · ${run.created_by}, ${agoText(run.created_at)}${tookOf(run)}</p>
+    <p class="run__about faint"><code title=${run.config}>${run.config.slice(0, 8)}</code>${isFirst(run) ? "" : ` · ${KINDS[run.kind] ?? run.kind}`} · ${run.created_by}, ${agoText(run.created_at)}${tookOf(run)}</p>
     <div class="run__how"><${How} run=${run} /></div>
     <div class="run__actions">
       ${!isOver(run) && html`<${CancelButton} app=${app} run=${run} />`}
@@ -195,7 +202,7 @@ function How({ run }) {
   }
   const { kept = 0, rejected = 0, unmeasured = 0 } = run.counts;
   const boxes = kept + rejected + unmeasured;
-  if (boxes === 0) return html`<p class="faint">Created with the dataset.</p>`;
+  if (boxes === 0) return html`<p class="faint">${isFirst(run) ? "Created with the dataset." : "There were no boxes."}</p>`;
   return html`<${VerdictBar} counts=${{ boxes, kept, rejected, unmeasured, reviewed: 0, to_review: 0 }} />
     <p class="faint num">${countText(kept)} kept · ${countText(rejected)} rejected · <strong class="run__changed" title="Boxes with another verdict or reason than before">${run.changed ? `${countText(run.changed)} changed` : "nothing changed"}</strong></p>`;
 }

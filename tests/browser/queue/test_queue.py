@@ -332,10 +332,14 @@ def test_queue_order_is_switched_and_kept_in_the_address(twenty_boxes, user, ord
     assert f"order={value}" in page.url
 
 
-def test_boxes_outside_of_the_image_are_not_queued(scene, user):
+def test_boxes_outside_of_the_image_are_queued_only_if_they_are_chosen(scene, user):
     page = open_queue(user, scene)
 
     expect(page.locator(".queue__progress")).to_contain_text("4 unanswered")
+
+    page.get_by_label("Reason").select_option("outside the image")
+    expect(page.locator(".queue__progress")).to_contain_text("1 unanswered")
+    shows(page, "away")
 
 
 def test_end_of_queue_shows_summary_and_next_steps(scene, user):

@@ -170,6 +170,23 @@ def test_two_runs_are_compared_by_class_by_key_and_by_box(user, street):
     expect(page.get_by_role("row", name="threshold_small_box 10 60")).to_be_visible()
 
 
+def test_first_run_does_not_say_that_it_has_decided_again(user, api, street):
+    page = runs_page(user, street)
+    runs = page.get_by_role("article", name=re.compile("^Run"))
+
+    expect(runs).to_contain_text("Created with the dataset.")
+    expect(runs).not_to_contain_text("again")
+
+    empty = f"{street.dataset}-empty"
+    assert api.post("/datasets", json={"name": empty}).status_code == 201
+    scenes.decide(api, empty, {"threshold_small_box": 40})
+    user.open(f"#/datasets/{empty}/runs")
+    expect(runs).to_have_count(2)
+    expect(runs.nth(0)).to_contain_text("decided again")
+    expect(runs.nth(0)).to_contain_text("There were no boxes.")
+    expect(runs.nth(1)).not_to_contain_text("decided again")
+
+
 def test_export_is_made_and_its_download_matches_the_checksum(user, street, tmp_path):
     page = runs_page(user, street)
     page.get_by_role("button", name="New export").click()
