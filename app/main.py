@@ -32,7 +32,7 @@ from app.http.middleware import (
     RequestId,
     SecurityHeaders,
 )
-from app.http.routing import MAX_READS_PER_TOKEN, TokenPlaces
+from app.http.routing import MAX_READS_PER_TOKEN, MAX_WRITES_PER_TOKEN, TokenPlaces
 from app.http.static import content_security_policy
 from app.http.static import router as page_router
 from app.http.transaction import repeat_response
@@ -118,6 +118,8 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     app.state.folders = CapacityLimiter(MAX_FOLDERS)
     app.state.readers = CapacityLimiter(MAX_READERS)
     app.state.reading = TokenPlaces(MAX_READS_PER_TOKEN)
+    app.state.writing = TokenPlaces(MAX_WRITES_PER_TOKEN)
+    app.state.uploading = TokenPlaces((MAX_UPLOADS + workers) // 2)
     app.state.drawings = CapacityLimiter(workers + 1)
     app.state.drawing = TokenPlaces(workers)  # one place is left for other tokens
     watch = LoopWatch()

@@ -144,7 +144,8 @@ class Settings(BaseSettings):
         default=ByteSize(256 * 1024**2),
         ge=0,
         description="Free disk space below which the service reports that it is not "
-        "ready, and refuses frames, exports and bulk answers.",
+        "ready, and refuses frames, exports, bulk answers, new datasets and "
+        "configurations.",
     )
     shutdown_wait_s: float = Field(
         default=20,

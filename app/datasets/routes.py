@@ -19,6 +19,7 @@ from app.http.deps import (
     DatasetName,
     ReadSession,
     make_room,
+    require_room_to_write,
 )
 from app.http.pages import Cursor, Limit, Newest, accepted, page_response
 from app.http.routing import ApiRouter
@@ -61,6 +62,7 @@ def create_dataset(
     audit: Audited,
 ) -> wire.Dataset:
     """Create a dataset; its first configuration is the service's default."""
+    require_room_to_write(services, session)
     reading = DatasetReading(
         name=body.name,
         palette=body.palette,
@@ -102,6 +104,7 @@ def change_dataset(
     found = DatasetRepository(session).named(dataset)
     changes = body.model_dump(exclude_unset=True)
     if body.ignore_mask is not None:
+        require_room_to_write(services, session)
         changes["ignore_mask"] = _stored(body.ignore_mask)
     run = datasets.change_dataset(services, session, found, changes, audit.name)
     audit.note(

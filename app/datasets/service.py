@@ -168,7 +168,7 @@ def describe_dataset(session: Session, dataset: Dataset) -> wire.Dataset:
         encoding=dataset.encoding,
         channel_order=dataset.channel_order,
         lossy_segmentation=dataset.lossy_segmentation,
-        has_ignore_mask=dataset.ignore_mask is not None,
+        has_ignore_mask=dataset.has_ignore_mask,
         created_at=dataset.created_at,
         config=active_version(session, dataset).digest,
         active_run=dataset.active_run_id,

@@ -22,7 +22,12 @@ from app.security import (
     includes,
 )
 from app.settings import Settings
-from app.storage.room import DELETING_BYTES, DeletionSignal, Reserve
+from app.storage.room import (
+    DELETING_BYTES,
+    DeletionSignal,
+    Reserve,
+    require_room,
+)
 from unghost.wire.words import Role
 
 Result = TypeVar("Result")
@@ -129,6 +134,21 @@ def make_room(services: ServiceContext, session: Session) -> None:
     """
     if Reserve(services.settings.data).give_up(DELETING_BYTES):
         once_committed(session, services.one(DeletionSignal).set)
+
+
+def require_room_to_write(services: ServiceContext, session: Session) -> None:
+    """Refuse to store what a request has sent if the disk is too full.
+
+    This begins the transaction: of several such requests, each sees the disk as the one
+    before has left it.
+
+    Raises
+    ------
+    StorageFull
+        Fewer than `min_free_bytes` are free.
+    """
+    session.connection()
+    require_room(services.settings, services.storage)
 
 
 ADMIN = Depends(admin)

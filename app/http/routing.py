@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Coroutine, Iterator
+from functools import partial
 from typing import Final
 from weakref import WeakValueDictionary
 
@@ -139,7 +140,9 @@ LARGE_BODY: Final = streamed_up_to("max_batch_bytes")
 """``openapi_extra`` of a route that takes batches of frames."""
 
 MAX_READS_PER_TOKEN: Final = 12
-"""Concurrent reading requests of one token; all routes share 40 threads."""
+"""Concurrent requests of one token that store nothing; all routes share 40 threads."""
+MAX_WRITES_PER_TOKEN: Final = 4
+"""Concurrent requests of one token that write, of the `MAX_WRITERS` of all."""
 CLIENT_LEFT: Final = 499
 """A status for the log only: the client has closed the connection."""
 
@@ -159,6 +162,16 @@ class OpenRoute(HeadRoute):
         default = "max_json_bytes" if self.takes_json else None
         named: str | None = (self.openapi_extra or {}).get(BODY_LIMIT, default)
         return named
+
+    @property
+    def writes(self) -> bool:
+        """Whether the endpoint has a transaction that writes."""
+        return _uses(self.dependant, write_session)
+
+    @property
+    def is_upload(self) -> bool:
+        """Whether the endpoint reads a large body, and limits how many requests do."""
+        return BODY_LIMIT in (self.openapi_extra or {}) and not self.writes
 
     @property
     def is_streamed(self) -> bool:
@@ -224,23 +237,29 @@ class ApiRoute(OpenRoute):
         """Call the endpoint; a repeated request gets the response of the first one."""
         if request.method == "POST" and "idempotency-key" in request.headers:
             key = checked_key(request.headers["idempotency-key"])
-            if not self.is_streamed and _uses(self.dependant, write_session):
-                return await respond_once(endpoint, request, key)
-        if request.method in SAFE_METHODS:
-            return await _call_limited(endpoint, request)
-        return await endpoint(request)
+            if self.writes:
+                endpoint = partial(respond_once, endpoint, key=key)
+        if self.is_upload:
+            return await endpoint(request)
+        if request.method not in SAFE_METHODS:
+            await request.body()  # before taking a place: it may arrive slowly
+        state = request.app.state
+        places = state.writing if self.writes else state.reading
+        return await _call_in_turn(endpoint, request, places)
 
 
-async def _call_limited(endpoint: Handler, request: Request) -> Response:
-    """Call the endpoint when fewer than `MAX_READS_PER_TOKEN` of this token run.
+async def _call_in_turn(
+    endpoint: Handler, request: Request, places: TokenPlaces
+) -> Response:
+    """Call the endpoint when its caller's token has a free place.
 
-    Until then the request waits without a thread, so that no token uses all threads.
-    If the client disconnects meanwhile, the endpoint is not called.
+    Until then the request waits without a thread, so that no token uses all threads, or
+    delays the writes of all others. If the client disconnects meanwhile, the endpoint
+    is not called.
     """
-    reading: TokenPlaces = request.app.state.reading
-    places = reading.of(request.state.principal.token_id)
-    has_to_wait = places.available_tokens < 1
-    async with places:
+    own = places.of(request.state.principal.token_id)
+    has_to_wait = own.available_tokens < 1
+    async with own:
         if has_to_wait and await request.is_disconnected():
             return Response(status_code=CLIENT_LEFT)
         return await endpoint(request)

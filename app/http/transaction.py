@@ -130,7 +130,7 @@ def commit_and_respond(session: Session, response: Response) -> Response:
 
 
 async def respond_once(
-    endpoint: Callable[[Request], Awaitable[Response]], request: Request, key: str
+    endpoint: Callable[[Request], Awaitable[Response]], request: Request, *, key: str
 ) -> Response:
     """Call an endpoint that takes a `WriteSession`, for a request with this key."""
     request.state.repeatable = await _repeatable(request, key)

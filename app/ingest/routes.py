@@ -304,13 +304,16 @@ async def put_frame(
     """Store a frame: it is measured, decided and durable before the response."""
     # One thread does all of it, as changing threads takes as long as deciding a frame.
     # It is one of a few for uploads alone: slow frames could occupy all shared ones.
-    places: CapacityLimiter = request.app.state.uploads
+    state = request.app.state
+    places: CapacityLimiter = state.uploads
+    own: CapacityLimiter = state.uploading.of(common.sender.token_id)
     given_up = threading.Event()
     watching = asyncio.ensure_future(tell_when_left(request, given_up))
     try:
-        return await to_thread.run_sync(
-            _store, services, common, upload, given_up, limiter=places
-        )
+        async with own:  # no token takes the places of all others
+            return await to_thread.run_sync(
+                _store, services, common, upload, given_up, limiter=places
+            )
     except GivenUp:
         raise (ClientDisconnect if given_up.is_set() else stopping)() from None
     finally:
@@ -329,6 +332,8 @@ def _store(
     upload: UploadedFrame,
     given_up: threading.Event,
 ) -> Response:
+    if given_up.is_set():  # while the request waited for its place
+        raise GivenUp
     stored = add_frame(services, common, upload, given_up)
     headers = {"Location": f"/api/v1/frames/{stored.frame_id}"}
     if isinstance(stored, NewFrame):

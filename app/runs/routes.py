@@ -18,6 +18,7 @@ from app.http.deps import (
     DatasetName,
     ReadSession,
     RowId,
+    require_room_to_write,
 )
 from app.http.pages import (
     Cursor,
@@ -124,9 +125,11 @@ def create_config(
     dataset: DatasetName,
     body: ConfigBody,
     session: WriteSession,
+    services: AppServices,
     principal: CurrentPrincipal,
 ) -> Response:
     """Store a version; it has no effect until a run applies it."""
+    require_room_to_write(services, session)
     found = DatasetRepository(session).named(dataset)
     version, created = add_version(
         session,

@@ -76,6 +76,25 @@ def test_below_min_free_bytes_uploads_and_exports_are_refused_not_reviews(data):
     assert (review.status_code, again.status_code) == (201, 201)
 
 
+def test_below_min_free_bytes_no_dataset_mask_or_config_is_stored(data):
+    corner = {"polygons": [[[0, 0], [9, 0], [9, 9]]]}
+    with served(data, **SETTINGS) as (_, api):
+        beside = api.dataset()
+        path = f"/datasets/{beside}"
+        config = api.json(f"{path}/config")["config"]
+        with full_disk(data, MIN_FREE_MIB * MIB // 2):
+            answers = [
+                api.post("/datasets", {"name": "another"}),
+                api.http.patch(f"/api/v1{path}", json={"ignore_mask": corner}),
+                api.post(f"{path}/configs", {**config, "threshold_small_box": 31}),
+            ]
+            described = api.http.patch(f"/api/v1{path}", json={"description": "small"})
+
+    for refused in answers:
+        assert (refused.status_code, refused.json()["code"]) == (503, "storage_full")
+    assert described.status_code == 200
+
+
 def test_bulk_answers_and_their_undo_need_room_for_all_their_comments(data):
     """A comment of two kilobytes on a thousand boxes takes some megabytes."""
     comment = "x" * 2000

@@ -144,11 +144,18 @@ async def hold() -> str:
 
 @open_router.get("/wait")
 @router.get("/wait")
+@router.post("/wait")
 def wait() -> str:
     """Block a thread."""
     waiting.release()
     unblock.wait(60)
     return "gone on"
+
+
+@router.post("/wait/to-write")
+def wait_to_write(_session: WriteSession) -> str:
+    """Block a thread, with a place among the requests that write."""
+    return wait()
 
 
 @router.get("/large-file")

@@ -6,7 +6,7 @@ from datetime import datetime
 from typing import Any
 
 from sqlalchemy import ForeignKey, String, Text, UniqueConstraint
-from sqlalchemy.orm import Mapped, mapped_column
+from sqlalchemy.orm import Mapped, column_property, mapped_column
 
 from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
 
@@ -24,7 +24,11 @@ class Dataset(Base):
     encoding: Mapped[str] = mapped_column(String(16), default="auto")
     channel_order: Mapped[str] = mapped_column(String(8), default="auto")
     lossy_segmentation: Mapped[str] = mapped_column(String(16), default="refuse")
-    ignore_mask: Mapped[dict[str, object] | None] = mapped_column(JsonText)
+    # Deferred: a mask may be megabytes, and few uses of a dataset need it.
+    ignore_mask: Mapped[dict[str, object] | None] = mapped_column(
+        JsonText, deferred=True
+    )
+    has_ignore_mask: Mapped[bool] = column_property(ignore_mask.is_not(None))
     active_config_id: Mapped[int | None] = mapped_column(Key)
     active_run_id: Mapped[int | None] = mapped_column(Key)
     active_measurement_id: Mapped[int | None] = mapped_column(Key)
@@ -88,6 +92,7 @@ class Measurement(Base):
     )
     digest: Mapped[str] = mapped_column(String(64))
     pixel_digest: Mapped[str] = mapped_column(String(64))
-    options: Mapped[dict[str, Any]] = mapped_column(JsonText)
+    # Deferred: the dataset's ignore mask is part of it.
+    options: Mapped[dict[str, Any]] = mapped_column(JsonText, deferred=True)
     filter_core_version: Mapped[str] = mapped_column(String(32))
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)

@@ -11,10 +11,8 @@ import httpx
 import numpy as np
 import pytest
 
-from app.http.routing import MAX_READS_PER_TOKEN
 from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
-from tests.support import probe_routes
 from tests.support.api import BASE, Api
 from tests.support.archives import frame, lines_of, tar_archive
 from tests.support.waiting import until
@@ -228,26 +226,6 @@ def test_overlay_refused_for_memory_is_not_retried(serve):
         assert {one.status_code for one in again} == {422}
         after = api.http.get("/metrics").text.splitlines()
         assert [line for line in after if line.startswith(ended)] == before
-
-
-def test_concurrent_reads_of_one_token_do_not_block_others(serve):
-    probe_routes.unblock.clear()
-    service = serve()
-    with service.admin() as admin:
-        made = admin.post("/api/v1/tokens", json={"name": "greedy", "role": "viewer"})
-        greedy = service.client(Authorization=f"Bearer {made.json()['token']}")
-        with greedy, ThreadPoolExecutor(60) as readers:
-            asked = [readers.submit(greedy.get, "/probe/wait") for _ in range(60)]
-            try:
-                for _ in range(MAX_READS_PER_TOKEN):
-                    assert probe_routes.waiting.acquire(timeout=PATIENCE_S)
-                others = admin.get("/api/v1/datasets")
-            finally:
-                probe_routes.unblock.set()
-            answers = {one.result().status_code for one in asked}
-
-    assert others.status_code == 200
-    assert answers == {200}
 
 
 @contextmanager

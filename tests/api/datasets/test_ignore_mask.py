@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from base64 import b64encode
 
 import numpy as np
 import pytest
 
 from tests.support import frames as scene
+from tests.support.api import BASE, Api
 from tests.support.pictures import png
+from tests.support.statements import statements_of
+
+MASK = re.compile(r"datasets\.ignore_mask(?! IS NOT)|measurements\.options")
+"""Columns of a statement that have the mask."""
 
 
 def base64_png(pixels: np.ndarray) -> str:
@@ -55,3 +61,24 @@ def test_invalid_ignore_mask_is_refused(api, mask):
 
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")
     assert answer.json()["errors"][0]["pointer"].startswith("/ignore_mask")
+
+
+def test_ignore_mask_is_read_only_where_pixels_are_measured(serve):
+    """It may be megabytes: reading it for each dataset of a list took seconds."""
+    service = serve()
+    engine = service.app.state.database.engine
+    with service.admin() as admin, statements_of(engine) as found:
+        api = Api(admin)
+        dataset = api.dataset(ignore_mask={"png": base64_png(FULL_MASK)})
+        api.upload_frame(dataset, "a")
+        found.clear()
+        for path in ("", f"/{dataset}", f"/{dataset}/stats", f"/{dataset}/frames"):
+            api.json(f"/datasets{path}")
+        api.json("/boxes", dataset=dataset, count=True)
+        reading = [statement for statement, _ in found]
+        found.clear()
+        api.http.patch(f"{BASE}/datasets/{dataset}", json={"palette": scene.FAMILY})
+        changing = [statement for statement, _ in found]
+
+    assert not any(MASK.search(statement) for statement in reading)
+    assert any(MASK.search(statement) for statement in changing)

@@ -101,9 +101,14 @@ def test_flip_shows_its_box_and_what_decides_on_both_sides(user, street):
     assert outline["width"] / outline["height"] == pytest.approx(
         (x1 - x0) / (y1 - y0), rel=0.05
     )
-    for side, size in (("x", "width"), ("y", "height")):
-        middle = outline[side] + outline[size] / 2
-        assert middle == pytest.approx(picture[side] + picture[size] / 2, abs=1)
+    assert middle_of(outline) == pytest.approx(middle_of(picture), abs=1)
+
+
+def middle_of(rectangle):
+    return (
+        rectangle["x"] + rectangle["width"] / 2,
+        rectangle["y"] + rectangle["height"] / 2,
+    )
 
 
 def test_class_threshold_is_set_by_keyboard(user, street):

@@ -1,0 +1,117 @@
+"""No token takes the threads, or the turns to write, of all others."""
+
+from __future__ import annotations
+
+import json
+import socket
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from urllib.parse import urlsplit
+
+import pytest
+
+from app.http.routing import MAX_READS_PER_TOKEN, MAX_WRITES_PER_TOKEN
+from tests.support import frames as scene
+from tests.support import probe_routes
+from tests.support.api import Api
+from tests.support.waiting import until
+
+pytestmark = pytest.mark.long
+
+PATIENCE_S = 120
+WAYS = {
+    "GET": ("GET", "/probe/wait", MAX_READS_PER_TOKEN),
+    "POST that stores nothing": ("POST", "/probe/wait", MAX_READS_PER_TOKEN),
+    "POST that writes": ("POST", "/probe/wait/to-write", MAX_WRITES_PER_TOKEN),
+}
+
+
+def new_reviewer(service, admin):
+    made = admin.post("/api/v1/tokens", json={"name": "greedy"}).json()
+    return service.client(Authorization=f"Bearer {made['token']}")
+
+
+@contextmanager
+def blocked(service, admin, way, count):
+    """One token sends requests that block; gives its client and their responses."""
+    method, path, most = WAYS[way]
+    probe_routes.unblock.clear()
+    with new_reviewer(service, admin) as greedy, ThreadPoolExecutor(count) as threads:
+        asked = [threads.submit(greedy.request, method, path) for _ in range(count)]
+        try:
+            for _ in range(most):
+                assert probe_routes.waiting.acquire(timeout=PATIENCE_S)
+            yield greedy, asked
+        finally:
+            probe_routes.unblock.set()
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_requests_of_one_token_do_not_block_others(serve, way):
+    service = serve()
+    with service.admin() as admin:
+        with blocked(service, admin, way, 60) as (_, asked):
+            reading = admin.get("/api/v1/datasets")
+            writing = admin.post("/api/v1/datasets", json={"name": "street"})
+        answers = {one.result().status_code for one in asked}
+
+    assert (reading.status_code, writing.status_code) == (200, 201)
+    assert answers == {200}
+
+
+def test_write_whose_client_left_while_it_waited_is_not_executed(serve):
+    service = serve()
+    place = urlsplit(service.url)
+    with service.admin() as admin, ExitStack() as opened:
+        busy = blocked(service, admin, "POST that writes", MAX_WRITES_PER_TOKEN)
+        greedy, _ = opened.enter_context(busy)
+        token = admin.get("/api/v1/tokens").json()["items"][-1]["id"]
+        places = service.app.state.writing.of(token)
+        with ExitStack() as connections:
+            for number in range(20):
+                body = json.dumps({"name": f"left-{number}"}).encode()
+                head = (
+                    "POST /probe/tokens HTTP/1.1",
+                    f"Host: {place.netloc}",
+                    f"Authorization: {greedy.headers['authorization']}",
+                    "Content-Type: application/json",
+                    f"Content-Length: {len(body)}",
+                )
+                connection = connections.enter_context(
+                    socket.create_connection((place.hostname, place.port))
+                )
+                connection.sendall("\r\n".join((*head, "", "")).encode() + body)
+            until(lambda: places.statistics().tasks_waiting == 20)
+        admin.get("/healthz")  # by now the service knows that they have left
+        probe_routes.unblock.set()
+        last = greedy.post("/probe/tokens", json={"name": "last"})
+        names = [one["name"] for one in admin.get("/api/v1/tokens").json()["items"]]
+
+    assert last.status_code == 201
+    assert names == ["admin", "greedy", "last"]
+
+
+def test_uploads_of_one_token_leave_places_for_others(serve):
+    service = serve()
+    uploads = service.app.state.uploads
+    own = uploads.total_tokens // 2
+    annotation, segmentation = scene.large(3000)
+    seen = set()
+    with service.admin() as admin, new_reviewer(service, admin) as greedy:
+        admin.post("/api/v1/datasets", json={"name": "street"})
+
+        def upload(number):
+            return (
+                Api(greedy)
+                .put("street", f"{number}", annotation, segmentation=segmentation)
+                .status_code
+            )
+
+        with ThreadPoolExecutor(3 * own) as threads:
+            sent = [threads.submit(upload, number) for number in range(3 * own)]
+            while not all(one.done() for one in sent):
+                seen.add(uploads.borrowed_tokens)
+        statuses = {one.result() for one in sent}
+
+    assert statuses == {201}
+    assert max(seen) == own
