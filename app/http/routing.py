@@ -1,15 +1,16 @@
 """The router of all routes: what it checks of a request before it calls the endpoint.
 
 Before a body is read, it checks the caller's role, the size of the body, the query
-parameters and the media type. A POST with an Idempotency-Key is passed on to
-`app.http.transaction`, where the transaction of a route that writes is described.
+parameters and the media type. Then the request waits until its token has a free place.
+A POST with an Idempotency-Key is passed on to `app.http.transaction`, where the
+transaction of a route that writes is described.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Coroutine, Iterator
-from functools import partial
+from functools import cached_property, partial
 from typing import Final
 from weakref import WeakValueDictionary
 
@@ -163,7 +164,7 @@ class OpenRoute(HeadRoute):
         named: str | None = (self.openapi_extra or {}).get(BODY_LIMIT, default)
         return named
 
-    @property
+    @cached_property
     def writes(self) -> bool:
         """Whether the endpoint has a transaction that writes."""
         return _uses(self.dependant, write_session)
@@ -219,9 +220,10 @@ class ApiRoute(OpenRoute):
     writing_needs: Role = "reviewer"
 
     async def admit(self, request: Request) -> None:
-        """Check the role of the caller, and limit the body's size; JSON's time, too.
+        """Check the role of the caller, and limit the body.
 
-        Other bodies, which may be large, arrive as slowly as the network is.
+        Its size is limited, and for JSON also the time until it has arrived. Other
+        bodies may be so large that they take hours.
         """
         reads = request.method in SAFE_METHODS
         await authorise(request, self.reading_needs if reads else self.writing_needs)

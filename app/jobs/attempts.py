@@ -21,12 +21,13 @@ anew.
 
 **How a chunk is tried again**
 
-| attempt | by a worker | by the driver |
+| count during the attempt | by a worker | by the driver, which has counted it |
 |---|---|---|
-| first | the whole chunk | the whole chunk |
-| second | the whole chunk, alone | frame by frame |
-| third | frame by frame, alone | frame by frame |
-| no fourth | quarantine of all | quarantine of the cause |
+| 0 | first: the whole chunk | |
+| 1 | second: the whole chunk, alone | first: the whole chunk |
+| 2 | third: frame by frame, alone | second: frame by frame |
+| 3 | | third: frame by frame |
+| no fourth attempt | quarantine of all | quarantine of the cause |
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
 the cause. Each of them is submitted again while no other one is in progress
@@ -80,11 +81,7 @@ log = logging.getLogger(__name__)
 
 
 def is_one_by_one(chunk: Chunk) -> bool:
-    """Whether to work frame by frame in this attempt; see the table above.
-
-    The count is 2 in a worker's third attempt, after two deaths, and in a driver's
-    second attempt, after one death, because a driver counts its attempt in advance.
-    """
+    """Whether to work frame by frame in this attempt: see the table above."""
     return chunk.attempts >= 2
 
 

@@ -9,13 +9,11 @@
 // revision*: that of the box as the person saw it. If the box has a newer one when the item arrives, somebody else has
 // answered it meanwhile, and the server refuses the item.
 //
-// If a person answers the same box twice, two items on it may wait. The second must be refused if somebody else has
-// answered the box, but not because of the first one:
+// If a person answers the same box twice, two items on it may wait:
 //
-// - While the first item waits, somebody else may answer the box. The person does not see that, even if the page has
-//   loaded the new revision: it goes on showing the answer that waits. So a second item does not get the new revision
-//   but the seen revision of the first (`add`), and the server refuses both.
-// - When the first item is stored, the second gets the revision that the box has now (`finish`). Only a second item that
+// - While the first one waits, the box is shown with that answer, whatever others say of it. So the second item has the
+//   same seen revision as the first (`add`). If somebody else has answered the box, the server refuses both items.
+// - When the first one is stored, the second gets the revision that the box has now (`finish`). Only a second item that
 //   waits in another tab does not get it: the server refuses it, and the person chooses between the two answers.
 
 import { randomId } from "../core/tab.js";
