@@ -200,7 +200,8 @@ def test_only_the_documented_ports_listen_and_only_on_loopback(running_cluster):
     assert scheduler == {("127.0.0.1", running_cluster.cluster.port)}
     assert [len(ports) for ports in workers] == [1, 1]
     assert {host for ports in workers for host, _ in ports} == {"127.0.0.1"}
-    assert server == {("127.0.0.1", int(running_cluster.server.url.rpartition(":")[2]))}
+    port = int(running_cluster.server.url.rpartition(":")[2])
+    assert server == {("127.0.0.1", port), ("[::1]", port)}
 
 
 def test_worker_without_a_valid_certificate_cannot_join(running_cluster, tmp_path):

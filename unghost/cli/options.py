@@ -189,8 +189,8 @@ def note_unknown_classes(
 ) -> None:
     """Note classes of a configuration that are probably misspelt.
 
-    Any name may be the class of boxes, so it is no error. The filter's own classes are
-    not noted: one configuration may be for several datasets.
+    It is no error, as boxes may have whatever class somebody chooses. The filter's own
+    classes are not noted: one configuration may be for several datasets.
 
     Parameters
     ----------
