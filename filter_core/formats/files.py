@@ -2,7 +2,7 @@
 
 Keys of frames come from users: a file name made from a key never leads out of the
 folder. A spool stores pieces that are written later, in memory or, if they are many, on
-disk. `folder_sink` creates a folder only when it is complete.
+disk. `folder_sink` creates a folder only when it is complete, and `whole_file` a file.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import html
 import json
+import os
 import re
 import shutil
 import tempfile
@@ -42,6 +43,9 @@ _MAX_PART_BYTES: Final = 180
 _IN_PLACE_OF_SLASH: Final = "__"
 
 _PIECE: Final = 64 * 1024
+
+_NEW_FILE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+"""With `O_EXCL` no link is followed, either."""
 
 _IMPOSSIBLE: Final = re.compile(
     "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
@@ -120,6 +124,30 @@ def folder_sink(folder: Path) -> Iterator[Sink]:
         partial.rename(folder)
     except BaseException:
         shutil.rmtree(partial, ignore_errors=True)
+        raise
+
+
+@contextmanager
+def whole_file(path: Path, buffer_bytes: int = -1) -> Iterator[IO[bytes]]:
+    """Write a file, which appears under its name when it is complete, not before.
+
+    Until then it is a new file in the same folder, under a name that nobody can know:
+    somebody else who fills the folder could have laid a link there to a private file.
+    A link under the file's own name is replaced. A device or a pipe of that name is
+    written as it is.
+    """
+    if path.exists() and not path.is_file():
+        with path.open("wb", buffer_bytes) as device:
+            yield device
+        return
+    draft = path.with_name(f".{path.name}.{os.urandom(8).hex()}.part")
+    descriptor = os.open(draft, _NEW_FILE, 0o666)
+    try:
+        with os.fdopen(descriptor, "wb", buffer_bytes) as file:
+            yield file
+        draft.replace(path)
+    except BaseException:
+        draft.unlink(missing_ok=True)
         raise
 
 

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.formats.files import whole_file
 from filter_core.formats.manifest import SEMANTIC_LIDAR_POINT
 from filter_core.formats.reading import MANIFEST_NAME
 from unghost.capture.simulator import (
@@ -42,6 +43,14 @@ MANIFEST_KEYS: Final[Mapping[str, str]] = {
 """The key of each sensor's file in a manifest; the folder is named after the sensor."""
 _RED = 2
 """In memory a pixel is blue, green, red, alpha."""
+_APPEND: Final = (
+    os.O_WRONLY
+    | os.O_APPEND
+    | os.O_CREAT
+    | getattr(os, "O_NOFOLLOW", 0)
+    | getattr(os, "O_BINARY", 0)
+)
+"""How a file is opened to append to it, unless it is a link to another one."""
 Table = NDArray[np.void]
 """A structured array, one row per point."""
 LIDAR: Final = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")])
@@ -140,7 +149,8 @@ class CaptureFolder:
 
     def _append(self, line: Mapping[str, object]) -> None:
         text = json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n"
-        with (self.path / MANIFEST_NAME).open("ab") as file:
+        descriptor = os.open(self.path / MANIFEST_NAME, _APPEND, 0o666)
+        with os.fdopen(descriptor, "ab") as file:
             file.write(text.encode())
             file.flush()
             os.fsync(file.fileno())
@@ -169,6 +179,9 @@ class CaptureFolder:
 
     def _read_keys(self) -> list[str]:
         path = self.path / MANIFEST_NAME
+        if path.is_symlink():
+            # It may lead to a private file, which would be cut and written to.
+            raise CaptureError(f"{path} is a link, the capture cannot continue")
         if not path.exists():
             return []
         content = path.read_bytes()
@@ -186,12 +199,10 @@ class CaptureFolder:
 
 
 def _write_whole(target: Path, content: bytes) -> None:
-    partial = target.with_name(f".{target.name}.part")
-    with partial.open("wb") as file:
+    with whole_file(target) as file:
         file.write(content)
         file.flush()
         os.fsync(file.fileno())
-    partial.replace(target)
 
 
 def encode(sensor: str, measured: Measurement) -> tuple[str, bytes]:

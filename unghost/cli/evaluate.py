@@ -161,9 +161,16 @@ def evaluate(options: EvaluateOptions) -> None:
     _print_result(result, thresholds, screen)
     if options.plot is not None:
         scores = [(name, one["f1"]) for name, one in result["channels"].items()]
-        options.plot.write_text(f1_plot(scores), "utf-8")
+        _write(options.plot, f1_plot(scores))
     if left_out:
         raise partly_done(evaluation.frames)
+
+
+def _write(path: Path, text: str) -> None:
+    from filter_core.formats.files import whole_file
+
+    with whole_file(path) as file:
+        file.write(text.encode())
 
 
 class _TruthUse:
@@ -298,7 +305,7 @@ class _Thresholds:
                 "hidden boxes"
             )
         if self.file is not None:
-            self.file.write_text(_yaml(self.collector.config, self.suggested), "utf-8")
+            _write(self.file, _yaml(self.collector.config, self.suggested))
             screen.note(f"wrote {self.file}")
 
 

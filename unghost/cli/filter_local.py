@@ -106,16 +106,14 @@ def _output(path: Path) -> Iterator[Write]:
         yield sys.stdout.buffer.write
         sys.stdout.buffer.flush()
         return
+    from filter_core.formats.files import whole_file
+
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f"{path.name}.part")
     try:
-        with unfinished.open("wb", buffering=_BUFFER_BYTES) as file:
+        with whole_file(path, _BUFFER_BYTES) as file:
             yield file.write
-        unfinished.replace(path)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"interrupted; {path} was not written") from None
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 class _Tally:

@@ -10,12 +10,13 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import stat
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Final, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import IO, Final, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import httpx
 
@@ -34,6 +35,7 @@ from unghost.client.transport import Attempts, Transport
 _FIRST_POLL_S: Final = 0.05
 _LONGEST_POLL_S: Final = 2.0
 _CHUNK_BYTES: Final = 1 << 20
+_NO_LINK: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 
 
 class State(Protocol):
@@ -290,9 +292,13 @@ class _Download:
 
     def _bytes_there(self) -> int:
         # Without a digest, the rest may not belong to the bytes already downloaded.
-        if self.sha256 is None or not self.partial.exists():
+        if self.sha256 is None:
             return 0
-        have = self.partial.stat().st_size
+        try:
+            found = self.partial.lstat()
+        except FileNotFoundError:
+            return 0
+        have = found.st_size if _is_only_ours(found) else 0
         return have if self.size_bytes is None or have <= self.size_bytes else 0
 
     def _continue(self, progress: Callable[[int, int | None], object]) -> None:
@@ -304,13 +310,29 @@ class _Download:
             headers["Range"] = f"bytes={have}-"
         call = Call("GET", self.url, _itself, headers=headers)
         with self.transport.stream(call) as response:
-            resumed = response.status_code == httpx.codes.PARTIAL_CONTENT
-            with self.partial.open("ab" if resumed else "wb") as file:
+            is_rest = response.status_code == httpx.codes.PARTIAL_CONTENT
+            with self._open(resumed=have > 0 and is_rest) as file:
                 for chunk in response.iter_raw():
                     file.write(chunk)
                     progress(file.tell(), self.size_bytes)
                 file.flush()
                 os.fsync(file.fileno())
+
+    def _open(self, *, resumed: bool) -> IO[bytes]:
+        """The temporary file, to append to it; a new one unless `resumed`.
+
+        Others who may write into the folder can know its name, and lay a link there. So
+        what is there is removed, or continued only if it is a file of ours alone.
+        """
+        flags = os.O_WRONLY | os.O_APPEND | _NO_LINK
+        if not resumed:
+            self.partial.unlink(missing_ok=True)
+            flags |= os.O_CREAT | os.O_EXCL
+        file = os.fdopen(os.open(self.partial, flags, 0o666), "ab")
+        if resumed and not _is_only_ours(os.fstat(file.fileno())):
+            file.close()
+            raise PermissionError(f"{self.partial} was replaced by another program")
+        return file
 
     def _check(self) -> None:
         if self.sha256 is None:
@@ -325,6 +347,12 @@ class _Download:
                 f"{self.path.name}: got SHA-256 {digest.hexdigest()}, "
                 f"expected {self.sha256}; the download was dropped, fetch it again"
             )
+
+
+def _is_only_ours(found: os.stat_result) -> bool:
+    """Whether this is a regular file of this user, without a second name."""
+    is_mine = not hasattr(os, "geteuid") or found.st_uid == os.geteuid()
+    return stat.S_ISREG(found.st_mode) and found.st_nlink == 1 and is_mine
 
 
 def _itself(response: httpx.Response) -> httpx.Response:

@@ -134,6 +134,25 @@ def test_suggested_thresholds_are_written_as_a_valid_config(
     assert after.records[0]["channels"]["semantic"]["f1"]["value"] == 1
 
 
+def test_written_files_take_the_place_of_links(unghost, folder_with_partial_box):
+    private = folder_with_partial_box / "private.txt"
+    private.write_text("mine")
+    config, plot = (folder_with_partial_box / name for name in ("a.yaml", "b.svg"))
+    config.symlink_to(private)
+    plot.symlink_to(private)
+
+    answer = unghost(
+        *("evaluate", folder_with_partial_box, "--suggest"),
+        *("--config-out", config, "--plot", plot),
+    )
+
+    assert answer.code == DONE
+    assert private.read_text() == "mine"
+    written = load_config(config.read_bytes()).config
+    assert written.limits_of("car").threshold_small_box > 10
+    assert ElementTree.fromstring(plot.read_text("utf-8")).tag.endswith("svg")
+
+
 def test_suggested_thresholds_are_printed_as_a_table(unghost, folder_with_partial_box):
     answer = unghost("evaluate", folder_with_partial_box, "--suggest", "--recall", "1")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,39 @@ def test_interrupted_filter_leaves_no_partial_output_file(unghost, tmp_path):
     assert (process.returncode, out) == (INTERRUPTED, "")
     assert "interrupted; out/all.jsonl was not written" in err
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_filter_writes_through_no_link_in_the_folder_of_its_output(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 1)
+    private = tmp_path / "private.txt"
+    private.write_text("mine")
+    for name in ("decisions.jsonl", "decisions.jsonl.part"):
+        (folder / name).symlink_to(private)
+
+    answer = unghost("filter", folder, "-o", folder / "decisions.jsonl")
+
+    assert answer.code == DONE
+    assert private.read_text() == "mine"
+    assert not (folder / "decisions.jsonl").is_symlink()
+    assert len(lines_of(folder / "decisions.jsonl")) == 1
+
+
+def test_filter_writes_into_a_pipe_without_replacing_it(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 1)
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    # Open for reading and writing, so that neither end waits for the other.
+    descriptor = os.open(pipe, os.O_RDWR | os.O_NONBLOCK)
+
+    try:
+        answer = unghost("filter", folder, "-o", pipe)
+        written = os.read(descriptor, 1 << 16)
+    finally:
+        os.close(descriptor)
+
+    assert answer.code == DONE
+    assert json.loads(written)["key"] == "run/000000"
+    assert pipe.is_fifo()
 
 
 def test_filter_with_an_invalid_frame_exits_with_3(unghost, tmp_path):

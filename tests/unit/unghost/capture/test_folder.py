@@ -49,6 +49,31 @@ def test_adding_a_frame_writes_its_files_and_a_manifest_line(folder):
     assert list(folder.path.rglob("*.part")) == []
 
 
+def test_capture_writes_through_no_link_that_others_laid(folder, tmp_path):
+    private = tmp_path / "private.txt"
+    private.write_text("mine")
+    (folder.path / "rgb").mkdir()
+    (folder.path / "rgb" / ".000000.png.part").symlink_to(private)
+
+    folder.add("Town01/000000", FILES, {"extra": {}})
+
+    assert private.read_text() == "mine"
+    assert (folder.path / "rgb/000000.png").read_bytes() == b"picture"
+
+
+def test_capture_with_a_link_in_place_of_its_manifest_is_refused(folder, tmp_path):
+    private = tmp_path / "private.txt"
+    private.write_text("mine, without a line break")
+    (folder.path / "manifest.jsonl").symlink_to(private)
+
+    with pytest.raises(CaptureError, match=r"manifest\.jsonl is a link"):
+        CaptureFolder(folder.path).open(RECORDING)
+    with pytest.raises(OSError, match=r"manifest\.jsonl"):
+        folder.add("Town01/000000", FILES, {"extra": {}})
+
+    assert private.read_text() == "mine, without a line break"
+
+
 def test_capture_resumes_after_last_complete_manifest_line(folder):
     folder.add("Town01/000000", FILES, {"extra": {}})
     with (folder.path / "manifest.jsonl").open("ab") as file:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from dataclasses import replace
 from datetime import datetime, timezone
 
@@ -120,3 +121,61 @@ def test_download_with_wrong_digest_raises_and_keeps_old_file(
 
     assert (tmp_path / "x.zip").read_bytes() == b"the one before"
     assert len(list(tmp_path.iterdir())) == 1
+
+
+PART = f"x.zip.{EXPORT.sha256[:12]}.part"
+
+
+def lay_link(part, private):
+    part.symlink_to(private)
+
+
+def lay_hard_link(part, private):
+    part.hardlink_to(private)
+
+
+def lay_file_of_another_user(part, private):
+    part.write_bytes(CONTENT[:4])
+    os.chown(part, 65534, 65534)
+
+
+@pytest.mark.parametrize(
+    "lay",
+    [
+        lay_link,
+        lay_hard_link,
+        pytest.param(
+            lay_file_of_another_user,
+            marks=pytest.mark.skipif(os.geteuid() != 0, reason="needs root"),
+        ),
+    ],
+)
+def test_download_continues_no_link_and_no_file_of_another_user(
+    scripted, client, tmp_path, lay
+):
+    private = tmp_path / "private.txt"
+    private.write_bytes(CONTENT[:4])
+    out = tmp_path / "out"
+    out.mkdir()
+    lay(out / PART, private)
+    scripted.answer(Reply(body=CONTENT))
+
+    client.download(EXPORT, out / "x.zip")
+
+    assert private.read_bytes() == CONTENT[:4]
+    assert "Range" not in scripted.received_requests[0].headers
+    assert not (out / "x.zip").is_symlink()
+    assert (out / "x.zip").read_bytes() == CONTENT
+    assert [file.name for file in out.iterdir()] == ["x.zip"]
+
+
+def test_download_of_unknown_digest_writes_through_no_link(scripted, client, tmp_path):
+    private = tmp_path / "private.txt"
+    private.write_text("mine")
+    (tmp_path / "x.zip.unknown.part").symlink_to(private)
+    scripted.answer(Reply(body=CONTENT))
+
+    client.download(EXPORT.model_copy(update={"sha256": None}), tmp_path / "x.zip")
+
+    assert private.read_text() == "mine"
+    assert (tmp_path / "x.zip").read_bytes() == CONTENT

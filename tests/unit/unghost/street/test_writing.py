@@ -55,6 +55,21 @@ def test_writing_reports_progress_and_leaves_no_part_files(written_dataset):
     assert not list(manifest.parent.rglob("*.part"))
 
 
+def test_street_is_written_through_no_link_in_its_folder(tmp_path):
+    private = tmp_path / "private.txt"
+    private.write_text("mine")
+    folder = tmp_path / "street"
+    links = ["manifest.part", "truth.part", "rgb/town-a/000000.png"]
+    for link in links:
+        (folder / link).parent.mkdir(parents=True, exist_ok=True)
+        (folder / link).symlink_to(private)
+
+    manifest = write_street(folder, 1)
+
+    assert private.read_text() == "mine"
+    assert len(read_json_lines(manifest)) == 1
+
+
 def test_written_manifest_can_be_read_without_problems(written_dataset):
     (source,) = read_manifest(written_dataset[0], ReadOptions()).frames()
 
