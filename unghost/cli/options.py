@@ -14,6 +14,7 @@ Dataclasses that inherit share their options.
 from __future__ import annotations
 
 import inspect
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, fields
@@ -103,10 +104,17 @@ class ServerOptions(OutputOptions):
     ] = None
 
     def connect(self) -> Client:
-        """A client of this server."""
+        """A client of this server; notes the token files that were ignored."""
         from unghost.client.client import Client
+        from unghost.client.discovery import IgnoredTokenFile
 
-        return Client(self.server, self.token)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", IgnoredTokenFile)
+            try:
+                return Client(self.server, self.token)
+            finally:
+                for one in caught:
+                    self.screen.note(str(one.message))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,10 +1,11 @@
 """Finds the server's address, and the token of a server on this machine.
 
-A token that was found in a file is sent only to a server on this machine that runs as
-the owner of the file, because another user's program may have taken the port of a
-server that has ended. Before such a token is sent, the users whose programs listen at
-the address are therefore compared with the owner of the file. This works only on Linux,
-because other systems do not report who listens.
+Another user's program may have taken the port of a server that has ended. So a token
+that was found in a file is sent only to a server on this machine that runs as the owner
+of the file, and without a token a server on this machine gets something only if it runs
+as the caller or as root. Before each connection, the users whose programs listen at the
+address are therefore looked up. This works only on Linux, because other systems do not
+report who listens. Token files of other users are ignored.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ from __future__ import annotations
 import ipaddress
 import json
 import os
+import stat
 import sys
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +33,9 @@ SERVER_VARIABLE: Final = "UNGHOST_SERVER"
 DEFAULT_DATA: Final = Path("unghost-data")
 
 _ROOT: Final = 0
+
+_MAX_TOKEN: Final = 4096
+"""Characters that are read of a token file; a token has fewer than a hundred."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,11 @@ class BadServerUrl(ValueError):
 
 
 class ForeignServer(Exception):
-    """Another user's program listens at the address of the server of a found token."""
+    """Another user's program listens at the address, and no token was given for it."""
+
+
+class IgnoredTokenFile(UserWarning):
+    """A token file was not used, because it belongs to another user."""
 
 
 def find_server(
@@ -70,8 +80,12 @@ def find_server(
 
     The token is the first of: the argument, `UNGHOST_TOKEN`, the `token` file in the
     folder `UNGHOST_DATA`, the file that `unghost serve` noted for this address, the
-    `token` file in `./unghost-data`. Raises ForeignServer if the token is from a file
-    and another user than the owner of that file listens at the address.
+    `token` file in `./unghost-data`.
+
+    A file is ignored, with the warning IgnoredTokenFile, unless it belongs to the
+    caller or to root; root also uses others' files, except the last one, which is only
+    a guess. Raises ForeignServer if no token was given and another user listens at the
+    address: see `refuse_foreign`.
     """
     env = os.environ if environ is None else environ
     address = _address(url, env)
@@ -84,21 +98,33 @@ def find_server(
 
 
 def refuse_foreign(server: Server) -> None:
-    """Raise ForeignServer if another user than the owner of the token file listens."""
-    file = server.token_file
-    if file is None:
+    """Raise ForeignServer if another user listens, and the token was not given.
+
+    Root may listen: it may run the proxy of a container, or have opened the port for a
+    service. Otherwise it must be the owner of the token's file or, without a token, the
+    caller.
+    """
+    file, parsed = server.token_file, httpx.URL(server.url)
+    if file is None and (server.token or not is_local(parsed.host)):
         return
-    parsed = httpx.URL(server.url)
     port = parsed.port or DEFAULT_PORT[parsed.scheme]
-    # Root may run the proxy of a container, or have opened the port for a service.
-    foreign = listening_uids(parsed.host, port) - {file.owner, _ROOT}
-    if foreign:
-        raise ForeignServer(
-            f"user {min(foreign)} listens at {server.url}, but {file.path} belongs to "
-            f"user {file.owner}: its token was not sent. If this is your server, give "
-            "the token as UNGHOST_TOKEN; if not, start yours again, on another port "
-            "while this one is taken."
-        )
+    owner = _caller() if file is None else file.owner
+    foreign = listening_uids(parsed.host, port) - {owner, _ROOT}
+    if not foreign:
+        return
+    why = "this is neither you nor root: nothing was sent"
+    if file is not None:
+        why = f"{file.path} belongs to user {file.owner}: its token was not sent"
+    raise ForeignServer(
+        f"user {min(foreign)} listens at {server.url}, but {why}. If this is your "
+        "server, give the token as UNGHOST_TOKEN; if not, start yours again, on "
+        "another port while this one is taken."
+    )
+
+
+def _caller() -> int | None:
+    """The user of this process; None on systems whose files have no such owners."""
+    return os.geteuid() if hasattr(os, "geteuid") else None
 
 
 def _address(url: str | None, env: Mapping[str, str]) -> str:
@@ -127,25 +153,43 @@ def _local_server(url: str, env: Mapping[str, str]) -> Server:
     if not is_local(httpx.URL(url).host):
         return Server(url, None)
     said = env.get("UNGHOST_DATA")
-    files = [
+    named = [
         Path(said, "token") if said else None,
         _noted_token_file(note_path(url, env)),
-        # Only a guess: the server may have been started with another folder.
-        DEFAULT_DATA / "token",
     ]
-    found = (_server(url, file) for file in files if file is not None)
-    return next((server for server in found if server.token), Server(url, None))
+    # Only a guess: the server may have been started with another folder.
+    guess = DEFAULT_DATA / "token"
+    for file in dict.fromkeys([*filter(None, named), guess]):
+        token, owner = _token_in(file)
+        if token and _is_trusted(owner, is_named=file in named):
+            return Server(url, token, TokenFile(file, owner))
+        if token:
+            warnings.warn(
+                f"ignored: {file} belongs to user {owner}; if it is the token of your "
+                "server, give it as UNGHOST_TOKEN",
+                IgnoredTokenFile,
+                stacklevel=2,
+            )
+    return Server(url, None)
 
 
-def _server(url: str, file: Path) -> Server:
-    # Absent, or another person's: then it is not for us.
+def _is_trusted(owner: int, *, is_named: bool) -> bool:
+    caller = _caller()
+    return caller is None or owner in (caller, _ROOT) or (caller == _ROOT and is_named)
+
+
+def _token_in(file: Path) -> tuple[str, int]:
+    """The token in a file, and the file's owner; no token if it cannot be read."""
+    # Absent, or another person's: then it is not for us. Not to wait for a pipe.
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)
     try:
-        with file.open(encoding="utf-8") as opened:
-            token = opened.read().strip()
-            owner = os.fstat(opened.fileno()).st_uid
+        with os.fdopen(os.open(file, flags), encoding="utf-8") as opened:
+            found = os.fstat(opened.fileno())
+            is_file = stat.S_ISREG(found.st_mode)
+            token = opened.read(_MAX_TOKEN).strip() if is_file else ""
     except (OSError, UnicodeDecodeError):
-        return Server(url, None)
-    return Server(url, token, TokenFile(file, owner))
+        return "", _ROOT
+    return token, found.st_uid
 
 
 def is_local(host: str) -> bool:

@@ -14,12 +14,14 @@ from pathlib import Path
 import pytest
 
 from unghost import Client, RetryPolicy
+from unghost.cli.options import ServerOptions
 from unghost.client.call import Call, nothing
-from unghost.client.discovery import ForeignServer, find_server
+from unghost.client.discovery import ForeignServer, IgnoredTokenFile, find_server
 from unghost.client.duplex import Duplex
 from unghost.client.transport import Transport
 from unghost.wire.note import note_path
 
+ME = 12345
 OWNER = 1000
 NOBODY = 65534
 pytestmark = pytest.mark.skipif(
@@ -107,7 +109,7 @@ def token_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def write_note(url: str, token_file: Path) -> None:
     note = note_path(url, os.environ)
-    note.parent.mkdir(parents=True)
+    note.parent.mkdir(parents=True, exist_ok=True)
     note.write_text(json.dumps({"url": url, "token_file": str(token_file), "pid": 1}))
     os.chown(note, OWNER, OWNER)
 
@@ -159,6 +161,7 @@ def test_found_token_is_not_sent_to_foreign_listener_on_localhost(
 def test_token_found_in_data_folder_is_not_sent_to_another_user(
     token_file, start_listener, monkeypatch, folder
 ):
+    monkeypatch.setattr(os, "geteuid", lambda: OWNER)
     token_file.parent.rename(token_file.parent.parent / folder)
     if folder != "unghost-data":
         monkeypatch.setenv("UNGHOST_DATA", folder)
@@ -195,6 +198,90 @@ def test_explicit_token_is_sent_to_another_users_listener(
     send_request(url)
 
     assert other.heard() == ["Bearer given", "Bearer of the environment"]
+
+
+def test_nothing_is_sent_to_another_users_listener_without_a_token(
+    token_file, start_listener
+):
+    token_file.unlink()
+    other = start_listener(NOBODY)
+    url = f"http://127.0.0.1:{other.port}"
+
+    with pytest.raises(ForeignServer) as refused:
+        send_request(url)
+
+    assert f"user {NOBODY} listens at {url}" in str(refused.value)
+    assert "UNGHOST_TOKEN" in str(refused.value)
+    assert other.heard() == []
+
+
+@pytest.mark.parametrize("uid", [OWNER, 0], ids=["oneself", "root"])
+def test_request_without_a_token_is_sent_to_own_listener_or_one_of_root(
+    token_file, start_listener, monkeypatch, uid
+):
+    token_file.unlink()
+    monkeypatch.setattr(os, "geteuid", lambda: OWNER)
+    own = start_listener(uid)
+
+    send_request(f"http://127.0.0.1:{own.port}")
+
+    assert own.heard() == ["None"]
+
+
+@pytest.mark.parametrize("place", ["UNGHOST_DATA", "note", "unghost-data"])
+def test_token_file_of_another_user_is_ignored(
+    token_file, start_listener, monkeypatch, place
+):
+    own, other = start_listener(ME), start_listener(OWNER)
+    monkeypatch.setattr(os, "geteuid", lambda: ME)
+    if place == "UNGHOST_DATA":
+        monkeypatch.setenv(place, str(token_file.parent))
+    elif place == "unghost-data":
+        token_file.parent.rename(place)
+    for port in (own.port, other.port) if place == "note" else ():
+        write_note(f"http://127.0.0.1:{port}", token_file)
+
+    with pytest.warns(IgnoredTokenFile, match=f"token belongs to user {OWNER}"):
+        send_request(f"http://127.0.0.1:{own.port}")
+    with pytest.warns(IgnoredTokenFile), pytest.raises(ForeignServer):
+        send_request(f"http://127.0.0.1:{other.port}")
+
+    assert (own.heard(), other.heard()) == (["None"], [])
+
+
+def test_root_uses_only_token_files_of_others_that_were_named(
+    token_file, start_listener, monkeypatch
+):
+    own = start_listener(0)
+    url = f"http://127.0.0.1:{own.port}"
+    token_file.parent.rename("unghost-data")
+
+    with pytest.warns(IgnoredTokenFile):
+        send_request(url)
+    monkeypatch.setenv("UNGHOST_DATA", "unghost-data")
+    send_request(url)
+
+    assert own.heard() == ["None", "Bearer secret"]
+
+
+def test_command_notes_an_ignored_token_file(token_file, start_listener, capsys):
+    own = start_listener(0)
+    token_file.parent.rename("unghost-data")
+
+    ServerOptions(server=f"http://127.0.0.1:{own.port}").connect().close()
+
+    assert capsys.readouterr().err == (
+        f"ignored: unghost-data/token belongs to user {OWNER}; if it is the token of "
+        "your server, give it as UNGHOST_TOKEN\n"
+    )
+
+
+def test_token_file_that_is_a_pipe_is_ignored(token_file):
+    os.mkfifo(token_file.with_name("pipe"))
+    token_file.with_name("pipe").rename(token_file)
+    token_file.parent.rename("unghost-data")
+
+    assert find_server("http://127.0.0.1:1").token is None
 
 
 def test_token_is_found_when_no_program_listens(token_file, start_listener):
