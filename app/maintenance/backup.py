@@ -50,6 +50,8 @@ from app.storage import (
 FORMAT: Final = 1
 LABEL: Final = "backup.json"
 DATABASE: Final = "unghost.db"
+MAX_LABEL_BYTES: Final = 16 * 1024**2
+"""Of the label: names of some 200,000 files that were left out."""
 _BLOB: Final = re.compile(rf"{BLOBS}/([0-9a-f]{{2}})/(\1[0-9a-f]{{62}})")
 _CHUNK: Final = 1 << 20
 _MB: Final = 10**6
@@ -101,7 +103,7 @@ def unpack(backup: Path, folder: Path, advance: Advance, *, keep: bool) -> Unpac
         for name, stream in parts:
             if name == LABEL:
                 # The last file: it lists the files that were left out.
-                label = _read_label(stream.read(), backup)
+                label = _read_label(stream.read(MAX_LABEL_BYTES + 1), backup)
                 continue
             target = folder / name if keep or name == DATABASE else None
             digests[name] = _copy(stream, target)
@@ -122,6 +124,10 @@ def unpack(backup: Path, folder: Path, advance: Advance, *, keep: bool) -> Unpac
 
 
 def _read_label(content: bytes, backup: Path) -> BackupLabel:
+    if len(content) > MAX_LABEL_BYTES:
+        raise CannotMaintain(
+            f"{backup}: its {LABEL} is longer than {MAX_LABEL_BYTES} bytes"
+        )
     try:
         found = json.loads(content)
         label = BackupLabel(**{**found, "left_out": tuple(found["left_out"])})
@@ -174,6 +180,11 @@ def _tar_parts(
         if stream is None or not _is_part(member.name):
             raise CannotMaintain(
                 f"{backup} is not a backup: backups contain no {member.name!r}"
+            )
+        # Its holes take no bytes in the archive, and any number of bytes unpacked.
+        if member.issparse():
+            raise CannotMaintain(
+                f"{backup} is not a backup: {member.name!r} is a sparse file"
             )
         yield member.name, stream
 

@@ -10,7 +10,7 @@ from typing import Final
 
 from app.addresses import FOLDER
 from app.db.migrate import head_revision, is_known
-from app.maintenance.backup import DATABASE, LABEL, unpack
+from app.maintenance.backup import DATABASE, LABEL, size_of, unpack
 from app.maintenance.datafolder import (
     RESTORING,
     CannotMaintain,
@@ -31,6 +31,7 @@ from app.storage import (
     flush_folder,
     make_folder,
 )
+from app.storage.room import free_bytes
 
 TOGETHER: Final = 8
 """Concurrent uploads of files to a bucket."""
@@ -62,7 +63,8 @@ def restore(settings: Settings, backup: Path, steps: Steps) -> Restored:
     Raises
     ------
     CannotMaintain
-        The folder is not empty, or the backup is damaged or of a newer version.
+        The folder is not empty, the backup is damaged or of a newer version, or fewer
+        than `min_free_bytes` would be free after it.
     """
     if settings.database_url is not None:
         raise CannotMaintain(
@@ -77,15 +79,27 @@ def restore(settings: Settings, backup: Path, steps: Steps) -> Restored:
         bucket = None if settings.storage == FOLDER else store
         if bucket is not None:
             bucket.check()
+        make_folder(data)
+        _remove_unfinished(data)
+        _require_room(data, backup, settings.min_free_bytes)
         return _restored(data, backup, bucket, steps)
+
+
+def _require_room(data: Path, backup: Path, min_free_bytes: int) -> None:
+    """Refuse a backup before anything is written that the disk has no room for."""
+    needed, free = size_of(backup), free_bytes([data])
+    if free - needed < min_free_bytes:
+        raise CannotMaintain(
+            f"{backup} needs {needed} bytes, and {free} are free on the disk of "
+            f"{data}, of which {int(min_free_bytes)} have to stay free "
+            "(UNGHOST_MIN_FREE_BYTES)"
+        )
 
 
 def _restored(
     data: Path, backup: Path, bucket: BlobStore | None, steps: Steps
 ) -> Restored:
-    make_folder(data)
     inside = data / RESTORING
-    _remove_unfinished(data)
     inside.mkdir(mode=0o700)
     try:
         with steps("restore", "MB") as advance:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import shutil
 import sqlite3
 import tarfile
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from app.maintenance.backup import make_backup
+from app.maintenance.backup import MAX_LABEL_BYTES, make_backup
 from app.maintenance.datafolder import CannotMaintain
 from app.maintenance.restore import restore
 from app.serve import check_free
@@ -214,6 +215,72 @@ def test_tar_with_path_traversal_is_not_restored(tmp_path, name):
 
     with pytest.raises(CannotMaintain, match="backups contain no"):
         restored(tmp_path / "evil.tar", tmp_path / "again")
+
+
+def old_sparse_header(name, size):
+    """A header of GNU tar's own type for a file that is one hole; it has no content."""
+    member = tarfile.TarInfo(name)
+    member.type = tarfile.GNUTYPE_SPARSE
+    header = bytearray(member.tobuf(tarfile.GNU_FORMAT))
+    number = b"%011o\0" % size
+    header[386:398], header[398:410] = number, b"%011o\0" % 0
+    header[483:495] = number
+    header[148:156] = b" " * 8
+    header[148:156] = b"%06o\0 " % sum(header)
+    return bytes(header)
+
+
+def new_sparse_header(name, size):
+    """The same with the keywords of POSIX's format."""
+    member = tarfile.TarInfo(name)
+    member.pax_headers = {"GNU.sparse.size": str(size), "GNU.sparse.map": f"{size},0"}
+    return member.tobuf(tarfile.PAX_FORMAT)
+
+
+@pytest.mark.parametrize("header", [old_sparse_header, new_sparse_header])
+@pytest.mark.parametrize("name", ["unghost.db", "backup.json"])
+def test_tar_with_a_sparse_file_is_not_restored(tmp_path, header, name):
+    content = header(name, 10**7)
+    (tmp_path / "evil.tar").write_bytes(content + bytes(tarfile.BLOCKSIZE * 2))
+
+    with pytest.raises(CannotMaintain, match=f"'{name}' is a sparse file"):
+        restored(tmp_path / "evil.tar", tmp_path / "again")
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_backup_with_an_overlong_label_is_not_restored(tmp_path, target):
+    folder, kept = tmp_path / "folder", tmp_path / target
+    folder.mkdir()
+    (folder / "unghost.db").write_bytes(b"")
+    (folder / "backup.json").write_bytes(b" " * (MAX_LABEL_BYTES + 1))
+    if kept.suffix:
+        with tarfile.open(kept, "w") as archive:
+            archive.add(folder / "backup.json", "backup.json")
+    else:
+        folder.rename(kept)
+
+    with pytest.raises(CannotMaintain, match=r"its backup\.json is longer than"):
+        restored(kept, tmp_path / "again")
+
+
+def test_backup_that_is_larger_than_the_free_space_is_not_unpacked(filled, tmp_path):
+    kept = backed_up(filled, tmp_path / "kept.tar")
+    needed = 2 * shutil.disk_usage(tmp_path).free
+    os.truncate(kept, needed)  # zeros after the end of an archive are ignored
+
+    with pytest.raises(CannotMaintain, match=f"needs {needed} bytes, and .* are free"):
+        restored(kept, tmp_path / "again")
+
+    assert list((tmp_path / "again").iterdir()) == []
+
+
+def test_restore_leaves_min_free_bytes_free(filled, tmp_path):
+    kept = backed_up(filled, tmp_path / "kept")
+    everything = shutil.disk_usage(tmp_path).total
+    settings = Settings(data=tmp_path / "again", min_free_bytes=everything)
+
+    with pytest.raises(CannotMaintain, match=f"{everything} have to stay free"):
+        restore(settings, kept, silently)
 
 
 def test_restore_into_a_folder_that_is_not_empty_is_refused(filled, unghost, tmp_path):
