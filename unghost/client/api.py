@@ -18,6 +18,7 @@ import httpx
 
 from unghost import wire
 from unghost.client.call import (
+    MAX_FILE_BYTES,
     PATIENCE,
     Call,
     Listing,
@@ -181,7 +182,7 @@ class FrameCalls:
     def frame_file(self, frame_id: int, name: str) -> Call[bytes]:
         """A file of a frame as it was stored: "image", "segmentation", ..."""
         path = f"{API}/frames/{frame_id}/{checked_file_name(name)}"
-        return Call("GET", path, content)
+        return Call("GET", path, content, max_bytes=MAX_FILE_BYTES)
 
 
 def frame_stored(

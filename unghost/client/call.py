@@ -60,6 +60,13 @@ PATIENCE: Final = 2
 a run: the server may be restarted in between."""
 
 
+MAX_JSON_BYTES: Final = 64 * 1024**2
+"""Longer answers are refused: ten thousand boxes, explained, take half of it."""
+
+MAX_FILE_BYTES: Final = 1024**3
+"""The same for a stored file of a frame, which is read into memory."""
+
+
 class Kind(Protocol[T_co]):
     """A class whose objects can be read from JSON."""
 
@@ -85,6 +92,8 @@ class Call(Generic[T]):
     repeatable
         Whether it can be sent again after its answer was lost, although the server may
         have executed it.
+    max_bytes
+        A longer response is refused, unless it is streamed.
     patience
         A factor: multiplies the `RetryPolicy`'s number of attempts.
 
@@ -106,6 +115,7 @@ class Call(Generic[T]):
     headers: Mapping[str, str] = field(default_factory=dict)
     retried: bool = True
     repeatable: bool = True
+    max_bytes: int = MAX_JSON_BYTES
     patience: int = 1
 
     def __post_init__(self) -> None:

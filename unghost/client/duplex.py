@@ -8,21 +8,25 @@ from __future__ import annotations
 
 import socket
 import ssl
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
 import h11
 import httpx
 
-from unghost.client.errors import error_of
+from unghost.client.call import MAX_JSON_BYTES
+from unghost.client.errors import error_of, unexpected
 from unghost.client.outgoing import FilePiece, Piece
-from unghost.client.transport import Endpoint
+from unghost.client.transport import Endpoint, whole
 
 _CONTINUE_S: Final = 5.0
 """How long to wait for "100 Continue"; a proxy may not forward it."""
 
 _CHUNK_BYTES: Final = 1 << 18
+
+MAX_LINE_BYTES: Final = 16 * 1024**2
+"""Of the answer to one frame."""
 
 _NOTHING_THERE: Final = (BlockingIOError, ssl.SSLWantReadError)
 
@@ -120,8 +124,13 @@ class Duplex:
             elif isinstance(event, h11.Response) and event.status_code != 200:
                 self._raise_refusal(event)
             elif isinstance(event, h11.Data):
-                *whole, self._rest = (self._rest + event.data).split(b"\n")
-                yield from whole
+                *lines, self._rest = (self._rest + event.data).split(b"\n")
+                if len(self._rest) > MAX_LINE_BYTES:
+                    raise unexpected(
+                        self._head(200, ()),
+                        f"has a line of more than {MAX_LINE_BYTES} bytes",
+                    )
+                yield from lines
             elif isinstance(event, h11.EndOfMessage):
                 self._answered = True
 
@@ -221,17 +230,18 @@ class Duplex:
             sock.settimeout(self._endpoint.timeout.read)
 
     def _raise_refusal(self, refusal: h11.Response) -> None:
-        content = b""
+        head = self._head(refusal.status_code, refusal.headers)
+        raise error_of(whole(head, self._body(), MAX_JSON_BYTES))
+
+    def _head(
+        self, status: int, headers: Iterable[tuple[bytes, bytes]]
+    ) -> httpx.Response:
+        request = httpx.Request("POST", self._endpoint.url)
+        return httpx.Response(status, headers=list(headers), request=request)
+
+    def _body(self) -> Iterator[bytes]:
         while not isinstance(event := self._http.next_event(), h11.EndOfMessage):
             if event is h11.NEED_DATA:
                 self._http.receive_data(self._receive(wait=True) or b"")
             elif isinstance(event, h11.Data):
-                content += event.data
-        raise error_of(
-            httpx.Response(
-                refusal.status_code,
-                headers=list(refusal.headers),
-                content=content,
-                request=httpx.Request("POST", self._endpoint.url),
-            )
-        )
+                yield bytes(event.data)

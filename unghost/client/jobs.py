@@ -29,11 +29,14 @@ from unghost.client.errors import (
     NotFound,
     Unavailable,
     run_failed,
+    unexpected,
 )
 from unghost.client.transport import Attempts, Transport
 
 _FIRST_POLL_S: Final = 0.05
 _LONGEST_POLL_S: Final = 2.0
+MAX_EVENT_BYTES: Final = 1 << 20
+"""Longer events are refused: the state of a job has about a kilobyte."""
 _CHUNK_BYTES: Final = 1 << 20
 _NO_LINK: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 
@@ -168,7 +171,7 @@ class _Job(Generic[StateT]):
                 with self.transport.stream(self._stream(last_id)) as response:
                     if response.status_code == httpx.codes.NO_CONTENT:
                         return
-                    for event in _events_of(response.iter_lines()):
+                    for event in _events_of(_lines_of(response)):
                         if event.name == "end":
                             return
                         last_id, moved_on = event.id, True
@@ -220,6 +223,20 @@ class _Job(Generic[StateT]):
                 raise TimeoutError(f"not finished after {timeout_s:g} s")
             self.transport.pause(pause_s)
             pause_s = min(_LONGEST_POLL_S, pause_s * 1.5)
+
+
+def _lines_of(response: httpx.Response) -> Iterator[str]:
+    """The lines of a stream of events; UnexpectedAnswer if an event is too long."""
+    rest, size = b"", 0
+    for piece in response.iter_raw():
+        *lines, rest = (rest + piece).split(b"\n")
+        for line in lines:
+            size = size + len(line) if line.strip() else 0
+            yield line.decode("utf-8", "replace").removesuffix("\r")
+        if size + len(rest) > MAX_EVENT_BYTES:
+            raise unexpected(
+                response, f"has an event of more than {MAX_EVENT_BYTES} bytes"
+            )
 
 
 class _Event(NamedTuple):
@@ -305,9 +322,7 @@ class _Download:
         have = self._bytes_there()
         if have and have == self.size_bytes:
             return
-        headers = {"Accept-Encoding": "identity"}
-        if have:
-            headers["Range"] = f"bytes={have}-"
+        headers = {"Range": f"bytes={have}-"} if have else {}
         call = Call("GET", self.url, _itself, headers=headers)
         with self.transport.stream(call) as response:
             is_rest = response.status_code == httpx.codes.PARTIAL_CONTENT

@@ -10,7 +10,7 @@ import random
 import ssl
 import threading
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -21,13 +21,14 @@ import httpx
 
 from unghost.client.call import Call, Params, query_of
 from unghost.client.discovery import Server, is_local, refuse_foreign
-from unghost.client.errors import NotFound, Unavailable, error_of
+from unghost.client.errors import NotFound, Unavailable, error_of, unexpected
 
 T = TypeVar("T")
 
 DEFAULT_TIMEOUT: Final = httpx.Timeout(60.0, connect=5.0)
 """Long, because an upload is answered when its frame is decided, and may be queued."""
 
+_PLAIN: Final = "identity"
 _NOTHING_DONE: Final = frozenset({429, 503})
 """Statuses of a server that is too busy to have done anything."""
 _NOT_SENT: Final = (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout)
@@ -105,7 +106,10 @@ class Transport:
         retry: RetryPolicy,
     ) -> None:
         token = server.token
-        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        # A few compressed bytes could become gigabytes.
+        headers = {"Accept-Encoding": _PLAIN}
+        if token:
+            headers["Authorization"] = f"Bearer {token}"
         address = httpx.URL(server.url)
         self._server = server
         # Redirects are not followed, because the token would be sent along.
@@ -155,8 +159,9 @@ class Transport:
         """
         response = self._http.send(self._request(call), stream=True)
         try:
+            refuse_encoded(response)
             if not response.is_success:
-                response.read()
+                response = whole(response, response.iter_raw(), call.max_bytes)
             yield call.read(_success(response))
         finally:
             response.close()
@@ -192,7 +197,7 @@ class Transport:
         while True:
             response = None
             try:
-                response = self._http.send(self._request(call, key))
+                response = self._whole(call, key)
                 return _success(response)
             except NotFound:
                 if response is not None and call.method == "DELETE" and may_be_done:
@@ -205,6 +210,13 @@ class Transport:
                 wait_s = attempts.failed(error)  # may raise the error
                 if not self.pause(wait_s):
                     raise
+
+    def _whole(self, call: Call[T], key: str) -> httpx.Response:
+        response = self._http.send(self._request(call, key), stream=True)
+        try:
+            return whole(response, response.iter_raw(), call.max_bytes)
+        finally:
+            response.close()
 
     def _request(self, call: Call[T], key: str | None = None) -> httpx.Request:
         headers = dict(call.headers)
@@ -232,6 +244,37 @@ def _was_refused(error: Unavailable | httpx.TransportError) -> bool:
     if isinstance(error, Unavailable):
         return error.status in _NOTHING_DONE
     return isinstance(error, _NOT_SENT)
+
+
+def refuse_encoded(response: httpx.Response) -> None:
+    """Raise UnexpectedAnswer if the body is compressed, which was not asked for."""
+    encoding = response.headers.get("Content-Encoding", _PLAIN)
+    if encoding.strip().lower() != _PLAIN:
+        raise unexpected(response, f"is encoded as {encoding!r}")
+
+
+def whole(
+    head: httpx.Response, pieces: Iterable[bytes], max_bytes: int
+) -> httpx.Response:
+    """A response with its body, which is read from pieces.
+
+    Raises
+    ------
+    UnexpectedAnswer
+        It is compressed, or longer than `max_bytes`.
+    """
+    refuse_encoded(head)
+    body = bytearray()
+    for piece in pieces:
+        body += piece
+        if len(body) > max_bytes:
+            raise unexpected(head, f"is longer than {max_bytes} bytes")
+    return httpx.Response(
+        head.status_code,
+        headers=head.headers,
+        content=bytes(body),
+        request=head.request,
+    )
 
 
 def _success(response: httpx.Response) -> httpx.Response:

@@ -123,7 +123,7 @@ def test_download_with_wrong_digest_raises_and_keeps_old_file(
     assert len(list(tmp_path.iterdir())) == 1
 
 
-PART = f"x.zip.{EXPORT.sha256[:12]}.part"
+PART = f"x.zip.{hashlib.sha256(CONTENT).hexdigest()[:12]}.part"
 
 
 def lay_link(part, private):

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import gzip
+import json
+from contextlib import closing
+
 import pytest
 
 import unghost
-from tests.support.scripted_server import Reply, json_reply, problem
+from tests.support.scripted_server import QUICK_RETRIES, Reply, json_reply, problem
+from unghost.client.call import Call, content
+from unghost.client.discovery import find_server
+from unghost.client.transport import Transport
 
 
 @pytest.mark.parametrize(
@@ -80,3 +87,38 @@ def test_response_that_is_not_from_unghost_raises_unexpected_answer(
 
 def test_client_repr_does_not_contain_the_token(client):
     assert "secret" not in repr(client)
+
+
+@pytest.mark.parametrize("status", [200, 403])
+def test_compressed_response_is_refused_and_not_decompressed(scripted, client, status):
+    body = {"version": "1", "code": "some_code", "detail": "x" * 100_000}
+    packed = gzip.compress(json.dumps(body).encode())
+    scripted.answer(Reply(status, packed, {"Content-Encoding": "gzip"}))
+
+    with pytest.raises(unghost.UnexpectedAnswer, match="is encoded as 'gzip'"):
+        client.version()
+
+    assert scripted.received_requests[0].headers["Accept-Encoding"] == "identity"
+
+
+@pytest.fixture
+def transport(scripted):
+    server = find_server(scripted.url, "secret")
+    with closing(Transport(server, timeout=60, retry=QUICK_RETRIES)) as made:
+        yield made
+
+
+def test_response_over_the_limit_of_its_call_is_refused(scripted, transport):
+    scripted.answer(*(Reply(200, bytes(size)) for size in (1000, 1001)))
+    call = Call("GET", "/file", content, max_bytes=1000)
+
+    assert transport.send(call) == bytes(1000)
+    with pytest.raises(unghost.UnexpectedAnswer, match="is longer than 1000 bytes"):
+        transport.send(call)
+
+
+def test_refusal_over_the_limit_is_refused(scripted, transport):
+    scripted.answer(problem(403, "some_code", more="x" * 1000))
+
+    with pytest.raises(unghost.UnexpectedAnswer, match="is longer than 1000 bytes"):
+        transport.send(Call("GET", "/file", content, max_bytes=1000))

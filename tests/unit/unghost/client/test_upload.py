@@ -20,6 +20,8 @@ from unghost import (
     Unauthorized,
     UnexpectedAnswer,
 )
+from unghost.client.call import MAX_JSON_BYTES
+from unghost.client.duplex import MAX_LINE_BYTES
 
 BOX = {"class": "car", "xyxy": [0, 0, 1, 1]}
 
@@ -176,6 +178,28 @@ def test_unreadable_line_of_batch_raises_unexpected_answer(batches, client, deci
 
     with pytest.raises(UnexpectedAnswer, match="has a line that cannot be read"):
         list(client.push("town", many(1)))
+
+
+def test_overlong_line_of_batch_raises_unexpected_answer(batches, client):
+    batches.replies = [BatchReply(decisions="x" * MAX_LINE_BYTES * 2)]
+
+    with pytest.raises(UnexpectedAnswer, match="has a line of more than"):
+        list(client.push("town", many(2)))
+
+
+def test_compressed_refusal_of_batch_raises_unexpected_answer(batches, client):
+    gzip = {"Content-Encoding": "gzip"}
+    batches.replies = [BatchReply(refusal=(401, "unauthorised", gzip))]
+
+    with pytest.raises(UnexpectedAnswer, match="is encoded as 'gzip'"):
+        list(client.push("town", many(2)))
+
+
+def test_overlong_refusal_of_batch_raises_unexpected_answer(batches, client):
+    batches.replies = [BatchReply(refusal=(401, "x" * MAX_JSON_BYTES, {}))]
+
+    with pytest.raises(UnexpectedAnswer, match="is longer than"):
+        list(client.push("town", many(2)))
 
 
 def test_push_continues_after_refused_frames(batches, client, tmp_path):

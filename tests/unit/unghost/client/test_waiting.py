@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 from contextlib import contextmanager
 
@@ -9,11 +10,12 @@ import httpx
 import pytest
 
 from tests.support.scripted_server import QUICK_RETRIES, Reply, json_reply, problem
-from unghost import Client, Export, Run
+from unghost import Client, Export, Run, UnexpectedAnswer
 from unghost.cli.export import wait_for_export
 from unghost.cli.runs import wait_for_run
 from unghost.cli.screen import Screen
 from unghost.client.call import PATIENCE
+from unghost.client.jobs import MAX_EVENT_BYTES
 
 JOB = {"dataset": "town", "total": 9, "created_at": "2026-01-01T00:00:00Z"}
 EXPORT = {**JOB, "id": 4, "state": "done", "done": 9, "format": "yolo", "options": {}}
@@ -105,3 +107,20 @@ def test_waiting_for_an_export_survives_a_server_restart(scripted, client):
     scripted.answer(*silence, json_reply(EXPORT))
 
     assert client.wait_for_export(4, timeout_s=60).state == "done"
+
+
+@pytest.mark.parametrize("end", [b"", b"\n"], ids=["one line", "many lines"])
+def test_overlong_event_is_refused(scripted, client, end):
+    line = b"data: " + b"x" * 1000 + end
+    scripted.answer(Reply(body=line * (2 * MAX_EVENT_BYTES // len(line))))
+
+    with pytest.raises(UnexpectedAnswer, match="has an event of more than"):
+        list(client.events(21))
+
+
+def test_compressed_events_are_refused(scripted, client):
+    body = gzip.compress(b"event: end\ndata: {}\n\n")
+    scripted.answer(Reply(body=body, headers={"Content-Encoding": "gzip"}))
+
+    with pytest.raises(UnexpectedAnswer, match="is encoded as 'gzip'"):
+        list(client.events(21))
