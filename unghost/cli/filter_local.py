@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Final, NamedTuple, TypeAlias, get_a
 import typer
 
 from unghost.cli.options import OutputOptions, note_unknown_classes
-from unghost.cli.screen import Refused, Screen, partly_done, refusal
+from unghost.cli.screen import Refused, Screen, partly_done, printable, refusal
 from unghost.cli.sources import (
     LocalFilterOptions,
     not_matched,
@@ -103,8 +103,8 @@ def _spare_source(options: FilterOptions) -> None:
 def _output(path: Path) -> Iterator[Write]:
     """Where lines go; a file appears when it is complete, not before."""
     if path == _STDOUT:
-        yield sys.stdout.buffer.write
-        sys.stdout.buffer.flush()
+        yield _write_to_terminal if sys.stdout.isatty() else sys.stdout.buffer.write
+        sys.stdout.flush()
         return
     from filter_core.formats.files import whole_file
 
@@ -114,6 +114,10 @@ def _output(path: Path) -> Iterator[Write]:
             yield file.write
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"interrupted; {path} was not written") from None
+
+
+def _write_to_terminal(lines: bytes) -> None:
+    sys.stdout.write(printable(lines.decode()))
 
 
 class _Tally:

@@ -24,6 +24,8 @@ from unghost.cli.screen import (
     USAGE,
     Refused,
     Screen,
+    one_line,
+    printable,
 )
 
 if TYPE_CHECKING:
@@ -182,6 +184,14 @@ class Program(LazyGroup):
         for command in (*_lazily(COMMANDS), config, token):
             self.add_command(command)
 
+    def invoke(self, ctx: Context) -> object:
+        """Run a command; what a wrong option is named with is safe to print."""
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as error:
+            error.message = printable(error.message)
+            raise
+
 
 _EXIT_CODES: Final = "; ".join(
     f"{code} {re.split('[,:]', meaning)[0]}" for code, meaning in EXIT_CODES.items()
@@ -290,10 +300,10 @@ def error_lines(error: Exception) -> Iterator[str]:
         yield f"{origin}; --server URL or UNGHOST_SERVER selects another."
         yield "Is the server running? `unghost serve` starts one."
     elif isinstance(error, ApiError):
-        yield f"{error.detail} ({error.code})"
+        yield one_line(f"{error.detail} ({error.code})")
         faults = error.errors
         if len(faults) > 1 or any(one.detail not in error.detail for one in faults):
-            yield from (f"  {fault}" for fault in faults)
+            yield from (one_line(f"  {fault}") for fault in faults)
             if error.more_errors:
                 yield f"  and {error.more_errors} more"
         if isinstance(error, Unauthorized):

@@ -16,6 +16,7 @@ from unghost.cli.screen import (
     Refused,
     Screen,
     naming_options,
+    one_line,
     partly_done,
     refusal,
 )
@@ -266,7 +267,7 @@ def _line(outcome: NotSent) -> str:
     # The message of the error already contains a single fault.
     faults = error.errors if len(error.errors) > 1 else ()
     more = [f"and {error.more_errors} more"] if error.more_errors else []
-    return "\n    ".join([line, *map(str, faults), *more])
+    return "\n    ".join([line, *(one_line(str(fault)) for fault in faults), *more])
 
 
 def _detail(error: Exception) -> str:

@@ -7,6 +7,7 @@ elsewhere plain lines, one TAB between columns.
 from __future__ import annotations
 
 import json
+import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -37,6 +38,8 @@ EXIT_CODES: Final = {
 """What each exit code means."""
 
 _LINE_EVERY_S: Final = 5.0
+_CONTROL_OR_BREAK: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+_CONTROL: Final = re.compile(rf"(?![\t\n]){_CONTROL_OR_BREAK.pattern}")
 
 
 class Refused(Exception):
@@ -117,6 +120,7 @@ class Screen:
     def record(self, record: Mapping[str, object], text: str | None = None) -> None:
         """Print one record: a JSON line, or `text` for people (None: nothing)."""
         if self.as_json:
+            # The same escapes as in JSON, which itself has them up to U+001F.
             _print(json.dumps(record, ensure_ascii=False))
         elif text is not None:
             self.text(text)
@@ -160,7 +164,7 @@ class Screen:
 
     def note(self, text: str) -> None:
         """Print a status line for people, to standard error."""
-        sys.stderr.write(f"{text}\n")
+        sys.stderr.write(f"{printable(text)}\n")
         sys.stderr.flush()
 
     @contextmanager
@@ -199,17 +203,35 @@ def refusal(key: str, reason: str) -> str:
     rest = reason.removeprefix("frame ").removeprefix(key)
     if rest[:1] in (":", ","):
         reason = rest.lstrip(":, ")
-    return f"refused: {key}: {reason}"
+    return one_line(f"refused: {key}: {reason}")
+
+
+def printable(text: str) -> str:
+    """The text with control characters escaped, except line breaks and tabs.
+
+    Names of files and texts of a server could otherwise clear the terminal, or write
+    over what it shows.
+    """
+    return _CONTROL.sub(_escaped, text)
+
+
+def one_line(text: str) -> str:
+    """The text with all control characters escaped: it cannot look like two lines."""
+    return _CONTROL_OR_BREAK.sub(_escaped, text)
+
+
+def _escaped(found: re.Match[str]) -> str:
+    return f"\\u{ord(found.group()):04x}"
 
 
 def _print(text: str) -> None:
-    sys.stdout.write(f"{text}\n")
+    sys.stdout.write(f"{printable(text)}\n")
     sys.stdout.flush()
 
 
 def _cell(value: object) -> str:
     # A name with a tab or a line break must not look like two cells or two rows.
-    return "" if value is None else " ".join(str(value).split())
+    return "" if value is None else one_line(" ".join(str(value).split()))
 
 
 def _rich_table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import typer
 
 from unghost.cli.options import error_context, listed
-from unghost.cli.screen import Refused, Screen
+from unghost.cli.screen import Refused, Screen, one_line
 from unghost.wire.words import ChannelOrder, Encoding, Layout, LossyPolicy, Palette
 
 if TYPE_CHECKING:
@@ -229,4 +229,4 @@ def outgoing(frames: Iterable[FrameSource]) -> Iterator[OutgoingFrame | NotSent]
 
 def not_matched(file: Unmatched) -> str:
     """The line for a file that belongs to no frame."""
-    return f"not matched: {file.path}: {file.why}"
+    return one_line(f"not matched: {file.path}: {file.why}")

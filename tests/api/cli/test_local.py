@@ -134,6 +134,18 @@ def test_filter_without_output_file_prints_decisions(unghost, tmp_path):
     assert [record["key"] for record in answer.records] == ["run/000000", "run/000001"]
 
 
+def test_control_characters_of_file_names_are_escaped(unghost, tmp_path):
+    folder = tmp_path / "frames"
+    hostile = "labels/a\x1b]0;OWNED\x07\n.txt"
+    write_files(folder, {hostile: b"x y z", "classes.txt": b"car"})
+
+    answer = unghost("convert", folder, "--to", "coco", "-o", "out")
+
+    assert answer.code == REFUSED
+    assert r"a\u001b]0;OWNED\u0007\u000a" in answer.err
+    assert answer.err.replace("\n", "").isprintable()
+
+
 def test_filter_uses_the_configuration(unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 2)
     (tmp_path / "filter.yaml").write_text("min_visible_pixels: 500\n")

@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from filter_core.errors import LayoutError
+from tests.support.scripted_server import problem
 from unghost.capture.simulator import ScenarioError, SimulatorAway
 from unghost.cli.program import app, error_lines, exit_code
 from unghost.cli.screen import EXIT_CODES, Refused
@@ -100,3 +101,27 @@ def test_help_lists_all_exit_codes():
 
     _, _, told = shown.partition("Exit codes: ")
     assert [int(one.split()[0]) for one in told.split("; ")] == list(EXIT_CODES)
+
+
+def test_control_characters_of_a_server_do_not_look_like_another_line():
+    hostile = {**PROBLEM, "detail": "no\n\x1b[2Junghost: done", "errors": []}
+
+    (line,) = error_lines(errors.Forbidden(403, hostile))
+
+    assert line == r"no\u000a\u001b[2Junghost: done (bad_annotation)"
+
+
+def test_control_characters_about_a_wrong_option_are_escaped(scripted, tmp_path):
+    fault = {"pointer": "/options/split", "code": "x", "detail": "no \x1b[2J"}
+    scripted.answer(problem(422, "bad_options", errors=[fault]))
+
+    answer = CliRunner().invoke(
+        app,
+        [
+            *("export", "town", "--format", "yolo", "-o", str(tmp_path / "x.zip")),
+            *("--server", scripted.url, "--token", "secret"),
+        ],
+    )
+
+    assert answer.exit_code == 2
+    assert r"no \u001b[2J" in answer.output

@@ -6,7 +6,12 @@ import json
 
 import pytest
 
-from unghost.cli.screen import Screen
+from unghost.cli.screen import Screen, refusal
+
+# Sets the title of a terminal, clears it, turns to the line's start; also as one
+# character, as U+009B; deletes; and what UTF-8 does not have.
+HOSTILE = "\x1b]0;OWNED\x07\x1b[2J\r\x9b2J\x7f\udcff"
+ESCAPED = r"\u001b]0;OWNED\u0007\u001b[2J\u000d\u009b2J\u007f\udcff"
 
 
 def test_records_are_json_lines_with_json_option(capsys):
@@ -70,3 +75,39 @@ def test_progress_on_terminal_is_a_bar(capsys, monkeypatch, total):
     assert out == ""
     assert "push" in err
     assert f"3/{total or '?'}" in err
+
+
+def test_control_characters_in_text_for_people_are_escaped(capsys):
+    screen = Screen()
+    screen.text(f"a\t{HOSTILE}\nb")
+    screen.record({}, HOSTILE)
+    screen.note(f"a\t{HOSTILE}\nb")
+
+    out, err = capsys.readouterr()
+    assert out == f"a\t{ESCAPED}\nb\n{ESCAPED}\n"
+    assert err == f"a\t{ESCAPED}\nb\n"
+
+
+def test_control_characters_in_records_are_escaped_as_in_json(capsys):
+    Screen(as_json=True).record({"key": HOSTILE})
+
+    out = capsys.readouterr().out
+    assert out.removesuffix("\n").isprintable()
+    assert json.loads(out) == {"key": HOSTILE}
+
+
+@pytest.mark.parametrize("is_terminal", [False, True])
+def test_control_characters_in_tables_are_escaped(capsys, monkeypatch, is_terminal):
+    monkeypatch.setattr("sys.stdout.isatty", lambda: is_terminal)
+    monkeypatch.setenv("TERM", "dumb")
+    monkeypatch.setenv("COLUMNS", "200")
+
+    Screen().table(("name",), [(HOSTILE.replace("\r", ""),)])
+
+    assert ESCAPED.replace(r"\u000d", "") in capsys.readouterr().out
+
+
+def test_line_breaks_of_a_key_are_escaped_in_a_refusal():
+    line = refusal("a\nunghost: all is well\u2028", "b\nc")
+
+    assert line == r"refused: a\u000aunghost: all is well\u2028: b\u000ac"
