@@ -23,6 +23,7 @@ from collections.abc import (
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Final, TypedDict, TypeVar
@@ -43,7 +44,7 @@ from filter_core.evaluation.comparison import (
 from filter_core.evidence_kinds import EvidenceName, files_for
 from filter_core.formats.export import ExportFrame, GivenAnnotation
 from filter_core.formats.format import Need
-from filter_core.formats.reading import FrameSource
+from filter_core.formats.reading import FrameSource, open_regular
 from filter_core.images.header import read_image_header
 from filter_core.images.ignore_mask import read_ignore_mask
 from filter_core.json_text import read_json
@@ -398,7 +399,9 @@ def _export_frame(
     if source.image is None:
         return frame
     media_type = read_image_header(_read(source.image, "image")).media_type
-    return replace(frame, read_image=source.image.read_bytes, media_type=media_type)
+    return replace(
+        frame, read_image=partial(_read, source.image, "image"), media_type=media_type
+    )
 
 
 def _without_verdicts(evidence: Evidence, verdicts: Decisions) -> Decisions:
@@ -498,7 +501,7 @@ def _segmentation(source: FrameSource) -> bytes | None:
 
 def _size(image: Path) -> tuple[int, int]:
     """Width and height. The file is mapped, so only pages with its header are read."""
-    with _opening(image, "image"), image.open("rb") as file:
+    with _opening(image, "image"), open_regular(image) as file:
         if not os.fstat(file.fileno()).st_size:
             return read_image_header(b"").wh
         with mmap(file.fileno(), 0, access=ACCESS_READ) as content:
@@ -506,8 +509,8 @@ def _size(image: Path) -> tuple[int, int]:
 
 
 def _read(path: Path, what: str) -> bytes:
-    with _opening(path, what):
-        return path.read_bytes()
+    with _opening(path, what), open_regular(path) as file:
+        return file.read()
 
 
 @contextmanager

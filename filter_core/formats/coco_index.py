@@ -16,6 +16,7 @@ from typing import BinaryIO, Final, TypeAlias
 import numpy as np
 
 from filter_core.errors import JsonError, LayoutError
+from filter_core.formats.reading import open_regular
 from filter_core.json_text import (
     LONG_NUMBER,
     JsonLimits,
@@ -37,7 +38,7 @@ def index_coco(path: Path, name: str) -> CocoIndex:
         Not JSON, or without images, annotations and categories.
     """
     builder = _Builder(name)
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         for item in read_object(file, name):
             builder.add(item)
     return builder.index(path)
@@ -78,13 +79,13 @@ class CocoIndex:
 
     def image(self, row: int) -> dict[str, object]:
         """The JSON object of one image."""
-        with self.path.open("rb") as file:
+        with open_regular(self.path) as file:
             return self._load(file, self.places[row], f"images[{row}]")
 
     def boxes(self, row: int) -> Iterator[dict[str, object]]:
         """The annotations of one image, in the order of the file."""
         first, last = np.searchsorted(self.owners, [row, row + 1])
-        with self.path.open("rb") as file:
+        with open_regular(self.path) as file:
             for number in range(int(first), int(last)):
                 start = int(self.spans[number, 0])
                 yield self._load(
@@ -173,7 +174,7 @@ class _Builder:
 
     def _class_names(self, path: Path) -> dict[CocoId, str]:
         names: dict[CocoId, str] = {}
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             for item in self._categories:
                 number = self._id(item, "id")
                 file.seek(item.start)
@@ -200,7 +201,7 @@ def looks_like_coco(path: Path) -> bool:
     """Whether a file is one object with the lists that COCO has; never raises."""
     seen = set()
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             for item in read_object(file, path.name):
                 seen.add(item.key)
                 if seen.issuperset(_LISTS):

@@ -41,6 +41,7 @@ from filter_core.formats.reading import (
     ReadOptions,
     frame_of,
     match,
+    open_regular,
     read_columns,
     read_label_text,
     segmentation_folder,
@@ -305,7 +306,8 @@ def _camera(
     if calibration is None or files.image is None:
         return None
     try:
-        wh = read_image_size((folders.images / files.image).read_bytes())
+        with open_regular(folders.images / files.image) as image:
+            wh = read_image_size(image.read())
     except OSError as exc:
         raise LayoutError(f"{files.image}: cannot be read: {exc.strerror}") from exc
     text = read_label_text(folders.calibrations / calibration, calibration)

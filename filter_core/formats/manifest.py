@@ -35,6 +35,7 @@ from filter_core.formats.reading import (
     lies_in,
     manifests_below,
     name_of,
+    open_regular,
     real_paths,
     walk,
 )
@@ -173,7 +174,7 @@ def _read_lines(path: Path, options: ReadOptions) -> Iterator[FrameSource]:
     tags = options.segmentation or path.parent
     allowed = None if options.outside_files else real_paths(path.parent, tags)
     folders = _Folders(path.parent, tags, allowed)
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         number = 0
         while line := file.readline(MAX_LABEL_BYTES + 1):
             number += 1

@@ -7,21 +7,27 @@ folders; keys that are no valid file names are read from the list in an export
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import re
+import stat
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path, PurePosixPath
-from typing import Final
+from typing import BinaryIO, Final
 
 from filter_core.errors import FilterError, JsonError, LayoutError
 from filter_core.json_text import read_json
 
 MAX_LABEL_BYTES: Final = 16 * 1024 * 1024
 """Larger files are refused: ten thousand boxes take under a megabyte."""
+
+_TO_READ: Final = (
+    os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+)
 
 MAX_KEY: Final = 512
 
@@ -441,6 +447,28 @@ def frame_of(
     )
 
 
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file of a folder to read it.
+
+    A folder from somebody else may have a pipe in place of a file, for which reading
+    would wait without end, or a link to a device that never ends.
+
+    Raises
+    ------
+    OSError
+        It cannot be opened, or is not a regular file.
+    """
+    # Not blocking, so that it does not wait for a program that writes into a pipe.
+    descriptor = os.open(path, _TO_READ)
+    try:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return os.fdopen(descriptor, "rb")
+
+
 def read_label_text(path: Path, name: str) -> str:
     """A label file's text.
 
@@ -468,14 +496,16 @@ def read_label_bytes(path: Path, name: str) -> bytes:
         It cannot be read, or is longer than `MAX_LABEL_BYTES`.
     """
     try:
-        size = path.stat().st_size
-        if size > MAX_LABEL_BYTES:
-            raise LayoutError(
-                f"{name}: expected at most {MAX_LABEL_BYTES} bytes, found {size}"
-            )
-        return path.read_bytes()
+        with open_regular(path) as file:
+            # It may grow in the meantime.
+            content = file.read(MAX_LABEL_BYTES + 1)
     except OSError as exc:
         raise LayoutError(f"{name}: cannot be read: {exc.strerror}") from exc
+    if len(content) > MAX_LABEL_BYTES:
+        raise LayoutError(
+            f"{name}: expected at most {MAX_LABEL_BYTES} bytes, found more"
+        )
+    return content
 
 
 def read_columns(words: Sequence[str], at: str) -> list[float]:
@@ -526,7 +556,7 @@ def _read(path: Path) -> dict[str, tuple[str, str | None]]:
 
 
 def _lines(path: Path) -> Iterator[tuple[str, dict[str, object]]]:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         for number, line in enumerate(
             iter(lambda: file.readline(MAX_LABEL_BYTES), b"")
         ):

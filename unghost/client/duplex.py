@@ -17,7 +17,7 @@ import httpx
 
 from unghost.client.call import MAX_JSON_BYTES
 from unghost.client.errors import error_of, unexpected
-from unghost.client.outgoing import FilePiece, Piece
+from unghost.client.outgoing import FilePiece, Piece, open_regular
 from unghost.client.transport import Endpoint, whole
 
 _CONTINUE_S: Final = 5.0
@@ -205,7 +205,7 @@ class Duplex:
     def _send_file(self, sock: socket.socket, piece: FilePiece) -> None:
         view, left = memoryview(self._buffer), piece.size
         try:
-            file = piece.path.open("rb", buffering=0)
+            file = open_regular(piece.path)
         except OSError as error:
             raise FileChanged(f"{piece.path.name}: {error.strerror}") from error
         with file:

@@ -6,12 +6,14 @@ This module encodes them; `push` and `batches` send them.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
 import stat
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from io import FileIO
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Final, TypeAlias, get_args
@@ -231,15 +233,37 @@ def size_of(piece: Piece) -> int:
     return piece.size if isinstance(piece, FilePiece) else len(piece)
 
 
+def open_regular(path: Path) -> FileIO:
+    """Open a file to read it, unbuffered, without waiting for the writer of a pipe.
+
+    Raises
+    ------
+    OSError
+        It cannot be opened, or is not a regular file.
+    """
+    file = FileIO(path, opener=_not_blocking)
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
+    return file
+
+
+def _not_blocking(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
 def _bytes(content: FileContent) -> bytes:
-    return content if isinstance(content, bytes) else Path(content).read_bytes()
+    if isinstance(content, bytes):
+        return content
+    with open_regular(Path(content)) as file:
+        return file.readall()
 
 
 def _sha256(content: FileContent) -> str:
     if isinstance(content, bytes):
         return hashlib.sha256(content).hexdigest()
     digest = hashlib.sha256()
-    with Path(content).open("rb", buffering=0) as file:
+    with open_regular(Path(content)) as file:
         while chunk := file.read(_READ_BYTES):
             digest.update(chunk)
     return digest.hexdigest()

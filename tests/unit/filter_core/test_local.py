@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import pytest
 
@@ -109,6 +110,20 @@ def test_missing_file_is_named_without_its_folder(tmp_path):
     assert outcome.error is not None
     assert "gone.png" in outcome.error["detail"]
     assert str(tmp_path) not in outcome.error["detail"]
+
+
+@pytest.mark.parametrize("kind", ["segmentation", "image"])
+def test_pipe_in_place_of_an_image_is_refused_without_waiting(tmp_path, kind):
+    os.mkfifo(tmp_path / "pipe.png")
+    annotation = {"boxes": []} if kind == "image" else {"boxes": [], "camera": SIZE}
+    source = FrameSource("k", annotation, **{kind: tmp_path / "pipe.png"})
+
+    (outcome,) = filter_source([source], FilterConfig())
+
+    assert outcome.error is not None
+    assert outcome.error["detail"].endswith(
+        f"{kind}: pipe.png cannot be read: not a regular file"
+    )
 
 
 def test_ignore_mask_file_of_a_frame_is_applied(folder):

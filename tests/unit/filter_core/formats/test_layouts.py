@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import unicodedata
 from pathlib import Path
 from zipfile import ZipFile
@@ -9,7 +10,12 @@ from zipfile import ZipFile
 import pytest
 
 from filter_core.errors import LayoutError
-from filter_core.formats.reading import ReadOptions, frame_key
+from filter_core.formats.reading import (
+    MAX_LABEL_BYTES,
+    ReadOptions,
+    frame_key,
+    read_label_bytes,
+)
 from filter_core.formats.registry import detect_layout, possible_layouts, read_source
 from tests.support.folders import write_files
 
@@ -523,3 +529,65 @@ def test_label_file_that_is_not_utf8_is_a_problem_of_its_frame(tmp_path):
     (frame,) = read_source(tmp_path)
 
     assert "labels/1.txt: expected UTF-8 text, found byte 0xff" in str(frame.problem)
+
+
+@pytest.mark.parametrize(
+    ("layout", "pipe"),
+    [
+        ("yolo", "labels/1.txt"),
+        ("voc", "Annotations/1.xml"),
+        ("kitti", "training/label_2/000001.txt"),
+        ("kitti", "training/image_2/000001.png"),
+        ("carlasimu", "label/1.txt"),
+        ("pairs", "1.json"),
+    ],
+)
+def test_pipe_in_place_of_a_file_is_the_problem_of_its_frame(tmp_path, layout, pipe):
+    files = {
+        "yolo": {"images/1.png": None, "classes.txt": "car"},
+        "voc": {"JPEGImages/1.png": None},
+        "kitti": {
+            "training/label_2/000001.txt": "",
+            "training/calib/000001.txt": "",
+            "training/image_2/000001.png": None,
+        },
+        "carlasimu": {"cam/1.png": None},
+        "pairs": {"1.png": None},
+    }[layout]
+    town = write_files(tmp_path / "town", files)
+    (town / pipe).parent.mkdir(exist_ok=True)
+    (town / pipe).unlink(missing_ok=True)
+    os.mkfifo(town / pipe)
+
+    (frame,) = read_source(town, layout)
+
+    assert frame.problem is not None
+    assert "cannot be read: not a regular file" in frame.problem.detail
+    assert str(tmp_path) not in frame.problem.detail
+
+
+def test_pipe_that_is_named_like_a_coco_file_is_ignored(tmp_path):
+    town = write_files(tmp_path / "town", {"a.json": EMPTY_COCO})
+    os.mkfifo(town / "b.json")
+
+    assert read_source(town, "coco").count == 0
+
+
+def test_overlong_label_is_refused(tmp_path):
+    label = tmp_path / "a.txt"
+    label.write_bytes(b" " * MAX_LABEL_BYTES)
+    assert len(read_label_bytes(label, "a.txt")) == MAX_LABEL_BYTES
+    os.truncate(label, MAX_LABEL_BYTES + 1)
+
+    with pytest.raises(LayoutError, match=f"expected at most {MAX_LABEL_BYTES} bytes"):
+        read_label_bytes(label, "a.txt")
+
+
+def test_label_that_is_an_endless_device_is_refused_without_reading_it(tmp_path):
+    town = write_files(tmp_path / "town", {"images/1.png": None, "classes.txt": "car"})
+    (town / "labels").mkdir()
+    (town / "labels" / "1.txt").symlink_to("/dev/zero")
+
+    (frame,) = read_source(town, "yolo", ReadOptions(outside_files=True))
+
+    assert "not a regular file" in str(frame.problem)

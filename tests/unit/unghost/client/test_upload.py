@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from typing import cast
 
@@ -227,6 +228,22 @@ def test_push_continues_after_refused_frames(batches, client, tmp_path):
         "d": "refused",
         "e": "refused",
     }
+
+
+def test_frame_whose_file_is_a_pipe_is_refused_at_once(batches, client, tmp_path):
+    os.mkfifo(tmp_path / "pipe.png")
+    pipe = OutgoingFrame("pipe", {"boxes": []}, {"image": tmp_path / "pipe.png"})
+
+    outcomes = outcomes_by_key(client.push("town", [pipe, *many(1)]))
+
+    assert outcomes == {"pipe": "refused", "0": "stored"}
+
+
+def test_pipe_in_a_single_frame_raises_without_waiting(client, tmp_path):
+    os.mkfifo(tmp_path / "pipe.png")
+
+    with pytest.raises(OSError, match="not a regular file"):
+        client.put_frame("town", "a", {"boxes": []}, image=tmp_path / "pipe.png")
 
 
 def test_only_frame_with_file_that_shrinks_during_push_is_refused(
