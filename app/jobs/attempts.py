@@ -21,13 +21,12 @@ anew.
 
 **How a chunk is tried again**
 
-| count during the attempt | by a worker | by the driver, which has counted it |
+| deaths so far | by a worker | by the driver |
 |---|---|---|
-| 0 | first: the whole chunk | |
-| 1 | second: the whole chunk, alone | first: the whole chunk |
-| 2 | third: frame by frame, alone | second: frame by frame |
-| 3 | | third: frame by frame |
-| no fourth attempt | quarantine of all | quarantine of the cause |
+| none | the whole chunk | the whole chunk |
+| 1 | the whole chunk, alone | frame by frame |
+| 2 | frame by frame, alone | frame by frame |
+| 3 | quarantine of all | quarantine of the cause |
 
 *Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
 the cause. Each of them is submitted again while no other one is in progress
@@ -82,6 +81,7 @@ log = logging.getLogger(__name__)
 
 def is_one_by_one(chunk: Chunk) -> bool:
     """Whether to work frame by frame in this attempt: see the table above."""
+    # Two workers have died; or one driver, and this one has counted itself as well.
     return chunk.attempts >= 2
 
 

@@ -68,7 +68,7 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
         NEAREST_METRES, FARTHEST_METRES    NumberOrNullT
 
     For example, a key that rejects boxes whose crowding (`Evidence.crowding`) is above
-    it would be::
+    it, for a reason of its own, would be::
 
         max_crowding: NumberT = key(
             PERCENT,
@@ -76,8 +76,6 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
             "Largest share of a box that one other box may cover.",
             evidence=(SEMANTIC,),
         )
-
-    (No reason of today is about crowding, so this key would get one of its own.)
 
     `evidence` names the kinds of evidence whose rules use the key. A key such as
     `max_distance` has none: it decides boxes before pixels are looked at, whatever the

@@ -264,13 +264,14 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
         const { earlier, ...answered } = kept;
         const { verdict, comment } = earlier; // what the box gets again
         const undo = { ...answered, verdict, comment, key: newKey(), undoes: revision, attempted: false };
-        write({ ...undo, seenRevision: revision }); // with the answer's `order`: it is sent before the items behind
+        write({ ...undo, seenRevision: revision }); // with the answer's `order`: it is sent before the later items
       }
       // The response to a bulk item names no revisions: each is the next one.
       const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, revision ?? seen + 1]));
       for (const boxId of leftOut) revisions.delete(boxId);
       for (const item of items()) {
-        if (item.order <= stored.order || wasAttempted(item)) continue;
+        const isLater = item.order > stored.order; // the undo above is not: it has its revision already
+        if (!isLater || wasAttempted(item)) continue;
         const raised = withSeen(item, revisions);
         if (raised !== item) write(raised);
       }
@@ -281,8 +282,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      // The storage may be full, so the item's JSON must not become longer: it gets `renewed`, but loses `attempted`
-      // (JSON has no undefined values).
+      // JSON leaves `attempted` out, so that the item is not longer with `renewed`: the storage may be full.
       write({ ...item, seenRevision: revision, renewed: (item.renewed ?? 0) + 1, attempted: undefined });
     },
 
