@@ -143,3 +143,8 @@ class HeldBytes:
         elif more < 0:
             self.bodies.give_back(self.token_id, -more)
         self._counted = counted
+
+    def lower_to(self, size: int) -> None:
+        """Set the number of bytes held to `size`, if that is less than what counts."""
+        if size < self._counted:
+            self.hold(size)

@@ -105,18 +105,20 @@ class ArchiveFrames:
     def _take(self, chunk: bytes) -> None:
         for member in self._tar.feed(chunk):
             self._ready.extend(self._frames.add(member))
-        self._hold()
+        self._held.hold(self._size_bytes)
 
     def _given(self) -> Iterator[UploadedFrame]:
         """Complete frames; the caller counts the bytes of each from then on."""
         while self._ready:
             frame = self._ready.popleft()
-            self._hold()
+            # Raises nothing: after a fault, complete frames are still to be stored.
+            self._held.lower_to(self._size_bytes)
             yield frame
 
-    def _hold(self) -> None:
+    @property
+    def _size_bytes(self) -> int:
         complete = sum(frame.size_bytes for frame in self._ready)
-        self._held.hold(self._tar.size_bytes + self._frames.size_bytes + complete)
+        return self._tar.size_bytes + self._frames.size_bytes + complete
 
 
 class BatchIntake:
