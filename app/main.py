@@ -119,7 +119,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     app.state.readers = CapacityLimiter(MAX_READERS)
     app.state.reading = TokenPlaces(MAX_READS_PER_TOKEN)
     app.state.writing = TokenPlaces(MAX_WRITES_PER_TOKEN)
-    app.state.uploading = TokenPlaces((MAX_UPLOADS + workers) // 2)
+    app.state.uploading = TokenPlaces(max(workers, (MAX_UPLOADS + workers) // 2))
     app.state.drawings = CapacityLimiter(workers + 1)
     app.state.drawing = TokenPlaces(workers)  # one place is left for other tokens
     watch = LoopWatch()

@@ -349,10 +349,11 @@ def _listening(settings: Settings) -> Iterator[list[socket.socket]]:
                 if other is not None and _has_address(other):
                     taken = sockets[0].getsockname()[1]
                     sockets.append(opened.enter_context(_listen(other, taken)))
-            except CannotServe:
+            except CannotServe as exc:
                 if port == 0 and left:  # any other port will do
                     continue
-                raise
+                why = f"browsers look for localhost at {bracketed(other or '')} as well"
+                raise CannotServe(f"{exc}; {why}") from exc
             yield sockets
             return
 

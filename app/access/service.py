@@ -212,8 +212,8 @@ def make_code(audit: AuditTrail, token_id: int | None = None) -> tuple[LoginCode
     by = audit.actor
     if by is not None and (by.session_hash or by.former_hash):
         raise Forbidden(
-            "a login code needs a token that is not replaced; neither a session nor "
-            "the former value of a token makes one"
+            "a login code needs the token itself: a session, or the former value of a "
+            "token, makes none"
         )
     secret, now = new_login_code(), utc_now()
     code = LoginCode(

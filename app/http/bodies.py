@@ -32,8 +32,8 @@ _SMALL_BYTES: Final = 4096
 """Up to this size, using a thread takes longer than parsing."""
 _LIMITS: Final = JsonLimits(max_depth=32, max_values=320_000, max_keys=10_000)
 """No schema has more than a few dozen keys; each unknown one is reported as a fault.
-The largest body is a dataset's ignore mask: a hundred polygons of a thousand points
-are 300,000 values."""
+The largest body is a bulk answer: 100,000 boxes with their revisions are 200,000
+values."""
 
 
 class StrictRequest(Request):

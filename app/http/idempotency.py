@@ -117,7 +117,7 @@ def lacks_response(session: Session) -> bool:
 def store_response(session: Session, response: Response) -> None:
     """Store the response in the transaction that did the work, if it has a key.
 
-    A response with a secret (``no-store``) is not stored; the key is deleted instead.
+    One with ``no-store``, such as a secret, is not stored; the key is deleted instead.
     """
     request: RepeatableRequest | None = session.info.pop(_LACKS_RESPONSE, None)
     if request is None:

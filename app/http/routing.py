@@ -14,7 +14,7 @@ from functools import cached_property, partial
 from typing import Final
 from weakref import WeakValueDictionary
 
-from anyio import CapacityLimiter
+from anyio import CapacityLimiter, fail_after
 from fastapi import APIRouter, Request, params
 from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute
@@ -24,12 +24,12 @@ from starlette.responses import Response, StreamingResponse
 from starlette.routing import Match
 from starlette.types import Receive, Scope, Send
 
-from app.errors import BadRequest, UnknownParameter, UnsupportedMedia
+from app.errors import BadRequest, DatabaseBusy, UnknownParameter, UnsupportedMedia
 from app.http.bodies import StrictRequest
 from app.http.deps import BEARER, authorise, services_of, settings_of
 from app.http.idempotency import checked_key
 from app.http.middleware import BODY_ALLOWANCE, MAX_UNASKED_BYTES, BodyAllowance
-from app.http.transaction import respond_once, write_session
+from app.http.transaction import WRITE_WAIT_S, respond_once, write_session
 from app.incoming import HeldBytes, OpenBodies
 from app.security import SAFE_METHODS
 from unghost.wire.words import Role
@@ -170,8 +170,8 @@ class OpenRoute(HeadRoute):
         return _uses(self.dependant, write_session)
 
     @property
-    def is_upload(self) -> bool:
-        """Whether the endpoint reads a large body, and limits how many requests do."""
+    def limits_itself(self) -> bool:
+        """Whether the endpoint reads a large body, and limits how many do at once."""
         return BODY_LIMIT in (self.openapi_extra or {}) and not self.writes
 
     @property
@@ -241,30 +241,43 @@ class ApiRoute(OpenRoute):
             key = checked_key(request.headers["idempotency-key"])
             if self.writes:
                 endpoint = partial(respond_once, endpoint, key=key)
-        if self.is_upload:
+        if self.limits_itself:
             return await endpoint(request)
         if request.method not in SAFE_METHODS:
             await request.body()  # before taking a place: it may arrive slowly
         state = request.app.state
-        places = state.writing if self.writes else state.reading
-        return await _call_in_turn(endpoint, request, places)
+        if self.writes:
+            return await _call_in_turn(endpoint, request, state.writing, WRITE_WAIT_S)
+        return await _call_in_turn(endpoint, request, state.reading, None)
 
 
 async def _call_in_turn(
-    endpoint: Handler, request: Request, places: TokenPlaces
+    endpoint: Handler, request: Request, places: TokenPlaces, wait_s: float | None
 ) -> Response:
     """Call the endpoint when its caller's token has a free place.
 
     Until then the request waits without a thread, so that no token uses all threads, or
     delays the writes of all others. If the client disconnects meanwhile, the endpoint
     is not called.
+
+    Raises
+    ------
+    DatabaseBusy
+        There was no free place within `wait_s` seconds; None waits without end.
     """
     own = places.of(request.state.principal.token_id)
     has_to_wait = own.available_tokens < 1
-    async with own:
+    try:
+        with fail_after(wait_s):
+            await own.acquire_on_behalf_of(request)
+    except TimeoutError as exc:
+        raise DatabaseBusy("too many writes of this token are waiting") from exc
+    try:
         if has_to_wait and await request.is_disconnected():
             return Response(status_code=CLIENT_LEFT)
         return await endpoint(request)
+    finally:
+        own.release_on_behalf_of(request)
 
 
 async def has_left(request: Request) -> None:

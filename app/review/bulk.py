@@ -270,8 +270,8 @@ def undo_batch(
     batch = batches.with_id(batch_id)
     size = batches.size(batch_id)
     require_own(by, {batch.reviewer: size}, f"undoing bulk answer {batch_id}")
-    # The answers before it are repeated, with their comments.
-    _require_room(services, size, MAX_COMMENT)
+    # The answers before it are repeated, with comments of up to four bytes a character.
+    _require_room(services, size, 4 * MAX_COMMENT)
     was_undone = batches.is_undone(batch_id)
     undo = batches.add(batch.dataset_id, "clear", by.name, undoes_id=batch_id)
     undone = ReviewRepository(session).restore_answers(undo, undoable)

@@ -13,6 +13,7 @@ import json
 import os
 import re
 import shutil
+import stat
 import tempfile
 import unicodedata
 from collections.abc import Iterable, Iterator
@@ -133,16 +134,19 @@ def whole_file(path: Path, buffer_bytes: int = -1) -> Iterator[IO[bytes]]:
 
     Until then it is a new file in the same folder, under a name that nobody can know:
     somebody else who fills the folder could have laid a link there to a private file.
-    A link under the file's own name is replaced. A device or a pipe of that name is
-    written as it is.
+    A link under the file's own name is replaced; a file there keeps its permissions. A
+    device or a pipe of that name is written as it is.
     """
-    if path.exists() and not path.is_file():
+    is_device = path.exists() and not path.is_file()
+    if is_device or path.is_relative_to("/dev"):  # /dev/stdout may lead to a file
         with path.open("wb", buffer_bytes) as device:
             yield device
         return
-    draft = path.with_name(f".{path.name}.{os.urandom(8).hex()}.part")
+    draft = path.with_name(f".{os.urandom(8).hex()}.part")
     descriptor = os.open(draft, _NEW_FILE, 0o666)
     try:
+        if path.is_file() and not path.is_symlink():
+            draft.chmod(stat.S_IMODE(path.stat().st_mode))
         with os.fdopen(descriptor, "wb", buffer_bytes) as file:
             yield file
         draft.replace(path)

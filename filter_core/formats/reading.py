@@ -21,6 +21,7 @@ from typing import BinaryIO, Final
 
 from filter_core.errors import FilterError, JsonError, LayoutError
 from filter_core.json_text import read_json
+from filter_core.values import shown
 
 MAX_LABEL_BYTES: Final = 16 * 1024 * 1024
 """Larger files are refused: ten thousand boxes take under a megabyte."""
@@ -226,16 +227,42 @@ def check_links(source: Path, options: ReadOptions) -> None:
     """
     if options.outside_files:
         return
-    folder = source.parent if source.is_file() else source
-    folders = [folder, *filter(None, (options.segmentation, options.labels))]
-    named = real_paths(source, *folders)
+    folders = [source, *filter(None, (options.segmentation, options.labels))]
+    named = real_paths(*folders)
     for each in folders:
         for link in _links(each):
             if not lies_in(link, named):
                 raise LayoutError(
                     f"{name_of(each)}: expected no link out of the folder, found "
-                    f"{link.relative_to(each).as_posix()}; {OUTSIDE_FILES_HINT}"
+                    f"{shown(link.relative_to(each).as_posix())}; {OUTSIDE_FILES_HINT}"
                 )
+
+
+def files_inside(found: FrameSet, source: Path, options: ReadOptions) -> FrameSet:
+    """The frames of a file that was named itself, such as COCO's.
+
+    A frame with a file outside the folder of `source` has that as its problem. The
+    folder is not searched for links: it may be one with much else in it.
+    """
+    if options.outside_files:
+        return found
+    folders = filter(None, (source.parent, options.segmentation, options.labels))
+    named = real_paths(source, *folders)
+
+    def checked() -> Iterator[FrameSource]:
+        for frame in found.frames():
+            files = (frame.image, frame.segmentation, *frame.others.values())
+            outside = [file for file in files if file and not lies_in(file, named)]
+            if not outside:
+                yield frame
+                continue
+            problem = LayoutError(
+                f"frame {frame.key}: expected a file in the folder, found "
+                f"{shown(outside[0].name)}, a link out of it; {OUTSIDE_FILES_HINT}"
+            )
+            yield FrameSource(key=frame.key, annotation=None, problem=problem)
+
+    return replace(found, frames=checked)
 
 
 def real_paths(*paths: Path) -> tuple[Path, ...]:
@@ -253,7 +280,7 @@ def lies_in(path: Path, folders: Iterable[Path]) -> bool:
 
 
 def _links(folder: Path) -> Iterator[Path]:
-    """Links to folders and to files that some reader opens, hidden ones included."""
+    """Links to folders that some reader enters, and to files that one opens."""
     try:
         with os.scandir(folder) as entries:
             found = sorted(entries, key=lambda entry: entry.name)
@@ -261,11 +288,13 @@ def _links(folder: Path) -> Iterator[Path]:
         return
     for entry in found:
         path = folder / entry.name
-        if not entry.is_symlink():
-            if entry.is_dir():
-                yield from _links(path)
-        elif path.suffix.lower() in (*IMAGE_SUFFIXES, *TEXT_SUFFIXES) or path.is_dir():
-            yield path
+        is_entered = path.is_dir() and not is_hidden(entry.name)
+        is_opened = path.suffix.lower() in (*IMAGE_SUFFIXES, *TEXT_SUFFIXES)
+        if entry.is_symlink():
+            if is_entered or is_opened:
+                yield path
+        elif is_entered:
+            yield from _links(path)
 
 
 def match(

@@ -43,6 +43,7 @@ from filter_core.formats.reading import (
     FrameSet,
     ReadOptions,
     check_links,
+    files_inside,
     manifests_below,
     name_of,
 )
@@ -126,8 +127,11 @@ def read_source(
             f"layout {name!r} has no option {option!r}; it has {heeded}",
             code=UNUSED_OPTION,
         )
-    if found is not MANIFEST:  # which checks each file that it names
-        check_links(source, options)
+    if found is MANIFEST:  # which checks each file that it names
+        return found.read(source, options)
+    if source.is_file():
+        return files_inside(found.read(source, options), source, options)
+    check_links(source, options)
     return found.read(source, options)
 
 

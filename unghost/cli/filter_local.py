@@ -117,7 +117,7 @@ def _output(path: Path) -> Iterator[Write]:
 
 
 def _write_to_terminal(lines: bytes) -> None:
-    sys.stdout.write(printable(lines.decode()))
+    sys.stdout.buffer.write(printable(lines.decode()).encode())
 
 
 class _Tally:

@@ -114,7 +114,8 @@ class ServerOptions(OutputOptions):
                 return Client(self.server, self.token)
             finally:
                 for one in caught:
-                    self.screen.note(str(one.message))
+                    if issubclass(one.category, IgnoredTokenFile):
+                        self.screen.note(str(one.message))
 
 
 @dataclass(frozen=True, kw_only=True)

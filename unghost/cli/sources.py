@@ -194,9 +194,14 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
 def _count_lines(source: Path) -> int:
     """Frames of a manifest, for the bar: it is small compared with the images."""
     from filter_core.formats.manifest import manifest_of
+    from filter_core.formats.reading import name_of, open_regular
 
-    with (manifest_of(source) or source).open("rb") as lines:
-        return sum(1 for line in lines if line.strip())
+    path = manifest_of(source) or source
+    try:
+        with open_regular(path) as lines:
+            return sum(1 for line in lines if line.strip())
+    except OSError as exc:
+        raise Refused(f"{name_of(path)}: cannot be read: {exc.strerror}") from exc
 
 
 def read_config(

@@ -249,7 +249,7 @@ def _was_refused(error: Unavailable | httpx.TransportError) -> bool:
 def refuse_encoded(response: httpx.Response) -> None:
     """Raise UnexpectedAnswer if the body is compressed, which was not asked for."""
     encoding = response.headers.get("Content-Encoding", _PLAIN)
-    if encoding.strip().lower() != _PLAIN:
+    if encoding.strip().lower() not in ("", _PLAIN):
         raise unexpected(response, f"is encoded as {encoding!r}")
 
 

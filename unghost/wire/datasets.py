@@ -35,11 +35,16 @@ Polygon = Annotated[list[Point], Field(min_length=3, max_length=1000, fail_fast=
 Polygons = Annotated[list[Polygon], Field(min_length=1, max_length=100, fail_fast=True)]
 
 
+MAX_POINTS: Final = 10_000
+"""Of all polygons of an ignore mask; previews of thresholds read them each time."""
+
+
 class IgnoreMask(RequestModel):
     """Pixels that are never counted, such as the bonnet: as polygons or as a PNG."""
 
     polygons: Polygons | None = Field(
-        default=None, description="Corners of each polygon, in pixels."
+        default=None,
+        description="Corners of each polygon, in pixels; at most 10,000 in all.",
     )
     png: Annotated[str, Field(max_length=2_000_000)] | None = Field(
         default=None,
@@ -51,6 +56,9 @@ class IgnoreMask(RequestModel):
     def _has_one_form(self) -> IgnoreMask:
         if (self.polygons is None) == (self.png is None):
             raise ValueError("expected either polygons or png")
+        points = sum(map(len, self.polygons or ()))
+        if points > MAX_POINTS:
+            raise ValueError(f"expected at most {MAX_POINTS} points, found {points}")
         return self
 
 

@@ -118,7 +118,7 @@ export function createCrops(fetchCrop, { onError = () => {}, discard = () => {},
 /** @typedef {ReturnType<typeof createCrops>} Crops */
 
 /** @param {number} boxId @param {{pad: number, height: number}} how */
-export const cropUrl = (boxId, how) => url("/api/v1/boxes/{box_id}/crop", { path: { box_id: boxId }, query: how });
+const cropUrl = (boxId, how) => url("/api/v1/boxes/{box_id}/crop", { path: { box_id: boxId }, query: how });
 
 /** @typedef {{width: number, height: number}} Size */
 /** @typedef {{left: number, top: number, width: number, height: number}} Place  px in the cell */

@@ -2525,7 +2525,7 @@ export interface components {
         IgnoreMask: {
             /**
              * Polygons
-             * @description Corners of each polygon, in pixels.
+             * @description Corners of each polygon, in pixels; at most 10,000 in all.
              */
             polygons?: number[][][] | null;
             /**

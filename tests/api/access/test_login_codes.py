@@ -95,7 +95,7 @@ def test_session_makes_no_login_code(service, anonymous):
     answer = anonymous.post("/api/v1/login-codes", headers=session)
 
     assert answer.status_code == 403
-    assert "a login code needs a token" in answer.json()["detail"]
+    assert "a login code needs the token itself" in answer.json()["detail"]
 
 
 def test_login_code_of_another_token_returns_404(admin, as_role):

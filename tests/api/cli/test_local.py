@@ -74,6 +74,19 @@ def test_filter_writes_through_no_link_in_the_folder_of_its_output(unghost, tmp_
     assert len(lines_of(folder / "decisions.jsonl")) == 1
 
 
+@pytest.mark.parametrize("command", ["filter", "convert"])
+def test_pipe_in_place_of_a_manifest_is_refused(unghost, tmp_path, command):
+    """Reading it would wait without end."""
+    (tmp_path / "town").mkdir()
+    os.mkfifo(tmp_path / "town/manifest.jsonl")
+    more = ("--to", "coco", "-o", "x.zip") if command == "convert" else ("-o", "x")
+
+    answer = unghost(command, "town", *more)
+
+    assert answer.code == REFUSED
+    assert "cannot be read: not a regular file" in answer.err
+
+
 def test_filter_writes_into_a_pipe_without_replacing_it(unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 1)
     pipe = tmp_path / "pipe"

@@ -69,6 +69,10 @@ def test_new_dataset_is_returned_with_every_field(api):
         ({"name": "a", "description": "\0"}, "/description"),
         ({"name": "a", "ignore_mask": {"polygons": []}}, "/ignore_mask/polygons"),
         (
+            {"name": "a", "ignore_mask": {"polygons": [[[0, 0]] * 500] * 21}},
+            "/ignore_mask",
+        ),
+        (
             {"name": "a", "ignore_mask": {"polygons": [[[0, 0], [1, 1]]]}},
             "/ignore_mask/polygons/0",
         ),

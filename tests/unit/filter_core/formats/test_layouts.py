@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import unicodedata
 from pathlib import Path
@@ -310,9 +311,41 @@ def test_link_out_of_the_folder_is_refused_before_it_is_read(tmp_path, layout, l
         read_source(town, layout)
 
     assert caught.value.detail == (
-        f"town: expected no link out of the folder, found {link}; with "
+        f'town: expected no link out of the folder, found "{link}"; with '
         "--outside-files (outside_files) such files are read"
     )
+
+
+def test_hidden_links_to_folders_are_not_followed_and_not_refused(tmp_path):
+    files = {"town/labels/1.txt": YOLO_LINE, "town/images/1.png": None}
+    town = write_files(tmp_path, {**files, "town/data.yaml": NAMES}) / "town"
+    (town / ".cache").symlink_to("/usr")
+
+    (frame,) = read_source(town)
+
+    assert frame.image == town / "images/1.png"
+
+
+def test_coco_file_that_is_named_is_read_beside_links_out_of_its_folder(tmp_path):
+    """Only the files of its frames must lie in the folder, which may be any folder."""
+    images = [
+        {"id": n, "file_name": f"{n}.png", "width": 9, "height": 9} for n in (1, 2)
+    ]
+    write_files(tmp_path, {"town/1.png": None, "private.png": None})
+    town = tmp_path / "town"
+    (town / "x.json").write_text(
+        json.dumps({**json.loads(EMPTY_COCO), "images": images})
+    )
+    (town / "disk").symlink_to("/usr")
+    (town / "2.png").symlink_to(tmp_path / "private.png")
+
+    good, bad = read_source(town / "x.json")
+    _, allowed = read_source(town / "x.json", options=ReadOptions(outside_files=True))
+
+    assert (good.problem, good.image) == (None, town / "1.png")
+    assert (bad.annotation, bad.image) == (None, None)
+    assert 'found "2.png", a link out of it' in str(bad.problem)
+    assert allowed.image == town / "2.png"
 
 
 def test_links_inside_the_folder_and_into_named_folders_are_read(tmp_path):
@@ -356,7 +389,7 @@ def test_coco_file_that_is_a_link_is_read_if_it_is_named_itself(tmp_path):
     (tmp_path / "town/link.json").symlink_to(tmp_path / "all.json")
 
     assert keys(read_source(tmp_path / "town/link.json")) == []
-    with pytest.raises(LayoutError, match=r"found link\.json"):
+    with pytest.raises(LayoutError, match=r'found "link\.json"'):
         read_source(tmp_path / "town")
 
 
