@@ -155,6 +155,12 @@ def whole_file(path: Path, buffer_bytes: int = -1) -> Iterator[IO[bytes]]:
         raise
 
 
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file as `whole_file` does."""
+    with whole_file(path) as file:
+        file.write(content)
+
+
 class Spool:
     """Takes bytes now and gives them back in pieces; a context manager.
 

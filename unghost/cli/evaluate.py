@@ -167,10 +167,9 @@ def evaluate(options: EvaluateOptions) -> None:
 
 
 def _write(path: Path, text: str) -> None:
-    from filter_core.formats.files import whole_file
+    from filter_core.formats.files import write_whole
 
-    with whole_file(path) as file:
-        file.write(text.encode())
+    write_whole(path, text.encode())
 
 
 class _TruthUse:

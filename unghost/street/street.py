@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.formats.files import whole_file
+from filter_core.formats.files import write_whole
 from filter_core.formats.reading import MANIFEST_NAME
 from filter_core.geometry.camera import Camera
 from filter_core.types import FloatArray
@@ -276,7 +276,7 @@ def _write_frame(folder: Path, frame: StreetFrame) -> dict[str, object]:
     for name, (place, suffix, data) in _files(frame).items():
         path = folder / place / f"{frame.key}{suffix}"
         path.parent.mkdir(parents=True, exist_ok=True)
-        _write_whole(path, data)
+        write_whole(path, data)
         paths[name] = path.relative_to(folder).as_posix()
     return {"key": frame.key, **paths, **frame.annotation}
 
@@ -293,9 +293,4 @@ def _files(frame: StreetFrame) -> dict[str, tuple[str, str, bytes]]:
 
 def _write_lines(path: Path, rows: list[dict[str, object]]) -> None:
     text = "".join(json.dumps(row, separators=(",", ":")) + "\n" for row in rows)
-    _write_whole(path, text.encode())
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    with whole_file(path) as file:
-        file.write(content)
+    write_whole(path, text.encode())
