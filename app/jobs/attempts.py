@@ -1,48 +1,36 @@
-"""A chunk and the death of its process: attempts, suspects and quarantine.
+"""A chunk during which processes die: deaths, suspects and quarantine.
 
 A damaged library or a lack of memory can end a process without an error. Whoever tries
-the same chunk again may die as well. So the chunk's row counts the processes that died
-(`Chunk.attempts`), and after `MOST_ATTEMPTS` the chunk, or one frame of it, is put into
-**quarantine**: it is not tried again. All other chunks are processed; then the job
-fails with an error that names what is in quarantine (`quarantine_error`). Chunks of a
-failed job that are in quarantine stay in the database; the next run plans their frames
-anew.
+the same chunk again may die as well. So the chunk's row counts the processes that have
+died while they worked on it (`Chunk.attempts`). Whoever stores a part of its result
+sets the count to zero (`Attempt.reset`): work that goes on is never given up.
+
+- After a death, the chunk is tried again **frame by frame**
+  (`is_one_by_one`): each result is stored before the next frame begins. So the first
+  frame without a result is the cause.
+- After three deaths (`MOST_ATTEMPTS`), the cause is put into **quarantine**: it is
+  not tried again. It becomes a chunk of its own; the other frames of the chunk get a
+  first attempt at once.
+
+All other chunks are processed; then the job fails with an error that names what is in
+quarantine (`quarantine_error`). Chunks of a failed job that are in quarantine stay in
+the database; the next run plans their frames anew.
 
 **Who counts** depends on which process works on the chunk:
 
-- A worker of a cluster: its driver is told that it died, and calls `count_death`. Every
-  death counts until the chunk is done, whatever it has stored.
+- A worker of a cluster: its driver is told that it died, and calls `count_death` for
+  each chunk that the worker had begun, because any of them may be the cause. They are
+  now **suspects**: each is submitted again while no other chunk is in progress
+  (`JobDriver`), so that if a process dies again, this chunk is the cause.
 - The driver itself: if there are no workers it executes all chunks, and always the
-  final step. If it dies, nobody is left to count. So it counts each attempt in advance,
-  as if it would die (`Attempt.begin`). As soon as it stores a part of the result, the
-  count becomes zero (`Attempt.reset`), and also if its work ends otherwise than by its
-  death (`Attempt.end`). So the next driver finds in the row how many processes in
-  succession have died and stored nothing.
-
-**How a chunk is tried again**
-
-| deaths so far | by a worker | by the driver |
-|---|---|---|
-| none | the whole chunk | the whole chunk |
-| 1 | the whole chunk, alone | frame by frame |
-| 2 | frame by frame, alone | frame by frame |
-| 3 | quarantine of all | quarantine of the cause |
-
-*Alone*: the chunk is a **suspect**. When a worker dies, any chunk in progress may be
-the cause. Each of them is submitted again while no other one is in progress
-(`JobDriver`), so that if a process dies again, this chunk is the cause.
-
-*Frame by frame* (`is_one_by_one`): each result is stored before the next frame begins.
-So the first frame without a result is the cause.
-
-*Quarantine of all*: all frames of the chunk that have no result. *Quarantine of the
-cause*: only that frame, which becomes a chunk of its own; the other frames of the chunk
-get a first attempt at once.
+  final step. If it dies, nobody is left to count. So it counts its own death when it
+  begins (`Attempt.begin`), and sets the count to zero if its work ends without a death
+  (`Attempt.end`).
 
 **Several frames in a row, each of which ends its process,** would end three processes
-each. So if the driver finds a cause, and the frame just before it is in quarantine
-already, it puts not only the cause into quarantine, but all frames of the chunk that
-have no result (`_follows_another`).
+each. So if the frame just before a cause is in quarantine already, not only the cause
+is put into quarantine, but all frames of the chunk that have no result
+(`_follows_another`).
 
 **An unreadable frame** ends no process: only the child processes that decode its images
 die, or exceed their limits of time or memory. `refuse` puts its chunk into quarantine
@@ -67,7 +55,7 @@ from app.db.tables import Chunk, JobRow
 from app.db.transient import in_a_line, is_transient
 from app.engine import Job
 from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
-from app.jobs.kind import kind_of
+from app.jobs.kind import AnyTask, kind_of
 from app.jobs.queries import open_job
 from app.measuring.queries import frame_before
 from filter_core.errors import FilterError
@@ -79,37 +67,36 @@ _PAUSE_S: Final = 0.5
 log = logging.getLogger(__name__)
 
 
-def is_one_by_one(chunk: Chunk) -> bool:
-    """Whether to work frame by frame in this attempt: see the table above."""
-    # Two workers have died; or one driver, and this one has counted itself as well.
-    return chunk.attempts >= 2
+def is_one_by_one(task: AnyTask, chunk: Chunk) -> bool:
+    """Whether a process has died during this chunk, which is now worked on again."""
+    return chunk.attempts > (1 if task.is_counted else 0)
 
 
 def count_death(session: Session, job: Job, number: int) -> bool:
     """Count the death of a worker during a chunk; True if the chunk is to be retried.
 
-    After `MOST_ATTEMPTS` it is put into quarantine.
+    After `MOST_ATTEMPTS` the cause is put into quarantine, and the rest is retried.
     """
     chunk = ChunkRepository(session).find(job, number)
     if chunk is None or chunk.state != "waiting":
         return False
     chunk.attempts += 1
     if chunk.attempts >= MOST_ATTEMPTS:
-        _quarantine(chunk)
+        _quarantine_cause(session, job, chunk)
     session.flush()
     return chunk.state == "waiting"
 
 
 class Attempt:
-    """One attempt at a chunk by the process that drives its job.
+    """One attempt at a chunk.
 
-    `app.jobs.work` calls `begin` and `end`. The kinds of jobs call `reset`, as
-    `Task.reset_attempts`.
+    In the process that drives the job, `app.jobs.work` calls `begin` and `end`. In any
+    process, the kinds of jobs call `reset`, by `Task.reset_attempts`.
     """
 
     def __init__(self, context: ServiceContext, job: Job, number: int) -> None:
-        self._context, self._job, self._number = context, job, number
-        self._is_counted = False
+        self.context, self.job, self.number = context, job, number
+        self._is_counted = self._is_reset = False
 
     def begin(self) -> bool:
         """Count the attempt; False if the chunk is in quarantine.
@@ -123,19 +110,15 @@ class Attempt:
         JobStopped
             The service is stopping, or the job is being cancelled.
         """
-        self._context.engine.check(self._job)
+        self.context.engine.check(self.job)
         # Set before the commit, which may succeed although its response is lost.
         self._is_counted = True
-        with self._context.database.write() as session:
-            chunk = ChunkRepository(session).find(self._job, self._number)
+        with self.context.database.write() as session:
+            chunk = ChunkRepository(session).find(self.job, self.number)
             if chunk is None or chunk.state == "done":
                 return True
             if chunk.attempts >= MOST_ATTEMPTS:
-                log.warning(
-                    "chunk %d of %s %d crashed its process %d times",
-                    *(self._number, *self._job, chunk.attempts),
-                )
-                _quarantine_cause(session, self._job, chunk)
+                _quarantine_cause(session, self.job, chunk)
             if chunk.state == "quarantined":
                 return False
             chunk.attempts += 1
@@ -144,16 +127,17 @@ class Attempt:
     def reset(self, session: Session) -> None:
         """Set the count to zero in a transaction that stores a part of the result.
 
-        That a frame cannot be read is a result, too. From then on this attempt does not
-        count: if the process dies later, the next one is a first attempt.
+        That a frame cannot be read is a result, too. From then on the attempt of a
+        driver does not count: if the process dies later, the next one is a first
+        attempt.
         """
-        if not self._is_counted:
+        if self._is_reset:
             return
-        chunk = ChunkRepository(session).find(self._job, self._number)
+        chunk = ChunkRepository(session).find(self.job, self.number)
         if chunk is not None and chunk.state == "waiting":
             chunk.attempts = 0
             session.flush()
-        once_committed(session, self._not_counted)
+        once_committed(session, self._after_reset)
 
     def end(self) -> None:
         """Set the count to zero after work that failed but did not end the process.
@@ -163,17 +147,17 @@ class Attempt:
         """
         while self._is_counted:  # until the count is committed as zero
             try:
-                with self._context.database.write() as session:
+                with self.context.database.write() as session:
                     self.reset(session)
             except SQLAlchemyError as exc:
-                stops = self._context.engine.stopping.wait(_PAUSE_S)
+                stops = self.context.engine.stopping.wait(_PAUSE_S)
                 if stops or not is_transient(exc):
-                    told = self._number, *self._job, in_a_line(exc)
+                    told = self.number, *self.job, in_a_line(exc)
                     log.warning("cannot reset chunk %d of %s %d: %s", *told)
                     return
 
-    def _not_counted(self) -> None:
-        self._is_counted = False
+    def _after_reset(self) -> None:
+        self._is_counted, self._is_reset = False, True
 
 
 def refuse(session: Session, job: Job, number: int, why: FilterError) -> None:
@@ -247,6 +231,10 @@ def _quarantine_refused(chunk: Chunk, why: FilterError) -> None:
 
 def _quarantine_cause(session: Session, job: Job, chunk: Chunk) -> None:
     """Put the frame at which the processes died into quarantine, or the whole chunk."""
+    log.warning(
+        "chunk %d of %s %d crashed its process %d times",
+        *(chunk.number, *job, chunk.attempts),
+    )
     kind = kind_of(job)
     row = open_job(session, kind.table, job.id)
     unfinished = kind.unfinished(session, row, chunk)

@@ -166,23 +166,21 @@ def all_open_jobs(session: Session, dataset_id: int | None = None) -> list[Job]:
     ]
 
 
-def _ignore(_session: Session) -> None:
-    """Do nothing: a worker counts no attempts (`app.jobs.attempts`)."""
-
-
 @dataclass
 class Task(Generic[Row]):
     """One chunk of a job, as it is passed to a kind's `work` and `finish`.
 
     `reset_attempts` is called in each transaction that stores a part of the result, or
-    finds that more has to be measured first.
+    finds that more has to be measured first. `is_counted`: whether this attempt is in
+    the count of the chunk's row already (`app.jobs.attempts`).
     """
 
     context: ServiceContext
     kind: JobKind[Row]
     job: Job
     number: int
-    reset_attempts: Callable[[Session], None] = _ignore
+    reset_attempts: Callable[[Session], None]
+    is_counted: bool = False
     _is_over: threading.Event = field(default_factory=threading.Event)
     _row_read_at: float = field(default_factory=time.monotonic)
     _told_at: float = field(default_factory=time.monotonic)

@@ -31,7 +31,7 @@ def work_on_chunk(context: ServiceContext, kind: str, job_id: int, number: int) 
 
     `work_in_driver` and `work_in_worker` add checks for their process.
     """
-    task = _task(context, Job(kind, job_id), number)
+    task = _task(Attempt(context, Job(kind, job_id), number))
     return _outcome(task, lambda: _do(task))
 
 
@@ -40,9 +40,8 @@ def work_in_driver(context: ServiceContext, kind: str, job_id: int, number: int)
 
     The outcome is QUARANTINED if the chunk is not to be worked on.
     """
-    task = _task(context, Job(kind, job_id), number)
-    attempt = Attempt(context, task.job, number)
-    task.reset_attempts = attempt.reset
+    attempt = Attempt(context, Job(kind, job_id), number)
+    task = _task(attempt, is_counted=True)
     outcome = _outcome(task, lambda: _do(task) if attempt.begin() else QUARANTINED)
     # A chunk that is done or in quarantine is not begun again: its count is of no use.
     # (A final step that has found new frames is begun again, and has reset its count.)
@@ -51,8 +50,9 @@ def work_in_driver(context: ServiceContext, kind: str, job_id: int, number: int)
     return outcome
 
 
-def _task(context: ServiceContext, job: Job, number: int) -> AnyTask:
-    return Task(context, kind_of(job), job, number)
+def _task(attempt: Attempt, *, is_counted: bool = False) -> AnyTask:
+    context, job, number = attempt.context, attempt.job, attempt.number
+    return Task(context, kind_of(job), job, number, attempt.reset, is_counted)
 
 
 def _do(task: AnyTask) -> str:

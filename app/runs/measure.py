@@ -107,7 +107,7 @@ class _RunChunk:
         evidence = EvidenceRepository(session)
         return cls(
             scope=scope,
-            is_one_by_one=row is not None and is_one_by_one(row),
+            is_one_by_one=row is not None and is_one_by_one(task, row),
             missing=missing,
             source=source,
             frames=FrameRepository(session).with_ids(missing),

@@ -33,9 +33,9 @@ class Chunk(Base):
     frames: Mapped[int] = mapped_column(Key)
     state: Mapped[str] = mapped_column(String(16), default="waiting")
     attempts: Mapped[int] = mapped_column(default=0)
-    """How many processes died while they worked on the chunk: all workers, and drivers
-    since the last result of it was stored. While a driver works on the chunk itself,
-    its own attempt is counted as well (`app.jobs.attempts`)."""
+    """How many processes have died while they worked on the chunk, since a result of it
+    was stored. While a driver works on the chunk itself, it is counted as well
+    (`app.jobs.attempts`)."""
     error: Mapped[dict[str, object] | None] = mapped_column(JsonText)
     finished_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
 

@@ -258,7 +258,7 @@ def test_unreadable_frame_is_quarantined_before_the_next_is_measured(services):
         for chunk in remaining_rows(street, Chunk, run_of(street, run_id))
     }
     assert chunks["quarantined"][:2] == (large, 1)
-    assert chunks["waiting"] == (large + 1, FRAMES - 1, MOST_ATTEMPTS - 1)
+    assert chunks["waiting"] == (large + 1, FRAMES - 1, 0)
 
 
 def test_unreadable_last_frame_is_quarantined_when_measured_singly(services):

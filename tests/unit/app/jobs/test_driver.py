@@ -68,10 +68,16 @@ def test_chunk_that_kills_its_worker_is_quarantined_and_no_other(street):
     assert run.state == "failed"
     assert run.error is not None
     assert run.error["code"] == "quarantined"
-    assert "'03' to '05'" in run.error["detail"]
-    (chunk,) = remaining_rows(street, Chunk, run)
-    assert (chunk.number, chunk.state) == (2, "quarantined")
-    assert chunk.attempts == MOST_ATTEMPTS
+    # First its first frame, after three deaths, and after three more all behind it.
+    assert "frames '03', '04' to '05' crashed" in run.error["detail"]
+    chunks = remaining_rows(street, Chunk, run)
+    found = {
+        chunk.number: (chunk.state, chunk.frames, chunk.attempts) for chunk in chunks
+    }
+    assert found == {
+        5: ("quarantined", 1, MOST_ATTEMPTS),
+        2: ("quarantined", 2, MOST_ATTEMPTS),
+    }
     assert len(measured(street, run)) == FRAMES - 3
     assert run.done == FRAMES - 3
 
