@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -24,6 +25,8 @@ from app.verdicts import (
     is_not_in_conflict,
     reasons_of,
 )
+from filter_core.config.filter import DecideConfig
+from filter_core.decisions.rules import deciding_thresholds
 from filter_core.types import (
     BoolArray,
     Decisions,
@@ -33,17 +36,6 @@ from filter_core.types import (
     Verdict,
 )
 from unghost.wire.boxes import BoxSelection
-
-THRESHOLD_REASONS = (
-    Reason.VISIBLE,
-    Reason.BELOW_THRESHOLD,
-    Reason.LARGE_BELOW_THRESHOLD,
-)
-"""Reasons of decisions that can have a margin.
-
-VISIBLE has none where a channel kept the box; such boxes are sorted and filtered by
-another distance, see `ClassThresholds`.
-"""
 
 
 @dataclass(frozen=True)
@@ -73,39 +65,57 @@ _WITHOUT_MATCH: Final = [int(reason) for reason in Reason if not reason.in_image
 _NAMES = {spec.name for spec in fields(Selection)}
 
 
-@dataclass(frozen=True)
-class ClassThresholds:
-    """The thresholds of a class in the active configuration, in percent.
+class Side(NamedTuple):
+    """Boxes of one class on one side of the threshold that decided them.
 
-    They are those of `filter_core`'s `LimitsByClass`, together with the id of the
-    class, for use in SQL conditions.
+    `sign` is 1 if their matches lie above the threshold, -1 if below. Kept boxes whose
+    match equals the threshold are on the upper side.
+    """
 
-    A large box has to reach `large` and, under the profile `carlasimu`, `small` as
-    well: `kept_large` is the higher one of those that apply.
+    reason: Reason
+    large: bool
+    threshold: float
+    sign: int
 
-    If `by_channels` is true, channels judge boxes regardless of their match, and the
-    table `decisions` has no column that says which boxes. Lists sort and filter boxes
-    that a channel kept by how far their match is from `small`, above or below.
+
+class ClassThresholds(NamedTuple):
+    """The sides of a class's thresholds in the active configuration.
+
+    A channel keeps boxes regardless of their match, and the table `decisions` has no
+    column that says which boxes. Lists sort and filter them by how far their match is
+    from `if_by_channel`, above or below. That is the class's `threshold_small_box`, or
+    None if the configuration has no channels.
     """
 
     class_id: int
-    small: float
-    large: float
-    kept_large: float
-    by_channels: bool = False
+    sides: tuple[Side, ...]
+    if_by_channel: float | None
 
-    def sides(self) -> Iterator[Side]:
-        """The sides of the thresholds on which there can be boxes."""
-        yield Side(Reason.VISIBLE, False, self.small, 1)
-        yield Side(Reason.BELOW_THRESHOLD, False, self.small, -1)
-        yield Side(Reason.VISIBLE, True, self.kept_large, 1)
-        yield Side(Reason.LARGE_BELOW_THRESHOLD, True, self.large, -1)
-        if (
-            self.kept_large > self.large
-        ):  # under carlasimu: `small` has to be reached too
-            yield Side(Reason.BELOW_THRESHOLD, True, self.small, -1)
-        if self.by_channels:  # boxes that a channel kept although their match is lower
-            yield Side(Reason.VISIBLE, False, self.small, -1)
+
+def class_thresholds(
+    config: DecideConfig, classes: Mapping[str, int]
+) -> tuple[ClassThresholds, ...]:
+    """The thresholds of the classes, given by their names with their ids."""
+    limits = config.limits_by_class(list(classes))
+    deciding = deciding_thresholds(limits)
+    found = []
+    for row, class_id in enumerate(classes.values()):
+        sides = [
+            Side(
+                reason,
+                large,
+                float(percent[row]),
+                +1 if reason.verdict is Verdict.KEPT else -1,
+            )
+            for reason, large, percent in deciding
+            if not math.isnan(percent[row])
+        ]
+        if_by_channel = None
+        if config.channels:
+            if_by_channel = float(limits.threshold_small_box[row])
+            sides.append(Side(Reason.VISIBLE, False, if_by_channel, -1))
+        found.append(ClassThresholds(class_id, tuple(sides), if_by_channel))
+    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -202,19 +212,6 @@ class BoxFilter:
         return found
 
 
-class Side(NamedTuple):
-    """Boxes of one class on one side of their threshold.
-
-    `sign` is 1 if their matches lie above the threshold, -1 if below. Kept boxes whose
-    match equals the threshold are on the upper side.
-    """
-
-    reason: Reason
-    large: bool
-    threshold: float
-    sign: int
-
-
 def selection_of(query: BoxSelection) -> Selection:
     """The filters among the query parameters of a list."""
     return Selection(**query.model_dump(include=_NAMES))
@@ -224,17 +221,6 @@ def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilte
     """The filter; BadRequest names a value that is not known."""
     classes = DatasetRepository(session).classes(dataset.id)
     config = config_of(active_version(session, dataset))
-    limits = config.limits_by_class(list(classes))
-    thresholds = tuple(
-        ClassThresholds(
-            class_id=class_id,
-            small=float(limits.threshold_small_box[row]),
-            large=float(limits.threshold_big_box[row]),
-            kept_large=float(limits.threshold_kept_large_box[row]),
-            by_channels=bool(config.channels),
-        )
-        for row, class_id in enumerate(classes.values())
-    )
     return BoxFilter(
         dataset_id=dataset.id,
         reasons=_reasons(wanted),
@@ -248,7 +234,7 @@ def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilte
         margin_max=wanted.margin_max,
         distance_min=wanted.distance_min,
         distance_max=wanted.distance_max,
-        thresholds=thresholds,
+        thresholds=class_thresholds(config, classes),
     )
 
 
@@ -257,6 +243,14 @@ def is_near(
 ) -> ColumnElement[bool]:
     """Condition: a threshold decided, and the match is within `margin` of it."""
     return _is_near(tuple(thresholds), margin)
+
+
+def reasons_with_threshold(thresholds: Iterable[ClassThresholds]) -> set[int]:
+    """The reasons of boxes that a threshold can have decided, as they are stored.
+
+    Of VISIBLE boxes, some may have been decided by a channel (see `ClassThresholds`).
+    """
+    return {int(side.reason) for wanted in thresholds for side in wanted.sides}
 
 
 @lru_cache(maxsize=256)
@@ -268,11 +262,11 @@ def _is_near(
     near = [
         and_(
             Decision.class_id == wanted.class_id,
-            or_(*(_is_near_side(side, margin) for side in wanted.sides())),
+            or_(*(_is_near_side(side, margin) for side in wanted.sides)),
         )
         for wanted in thresholds
     ]
-    with_margin = Decision.reason.in_([int(reason) for reason in THRESHOLD_REASONS])
+    with_margin = Decision.reason.in_(sorted(reasons_with_threshold(thresholds)))
     return and_(with_margin, or_(*near)) if near else false()
 
 
@@ -410,11 +404,11 @@ def _thresholds(
     thresholds: Sequence[ClassThresholds],
 ) -> FloatArray:
     """The threshold of each box; of those that channels kept, that of small boxes."""
-    small_of = {one.class_id: one.small for one in thresholds if one.by_channels}
+    by_class = {one.class_id: one.if_by_channel for one in thresholds}
     by_channel = np.isnan(decisions.threshold) & (decisions.reason == Reason.VISIBLE)
-    if not small_of or not by_channel.any():
+    if not by_channel.any():
         return decisions.threshold
     found: FloatArray = decisions.threshold.copy()
     class_ids = numbers.class_ids[by_channel].tolist()
-    found[by_channel] = [small_of.get(class_id, np.nan) for class_id in class_ids]
+    found[by_channel] = [by_class.get(class_id) for class_id in class_ids]  # None: NaN
     return found

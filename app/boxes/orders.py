@@ -32,12 +32,12 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session
 
 from app.boxes.filter import (
-    THRESHOLD_REASONS,
     BoxFilter,
     BoxProbes,
     ClassThresholds,
     Side,
     is_near,
+    reasons_with_threshold,
 )
 from app.db.base import MAX_ID
 from app.db.tables import Decision
@@ -141,10 +141,11 @@ class BoxOrder:
         """Boxes that no threshold decided and boxes without a match, by id."""
         if not self._goes_beyond_near():
             return []
+        decided = reasons_with_threshold(self.wanted.thresholds)
         others = [
             reason
             for reason in self.present.reasons
-            if reason not in [int(known) for known in THRESHOLD_REASONS]
+            if reason not in decided
             and (not self.wanted.reasons or reason in self.wanted.reasons)
         ]
         every = replace(self.wanted, reasons=()).conditions()
@@ -163,7 +164,7 @@ class BoxOrder:
                 self._column(Decision.match_percent).is_(None),
             ]
             for each in self._thresholds()
-            if each.by_channels
+            if each.if_by_channel is not None
         ]
 
     def _goes_beyond_near(self) -> bool:
@@ -236,7 +237,7 @@ class BoxOrder:
         """
         every = [*replace(self.wanted, margin_max=None).conditions(), *conditions]
         for wanted in self._thresholds():
-            for side in filter(self._occurs, wanted.sides()):
+            for side in filter(self._occurs, wanted.sides):
                 yield (
                     side,
                     [
@@ -264,7 +265,7 @@ class BoxOrder:
                 (Decision.match_percent - side.threshold) * side.sign,
             )
             for wanted in self._thresholds()
-            for side in wanted.sides()
+            for side in wanted.sides
             if self._occurs(side)
         ]
         if not distances:

@@ -16,8 +16,6 @@ from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import Final, NamedTuple, TypedDict, TypeVar
 
-import numpy as np
-
 from filter_core.classes import canonical_class
 from filter_core.config.declaration import (
     INHERIT,
@@ -123,19 +121,6 @@ class LimitsByClass(ClassKeys[FloatArray, IntArray, FloatArray]):
     """
 
     profile: Profile
-
-    @cached_property
-    def threshold_kept_large_box(self) -> FloatArray:
-        """(K,) float64, percent: what the match of a large box must reach. Not a key.
-
-        It is `threshold_big_box`, or under profile ``carlasimu`` the higher of both
-        thresholds, since a large box must pass both.
-        """
-        if self.profile != "carlasimu":
-            return self.threshold_big_box
-        higher = np.maximum(self.threshold_small_box, self.threshold_big_box)
-        higher.setflags(write=False)
-        return higher
 
 
 _IN_EVERY_DIGEST: Final = frozenset(

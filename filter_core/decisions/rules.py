@@ -14,7 +14,7 @@ with the match; "Add a rule or a reason" has it for a new reason.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -176,21 +176,48 @@ def _rules(
     )
 
 
+class DecidingThreshold(NamedTuple):
+    """The threshold that decided the boxes of one reason, large ones or others.
+
+    `percent` is (K,) float64: the threshold of each class. NaN: it has no such boxes.
+    """
+
+    reason: Reason
+    large: bool
+    percent: FloatArray
+
+
+def deciding_thresholds(limits: LimitsByClass) -> list[DecidingThreshold]:
+    """Which threshold decided a box, by its reason and by whether it is large.
+
+    The match of a VISIBLE box has passed the threshold, that of any other box has
+    failed it. Boxes of all other reasons were decided by no threshold.
+    """
+    small, big = limits.threshold_small_box, limits.threshold_big_box
+    both = _as_carlasimu(limits)  # whether large boxes have to pass both thresholds
+    found = [
+        DecidingThreshold(Reason.VISIBLE, False, small),
+        DecidingThreshold(Reason.BELOW_THRESHOLD, False, small),
+        DecidingThreshold(
+            Reason.VISIBLE, True, np.maximum(small, big) if both else big
+        ),
+        DecidingThreshold(Reason.LARGE_BELOW_THRESHOLD, True, big),
+    ]
+    if both:
+        # A large box that has passed `big` can fail `small` only if `small` is higher.
+        if_higher = np.where(small > big, small, np.nan)
+        found.append(DecidingThreshold(Reason.BELOW_THRESHOLD, True, if_higher))
+    return found
+
+
 def _threshold_by_reason(limits: LimitsByClass) -> FloatArray:
-    """(2, K, 1 + max(Reason)) percent: the threshold that decided a box.
+    """(2, K, 1 + max(Reason)): `deciding_thresholds` as a table.
 
     The axes: whether the box is large, its class, its reason. NaN: none decided.
     """
-    shape = 2, len(limits.threshold_small_box), 1 + max(Reason)
-    table = np.full(shape, np.nan)
-    of_small, of_large = table  # by class and reason
-    of_small[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
-    of_small[:, Reason.VISIBLE] = limits.threshold_small_box
-    of_large[:, Reason.LARGE_BELOW_THRESHOLD] = limits.threshold_big_box
-    of_large[:, Reason.VISIBLE] = limits.threshold_kept_large_box
-    # Only under carlasimu: there, large boxes have to pass this threshold, too
-    # (`_rules`).
-    of_large[:, Reason.BELOW_THRESHOLD] = limits.threshold_small_box
+    table = np.full((2, len(limits.threshold_small_box), 1 + max(Reason)), np.nan)
+    for reason, large, percent in deciding_thresholds(limits):
+        table[int(large), :, reason] = percent
     return table
 
 

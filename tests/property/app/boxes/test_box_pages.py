@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -15,15 +15,26 @@ from sqlalchemy.orm import Session
 
 from app.boxes.counts import count_in_tallies, tallies_of
 from app.boxes.current import TallyRepository, replace_tallies
-from app.boxes.filter import BoxFilter, BoxProbes, ClassThresholds
+from app.boxes.filter import BoxFilter, BoxProbes, class_thresholds
 from app.boxes.orders import CROWDED_PERCENT, NEAR_PERCENT, ORDERS, BoxPages
 from app.db.base import Base
 from app.db.tables import Decision
+from filter_core.config.filter import FilterConfig
 from filter_core.types import Reason, Verdict
 
 DATASET, OTHER = 1, 2
-PAPER = [ClassThresholds(1, 10.0, 50.0, 50.0), ClassThresholds(2, 2.5, 30.0, 30.0)]
-PUBLISHED = [ClassThresholds(1, 60.0, 50.0, 60.0), ClassThresholds(2, 2.5, 30.0, 30.0)]
+
+
+class Limits(NamedTuple):
+    """The thresholds of a class. A large box has to reach `kept_large` to be kept."""
+
+    small: float
+    large: float
+    kept_large: float
+
+
+PAPER = [Limits(10.0, 50.0, 50.0), Limits(2.5, 30.0, 30.0)]
+PUBLISHED = [Limits(60.0, 50.0, 60.0), Limits(2.5, 30.0, 30.0)]
 MATCHES = st.one_of(
     st.sampled_from([0.0, 2.5, 5.0, 10.0, 12.0, 15.0, 30.0, 50.0, 55.0, 60.0, 100.0]),
     st.floats(0, 100),
@@ -44,7 +55,7 @@ class Row:
     toss_up: bool
     review: str | None
 
-    def threshold(self, thresholds: list[ClassThresholds]) -> float | None:
+    def threshold(self, thresholds: list[Limits]) -> float | None:
         of_class = thresholds[self.class_id - 1]
         if self.reason is Reason.BELOW_THRESHOLD:
             return of_class.small
@@ -71,7 +82,7 @@ class Row:
         }
 
 
-def decided(match: float, large: bool, limits: ClassThresholds, published: bool):
+def decided(match: float, large: bool, limits: Limits, published: bool):
     """The reason by thresholds: of profile carlasimu if `published`, else of paper."""
     small = match <= limits.small if published else match < limits.small
     big = match <= limits.large if published else match < limits.large
@@ -140,7 +151,7 @@ def effective(row: Row) -> Verdict:
     return answers.get(row.review or "", row.reason.verdict)
 
 
-def margin(row: Row, thresholds: list[ClassThresholds]) -> float:
+def margin(row: Row, thresholds: list[Limits]) -> float:
     threshold = row.threshold(thresholds)
     if threshold is None or row.match is None:
         return inf
@@ -175,7 +186,7 @@ def is_within(row: Row, thresholds, percent: float) -> bool:
     return threshold - percent <= row.match <= threshold + percent
 
 
-def doubt(row: Row, thresholds: list[ClassThresholds]) -> tuple[float, float]:
+def doubt(row: Row, thresholds: list[Limits]) -> tuple[float, float]:
     """The sort key of the order `doubt`: a group, and a number within it.
 
     Groups: toss-ups, near the threshold, kept in a crowd, others, without threshold.
@@ -190,7 +201,7 @@ def doubt(row: Row, thresholds: list[ClassThresholds]) -> tuple[float, float]:
     return (4, 0) if distance == inf else (3, distance)
 
 
-def key(row: Row, order: str, thresholds: list[ClassThresholds]) -> Any:
+def key(row: Row, order: str, thresholds: list[Limits]) -> Any:
     """The sort key of an order; rows of equal keys may come in any order."""
     match = (row.match is None, row.match or 0.0)
     return {
@@ -224,6 +235,24 @@ def store_decisions(session: Session, rows: list[Row]) -> None:
     replace_tallies(session, DATASET, tallies_of(alike))
 
 
+def stored_thresholds(thresholds: list[Limits], published: bool):
+    """The same thresholds as the service has them: of a configuration's classes."""
+    names = [f"class {number}" for number in range(1, 1 + len(thresholds))]
+    config = FilterConfig.from_mapping(
+        {
+            "profile": "carlasimu" if published else "paper",
+            "classes": {
+                name: {
+                    "threshold_small_box": each.small,
+                    "threshold_big_box": each.large,
+                }
+                for name, each in zip(names, thresholds, strict=True)
+            },
+        }
+    )
+    return class_thresholds(config, {name: at for at, name in enumerate(names, 1)})
+
+
 def read_all_pages(
     session: Session, wanted: BoxFilter, order: str, limits
 ) -> list[int]:
@@ -250,7 +279,9 @@ def test_pages_list_all_boxes_of_the_filter_in_order(
     thresholds = PUBLISHED if published else PAPER
     rows = data.draw(decision_rows(published))
     store_decisions(session, rows)
-    query = BoxFilter(DATASET, thresholds=tuple(thresholds), **wanted)
+    query = BoxFilter(
+        DATASET, thresholds=stored_thresholds(thresholds, published), **wanted
+    )
 
     found = read_all_pages(session, query, order, limits)
 

@@ -66,8 +66,12 @@ def test_thresholds_are_those_of_the_active_config(services):
 
     found = filter_for(street).thresholds
 
-    limits = [(each.small, each.large, each.kept_large) for each in found[:2]]
-    assert limits == [(60.0, 50.0, 60.0), (2.0, 50.0, 50.0)]
+    sides = [
+        {(side.reason, side.large): side.threshold for side in each.sides}
+        for each in found[:2]
+    ]
+    passed = [(of[Reason.VISIBLE, False], of[Reason.VISIBLE, True]) for of in sides]
+    assert passed == [(60.0, 60.0), (2.0, 50.0)]
 
 
 def test_unknown_class_selects_no_class(street):

@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 
 from app.boxes.counts import tallies_of
 from app.boxes.current import TallyRepository, replace_tallies
-from app.boxes.filter import BoxFilter, ClassThresholds, selected
+from app.boxes.filter import BoxFilter, class_thresholds, selected
 from app.boxes.orders import ORDERS, BoxPages
 from app.db.base import Base
 from app.db.tables import Decision
@@ -99,16 +99,8 @@ class StoredDecisions:
         self.numbers = DatasetColumns(
             (0, 0), True, self.ids, self.ids, class_ids, evidence
         )
-        limits = config.limits_by_class(CLASSES)
-        self.thresholds = tuple(
-            ClassThresholds(*one, by_channels=bool(config.channels))
-            for one in zip(
-                (1, 2),
-                limits.threshold_small_box.tolist(),
-                limits.threshold_big_box.tolist(),
-                limits.threshold_kept_large_box.tolist(),
-                strict=True,
-            )
+        self.thresholds = class_thresholds(
+            config, dict(zip(CLASSES, (1, 2), strict=True))
         )
         columns = {
             "box_id": self.ids.tolist(),

@@ -286,19 +286,6 @@ def test_class_limits_override_or_inherit_the_common_thresholds():
     )
 
 
-@pytest.mark.parametrize(
-    ("profile", "needed"), [("paper", [50, 50]), ("carlasimu", [50, 60])]
-)
-def test_large_box_needs_the_higher_threshold_in_profile_carlasimu(profile, needed):
-    config = FilterConfig.from_mapping(
-        {"profile": profile, "classes": {"van": {"threshold_small_box": 60}}}
-    )
-
-    limits = config.limits_by_class(["car", "van"])
-
-    assert limits.threshold_kept_large_box.tolist() == needed
-
-
 def test_filter_config_keys_keep_the_order_of_decide_config_keys():
     all_keys, deciding = FilterConfig.keys(), DecideConfig.keys()
 

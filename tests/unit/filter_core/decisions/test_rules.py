@@ -85,6 +85,30 @@ def test_profile_carlasimu_tests_large_boxes_by_both_thresholds():
     assert reason_of(box, profile="carlasimu", **config) == "below_threshold"
 
 
+@pytest.mark.parametrize(
+    ("match", "profile", "small", "threshold"),
+    [
+        (70, "paper", 60, 20),
+        (70, "carlasimu", 60, 60),
+        (70, "carlasimu", 10, 20),
+        (40, "carlasimu", 60, 60),
+        (15, "carlasimu", 60, 20),
+        (15, "paper", 60, 20),
+    ],
+)
+def test_threshold_of_a_large_box_is_the_one_that_decided(
+    match, profile, small, threshold
+):
+    box = {"match_percent": match, "area_percent": 90}
+    config = FilterConfig(
+        profile=profile, threshold_small_box=small, threshold_big_box=20
+    )
+
+    decisions = decide(evidence_of([box]), config)
+
+    assert decisions.threshold.tolist() == [threshold]
+
+
 def test_carlasimu_match_over_100_percent_is_compared_before_capping():
     box = {"match_percent": 104.0}
     config = FilterConfig(profile="carlasimu", threshold_small_box=100)
