@@ -11,10 +11,12 @@
 //
 // If a person answers the same box twice, two items on it may wait:
 //
-// - While the first one waits, the box is shown with that answer, whatever others say of it. So the second item has the
-//   same seen revision as the first (`add`). If somebody else has answered the box, the server refuses both items.
-// - When the first one is stored, the second gets the revision that the box has now (`finish`). Only a second item that
-//   waits in another tab does not get it: the server refuses it, and the person chooses between the two answers.
+// - As long as the first one waits, this person sees the box with that answer, and nothing newer from other people. So
+//   the second item gets the seen revision of the first (`add`). If somebody else has answered the box since that
+//   revision, the server refuses both items.
+// - When the first one is stored, the box has a newer revision. A second item of the same tab gets it as its seen
+//   revision (`finish`). One of another tab keeps the old one: the server refuses it, and the person chooses between the
+//   two answers.
 
 import { randomId } from "../core/tab.js";
 

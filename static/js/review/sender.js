@@ -212,9 +212,10 @@ export function createSender(outbox, requests = REQUESTS, later) {
   }
 
   /**
-   * The page does not know which boxes a bulk answer on a filter has changed. So it sends a later answer on such a box
-   * with the revision from before, and the server refuses it (412). The box's history says whether others have answered:
-   * this returns true if all that was stored since are bulk answers on a filter that this tab has sent, or their undos.
+   * The page does not know which boxes a bulk answer on a filter has changed, so it does not know their new revisions. If
+   * the person then answers one of these boxes alone, the server refuses that answer (412), as if somebody else had
+   * answered meanwhile. The box's history says who it was: this returns true if all entries since the seen revision are
+   * bulk answers on a filter that this tab has sent, or their undos.
    * @param {SingleAnswer} item
    * @returns {Promise<boolean>} false also if the history will never be loaded: the person chooses between the answers
    * @throws {Error} of the request, if the history may be loaded later: the answer waits
