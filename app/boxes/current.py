@@ -340,6 +340,6 @@ class TallyRepository:
         return Present(
             reasons=tuple(sorted({key.reason for key in found})),
             class_ids=frozenset(key.class_id for key in found),
-            toss_ups=any(key.toss_up for key in found),
+            kinds=frozenset((key.class_id, key.reason, key.toss_up) for key in found),
             large=self._session.scalar(has_large.limit(1)) is not None,
         )

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
-from sqlalchemy import ColumnElement, and_, false, func, or_, select, union_all
+from sqlalchemy import (
+    ColumnElement,
+    and_,
+    case,
+    false,
+    func,
+    literal,
+    or_,
+    select,
+    union_all,
+)
 from sqlalchemy.orm import Session
 
 from app.db.bulk import chunks
@@ -239,10 +249,50 @@ def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilte
 
 
 def is_near(
-    thresholds: Sequence[ClassThresholds], margin: float
+    thresholds: Iterable[ClassThresholds], margin: float
 ) -> ColumnElement[bool]:
-    """Condition: a threshold decided, and the match is within `margin` of it."""
-    return _is_near(tuple(thresholds), margin)
+    """Condition: a threshold decided, and the match is within `margin` of it.
+
+    Its length hardly depends on the number of classes, since most have the same
+    thresholds.
+    """
+    near = [
+        and_(
+            which,
+            Decision.match_percent.between(threshold - margin, threshold + margin),
+        )
+        for which, threshold in deciding_threshold(thresholds)
+    ]
+    return or_(*near) if near else false()
+
+
+def deciding_threshold(
+    thresholds: Iterable[ClassThresholds],
+) -> list[tuple[ColumnElement[bool], ColumnElement[float]]]:
+    """A condition for each reason and size, and the threshold that decided such boxes.
+
+    The thresholds are SQL expressions of a box's class.
+    """
+    found: dict[tuple[Reason, bool], dict[int, float]] = {}
+    for of_class in thresholds:
+        for side in of_class.sides:
+            by_class = found.setdefault((side.reason, side.large), {})
+            by_class[of_class.class_id] = side.threshold
+    return [
+        (
+            and_(Decision.reason == int(reason), Decision.large.is_(large)),
+            _by_class(by_class),
+        )
+        for (reason, large), by_class in found.items()
+    ]
+
+
+def _by_class(numbers: Mapping[int, float]) -> ColumnElement[float]:
+    ((usual, _),) = Counter(numbers.values()).most_common(1)
+    others = {one: number for one, number in numbers.items() if number != usual}
+    if not others:
+        return literal(usual)
+    return case(others, value=Decision.class_id, else_=usual)
 
 
 def reasons_with_threshold(thresholds: Iterable[ClassThresholds]) -> set[int]:
@@ -253,33 +303,6 @@ def reasons_with_threshold(thresholds: Iterable[ClassThresholds]) -> set[int]:
     return {int(side.reason) for wanted in thresholds for side in wanted.sides}
 
 
-@lru_cache(maxsize=256)
-def _is_near(
-    thresholds: tuple[ClassThresholds, ...], margin: float
-) -> ColumnElement[bool]:
-    # Cached: building it takes longer than reading a page. By class first, so that a
-    # row is compared with the sides of its own class alone.
-    near = [
-        and_(
-            Decision.class_id == wanted.class_id,
-            or_(*(_is_near_side(side, margin) for side in wanted.sides)),
-        )
-        for wanted in thresholds
-    ]
-    with_margin = Decision.reason.in_(sorted(reasons_with_threshold(thresholds)))
-    return and_(with_margin, or_(*near)) if near else false()
-
-
-def _is_near_side(side: Side, margin: float) -> ColumnElement[bool]:
-    return and_(
-        Decision.reason == int(side.reason),
-        Decision.large.is_(side.large),
-        Decision.match_percent.between(
-            side.threshold - margin, side.threshold + margin
-        ),
-    )
-
-
 class BoxProbes:
     """Queries for the boxes that a filter selects, and for ids of boxes."""
 
@@ -288,18 +311,18 @@ class BoxProbes:
 
     def span(self, dataset_id: int, class_ids: Iterable[int]) -> tuple[int, int] | None:
         """The lowest and the highest id of a dataset's boxes; None without boxes."""
-        # Two lookups in the index for each class.
-        ends = [
-            select(end(Decision.box_id)).where(
-                Decision.dataset_id == dataset_id, Decision.class_id == class_id
-            )
-            for class_id in class_ids
-            for end in (func.min, func.max)
-        ]
-        if not ends:
-            return None
-        rows: Iterable[tuple[int | None]] = self._session.execute(union_all(*ends))
-        found = [box_id for (box_id,) in rows if box_id is not None]
+        # Two lookups in the index for each class. SQLite allows 500 in one statement.
+        found: list[int] = []
+        for together in chunks(sorted(class_ids), most=100):
+            ends = [
+                select(end(Decision.box_id)).where(
+                    Decision.dataset_id == dataset_id, Decision.class_id == class_id
+                )
+                for class_id in together
+                for end in (func.min, func.max)
+            ]
+            rows: Iterable[int | None] = self._session.scalars(union_all(*ends))
+            found += [box_id for box_id in rows if box_id is not None]
         return (min(found), max(found)) if found else None
 
     def newest_id(self) -> int:

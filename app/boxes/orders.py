@@ -14,7 +14,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 from sqlalchemy import (
     ColumnElement,
@@ -23,6 +23,7 @@ from sqlalchemy import (
     SQLColumnExpression,
     and_,
     case,
+    func,
     literal,
     not_,
     or_,
@@ -36,10 +37,12 @@ from app.boxes.filter import (
     BoxProbes,
     ClassThresholds,
     Side,
+    deciding_threshold,
     is_near,
     reasons_with_threshold,
 )
 from app.db.base import MAX_ID
+from app.db.bulk import chunks
 from app.db.tables import Decision
 from app.errors import BadCursor
 from filter_core.types import Reason
@@ -49,18 +52,29 @@ NEAR_PERCENT: Final = 5.0
 CROWDED_PERCENT: Final = 50.0
 """From this crowding on, the matched pixels may belong to another box."""
 
+MOST_KINDS: Final = 1000
+"""With more kinds of boxes than this, as in a dataset of hundreds of classes, lists by
+distance from a threshold are sorted by the database: see `BoxOrder`."""
+
 _EPSILON: Final = 1e-9
 
 
 @dataclass(frozen=True)
 class Present:
-    """The reasons, classes and flags that occur in a dataset: streams for others are
-    empty."""
+    """What occurs in a dataset: streams for anything else would be empty.
+
+    `kinds` are the combinations of class, reason and toss-up flag.
+    """
 
     reasons: tuple[int, ...]
     class_ids: frozenset[int]
-    toss_ups: bool
+    kinds: frozenset[tuple[int, int, bool]]
     large: bool
+
+    def has(self, class_id: int, reason: Reason, toss_up: bool | None) -> bool:
+        """Whether boxes of this kind occur; None: toss-ups or others."""
+        flags = (True, False) if toss_up is None else (toss_up,)
+        return any((class_id, int(reason), flag) in self.kinds for flag in flags)
 
 
 @dataclass(frozen=True)
@@ -79,28 +93,17 @@ class BoxOrder:
 
     def by_match(self, sign: int) -> list[Stream]:
         """Boxes with a match, by match: ascending if `sign` is 1, descending if -1."""
-        every = self.wanted.conditions()
-        if self.wanted.only_answered:
-            known = Decision.match_percent.is_not(None)
-            column = self._column(Decision.match_percent)
-            return [Stream(column, [*every, known], sign=sign)]
-        if self.wanted.margin_max is not None:
-            return [
-                Stream(Decision.match_percent, conditions, sign=sign)
-                for _, conditions in self._sides([], self.wanted.margin_max)
-            ]
-        return [
-            Stream(
-                Decision.match_percent,
-                [
-                    *every,
-                    Decision.class_id == class_id,
-                    Decision.match_percent.is_not(None),
-                ],
-                sign=sign,
-            )
-            for class_id in self._class_ids()
-        ]
+        column, margin = self._column(Decision.match_percent), self.wanted.margin_max
+        known = Decision.match_percent.is_not(None)
+        if self.wanted.only_answered or (
+            margin is not None and self._has_too_many_sides
+        ):
+            parts = [[*self.wanted.conditions(), known]]
+        elif margin is not None:
+            parts = [conditions for _, conditions in self._sides(margin)]
+        else:
+            parts = [[*conditions, known] for conditions in self._by_class()]
+        return [Stream(column, conditions, sign=sign) for conditions in parts]
 
     def unmatched(self) -> list[Stream]:
         """Boxes without a match, by id."""
@@ -112,15 +115,15 @@ class BoxOrder:
 
     def toss_ups(self) -> list[Stream]:
         """Toss-ups, the nearest to their threshold first."""
-        if not self.present.toss_ups or self.wanted.toss_up is False:
+        if self.wanted.toss_up is False:
             return []
-        return self._around([Decision.toss_up.is_(True)], rare=True)
+        return self._around(toss_up=True)
 
     def near(self) -> list[Stream]:
         """Boxes near their threshold that are not toss-ups."""
         if self.wanted.toss_up:
             return []
-        return self._around([Decision.toss_up.is_(False)], NEAR_PERCENT)
+        return self._around(toss_up=False, within=NEAR_PERCENT)
 
     def crowded(self) -> list[Stream]:
         """Kept and crowded boxes in no tier above."""
@@ -133,9 +136,8 @@ class BoxOrder:
         """All other boxes that a threshold decided."""
         if not self._goes_beyond_near():
             return []
-        far = not_(is_near(self._thresholds(), NEAR_PERCENT))
-        plain = Decision.toss_up.is_(False)
-        return self._around([plain, far, not_(self._is_crowded())])
+        not_crowded = not_(self._is_crowded())
+        return self._around(not_crowded, toss_up=False, beyond=NEAR_PERCENT)
 
     def without_threshold(self) -> list[Stream]:
         """Boxes that no threshold decided and boxes without a match, by id."""
@@ -179,14 +181,25 @@ class BoxOrder:
         wanted = self.wanted
         if wanted.only_answered:
             return [Stream(Decision.box_id, [*wanted.conditions(), *conditions])]
-        # Without "reason in (...)": a database may prefer it to "reason = ...".
-        every = [*replace(wanted, reasons=()).conditions(), *conditions]
-        if wanted.reasons:
-            reasons = [r for r in self.present.reasons if r in wanted.reasons]
-            parts = [Decision.reason == reason for reason in reasons]
+        if not wanted.reasons:
+            parts = self._by_class()
         else:
-            parts = [Decision.class_id == class_id for class_id in self._class_ids()]
-        return [Stream(Decision.box_id, [*every, part]) for part in parts]
+            # Without "reason in (...)": a database may prefer it to "reason = ...".
+            every = replace(wanted, reasons=()).conditions()
+            reasons = [r for r in self.present.reasons if r in wanted.reasons]
+            parts = [[*every, Decision.reason == reason] for reason in reasons]
+        return [Stream(Decision.box_id, [*part, *conditions]) for part in parts]
+
+    def _by_class(self) -> list[list[ColumnElement[bool]]]:
+        """The conditions of the boxes of each class."""
+        # A condition on margins compares only with the thresholds of that class.
+        return [
+            [
+                *replace(self.wanted, thresholds=(each,)).conditions(),
+                Decision.class_id == each.class_id,
+            ]
+            for each in self._thresholds()
+        ]
 
     def _crowding(self, conditions: Sequence[ColumnElement[bool]]) -> list[Stream]:
         every = [*self.wanted.conditions(), *conditions]
@@ -207,80 +220,94 @@ class BoxOrder:
 
     def _around(
         self,
-        conditions: Sequence[ColumnElement[bool]],
+        *conditions: ColumnElement[bool],
+        toss_up: bool,
         within: float | None = None,
-        *,
-        rare: bool = False,
+        beyond: float | None = None,
     ) -> list[Stream]:
-        if self.wanted.only_answered:
-            every = [*self.wanted.conditions(), *conditions]
-            return self._around_answered(every, within)
+        """Boxes that a threshold decided, the nearest to it first.
+
+        Those with a margin of up to `within`, or of more than `beyond`.
+        """
+        flag = Decision.toss_up.is_(toss_up)
+        if self.wanted.only_answered or self._has_too_many_sides:
+            return self._sorted_around(flag, *conditions, within=within, beyond=beyond)
         margins = (within, self.wanted.margin_max)
         within = min((each for each in margins if each is not None), default=None)
+        sides = self._sides(within, flag, *conditions, toss_up=toss_up, beyond=beyond)
         return [
             Stream(
                 Decision.match_percent,
-                [*each, *([] if rare or side.large else self.wanted.unanswered())],
+                # Toss-ups are rare, and so are large boxes.
+                [*each, *([] if toss_up or side.large else self.wanted.unanswered())],
                 side.threshold,
                 side.sign,
             )
-            for side, each in self._sides(conditions, within)
+            for side, each in sides
         ]
 
     def _sides(
-        self, conditions: Sequence[ColumnElement[bool]], within: float | None
+        self,
+        within: float | None,
+        *conditions: ColumnElement[bool],
+        toss_up: bool | None = None,
+        beyond: float | None = None,
     ) -> Iterator[tuple[Side, list[ColumnElement[bool]]]]:
         """Each side of each class's thresholds, and the conditions of its boxes.
 
         For one side of one threshold, a margin is a range of the index. The filter's
-        own condition on margins would compare every row with all sides.
+        own condition on margins would compare every row with all thresholds.
         """
         every = [*replace(self.wanted, margin_max=None).conditions(), *conditions]
         for wanted in self._thresholds():
-            for side in filter(self._occurs, wanted.sides):
-                yield (
-                    side,
-                    [
-                        *every,
-                        Decision.class_id == wanted.class_id,
-                        Decision.large.is_(side.large),
-                        Decision.reason == int(side.reason),
-                        *_bounds(side, within),
-                    ],
-                )
+            for side in wanted.sides:
+                if self._occurs(wanted.class_id, side, toss_up):
+                    yield (
+                        side,
+                        [
+                            *every,
+                            Decision.class_id == wanted.class_id,
+                            Decision.large.is_(side.large),
+                            Decision.reason == int(side.reason),
+                            *_bounds(side, within, beyond),
+                        ],
+                    )
 
-    def _around_answered(
-        self, every: Sequence[ColumnElement[bool]], within: float | None
+    def _sorted_around(
+        self,
+        *conditions: ColumnElement[bool],
+        within: float | None,
+        beyond: float | None,
     ) -> list[Stream]:
-        # Answered boxes are few: finding them by their answers and sorting them is
-        # faster than an index scan by match, which reads all others too.
+        # One stream, which the database sorts. Answered boxes are few: finding them by
+        # their answers and sorting them is faster than an index scan by match, which
+        # reads all others too.
+        thresholds = self._thresholds()
         distances = [
-            (
-                and_(
-                    Decision.class_id == wanted.class_id,
-                    Decision.large.is_(side.large),
-                    Decision.reason == int(side.reason),
-                    *_bounds(side, None),
-                ),
-                (Decision.match_percent - side.threshold) * side.sign,
-            )
-            for wanted in self._thresholds()
-            for side in wanted.sides
-            if self._occurs(side)
+            (which, func.abs(Decision.match_percent - threshold))
+            for which, threshold in deciding_threshold(thresholds)
         ]
         if not distances:
             return []
+        every = [*self.wanted.conditions(), *conditions]
+        if within is not None:
+            every.append(is_near(thresholds, within))
+        if beyond is not None:
+            every.append(not_(is_near(thresholds, beyond)))
         distance = case(*distances)
-        bounds = [distance >= 0] if within is None else [distance.between(0, within)]
-        return [Stream(distance, [*every, *bounds])]
+        return [Stream(distance, [*every, distance.is_not(None)])]
 
-    def _occurs(self, side: Side) -> bool:
+    @property
+    def _has_too_many_sides(self) -> bool:
+        # Building and compiling a statement of so many streams would take seconds.
+        return len(self.present.kinds) > MOST_KINDS
+
+    def _occurs(self, class_id: int, side: Side, toss_up: bool | None) -> bool:
         if side.large and not self.present.large:
             return False
-        return not self.wanted.reasons or side.reason in self.wanted.reasons
-
-    def _class_ids(self) -> list[int]:
-        return [wanted.class_id for wanted in self._thresholds()]
+        if self.wanted.reasons and side.reason not in self.wanted.reasons:
+            return False
+        return self.present.has(class_id, side.reason, toss_up)
 
     def _thresholds(self) -> list[ClassThresholds]:
         wanted = self.wanted.class_ids
@@ -367,11 +394,20 @@ class Stream:
         return select(inner.c.score, inner.c.stream, inner.c.box_id)
 
 
-def _bounds(side: Side, within: float | None) -> list[ColumnElement[bool]]:
+def _bounds(
+    side: Side, within: float | None, beyond: float | None
+) -> list[ColumnElement[bool]]:
+    """The range of matches on this side, up to `within` and from `beyond` on."""
     column, threshold = Decision.match_percent, side.threshold
-    inner = column >= threshold if side.sign > 0 else column <= threshold
-    if side.sign < 0 and side.reason is Reason.VISIBLE:
+    if beyond is not None:
+        limit = threshold + side.sign * beyond
+        inner = column > limit if side.sign > 0 else column < limit
+    elif side.sign > 0:
+        inner = column >= threshold
+    elif side.reason is Reason.VISIBLE:
         inner = column < threshold
+    else:
+        inner = column <= threshold
     if within is None:
         return [inner]
     limit = threshold + side.sign * within
@@ -464,15 +500,16 @@ class BoxPages:
 
     def _merged(self, asked: _TierRequest, at: Position) -> list[Position]:
         plan = _first_page(asked) if at == START else _page(asked, at)
-        if plan.query is None:
-            return []
-        rows = [
-            (float(score), number, box_id)
-            for score, number, box_id in self._session.execute(plan.query)
-            if score is not None
-        ]
-        rows.sort(key=lambda row: (row[0], row[1], row[2] * plan.signs[row[1]]))
-        return [Position(asked.tier, *row) for row in rows[: asked.limit]]
+        rows: list[tuple[float, int, int]] = []
+        for query in plan.queries:
+            rows += [
+                (float(score), number, box_id)
+                for score, number, box_id in self._session.execute(query)
+                if score is not None
+            ]
+            rows.sort(key=lambda row: (row[0], row[1], row[2] * plan.signs[row[1]]))
+            del rows[asked.limit :]
+        return [Position(asked.tier, *row) for row in rows]
 
 
 class _TierRequest(NamedTuple):
@@ -484,30 +521,45 @@ class _TierRequest(NamedTuple):
     limit: int
 
 
-class _Plan(NamedTuple):
-    """The statement that reads part of a page, and the sign of each stream."""
+_Query: TypeAlias = (
+    "Select[float | None, int, int] | CompoundSelect[float | None, int, int]"
+)
 
-    query: (
-        Select[float | None, int, int] | CompoundSelect[float | None, int, int] | None
-    )
+STREAMS_TOGETHER: Final = 96
+"""How many streams one statement reads: enough for all of some thirty classes. The
+time to compile a statement grows faster than its length, and SQLite allows 500."""
+
+
+class _Plan(NamedTuple):
+    """The statements that read part of a page, and the sign of each stream."""
+
+    queries: Sequence[_Query]
     signs: Sequence[int]
 
 
 def _page(asked: _TierRequest, at: Position) -> _Plan:
     streams: Sequence[Stream] = TIERS[asked.order][asked.tier](asked.streams)
-    parts = [
+    rows = [
         stream.rows(number, at, asked.limit) for number, stream in enumerate(streams)
     ]
-    signs = [stream.sign for stream in streams]
-    if not parts:
-        return _Plan(None, signs)
-    return _Plan(union_all(*parts) if len(parts) > 1 else parts[0], signs)
+    queries = [
+        union_all(*together) if len(together) > 1 else together[0]
+        for together in chunks(rows, most=STREAMS_TOGETHER)
+    ]
+    return _Plan(queries, [stream.sign for stream in streams])
+
+
+def _first_page(asked: _TierRequest) -> _Plan:
+    # The queue reads a first page after every answer, and building a statement of some
+    # sixty streams takes several times as long as executing it. Plans for many classes
+    # would take up too much memory.
+    if len(asked.streams.present.kinds) > STREAMS_TOGETHER:
+        return _page(asked, START)
+    return _known_first_page(asked)
 
 
 @lru_cache(maxsize=128)
-def _first_page(asked: _TierRequest) -> _Plan:
-    # Cached, since the queue reads a first page after every answer: building the
-    # statement of some sixty streams takes several times as long as executing it.
+def _known_first_page(asked: _TierRequest) -> _Plan:
     return _page(asked, START)
 
 

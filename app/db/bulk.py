@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 from operator import itemgetter
-from typing import TYPE_CHECKING, Final, TypeAlias, cast, overload
+from typing import TYPE_CHECKING, Final, TypeAlias, TypeVar, cast, overload
 
 from sqlalchemy import (
     ARRAY,
@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from sqlalchemy.util.typing import TypeVarTuple, Unpack
 
     _Columns = TypeVarTuple("_Columns")
+
+_Item = TypeVar("_Item")
 
 MAX_PARAMETERS: Final = 10_000
 COPY_FROM_ROWS: Final = 2
@@ -108,10 +110,10 @@ def update_rows(
             written(len(columns[key][start:end]))
 
 
-def chunks(ids: Iterable[int]) -> Iterator[list[int]]:
-    """Ids in lists of at most `MAX_PARAMETERS`, to pass them to statements."""
-    source = iter(ids)
-    while portion := list(islice(source, MAX_PARAMETERS)):
+def chunks(items: Iterable[_Item], most: int = MAX_PARAMETERS) -> Iterator[list[_Item]]:
+    """Items, such as ids, in lists of at most `most`, to pass them to statements."""
+    source = iter(items)
+    while portion := list(islice(source, most)):
         yield portion
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product, repeat
 from math import inf
 from typing import Any, NamedTuple
 
@@ -227,7 +228,8 @@ def store_decisions(session: Session, rows: list[Row]) -> None:
     session.execute(delete(Decision))
     columns = [row.as_columns() for row in rows]
     strangers = [
-        row | {"box_id": row["box_id"] + 1000, "dataset_id": OTHER} for row in columns
+        row | {"box_id": row["box_id"] + 100_000, "dataset_id": OTHER}
+        for row in columns
     ]
     if rows:
         session.execute(insert(Decision), columns + strangers)
@@ -295,3 +297,42 @@ def test_pages_list_all_boxes_of_the_filter_in_order(
     if not query.has_ranges:
         assert count_in_tallies(tallies, query) == counted
     assert counted == len(expected)
+
+
+@pytest.mark.parametrize(
+    ("classes", "order", "wanted"),
+    [
+        (40, "doubt", {}),
+        (170, "doubt", {"margin_max": 5.0}),
+        (170, "doubt", {"review": "none"}),
+        (170, "match_percent", {"margin_max": 5.0}),
+        (170, "id", {"margin_max": 5.0}),
+    ],
+)
+def test_dataset_of_many_classes_is_listed_in_the_same_order(
+    session, order, classes, wanted
+):
+    """Even the classes of one tier of the order need more than one statement."""
+    thresholds = [PAPER[number % 2] for number in range(classes)]
+    rows: list[Row] = []
+    for class_id, limits in enumerate(thresholds, 1):
+        for match, flags in product((1.0, 12.0, 40.0, 60.0), range(4)):
+            large, toss_up = bool(flags & 1), bool(flags & 2)
+            reason = decided(match, large, limits, published=False)
+            answer = "keep" if len(rows) % 7 == 0 else None
+            crowding = 70.0 if len(rows) % 5 == 0 else 0.0
+            at = len(rows) + 1
+            rows.append(
+                Row(at, class_id, reason, match, crowding, large, toss_up, answer)
+            )
+    store_decisions(session, rows)
+    query = BoxFilter(
+        DATASET, thresholds=stored_thresholds(thresholds, published=False), **wanted
+    )
+
+    found = read_all_pages(session, query, order, repeat(400))
+
+    expected = [row.box_id for row in rows if selected(row, wanted, thresholds)]
+    assert sorted(found) == expected
+    keys = [key(rows[box_id - 1], order, thresholds) for box_id in found]
+    assert keys == sorted(keys)

@@ -96,7 +96,7 @@ def explain(session: Session, statements: list[Statement]) -> list[str]:
         pytest.param(Selection(), "crowding", "by_crowding", id="crowding"),
         pytest.param(Selection(review="none"), "doubt", "unanswered", id="queue"),
         pytest.param(
-            Selection(verdict="rejected"), "doubt", "by_match", id="verdict by doubt"
+            Selection(verdict="kept"), "doubt", "by_match", id="verdict by doubt"
         ),
         pytest.param(Selection(margin_max=100), "doubt", "by_match", id="margin"),
         pytest.param(
