@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from typing import Final, TypeVar, cast
 
 from app.db.engine import Database
-from app.engine import LocalEngine
 from app.engine.children import PixelPool
+from app.engine.local import LocalEngine
 from app.settings import Settings
-from app.storage import BlobStore
+from app.storage.base import BlobStore
 
 Kind = TypeVar("Kind")
 

@@ -21,7 +21,7 @@ from sqlalchemy.exc import DatabaseError
 from app.access.first_token import make_first_code, write_secret
 from app.access.service import code_is_over
 from app.context import ServiceContext
-from app.engine import UnusableEngine
+from app.engine.chunk import UnusableEngine
 from app.logs import configure_logging, error_log, server_log
 from app.main import create_app
 from app.maintenance.datafolder import CannotMaintain, database_file, database_lock
@@ -31,7 +31,7 @@ from app.package import VERSION
 from app.process.connections import raise_descriptor_limit
 from app.process.server import GracefulServer, ProblemProtocol, exit_on_sigterm
 from app.settings import Settings, bracketed
-from app.storage import SERVER_LOCK, CannotLock, InUse, locked, make_folder
+from app.storage.durable import SERVER_LOCK, CannotLock, InUse, locked, make_folder
 from unghost.wire.note import note_path
 
 STOP_WAIT_S: Final = 10

@@ -27,8 +27,8 @@ from sqlalchemy.orm import Session
 from app.context import ServiceContext
 from app.datasets.service import NewDataset, create_dataset
 from app.db.tables import Run
-from app.engine import Job, LocalEngine
-from app.engine.chunk import DONE, ChunkWork
+from app.engine.chunk import DONE, ChunkWork, Job
+from app.engine.local import LocalEngine
 from app.jobs.chunks import PlannedChunk
 from app.jobs.driver import drive_job
 from app.jobs.kind import Task, register

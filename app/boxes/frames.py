@@ -49,7 +49,7 @@ from app.measuring.queries import (
     ProblemRepository,
 )
 from app.security import Principal
-from app.storage import BlobStore
+from app.storage.base import BlobStore
 from filter_core.pipeline import SegmentationReport
 from filter_core.types import VERDICTS
 from unghost.wire.frames import CropQuery, FrameDetails, OverlayQuery, StoredFile

@@ -19,7 +19,7 @@ from app.jobs.kind import Task
 from app.jobs.queries import job_of
 from app.jobs.service import queue_job
 from app.measuring.queries import DatasetRepository
-from app.storage import Blob
+from app.storage.base import Blob
 from app.storage.room import require_room
 from filter_core.formats.export import ExportOptions
 from filter_core.formats.registry import format_of

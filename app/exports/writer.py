@@ -29,7 +29,7 @@ from app.db.tables import Dataset, Export
 from app.jobs.kind import Task
 from app.measuring.active import active_version
 from app.measuring.queries import DatasetRepository, EvidenceRow
-from app.storage import Unsure
+from app.storage.base import Unsure
 from filter_core.formats.export import (
     ExportFrame,
     ExportHead,

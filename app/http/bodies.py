@@ -17,7 +17,7 @@ from fastapi import Request
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
-from app.engine import Stop
+from app.engine.chunk import Stop
 from app.errors import BadRequest, NotReady, TooLarge, Unprocessable
 from app.incoming import Pieces, in_turn
 from filter_core.errors import JsonError

@@ -9,7 +9,7 @@ from fastapi.responses import FileResponse, StreamingResponse
 from starlette.datastructures import Headers
 
 from app.errors import RangeNotSatisfiable
-from app.storage import Blob
+from app.storage.base import Blob
 
 IMMUTABLE: Final = "private, max-age=31536000, immutable"
 REVALIDATE: Final = "private, no-cache"

@@ -19,7 +19,7 @@ from anyio import fail_after
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.engine import Stop
+from app.engine.chunk import Stop
 from app.errors import (
     BadRequest,
     MisdirectedHost,

@@ -14,7 +14,7 @@ from app.incoming import in_turn, is_large
 from app.ingest.frame import CheckedFrame, UploadedFrame
 from app.measuring.frame_files import error_context
 from app.settings import Settings
-from app.storage import sha256_of
+from app.storage.base import sha256_of
 from filter_core.annotation.frame import AnnotationLimits, FrameAnnotation
 from filter_core.annotation.parsing import parse_annotation, without_key
 from filter_core.errors import ImageError, ImageSizeMismatch, ImageTooLarge

@@ -15,7 +15,7 @@ from app.errors import AppError, forget_frames
 from app.measuring.active import ActiveDataset
 from app.measuring.frame_files import MEASURED, SENSORS, FrameFiles
 from app.security import Principal
-from app.storage import Drafts
+from app.storage.base import Drafts
 from filter_core.annotation.frame import FrameAnnotation
 from filter_core.pipeline import MeasuredFrame
 from unghost.wire.datasets import VerdictCounts

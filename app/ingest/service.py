@@ -44,7 +44,7 @@ from app.measuring.queries import (
     ProblemRepository,
     note_problem,
 )
-from app.storage import Unsure
+from app.storage.base import Unsure
 from app.storage.room import require_room
 from filter_core.errors import AnnotationError, FilterError
 from filter_core.formats.reading import MAX_KEY

@@ -53,7 +53,7 @@ from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Chunk, JobRow
 from app.db.transient import in_a_line, is_transient
-from app.engine import Job
+from app.engine.chunk import Job
 from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
 from app.jobs.kind import AnyTask, kind_of
 from app.jobs.queries import open_job

@@ -22,8 +22,17 @@ from sqlalchemy.orm import Session
 from app.context import ServiceContext
 from app.db.tables import JobRow
 from app.db.transient import in_a_line, is_transient
-from app.engine import EngineAway, Job, JobStopped, WorkerDied
-from app.engine.chunk import ELSEWHERE, FAILED, QUARANTINED, RETURNED, UNWANTED
+from app.engine.chunk import (
+    ELSEWHERE,
+    FAILED,
+    QUARANTINED,
+    RETURNED,
+    UNWANTED,
+    EngineAway,
+    Job,
+    JobStopped,
+    WorkerDied,
+)
 from app.errors import AppError
 from app.jobs.attempts import count_death, quarantine_error
 from app.jobs.chunks import FINAL_STEP, ChunkRepository

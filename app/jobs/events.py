@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 from anyio import CapacityLimiter, Lock, sleep, to_thread
 
 from app.context import ServiceContext
-from app.engine import Job
+from app.engine.chunk import Job
 from app.errors import NotFound, TooManyRequests
 from app.jobs.kind import Described, kind_of
 from app.jobs.queries import find_job

@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
 from app.db.tables import Chunk
-from app.engine import Job, JobStopped
+from app.engine.chunk import Job, JobStopped
 from app.errors import StorageAway
 from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
 from app.jobs.queries import (

@@ -52,7 +52,7 @@ from app.db.base import utc_now
 from app.db.bulk import insert_into
 from app.db.engine import Database, once_committed
 from app.db.tables import JobRow, Lease
-from app.engine import Job, JobStopped
+from app.engine.chunk import Job, JobStopped
 from app.jobs.kind import all_open_jobs, is_open
 
 LEASE_LASTS: Final = timedelta(seconds=8)

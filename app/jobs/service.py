@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 from app.context import ServiceContext
 from app.db.engine import once_committed
 from app.db.tables import JobRow
-from app.engine import Job
+from app.engine.chunk import Job
 from app.errors import Conflict, NotFound, TooManyRequests
 from app.jobs.chunks import ChunkRepository
 from app.jobs.driver import drive_job

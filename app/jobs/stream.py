@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from starlette.types import Receive, Scope, Send
 
 from app.context import ServiceContext
-from app.engine import Job
+from app.engine.chunk import Job
 from app.errors import Forbidden, Unauthorised
 from app.http.deps import authorise, current_principal, settings_of
 from app.jobs.events import (

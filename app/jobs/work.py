@@ -14,8 +14,16 @@ from collections.abc import Callable, Mapping
 
 from app.context import ServiceContext
 from app.db.transient import in_a_line, is_transient
-from app.engine import Job, JobStopped
-from app.engine.chunk import DONE, ELSEWHERE, FAILED, QUARANTINED, RETURNED, UNWANTED
+from app.engine.chunk import (
+    DONE,
+    ELSEWHERE,
+    FAILED,
+    QUARANTINED,
+    RETURNED,
+    UNWANTED,
+    Job,
+    JobStopped,
+)
 from app.errors import AppError
 from app.jobs.attempts import Attempt
 from app.jobs.chunks import FINAL_STEP, ChunkRepository

@@ -37,15 +37,9 @@ from app.maintenance.datafolder import (
 )
 from app.package import VERSION
 from app.settings import Settings
-from app.storage import (
-    BLOBS,
-    BlobStore,
-    digest_of,
-    flush_everything,
-    flush_file,
-    flush_folder,
-    make_folder,
-)
+from app.storage import BLOBS
+from app.storage.base import BlobStore, digest_of
+from app.storage.durable import flush_everything, flush_file, flush_folder, make_folder
 
 FORMAT: Final = 1
 LABEL: Final = "backup.json"

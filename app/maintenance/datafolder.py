@@ -21,18 +21,15 @@ from app.errors import StorageAway
 from app.maintenance.queries import StoredFileRepository
 from app.package import migrations_dir
 from app.settings import Settings
-from app.storage import (
-    BLOBS,
+from app.storage import BLOBS, MissingLibrary, endpoint_of, open_store
+from app.storage.base import BlobStore
+from app.storage.durable import (
     MAINTENANCE_LOCK,
-    BlobStore,
     CannotLock,
     InUse,
-    MissingLibrary,
-    endpoint_of,
     flush_file,
     flush_folder,
     locked,
-    open_store,
 )
 
 log = logging.getLogger(__name__)

@@ -39,7 +39,7 @@ from app.maintenance.datafolder import (
 from app.maintenance.queries import StoredFileRepository, WantedFile
 from app.package import migrations_dir
 from app.settings import Settings
-from app.storage import BlobStore, StoredFile, export_of
+from app.storage.base import BlobStore, StoredFile, export_of
 
 _OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
 

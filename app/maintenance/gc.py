@@ -21,7 +21,7 @@ from app.db.engine import Database, keep_turn
 from app.maintenance.datafolder import Steps, alone, opened, stored_files_of
 from app.maintenance.queries import StoredFileRepository
 from app.settings import Settings
-from app.storage import BlobStore, export_of
+from app.storage.base import BlobStore, export_of
 from app.storage.room import Reserve
 
 HOUR_S: Final = 3600.0

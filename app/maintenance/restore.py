@@ -21,11 +21,11 @@ from app.maintenance.datafolder import (
 )
 from app.package import migrations_dir
 from app.settings import Settings
-from app.storage import (
-    BLOBS,
+from app.storage import BLOBS
+from app.storage.base import BlobStore
+from app.storage.durable import (
     MAINTENANCE_LOCK,
     SERVER_LOCK,
-    BlobStore,
     flush_everything,
     flush_file,
     flush_folder,

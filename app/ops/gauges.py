@@ -13,7 +13,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.context import ServiceContext
 from app.db.engine import Database
-from app.engine import LocalEngine
+from app.engine.local import LocalEngine
 from app.incoming import OpenBodies
 from app.ingest.batch import OpenBatches
 from app.jobs.events import Poller

@@ -13,10 +13,10 @@ from app.addresses import LOCAL_ENGINE
 from app.context import ServiceContext
 from app.db.engine import Database, migrating_alone
 from app.db.migrate import migrate
-from app.engine import LocalEngine
 from app.engine.children import PixelPool, Subject
 from app.engine.cluster import ClusterEngine, Scheduler
 from app.engine.dask import Certificates
+from app.engine.local import LocalEngine
 from app.exports.service import EXPORTS
 from app.http.deps import MAX_FOLDERS
 from app.http.idempotency import forget_old_responses
@@ -39,7 +39,8 @@ from app.measuring.active import DefaultConfig
 from app.package import migrations_dir
 from app.runs.service import RUNS
 from app.settings import Settings
-from app.storage import make_folder, open_store
+from app.storage import open_store
+from app.storage.durable import make_folder
 from app.storage.room import Reserve
 
 

@@ -24,8 +24,8 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.addresses import LOCAL_ENGINE, EngineAddress
 from app.context import ServiceContext
 from app.db.transient import in_a_line, is_transient
-from app.engine import UnusableEngine
 from app.engine.children import ending_text
+from app.engine.chunk import UnusableEngine
 from app.engine.cluster import work_with
 from app.engine.dask import (
     NOWHERE,

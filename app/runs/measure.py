@@ -20,8 +20,8 @@ from app.boxes.queries import FileRow, FrameRepository
 from app.context import ServiceContext
 from app.db.base import filled
 from app.db.tables import Chunk, Frame, Run
-from app.engine import JobStopped
 from app.engine.children import PixelsRefused
+from app.engine.chunk import JobStopped
 from app.jobs.attempts import is_one_by_one, refuse, refuse_frame
 from app.jobs.chunks import PlannedChunk
 from app.jobs.kind import Task

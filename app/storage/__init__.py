@@ -7,57 +7,8 @@ from typing import Final
 
 from app.addresses import bucket_of
 from app.settings import Settings
-from app.storage.base import (
-    Blob,
-    BlobStore,
-    Drafts,
-    StoredFile,
-    Unsure,
-    digest_of,
-    export_of,
-    leftovers,
-    sha256_of,
-    stored_files,
-)
-from app.storage.durable import (
-    MAINTENANCE_LOCK,
-    SERVER_LOCK,
-    CannotLock,
-    InUse,
-    flush_everything,
-    flush_file,
-    flush_folder,
-    locked,
-    make_folder,
-)
+from app.storage.base import BlobStore
 from app.storage.folder import FolderStorage
-
-__all__ = [
-    "BLOBS",
-    "MAINTENANCE_LOCK",
-    "SERVER_LOCK",
-    "Blob",
-    "BlobStore",
-    "CannotLock",
-    "Drafts",
-    "FolderStorage",
-    "InUse",
-    "MissingLibrary",
-    "StoredFile",
-    "Unsure",
-    "digest_of",
-    "endpoint_of",
-    "export_of",
-    "flush_everything",
-    "flush_file",
-    "flush_folder",
-    "leftovers",
-    "locked",
-    "make_folder",
-    "open_store",
-    "sha256_of",
-    "stored_files",
-]
 
 BLOBS: Final = "blobs"
 _DEFAULT_REGION: Final = "us-east-1"

@@ -17,7 +17,7 @@ from typing import Final
 
 from app.errors import StorageFull
 from app.settings import Settings
-from app.storage import BlobStore
+from app.storage.base import BlobStore
 
 RESERVE: Final = ".reserve"
 RESERVE_BYTES: Final = 32 * 1024**2

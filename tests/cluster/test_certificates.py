@@ -16,8 +16,8 @@ import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 
-from app.engine import UnusableEngine
 from app.engine.certificates import NODES
+from app.engine.chunk import UnusableEngine
 from app.engine.dask import Certificates, run_scheduler
 from tests.support.command_line import CommandLine
 from tests.support.services import running_services

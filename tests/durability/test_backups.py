@@ -18,7 +18,7 @@ from app.maintenance.datafolder import CannotMaintain
 from app.maintenance.restore import restore
 from app.serve import check_free
 from app.settings import Settings
-from app.storage import MAINTENANCE_LOCK, locked
+from app.storage.durable import MAINTENANCE_LOCK, locked
 from tests.support import frames as scene
 from tests.support import without_locks
 from tests.support.data_folders import (

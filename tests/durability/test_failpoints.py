@@ -16,7 +16,7 @@ import pytest
 from app.maintenance.doctor import Severity, examine
 from app.maintenance.gc import collect
 from app.settings import Settings
-from app.storage import sha256_of
+from app.storage.base import sha256_of
 from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
 from tests.support.api import BASE, Api

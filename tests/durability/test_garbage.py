@@ -12,7 +12,9 @@ from app.maintenance.datafolder import CannotMaintain
 from app.maintenance.gc import collect
 from app.measuring.queries import DatasetRepository
 from app.settings import Settings
-from app.storage import MAINTENANCE_LOCK, FolderStorage, locked, sha256_of
+from app.storage.base import sha256_of
+from app.storage.durable import MAINTENANCE_LOCK, locked
+from app.storage.folder import FolderStorage
 from tests.support import frames as scene
 from tests.support.api import BASE
 from tests.support.archives import frame, lines_of, tar_archive

@@ -11,7 +11,8 @@ from dataclasses import replace
 from sqlalchemy import select
 
 from app.db.tables import FrameEvidence
-from app.engine import EngineAway, LocalEngine, WorkerDied
+from app.engine.chunk import EngineAway, WorkerDied
+from app.engine.local import LocalEngine
 from app.runs.queries import RunRepository
 from tests.support import frames as scene
 

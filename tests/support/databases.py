@@ -38,7 +38,7 @@ from app.db.inspection import broken_keys
 from app.db.migrate import migrate
 from app.db.tables import Installation
 from app.package import migrations_dir
-from app.storage import make_folder
+from app.storage.durable import make_folder
 
 # Read at import: the tests later run without any UNGHOST_* variables.
 CHOSEN = os.environ.get("UNGHOST_TEST_DATABASE", "")

@@ -20,14 +20,14 @@ from app.db.bulk import insert_rows
 from app.db.engine import Database
 from app.db.migrate import migrate
 from app.db.tables import Box, Dataset, Frame, FrameEvidence
-from app.engine import LocalEngine
+from app.engine.local import LocalEngine
 from app.measuring.evidence import pack_numbers
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository
 from app.package import migrations_dir
 from app.process.lifespan import folder_pool, pixel_pool, register_kinds
 from app.settings import Settings
-from app.storage import FolderStorage
+from app.storage.folder import FolderStorage
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.types import Evidence

@@ -14,7 +14,7 @@ import httpx
 import uvicorn
 from fastapi import FastAPI
 
-from app.engine import LocalEngine
+from app.engine.local import LocalEngine
 from app.main import create_app
 from app.serve import listen, server_config
 from app.settings import Settings

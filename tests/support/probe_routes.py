@@ -20,7 +20,7 @@ from app.http.deps import ADMIN, CurrentPrincipal, ReadSession, RowId
 from app.http.files import file_response
 from app.http.routing import LARGE_BODY, ApiRouter, OpenRouter, body_up_to
 from app.http.transaction import WriteSession
-from app.storage import Blob
+from app.storage.base import Blob
 from filter_core.errors import AnnotationError, AnnotationErrors
 
 router = ApiRouter(prefix="/probe")

@@ -21,7 +21,8 @@ from app.boxes.current import TallyKey, TallyRepository
 from app.context import ServiceContext
 from app.datasets import service as datasets
 from app.db.tables import Dataset, Decision, Run
-from app.engine import Job, LocalEngine
+from app.engine.chunk import Job
+from app.engine.local import LocalEngine
 from app.ingest.frame import StoredFrame, UploadedFrame, UploadRequest
 from app.ingest.service import add_frame
 from app.jobs.driver import drive_job

@@ -125,7 +125,7 @@ def worker(options: WorkerOptions) -> None:
     Give it the same settings of database and storage as the service. Exit code 69 if
     no scheduler accepts it, or no database answers.
     """
-    from app.engine import UnusableEngine
+    from app.engine.chunk import UnusableEngine
     from app.logs import configure_logging
     from app.process import worker as working
 
@@ -150,7 +150,7 @@ def scheduler(options: SchedulerOptions) -> None:
 
     With certificates it listens on --host; without, only on this machine.
     """
-    from app.engine import UnusableEngine
+    from app.engine.chunk import UnusableEngine
     from app.engine.dask import Certificates, run_scheduler
 
     settings = settings_of(
@@ -172,8 +172,8 @@ def certificates(options: CertificatesOptions) -> None:
 
     Anybody who has ca.key can admit more nodes: keep it off the nodes.
     """
-    from app.engine import UnusableEngine
     from app.engine.certificates import make_certificates
+    from app.engine.chunk import UnusableEngine
 
     with refused_on(UnusableEngine):
         made = make_certificates(options.folder, tuple(options.host), options.days)

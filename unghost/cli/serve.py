@@ -159,7 +159,7 @@ def demo(options: DemoOptions) -> None:
 
 def rendered_street(data: Path, options: DemoOptions, screen: Screen) -> Path:
     """The folder of the street's frames, rendered unless that was done before."""
-    from app.storage import make_folder
+    from app.storage.durable import make_folder
     from unghost.street.street import write_street
 
     name = f"street-{options.seed}-{options.frames}"

@@ -10,7 +10,7 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.engine import WorkerDied
+from app.engine.chunk import WorkerDied
 from app.jobs.attempts import MOST_ATTEMPTS
 from app.jobs.driver import drive_job
 from tests.support import chunks as runs

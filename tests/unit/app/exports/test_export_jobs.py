@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.datasets.service import remove_dataset
-from app.engine import Job
+from app.engine.chunk import Job
 from app.exports.queries import ExportRepository
 from app.exports.service import EXPORTS, ExportRequest, request_export
 from app.exports.writer import ExportFrames

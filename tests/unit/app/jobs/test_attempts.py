@@ -13,9 +13,9 @@ from sqlalchemy import event, exc, select
 
 from app.db.base import utc_now
 from app.db.tables import Chunk, Frame
-from app.engine import JobStopped, LocalEngine
 from app.engine.children import PixelPool
-from app.engine.chunk import DONE, RETURNED
+from app.engine.chunk import DONE, RETURNED, JobStopped
+from app.engine.local import LocalEngine
 from app.jobs.attempts import MOST_ATTEMPTS, Attempt
 from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
 from app.jobs.driver import drive_job

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from app.db.tables import Chunk, Export, Run
-from app.engine import Job, JobStopped
+from app.engine.chunk import Job, JobStopped
 from app.errors import Conflict
 from app.exports.service import EXPORTS, ExportJobs, ExportRequest, request_export
 from app.jobs.chunks import ChunkRepository, PlannedChunk

@@ -10,7 +10,7 @@ import pytest
 
 from app.db.base import utc_now
 from app.db.tables import Lease
-from app.engine import Job
+from app.engine.chunk import Job
 from app.jobs.leases import (
     LEASE_LASTS,
     UNDRIVEN_FOR_S,

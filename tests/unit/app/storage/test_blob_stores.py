@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from app.errors import DamagedFile, TryLater
-from app.storage import BlobStore, FolderStorage, sha256_of
-from app.storage.base import PIECE, Drafts
+from app.storage.base import PIECE, BlobStore, Drafts, sha256_of
+from app.storage.folder import FolderStorage
 from app.storage.s3 import S3Storage
 from tests.support.s3_server import TestBucket
 

@@ -9,7 +9,7 @@ from concurrent.futures import TimeoutError as FutureTimeout
 import pytest
 
 from app.errors import StorageAway, TryLater
-from app.storage import Unsure, sha256_of
+from app.storage.base import Unsure, sha256_of
 from app.storage.s3 import S3Storage
 from tests.support.s3_server import gate, server_answering_with
 

@@ -7,14 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from app.storage import (
-    FolderStorage,
-    export_of,
-    leftovers,
-    make_folder,
-    sha256_of,
-    stored_files,
-)
+from app.storage.base import export_of, leftovers, sha256_of, stored_files
+from app.storage.durable import make_folder
+from app.storage.folder import FolderStorage
 
 CONTENT = b"an image"
 DIGEST = sha256_of(CONTENT)
