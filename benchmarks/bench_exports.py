@@ -27,9 +27,9 @@ from pathlib import Path
 from sqlalchemy import select
 
 from app.context import ServiceContext
-from app.db.tables import Dataset
-from app.exports.queries import ExportRepository
+from app.db.tables import Dataset, Export
 from app.exports.service import ExportRequest, request_export
+from app.jobs.queries import job_with_id
 from app.measuring.queries import DatasetRepository
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS
 from tests.support.large_datasets import DatasetSpec, make_dataset, open_context
@@ -135,7 +135,7 @@ def exported(data: Path, frames: int, form: str) -> dict[str, float]:
         seconds = time.perf_counter() - begun
         processor = time.process_time() - worked
         with context.database.read() as session:
-            export = ExportRepository(session).with_id(export_id)
+            export = job_with_id(session, Export, export_id)
             assert (export.state, export.done) == ("done", frames), export.error
     finally:
         context.close()

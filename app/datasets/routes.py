@@ -11,7 +11,7 @@ from fastapi.exceptions import RequestValidationError
 from app.access.audit import AuditAction
 from app.access.gate import Audited
 from app.datasets import service as datasets
-from app.db.pages import name_of_cursor
+from app.db.pages import name_of_cursor, newest
 from app.db.tables import Problem
 from app.http.deps import (
     ADMIN,
@@ -26,7 +26,7 @@ from app.http.routing import ApiRouter
 from app.http.transaction import WriteSession
 from app.measuring.active import DefaultConfig
 from app.measuring.plan import DatasetReading
-from app.measuring.queries import DatasetRepository, ProblemRepository
+from app.measuring.queries import DatasetRepository
 from app.runs.flips import current_histogram
 from app.runs.service import described_run
 from filter_core.images.header import read_image_header
@@ -157,7 +157,7 @@ def list_problems(
 ) -> Response:
     """Frames that were refused and have not been stored since, newest first."""
     found = DatasetRepository(session).named(dataset)
-    rows = ProblemRepository(session).page(found.id, wanted.page)
+    rows = newest(session, Problem, found.id, wanted.page)
     return wanted.response(rows, _refused)
 
 

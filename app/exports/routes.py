@@ -12,7 +12,7 @@ from app.access.audit import AuditAction
 from app.access.gate import Audited, counting_wrong_secrets
 from app.context import ServiceContext
 from app.db import tables
-from app.exports.queries import ExportRepository
+from app.db.pages import newest
 from app.exports.service import (
     EXPORTS,
     MEDIA_TYPE,
@@ -32,6 +32,7 @@ from app.http.files import RESUMABLE, file_of, file_response
 from app.http.pages import Newest, json_response
 from app.http.routing import ApiRouter, OpenRouter
 from app.http.transaction import WriteSession
+from app.jobs.queries import job_with_id
 from app.jobs.service import cancel
 from app.jobs.stream import LastEventId, events_of, watch
 from app.measuring.queries import DatasetRepository
@@ -55,7 +56,7 @@ def list_exports(
 ) -> Response:
     """Exports of a dataset, newest first."""
     found = DatasetRepository(session).named(dataset)
-    rows = ExportRepository(session).page(found.id, wanted.page)
+    rows = newest(session, tables.Export, found.id, wanted.page)
     return wanted.response(rows, lambda export: describe_export(export, dataset))
 
 
@@ -96,7 +97,7 @@ def _accepted(export: tables.Export, dataset: str) -> Response:
 @inside.get("/exports/{export_id}")
 def get_export(export_id: RowId, session: ReadSession) -> Export:
     """An export and its progress."""
-    export = ExportRepository(session).with_id(export_id)
+    export = job_with_id(session, tables.Export, export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id)
     return describe_export(export, dataset.name)
 
@@ -142,7 +143,7 @@ def create_download_link(
 
     It is valid for five minutes, ranges included, and no longer than the token.
     """
-    export = ExportRepository(session).with_id(export_id)
+    export = job_with_id(session, tables.Export, export_id)
     finished_file(services, export)
     key, ends = access.make_link(session, principal.token_id, export_id)
     url = f"/api/v1/exports/{export_id}/file?key={key}"
@@ -176,7 +177,7 @@ def download_by_address(
 def _archive(
     request: Request, session: Session, services: ServiceContext, export_id: int
 ) -> Response:
-    export = ExportRepository(session).with_id(export_id)
+    export = job_with_id(session, tables.Export, export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id)
     blob = finished_file(services, export)
     name = f"{dataset.name}-{export.format}-{export.id}.zip"

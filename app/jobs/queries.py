@@ -17,6 +17,7 @@ from sqlalchemy.orm import Session
 from app.db.base import utc_now
 from app.db.tables import Installation, JobRow
 from app.engine.chunk import Job, JobStopped
+from app.errors import NotFound
 from app.jobs.chunks import ChunkRepository
 from app.measuring.queries import is_deleted
 from unghost.wire.words import FinishedState
@@ -37,6 +38,14 @@ def find_job(session: Session, table: type[Row], job_id: int) -> Row | None:
     found = session.get(table, job_id)
     if found is None or is_deleted(session, found.dataset_id):
         return None
+    return found
+
+
+def job_with_id(session: Session, table: type[Row], job_id: int) -> Row:
+    """A job's row; NotFound, also if it was deleted with its dataset."""
+    found = find_job(session, table, job_id)
+    if found is None:
+        raise NotFound(table.job_kind, job_id)
     return found
 
 

@@ -17,7 +17,7 @@ from app.context import ServiceContext
 from app.db.engine import once_committed
 from app.db.tables import JobRow
 from app.engine.chunk import Job
-from app.errors import Conflict, NotFound, TooManyRequests
+from app.errors import Conflict, TooManyRequests
 from app.jobs.chunks import ChunkRepository
 from app.jobs.driver import drive_job
 from app.jobs.kind import JobKind, all_open_jobs, kind_of, kinds
@@ -29,6 +29,7 @@ from app.jobs.queries import (
     count_open,
     find_job,
     job_of,
+    job_with_id,
     open_jobs,
 )
 from app.settings import Settings
@@ -124,9 +125,7 @@ def cancel(
     """
     job = Job(kind.table.job_kind, job_id)
     interrupt(context, session, job)
-    row = find_job(session, kind.table, job_id)
-    if row is None:
-        raise NotFound(*job)
+    row = job_with_id(session, kind.table, job_id)
     if row.state not in OPEN:
         detail = f"{job.kind} {job_id} is {row.state} already"
         raise Conflict(detail, code=f"{job.kind}_over")

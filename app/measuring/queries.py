@@ -27,7 +27,6 @@ from sqlalchemy.orm import Session
 from app.db.base import utc_now
 from app.db.bulk import chunks, first_row, insert_rows, run
 from app.db.engine import once_committed
-from app.db.pages import NewestPage, newest
 from app.db.tables import (
     ConfigVersion,
     Dataset,
@@ -262,10 +261,6 @@ class ConfigRepository:
         self._session.add(version)
         self._session.flush()
         return version
-
-    def page(self, dataset_id: int, page: NewestPage) -> list[ConfigVersion]:
-        """Versions, newest first."""
-        return newest(self._session, ConfigVersion, dataset_id, page)
 
     def digests(self, config_ids: Iterable[int]) -> dict[int, str]:
         """Digests by id."""
@@ -515,16 +510,6 @@ class ProblemRepository:
         """Delete the problem of a frame that was stored after all."""
         run(self._session, _FORGET_PROBLEMS, dataset=dataset_id, frame=key)
 
-    def add(self, problem: Problem) -> None:
-        """Insert."""
-        self._session.add(problem)
-        self._session.flush()
-        once_committed(self._session, REFUSED.inc)
-
-    def page(self, dataset_id: int, page: NewestPage) -> list[Problem]:
-        """Problems, newest first."""
-        return newest(self._session, Problem, dataset_id, page)
-
     def count(self, dataset_id: int) -> int:
         """How many frames of a dataset were refused and not stored since."""
         rows = (
@@ -539,9 +524,10 @@ def note_problem(
     session: Session, dataset_id: int, key: str, error: FilterError
 ) -> None:
     """Store a frame's refusal, so that people can find out why it is missing."""
-    problems = ProblemRepository(session)
-    problems.forget(dataset_id, key)
-    problems.add(Problem(dataset_id=dataset_id, key=key, error=described(error)))
+    ProblemRepository(session).forget(dataset_id, key)
+    session.add(Problem(dataset_id=dataset_id, key=key, error=described(error)))
+    session.flush()
+    once_committed(session, REFUSED.inc)
 
 
 class KeyRow(NamedTuple):

@@ -16,6 +16,7 @@ from sqlalchemy.orm import Session
 from app.boxes.queries import FrameRepository
 from app.db.base import filled
 from app.db.tables import Box, Frame, Review, Run
+from app.jobs.queries import job_with_id
 from app.measuring.active import config_of
 from app.measuring.evidence import to_evidence, unpack_channels, unpack_numbers
 from app.measuring.queries import (
@@ -80,7 +81,7 @@ def _decision(
 ) -> HistoryEntry:
     run_id, config_id = by
     version = ConfigRepository(session).with_id(config_id)
-    run = RunRepository(session).with_id(run_id)
+    run = job_with_id(session, Run, run_id)
     classes = DatasetRepository(session).classes(frame.dataset_id)
     row = EvidenceRepository(session).of_frames([frame.id], filled(run.measurement_id))
     entry: dict[str, object] = {

@@ -20,6 +20,7 @@ from app.db.base import filled
 from app.db.pages import cursor_after, number_and_id_of_cursor
 from app.db.tables import Dataset, Run
 from app.errors import BadRequest, Conflict
+from app.jobs.queries import job_with_id
 from app.measuring.active import active_version, config_of
 from app.measuring.columns import (
     ColumnCache,
@@ -40,7 +41,6 @@ from app.measuring.queries import (
     DatasetRepository,
     EvidenceRepository,
 )
-from app.runs.queries import RunRepository
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.rules import decide
@@ -462,15 +462,14 @@ def compared_runs(
     BadRequest
         There is no run to compare with, or it is of another dataset.
     """
-    runs = RunRepository(session)
-    run = runs.with_id(run_id)
+    run = job_with_id(session, Run, run_id)
     other_id = against or run.previous_run_id
     if other_id is None:
         raise BadRequest(
             f"run {run_id} is the first of its dataset; pass ?against=ID",
             code="nothing_before",
         )
-    other = runs.with_id(other_id)
+    other = job_with_id(session, Run, other_id)
     if other.dataset_id != run.dataset_id:
         raise BadRequest(
             f"run {other_id} is of another dataset than run {run_id}",

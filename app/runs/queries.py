@@ -8,10 +8,8 @@ import numpy as np
 from sqlalchemy import insert, select
 from sqlalchemy.orm import Session
 
-from app.db.pages import NewestPage, newest
 from app.db.tables import Flips, Run
-from app.errors import NotFound
-from app.jobs.queries import OPEN, find_job
+from app.jobs.queries import OPEN
 from filter_core.types import IntArray
 
 FLIP: Final = np.dtype([("box_id", "<i8"), ("before", "u1"), ("after", "u1")])
@@ -46,17 +44,6 @@ class RunRepository:
         self._session.add(run)
         self._session.flush()
         return run
-
-    def with_id(self, run_id: int) -> Run:
-        """A run; NotFound, also if it was deleted with its dataset."""
-        found = find_job(self._session, Run, run_id)
-        if found is None:
-            raise NotFound("run", run_id)
-        return found
-
-    def page(self, dataset_id: int, page: NewestPage) -> list[Run]:
-        """Runs, newest first."""
-        return newest(self._session, Run, dataset_id, page)
 
     def last_to_activate(self, dataset_id: int) -> Run | None:
         """The last open run that will activate its configuration, if there is one."""

@@ -10,6 +10,7 @@ from app.access.audit import AuditAction
 from app.access.gate import Audited
 from app.db import tables
 from app.db.base import MAX_ID
+from app.db.pages import newest
 from app.errors import UnsupportedMedia
 from app.http.bodies import run_off_loop
 from app.http.deps import (
@@ -30,12 +31,12 @@ from app.http.pages import (
 )
 from app.http.routing import ApiRouter, body_up_to
 from app.http.transaction import WriteSession
+from app.jobs.queries import job_with_id
 from app.jobs.service import cancel
 from app.jobs.stream import LastEventId, events_of, watch
 from app.measuring.active import active_version, add_version, describe_version
 from app.measuring.queries import ConfigRepository, DatasetRepository
 from app.runs.flips import DiffPage, PreviewLimits, compared_runs, preview, run_diff
-from app.runs.queries import RunRepository
 from app.runs.service import (
     RUNS,
     RunRequest,
@@ -110,7 +111,7 @@ def list_configs(
 ) -> Response:
     """Versions of a dataset's configuration, newest first."""
     found = DatasetRepository(session).named(dataset)
-    rows = ConfigRepository(session).page(found.id, wanted.page)
+    rows = newest(session, tables.ConfigVersion, found.id, wanted.page)
     return wanted.response(rows, lambda version: describe_version(found, version))
 
 
@@ -203,7 +204,7 @@ def list_runs(
 ) -> Response:
     """Runs of a dataset, newest first."""
     found = DatasetRepository(session).named(dataset)
-    rows = RunRepository(session).page(found.id, wanted.page)
+    rows = newest(session, tables.Run, found.id, wanted.page)
     digests = ConfigRepository(session).digests(row.config_id for row in rows)
 
     def describe(run: tables.Run) -> Run:
@@ -239,7 +240,8 @@ def create_run(
 @router.get("/runs/{run_id}")
 def get_run(run_id: RowId, session: ReadSession, services: AppServices) -> Run:
     """A run and its progress."""
-    return described_run(services, session, RunRepository(session).with_id(run_id))
+    run = job_with_id(session, tables.Run, run_id)
+    return described_run(services, session, run)
 
 
 @router.get(

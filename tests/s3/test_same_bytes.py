@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 
-from app.exports.queries import ExportRepository
+from app.db.tables import Export
 from app.exports.service import ExportRequest, request_export
+from app.jobs.queries import job_with_id
 from tests.support import frames as scene
 from tests.support.services import ServiceDataset, running_services
 
@@ -43,7 +44,7 @@ def export_state_and_digest(street, form):
     until = time.monotonic() + PATIENCE_S
     while time.monotonic() < until:
         with street.context.database.read() as session:
-            export = ExportRepository(session).with_id(made.id)
+            export = job_with_id(session, Export, made.id)
         if export.state not in ("queued", "running"):
             return export.state, export.sha256
         time.sleep(0.01)

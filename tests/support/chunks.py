@@ -10,10 +10,10 @@ from dataclasses import replace
 
 from sqlalchemy import select
 
-from app.db.tables import FrameEvidence
+from app.db.tables import FrameEvidence, Run
 from app.engine.chunk import EngineAway, WorkerDied
 from app.engine.local import LocalEngine
-from app.runs.queries import RunRepository
+from app.jobs.queries import job_with_id
 from tests.support import frames as scene
 
 FRAMES = 12
@@ -132,7 +132,7 @@ def context_with_engine(street, engine):
 
 
 def run_of(street, run_id):
-    return read(street, lambda session: RunRepository(session).with_id(run_id))
+    return read(street, lambda session: job_with_id(session, Run, run_id))
 
 
 def read(street, ask):

@@ -26,6 +26,7 @@ from app.engine.local import LocalEngine
 from app.ingest.frame import StoredFrame, UploadedFrame, UploadRequest
 from app.ingest.service import add_frame
 from app.jobs.driver import drive_job
+from app.jobs.queries import job_with_id
 from app.jobs.service import cancel
 from app.measuring.active import active_version, config_of
 from app.measuring.plan import DatasetReading
@@ -35,7 +36,6 @@ from app.review.bulk import review_many, undo_batch
 from app.review.history import history
 from app.review.service import review_box
 from app.runs.flips import PreviewLimits, preview
-from app.runs.queries import RunRepository
 from app.runs.service import RUNS, RunRequest, request_run
 from app.security import Principal
 from app.settings import Settings
@@ -191,7 +191,7 @@ class ServiceDataset:
         run_id = self.request(config, activate=activate, **reading)
         drive_job(self.context, run_job(run_id))
         with self.context.database.read() as session:
-            return RunRepository(session).with_id(run_id)
+            return job_with_id(session, Run, run_id)
 
     def change(self, **reading: Any) -> int:
         """Change how segmentations are read; the id of the run that applies it."""
@@ -212,7 +212,7 @@ class ServiceDataset:
         self.context.engine.submit(over.set)
         assert over.wait(60)
         with self.context.database.read() as session:
-            return RunRepository(session).with_id(run_id)
+            return job_with_id(session, Run, run_id)
 
     def cancelled_while_it_ends(self, run_id: int) -> str:
         """Carry out a run, and cancel it during its last transaction.

@@ -16,10 +16,11 @@ from app.boxes.current import TallyRepository
 from app.boxes.filter import Selection, to_filter
 from app.boxes.orders import ORDERS, BoxPages
 from app.boxes.queries import FrameFilter, FramePage, FrameRepository
-from app.exports.queries import ExportRepository
+from app.db.tables import Export
 from app.exports.service import ExportRequest, request_export
 from app.ingest.check import MAX_TEXT
 from app.ingest.queries import known_frames
+from app.jobs.queries import job_with_id
 from app.review.bulk import review_many
 from app.runs.flips import DiffPage, compared_runs, run_diff
 from filter_core.types import Reason
@@ -150,7 +151,7 @@ def test_run_diff_and_export_on_postgres(services):
 
     assert (diff.total, diff.kept_to_rejected) == (1, 1)
     with services.context.database.read() as session:
-        found = ExportRepository(session).with_id(export.id)
+        found = job_with_id(session, Export, export.id)
         assert (found.state, found.done, found.total) == ("done", 1, 1)
 
 

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from app.datasets.service import remove_dataset
+from app.db.tables import Export
 from app.engine.chunk import Job
-from app.exports.queries import ExportRepository
 from app.exports.service import EXPORTS, ExportRequest, request_export
 from app.exports.writer import ExportFrames
 from app.jobs.driver import drive_job
+from app.jobs.queries import job_with_id
 from app.jobs.service import cancel, start
 from app.measuring.queries import DatasetRepository
 from filter_core.formats.export import ExportHead, ExportOptions
@@ -68,7 +69,7 @@ def wait_for_queued_jobs(street):
 
 def export_of(street, export_id):
     with street.context.database.read() as session:
-        return ExportRepository(session).with_id(export_id)
+        return job_with_id(session, Export, export_id)
 
 
 def temporary_files(street):
@@ -187,7 +188,7 @@ def test_interrupted_export_leaves_no_files_and_can_be_resumed(street):
 def test_export_cancelled_while_it_is_written_stays_cancelled(street):
     export_id = request_unstarted_export(street)
     with street.context.database.write() as session:
-        ExportRepository(session).with_id(export_id).state = "running"
+        job_with_id(session, Export, export_id).state = "running"
         session.flush()
         start(street.context, [job_of(export_id)])
         cancel(street.context, session, EXPORTS, export_id)
@@ -206,7 +207,7 @@ def test_export_interrupted_by_a_crash_is_rewritten(street):
     half.mkdir()
     (half / "export.zip").write_bytes(b"PK half of it")
     with street.context.database.write() as session:
-        ExportRepository(session).with_id(export_id).state = "running"
+        job_with_id(session, Export, export_id).state = "running"
 
     make_export(street.context, export_id)
 
@@ -233,7 +234,7 @@ def test_export_of_a_deleted_dataset_logs_no_error(street, caplog):
 def test_export_with_invalid_options_fails_once_with_an_error(street):
     export_id = request_unstarted_export(street)
     with street.context.database.write() as session:
-        ExportRepository(session).with_id(export_id).options = {"split": 7}
+        job_with_id(session, Export, export_id).options = {"split": 7}
 
     make_export(street.context, export_id)
     failed = export_of(street, export_id)

@@ -12,15 +12,15 @@ from dataclasses import replace
 from sqlalchemy import event, exc, select
 
 from app.db.base import utc_now
-from app.db.tables import Chunk, Frame
+from app.db.tables import Chunk, Frame, Run
 from app.engine.children import PixelPool
 from app.engine.chunk import DONE, RETURNED, JobStopped
 from app.engine.local import LocalEngine
 from app.jobs.attempts import MOST_ATTEMPTS, Attempt
 from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
 from app.jobs.driver import drive_job
+from app.jobs.queries import job_with_id
 from app.jobs.work import work_on_chunk
-from app.runs.queries import RunRepository
 from tests.support import frames as scene
 from tests.support.chunks import (
     FRAMES,
@@ -72,7 +72,7 @@ def request_run_with_attempts(street, *spans):
     """
     run_id, ids = street.request(FROM_PIXELS), frame_ids(street)
     with street.context.database.write() as session:
-        run = RunRepository(session).with_id(run_id)
+        run = job_with_id(session, Run, run_id)
         run.state, run.started_at, run.total = "running", utc_now(), FRAMES
         chunks, job = ChunkRepository(session), run_job(run_id)
         for first, last, ended in spans:

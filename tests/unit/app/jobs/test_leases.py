@@ -9,7 +9,7 @@ from threading import Event, Thread, Timer
 import pytest
 
 from app.db.base import utc_now
-from app.db.tables import Lease
+from app.db.tables import Lease, Run
 from app.engine.chunk import Job
 from app.jobs.leases import (
     LEASE_LASTS,
@@ -22,8 +22,8 @@ from app.jobs.leases import (
     process_has_ended,
     this_process,
 )
+from app.jobs.queries import job_with_id
 from app.jobs.service import cancel
-from app.runs.queries import RunRepository
 from app.runs.service import RUNS
 from tests.support.leases import (
     HOLDER_ELSEWHERE,
@@ -189,7 +189,7 @@ def test_job_without_a_driver_is_abandoned_whatever_its_creation_time(
     watch = Watchdog(services.context, clock=lambda: now[0])
     run_id = services.dataset().request({})
     with write() as session:
-        RunRepository(session).with_id(run_id).created_at += ahead
+        job_with_id(session, Run, run_id).created_at += ahead
 
     seen = []
     for seconds in (0, UNDRIVEN_FOR_S - 1, 2):

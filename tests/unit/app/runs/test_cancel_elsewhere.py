@@ -12,8 +12,8 @@ from app.datasets.service import remove_dataset
 from app.db.tables import Run
 from app.jobs.driver import drive_job
 from app.jobs.events import INTERVAL_S
+from app.jobs.queries import job_with_id
 from app.jobs.service import cancel
-from app.runs.queries import RunRepository
 from app.runs.service import RUNS
 from tests.support.databases import migrated_postgres
 from tests.support.large_datasets import DatasetSpec, make_dataset
@@ -47,7 +47,7 @@ def street(services):
 
 def state_and_progress(services, run_id):
     with services.context.database.read() as session:
-        run = RunRepository(session).with_id(run_id)
+        run = job_with_id(session, Run, run_id)
         return run.state, run.done
 
 

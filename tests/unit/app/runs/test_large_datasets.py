@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 from sqlalchemy import select
 
-from app.db.tables import Frame
+from app.db.tables import Frame, Run
 from app.jobs.driver import drive_job
+from app.jobs.queries import job_with_id
 from app.measuring.columns import ColumnCache
 from app.measuring.queries import frame_ranges
-from app.runs.queries import RunRepository
 from tests.support import frames as scene
 from tests.support.services import run_job
 
@@ -48,7 +48,7 @@ def run_results(street, config, most_boxes, *, activate=True):
     context = replace(street.context, owned={ColumnCache: ColumnCache(most_boxes)})
     drive_job(context, run_job(run_id))
     with street.context.database.read() as session:
-        run = RunRepository(session).with_id(run_id)
+        run = job_with_id(session, Run, run_id)
     ids = street.box_ids()
     flips = [len(street.history(box_id)) for box_id in ids]
     tallies = sorted((*key[1:], boxes) for key, boxes in street.tallies().items())

@@ -8,10 +8,10 @@ import shutil
 import pytest
 from sqlalchemy import select
 
-from app.db.tables import Blob, Frame, FrameFile, Problem
+from app.db.tables import Blob, Frame, FrameFile, Problem, Run
 from app.jobs.driver import drive_job
+from app.jobs.queries import job_with_id
 from app.jobs.service import cancel, start
-from app.runs.queries import RunRepository
 from app.runs.service import RUNS, described_run
 from filter_core.types import Reason
 from tests.support import frames as scene
@@ -249,7 +249,7 @@ def test_progress_is_visible_while_the_last_transaction_is_open(services):
     def report_and_read_progress() -> None:
         services.context.engine.report(run_job(run_id), 1)
         with services.context.database.read() as elsewhere:
-            run = RunRepository(elsewhere).with_id(run_id)
+            run = job_with_id(elsewhere, Run, run_id)
             seen.append(described_run(services.context, elsewhere, run))
 
     with interrupted_at(
