@@ -187,10 +187,7 @@ def frame_details(
 def frame_id_of(session: Session, dataset: str, key: str) -> int:
     """The id of the newest revision under a key; raises NotFound."""
     found = DatasetRepository(session).named(dataset)
-    current = FrameRepository(session).current(found.id, key)
-    if current is None:
-        raise NotFound("frame", key)
-    return current.id
+    return FrameRepository(session).current(found.id, key).id
 
 
 def frame_file(session: Session, frame_id: int, kind: FileKind) -> FileRow:
@@ -215,8 +212,6 @@ def remove_frame(audit: AuditTrail, by: Principal, dataset: Dataset, key: str) -
     session = audit.session
     frames = FrameRepository(session)
     current = frames.current(dataset.id, key)
-    if current is None:
-        raise NotFound("frame", key)
     answers = LatestAnswers(session).reviewers_of(dataset.id, key)
     of_others = require_own(by, answers, f"deleting frame {key!r}")
     retire(session, current)

@@ -146,15 +146,18 @@ class FrameRepository:
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def current(self, dataset_id: int, key: str) -> Frame | None:
-        """The newest revision under a key; None if there is none."""
-        return self._session.scalar(
+    def current(self, dataset_id: int, key: str) -> Frame:
+        """The newest revision under a key; raises NotFound."""
+        found = self._session.scalar(
             select(Frame).where(
                 Frame.dataset_id == dataset_id,
                 Frame.key == key,
                 Frame.superseded_at.is_(None),
             )
         )
+        if found is None:
+            raise NotFound("frame", key)
+        return found
 
     def with_id(self, frame_id: int, *, annotation: bool = False) -> Frame:
         """A frame, with its annotation on request; raises NotFound."""
@@ -164,18 +167,13 @@ class FrameRepository:
             raise NotFound("frame", frame_id)
         return found
 
-    def with_ids(self, frame_ids: Iterable[int]) -> dict[int, Frame]:
-        """Frames with their annotations, by id."""
-        rows = (
-            select(Frame)
-            .where(Frame.id.in_(set(frame_ids)))
-            .options(undefer(Frame.annotation))
-        )
-        return {frame.id: frame for frame in self._session.scalars(rows)}
-
-    def heads(self, frame_ids: Iterable[int]) -> dict[int, Frame]:
-        """Frames without their annotations, by id."""
+    def with_ids(
+        self, frame_ids: Iterable[int], *, annotation: bool = False
+    ) -> dict[int, Frame]:
+        """Frames by id, with their annotations on request."""
         rows = select(Frame).where(Frame.id.in_(set(frame_ids)))
+        if annotation:
+            rows = rows.options(undefer(Frame.annotation))
         return {frame.id: frame for frame in self._session.scalars(rows)}
 
     def current_boxes(self, box_ids: Sequence[int]) -> CurrentBoxes:

@@ -101,7 +101,7 @@ def update_rows(
         named = {f"to_{name}": each for name, each in columns.items()}
         execute_many(session, statement, named, written)
         return
-    statement = _update_from_arrays(table, key, tuple(names))
+    statement = update_from_arrays(table, key, tuple(names))
     for start in range(0, len(columns[key]), ROWS_AT_A_TIME):
         end = start + ROWS_AT_A_TIME
         portion = {f"every_{name}": each[start:end] for name, each in columns.items()}
@@ -111,7 +111,7 @@ def update_rows(
 
 
 def chunks(items: Iterable[_Item], most: int = MAX_PARAMETERS) -> Iterator[list[_Item]]:
-    """Items, such as ids, in lists of at most `most`, to pass them to statements."""
+    """Items in lists of at most `most`: as many as a statement takes as parameters."""
     source = iter(items)
     while portion := list(islice(source, most)):
         yield portion
@@ -298,11 +298,6 @@ def _update(table: Table, key: str, names: tuple[str, ...]) -> Update:
 
 
 @lru_cache
-def _update_from_arrays(table: Table, key: str, names: tuple[str, ...]) -> Update:
-    return update_from_arrays(table, key, names)
-
-
-@lru_cache
 def _insert(model: type[Base]) -> Insert:
     return insert(_table(model))
 
@@ -336,7 +331,8 @@ def copy_rows(
             copy.write_row(row)
 
 
-def update_from_arrays(table: Table, key: str, names: Sequence[str]) -> Update:
+@lru_cache
+def update_from_arrays(table: Table, key: str, names: tuple[str, ...]) -> Update:
     """An update of rows by key, with arrays named ``every_NAME`` as parameters."""
     every = (key, *names)
     sent = func.unnest(

@@ -12,11 +12,10 @@ import secrets
 import shutil
 import zipfile
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Final, NamedTuple
 
 from sqlalchemy.orm import Session
@@ -122,7 +121,7 @@ def _stream(task: Task[Export], session: Session, export: Export, file: Path) ->
     read = partial(_read, task)
     frames = ExportFrames(read, session, dataset, needs)
     head = replace(_head(session, dataset), temporary=file.parent)
-    with ReproducibleZip(file) as archive:
+    with closing(ReproducibleZip(file)) as archive:
         coming = _reporting(task, export.total, frames)
         return write_export(export.format, coming, archive.add, head, options)
 
@@ -244,15 +243,8 @@ class ReproducibleZip:
     def __init__(self, path: Path) -> None:
         self._zip = zipfile.ZipFile(path, "w", allowZip64=True)
 
-    def __enter__(self) -> ReproducibleZip:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Write the list of files, with which the zip file ends."""
         self._zip.close()
 
     def add(self, name: str, pieces: Iterable[bytes]) -> None:

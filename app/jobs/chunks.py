@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
 from app.db.bulk import insert_into, insert_rows
-from app.db.tables import Chunk, JobRow
+from app.db.tables import Chunk
 from app.engine.chunk import Job
 
 FINAL_STEP: Final = 0
@@ -128,12 +128,6 @@ class ChunkRepository:
         if keep_quarantined:
             rows = rows.where(Chunk.state != "quarantined")
         self._session.execute(rows)
-
-    def forget_dataset(self, table: type[JobRow], dataset_id: int) -> None:
-        """Delete the chunks of a dataset's jobs of one kind."""
-        jobs = select(table.id).where(table.dataset_id == dataset_id)
-        mine = Chunk.kind == table.job_kind, Chunk.job_id.in_(jobs)
-        self._session.execute(delete(Chunk).where(*mine))
 
     def _last_number(self, job: Job) -> int:
         rows = select(func.max(Chunk.number)).where(*_chunks_of(job))

@@ -43,7 +43,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from sqlalchemy import delete, func, select
+from sqlalchemy import func, select
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
@@ -51,7 +51,7 @@ from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.bulk import insert_into
 from app.db.engine import Database, once_committed
-from app.db.tables import JobRow, Lease
+from app.db.tables import Lease
 from app.engine.chunk import Job, JobStopped
 from app.jobs.kind import all_open_jobs, is_open
 
@@ -83,7 +83,7 @@ class JobLease:
       lease expire at once, so that any process can take it.
     - The driver dies: the lease becomes void. The watchdog of another process takes it,
       or deletes it if the job has ended.
-    - The dataset is deleted: `delete_leases` deletes the row.
+    - The dataset is deleted: `end_all` of `app.jobs.service` deletes the row.
     """
 
     def __init__(self, database: Database, job: Job, holder: str) -> None:
@@ -219,13 +219,6 @@ class Leases:
             with self._free:
                 self._driven.discard(job)
                 self._free.notify_all()
-
-
-def delete_leases(session: Session, table: type[JobRow], dataset_id: int) -> None:
-    """Delete the leases of a dataset's jobs of one kind."""
-    jobs = select(table.id).where(table.dataset_id == dataset_id)
-    mine = Lease.kind == table.job_kind, Lease.job_id.in_(jobs)
-    session.execute(delete(Lease).where(*mine))
 
 
 class Leased(NamedTuple):

@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final, TypeVar
 
-from sqlalchemy import func, select, update
+from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
-from app.db.tables import Installation, JobRow
+from app.db.tables import Chunk, Installation, JobRow, Lease
 from app.engine.chunk import Job, JobStopped
 from app.errors import NotFound
 from app.jobs.chunks import ChunkRepository
@@ -110,6 +110,14 @@ def close(
         row.error = dict(error)
     session.flush()
     ChunkRepository(session).forget(job_of(row), keep_quarantined=state == "failed")
+
+
+def forget_jobs(session: Session, table: type[JobRow], dataset_id: int) -> None:
+    """Delete the chunks and leases of a dataset's jobs of one kind."""
+    jobs = select(table.id).where(table.dataset_id == dataset_id)
+    for rows in (Chunk, Lease):
+        mine = rows.kind == table.job_kind, rows.job_id.in_(jobs)
+        session.execute(delete(rows).where(*mine))
 
 
 def installation_id(session: Session) -> str:

@@ -21,13 +21,14 @@ from app.errors import Conflict, TooManyRequests
 from app.jobs.chunks import ChunkRepository
 from app.jobs.driver import drive_job
 from app.jobs.kind import JobKind, all_open_jobs, kind_of, kinds
-from app.jobs.leases import Leases, delete_leases
+from app.jobs.leases import Leases
 from app.jobs.queries import (
     OPEN,
     Row,
     close,
     count_open,
     find_job,
+    forget_jobs,
     job_of,
     job_with_id,
     open_jobs,
@@ -163,5 +164,4 @@ def end_all(session: Session, dataset_id: int) -> None:
             row = find_job(session, kind.table, job.id)
             if row is not None:
                 close(session, row, "cancelled")
-        ChunkRepository(session).forget_dataset(kind.table, dataset_id)
-        delete_leases(session, kind.table, dataset_id)
+        forget_jobs(session, kind.table, dataset_id)

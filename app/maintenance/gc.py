@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from itertools import islice
 from typing import Final
 
+from app.db.bulk import chunks
 from app.db.engine import Database, keep_turn
 from app.maintenance.datafolder import Steps, alone, opened, stored_files_of
 from app.maintenance.queries import StoredFileRepository
@@ -88,7 +88,7 @@ def _files(
         return young
     done = 0
     with steps("remove", "files") as advance:
-        for portion in _portions([file.digest for file in old]):
+        for portion in chunks([file.digest for file in old], TOGETHER):
             young |= _remove(database, store, found, portion, until)
             done += len(portion)
             advance(done, len(old))
@@ -128,7 +128,7 @@ def _rows(database: Database, found: Garbage, young: set[str]) -> None:
         ]
     found.rows = len(unused)
     if found.removed:
-        for portion in _portions(unused):
+        for portion in chunks(unused, TOGETHER):
             with database.write() as session:
                 StoredFileRepository(session).forget(portion)
 
@@ -150,9 +150,3 @@ def _left_over(
             shutil.rmtree(path, ignore_errors=True)
         else:
             path.unlink(missing_ok=True)
-
-
-def _portions(items: Sequence[str]) -> Iterator[list[str]]:
-    source = iter(items)
-    while portion := list(islice(source, TOGETHER)):
-        yield portion

@@ -110,7 +110,7 @@ class _RunChunk:
             is_one_by_one=row is not None and is_one_by_one(task, row),
             missing=missing,
             source=source,
-            frames=FrameRepository(session).with_ids(missing),
+            frames=FrameRepository(session).with_ids(missing, annotation=True),
             files=FrameRepository(session).files(missing),
             former=evidence.of_frames(missing, source.former_measurement_id),
         )

@@ -194,8 +194,10 @@ class RunJobs:
             elif left:
                 ends.add((left[0], left[-1]))
         shown = sorted(ends)[:_MOST_NAMED]
-        heads = FrameRepository(session).heads({id_ for both in shown for id_ in both})
-        keys = {id_: repr(frame.key) for id_, frame in heads.items()}
+        frames = FrameRepository(session).with_ids(
+            id_ for both in shown for id_ in both
+        )
+        keys = {id_: repr(frame.key) for id_, frame in frames.items()}
         named = [
             keys[first] if first == last else f"{keys[first]} to {keys[last]}"
             for first, last in shown
