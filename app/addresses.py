@@ -52,7 +52,6 @@ def _parsed(text: str) -> URL:
 
 
 LOCAL_ENGINE: Final = "local"
-SCHEDULER_PORT: Final = 8786
 _ENGINE_FORM: Final = "local, tls://HOST:PORT, or tcp://HOST:PORT on this machine"
 
 

@@ -243,11 +243,6 @@ class FrameRepository:
         )
         return {row[0]: row[1] for row in self._session.execute(rows)}
 
-    def existing(self, frame_ids: Iterable[int]) -> set[int]:
-        """The ids of these frames that still exist."""
-        rows = select(Frame.id).where(Frame.id.in_(list(frame_ids)))
-        return set(self._session.scalars(rows))
-
     def neighbours(self, frame: Frame) -> tuple[int | None, int | None]:
         """Ids of the frames before and after this one, in order of key."""
         of_dataset = (
@@ -358,11 +353,6 @@ class FrameRepository:
         self._session.execute(
             delete(Frame).where(Frame.dataset_id == dataset_id, Frame.key == key)
         )
-
-    def sources(self, frame_id: int) -> dict[str, Box]:
-        """The boxes of a frame, by the sender's own ids."""
-        rows = select(Box).where(Box.frame_id == frame_id)
-        return {box.source_id: box for box in self._session.scalars(rows)}
 
     def box(self, box_id: int) -> Box:
         """A box; raises NotFound."""

@@ -104,7 +104,7 @@ class Subject(NamedTuple):
 class PixelPool:
     """A pool of child processes, each of which executes one call at a time.
 
-    Children are started on first use, or by `warm_up`. All methods are thread-safe.
+    Children are started on first use. All methods are thread-safe.
 
     Parameters
     ----------
@@ -192,15 +192,6 @@ class PixelPool:
         """
         with self._own_threads:
             return work(*args)
-
-    def warm_up(self) -> None:
-        """Start all children now instead of on first use."""
-        places = []
-        with suppress(Empty):
-            for _ in range(self.children):
-                places.append(self._free.get_nowait())
-        for place in places:
-            self._free.put(place or self._start())
 
     def close(self) -> None:
         """End all children, without waiting for their work."""

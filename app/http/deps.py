@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Iterator
 from typing import Annotated, Final, Protocol, TypeVar
 
-from fastapi import Depends, Path, Query, Request
+from fastapi import Depends, Path, Request
 from fastapi.security import HTTPBearer
 from sqlalchemy import Connection
 from sqlalchemy.orm import Session
@@ -48,9 +48,6 @@ RowId = Annotated[int, Path(ge=1, le=MAX_ID)]
 
 AnswerRevision = Annotated[int, Path(ge=1, le=2**31 - 1)]
 """The revision that an answer has given its box, in a path."""
-
-RowIdQuery = Annotated[int, Query(ge=1, le=MAX_ID)]
-"""An id in a query."""
 
 
 def settings_of(request: Request) -> Settings:
@@ -172,9 +169,7 @@ def _inline(
     return look_up
 
 
-AppSettings = Annotated[Settings, Depends(_inline(settings_of))]
 AppServices = Annotated[ServiceContext, Depends(_inline(services_of))]
-AppDatabase = Annotated[Database, Depends(_inline(database_of))]
 CurrentPrincipal = Annotated[Principal, Depends(_inline(current_principal))]
 ReadSession = Annotated[Session, Depends(read_session, scope="function")]
 

@@ -36,8 +36,6 @@ from filter_core.types import (
 )
 from unghost.wire.datasets import Histogram
 
-REASONS: Final = len(VERDICT_OF_REASON)
-"""Number of columns of a table of counts by reason."""
 _MAX_PERCENT: Final = 100.0
 
 

@@ -22,7 +22,6 @@ from filter_core.annotation.frame import FrameAnnotation
 from filter_core.config.measure import MeasureConfig
 from filter_core.errors import AnnotationErrors, FilterError, problem_of
 from filter_core.evidence_kinds import CHANNELS, files_for
-from filter_core.images.header import MAX_SIDE
 from filter_core.images.ignore_mask import read_ignore_mask
 from filter_core.images.png import SIGNATURE, read_png
 from filter_core.pipeline import FrameOptions, MeasuredFrame, measure_frame
@@ -48,7 +47,6 @@ class FrameFiles:
     segmentation: bytes | None
     image_wh: tuple[int, int]
     ignore_mask: bytes | None = None
-    max_side_px: int = MAX_SIDE
     sensors: Mapping[str, bytes] = field(default_factory=dict)
 
     @classmethod
@@ -146,14 +144,12 @@ def measure(
             files.segmentation,
             replace(config.reading, carla_version=annotation.carla_version),
             expected_wh=files.image_wh,
-            max_side=files.max_side_px,
         )
         decoding = time.perf_counter() - begun
     options = FrameOptions(
         image_wh=files.image_wh,
         ignore=_ignore(config, files),
         sensors=files.sensors,
-        max_side=files.max_side_px,
     )
     begun = time.perf_counter()
     measured = measure_frame(annotation, segmentation, config, options)

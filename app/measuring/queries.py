@@ -208,11 +208,6 @@ class DatasetRepository:
             update(Dataset).where(Dataset.id == dataset.id).values(values)
         )
 
-    def count(self) -> int:
-        """How many datasets there are."""
-        rows = select(func.count()).select_from(Dataset).where(is_there())
-        return self._session.scalar(rows) or 0
-
     def _append_classes(
         self, dataset_id: int, names: Sequence[str], *, start: int
     ) -> None:

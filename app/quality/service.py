@@ -32,7 +32,14 @@ from filter_core.evaluation.thresholds import (
     suggest_per_class,
 )
 from filter_core.evidence_kinds import CHANNELS, SEMANTIC
-from filter_core.types import VERDICT_OF_REASON, BoolArray, IntArray, Verdict
+from filter_core.types import (
+    KEPT,
+    UNMEASURED,
+    VERDICT_OF_REASON,
+    BoolArray,
+    IntArray,
+    Verdict,
+)
 from unghost.wire.quality import (
     Agreement,
     Band,
@@ -123,9 +130,6 @@ def _truth_by_people(
         return rows[known].astype(np.int64), keep[known]
 
     return truth_of
-
-
-KEPT, UNMEASURED = (list(Verdict).index(v) for v in (Verdict.KEPT, Verdict.UNMEASURED))
 
 
 def quality(
