@@ -38,12 +38,11 @@ from app.incoming import HeldBytes
 from app.ingest.batch import ArchiveFrames, BatchIntake, OpenBatches
 from app.ingest.check import KINDS
 from app.ingest.frame import EndedFrame, RefusedFrame, UploadedFrame, UploadRequest
-from app.ingest.queries import known_frames
 from app.ingest.rows import NewFrame
 from app.ingest.service import add_frame
 from app.logs import current_request_id
 from app.measuring.active import PlanCache
-from app.measuring.queries import DatasetRepository
+from app.measuring.queries import DatasetRepository, key_rows
 from app.storage.room import require_room
 from unghost.wire.frames import (
     BatchEnd,
@@ -352,5 +351,9 @@ def find_known_frames(
 ) -> KnownFrames:
     """Which of up to 1000 keys are stored, each with the digest of its content."""
     found = DatasetRepository(session).named(dataset)
-    rows = known_frames(session, found.id, body.keys)
-    return KnownFrames(items=tuple(KnownFrame(**row._asdict()) for row in rows))
+    known = tuple(
+        KnownFrame(key=key, frame_id=row.frame_id, digest=row.content_digest)
+        for key, row in sorted(key_rows(session, found.id, body.keys).items())
+        if row.frame_id is not None and row.content_digest is not None
+    )
+    return KnownFrames(items=known)

@@ -20,7 +20,6 @@ from app.boxes.queries import FrameFilter, FramePage, FrameRepository
 from app.boxes.reader import describe_box
 from app.context import ServiceContext
 from app.db.tables import Dataset
-from app.ingest.queries import known_frames
 from app.measuring.queries import DatasetRepository, frames_state, key_rows
 from app.review.bulk import review_many
 from app.review.queue import QueueRequest, next_boxes, remaining_boxes
@@ -197,7 +196,6 @@ def test_finding_frames_by_key_reads_few_rows(session, dataset):
         frames.page(FrameFilter(dataset.id, keys[30]), FramePage(True, False, "", PAGE))
         frames.next_frames(dataset.id, after=keys[3], limit=PAGE)
         frames.neighbours(some)
-        assert len(known_frames(session, dataset.id, keys)) == 50
         assert len(key_rows(session, dataset.id, keys)) == 50
 
     check(session, read, most=500)
