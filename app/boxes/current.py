@@ -263,46 +263,25 @@ def _counted_in(dialect: str, changes: Selectable | None = None) -> Executable:
     )
 
 
-class TallyRow(NamedTuple):
-    """A tally of one frame: how many of its boxes have these values."""
-
-    class_id: int
-    reason: int
-    toss_up: bool
-    review: str
-    boxes: int
-
-
 class DecisionRepository:
     """Rows of `decisions`, read."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def per_frame(self, frame_ids: Sequence[int]) -> dict[int, list[TallyRow]]:
-        """Tallies of single frames."""
-        review = func.coalesce(Decision.review, "")
-        rows = (
-            select(
-                Decision.frame_id,
-                Decision.class_id,
-                Decision.reason,
-                Decision.toss_up,
-                review,
-                func.count(),
-            )
-            .where(Decision.frame_id.in_(frame_ids))
-            .group_by(
-                Decision.frame_id,
-                Decision.class_id,
-                Decision.reason,
-                Decision.toss_up,
-                review,
-            )
+    def per_frame(self, frame_ids: Sequence[int]) -> dict[int, dict[TallyKey, int]]:
+        """The tallies of each frame: how many of its boxes share the same values."""
+        alike = (
+            Decision.frame_id,
+            Decision.class_id,
+            Decision.reason,
+            Decision.toss_up,
+            func.coalesce(Decision.review, ""),
         )
-        found: dict[int, list[TallyRow]] = {key: [] for key in frame_ids}
-        for row in self._session.execute(rows):
-            found[row[0]].append(TallyRow(row[1], row[2], row[3], row[4], row[5]))
+        rows = select(*alike, func.count()).group_by(*alike)
+        found: dict[int, dict[TallyKey, int]] = {key: {} for key in frame_ids}
+        for row in self._session.execute(rows.where(Decision.frame_id.in_(frame_ids))):
+            found[row[0]][TallyKey(row[1], row[2], row[3], row[4])] = row[5]
         return found
 
     def reviewed(self, dataset_id: int) -> list[tuple[int, str]]:

@@ -16,7 +16,6 @@ from app.boxes.counts import count, summary
 from app.boxes.current import (
     DecisionRepository,
     TallyKey,
-    TallyRow,
     retire,
 )
 from app.boxes.drawing import (
@@ -95,9 +94,7 @@ def frame_summaries(
     measurement = filled(dataset.active_measurement_id)
     reports = EvidenceRepository(session).reports(ids, measurement)
     return [
-        _summary(
-            frame, files[frame.id], reports.get(frame.id), _keyed(tallies[frame.id])
-        )
+        _summary(frame, files[frame.id], reports.get(frame.id), tallies[frame.id])
         for frame in frames
     ]
 
@@ -121,10 +118,6 @@ def _summary(
         "created_at": frame.created_at,
         "counts": summary(count(tallies)),
     }
-
-
-def _keyed(rows: Sequence[TallyRow]) -> dict[TallyKey, int]:
-    return {TallyKey(*row[:-1]): row.boxes for row in rows}
 
 
 def describe_frame(session: Session, frame_id: int) -> dict[str, object]:

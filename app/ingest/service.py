@@ -350,8 +350,9 @@ def _counted(session: Session, frames: list[EndedFrame]) -> list[EndedFrame]:
         if isinstance(frame, StoredFrame) and frame.verdicts is None
     }
     if same:
-        for frame_id, rows in DecisionRepository(session).per_frame(list(same)).items():
-            reasons = [row.reason for row in rows for _ in range(row.boxes)]
+        tallies = DecisionRepository(session).per_frame(list(same))
+        for frame_id, tally in tallies.items():
+            reasons = [key.reason for key, boxes in tally.items() for _ in range(boxes)]
             verdicts = verdict_counts(np.array(reasons, np.uint8))
             key = frames[same[frame_id]].key
             frames[same[frame_id]] = StoredFrame(key, frame_id, verdicts)
