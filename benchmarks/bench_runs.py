@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from sqlalchemy.orm import Session
 
-from app.boxes.filter import Selection, to_filter
+from app.boxes.filter import to_filter
 from app.boxes.queries import PageRequest
 from app.boxes.reader import list_boxes
 from app.context import ServiceContext
@@ -32,6 +32,7 @@ from app.runs.flips import PreviewLimits, preview
 from app.runs.service import RunRequest, request_run
 from filter_core.config.filter import FilterConfig
 from tests.support.large_datasets import NAME, fill, open_context
+from unghost.wire.boxes import BoxSelection
 
 PAGES = 60
 REPEATS = 3
@@ -165,19 +166,19 @@ READ_BY_A_DECISION = (
     "distance",
 )
 
-QUERIES: dict[str, tuple[Selection, str]] = {
-    "verdict=rejected by id": (Selection(verdict="rejected"), "id"),
-    "verdict=kept by id": (Selection(verdict="kept"), "id"),
-    "reason=below_threshold by id": (Selection(reason="below_threshold"), "id"),
-    "class=van by id": (Selection(class_name="van"), "id"),
-    "doubt": (Selection(), "doubt"),
-    "doubt, verdict=rejected": (Selection(verdict="rejected"), "doubt"),
+QUERIES: dict[str, tuple[BoxSelection, str]] = {
+    "verdict=rejected by id": (BoxSelection(verdict="rejected"), "id"),
+    "verdict=kept by id": (BoxSelection(verdict="kept"), "id"),
+    "reason=below_threshold by id": (BoxSelection(reason="below_threshold"), "id"),
+    "class=van by id": (BoxSelection(class_name="van"), "id"),
+    "doubt": (BoxSelection(), "doubt"),
+    "doubt, verdict=rejected": (BoxSelection(verdict="rejected"), "doubt"),
     "doubt, undecided walkers": (
-        Selection(review="undecided", class_name="walker"),
+        BoxSelection(review="undecided", class_name="walker"),
         "doubt",
     ),
-    "match_percent": (Selection(), "match_percent"),
-    "crowding": (Selection(), "crowding"),
+    "match_percent": (BoxSelection(), "match_percent"),
+    "crowding": (BoxSelection(), "crowding"),
 }
 
 
@@ -196,7 +197,7 @@ def lists(context: ServiceContext) -> dict[str, float]:
 
 
 def paged(
-    session: Session, dataset: Dataset, selection: Selection, sort: str
+    session: Session, dataset: Dataset, selection: BoxSelection, sort: str
 ) -> list[float]:
     boxes = to_filter(session, dataset, selection)
     times, cursor = [], ""

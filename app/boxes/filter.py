@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -47,32 +47,8 @@ from filter_core.types import (
 )
 from unghost.wire.boxes import BoxSelection
 
-
-@dataclass(frozen=True)
-class Selection:
-    """The filters of a request, by their names on the wire; None: not set."""
-
-    verdict: str | None = None
-    effective: str | None = None
-    reason: str | None = None
-    class_name: str | None = None
-    review: str | None = None
-    toss_up: bool | None = None
-    conflict: bool | None = None
-    match_min: float | None = None
-    match_max: float | None = None
-    margin_max: float | None = None
-    distance_min: float | None = None
-    distance_max: float | None = None
-
-    def selects(self) -> bool:
-        """Whether any filter is set."""
-        return self != Selection()
-
-
 _WITHOUT_MATCH: Final = [int(reason) for reason in Reason if not reason.in_image]
 """Reasons of boxes without a pixel in the image; the database has 0 as their match."""
-_NAMES = {spec.name for spec in fields(Selection)}
 
 
 class Side(NamedTuple):
@@ -222,12 +198,13 @@ class BoxFilter:
         return found
 
 
-def selection_of(query: BoxSelection) -> Selection:
-    """The filters among the query parameters of a list."""
-    return Selection(**query.model_dump(include=_NAMES))
+def filters_of(wanted: BoxSelection) -> dict[str, object]:
+    """The filters that a request sets, by name, without its other parameters."""
+    names = set(BoxSelection.model_fields)
+    return wanted.model_dump(include=names, exclude_none=True)
 
 
-def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilter:
+def to_filter(session: Session, dataset: Dataset, wanted: BoxSelection) -> BoxFilter:
     """The filter; BadRequest names a value that is not known."""
     classes = DatasetRepository(session).classes(dataset.id)
     config = config_of(active_version(session, dataset))
@@ -355,7 +332,7 @@ class BoxProbes:
         return np.fromiter(self._session.scalars(rows), np.int64)
 
 
-def _reasons(wanted: Selection) -> tuple[int, ...]:
+def _reasons(wanted: BoxSelection) -> tuple[int, ...]:
     chosen = set(map(int, Reason))
     if wanted.verdict:
         chosen &= set(reasons_of(Verdict(wanted.verdict)))

@@ -14,7 +14,7 @@ from app.boxes import frames
 from app.boxes import reader as boxes
 from app.boxes.counts import count_boxes
 from app.boxes.drawing import Drawing, DrawnPictures
-from app.boxes.filter import selection_of, to_filter
+from app.boxes.filter import filters_of, to_filter
 from app.boxes.queries import FrameFilter, PageRequest
 from app.boxes.snapshot import take_snapshot
 from app.context import ServiceContext
@@ -141,14 +141,13 @@ def list_boxes(
 ) -> Response:
     """Boxes of a dataset, sorted by id, doubt, match or crowding."""
     dataset = DatasetRepository(session).named(query.dataset)
-    selection = selection_of(query)
-    wanted = to_filter(session, dataset, selection)
+    wanted = to_filter(session, dataset, query)
     page = PageRequest(query.sort, query.cursor, query.limit)
     items, cursor = boxes.list_boxes(session, dataset, wanted, page)
     if not query.count:
         return page_response(request, items, cursor)
     total = count_boxes(services, session, dataset, wanted)
-    snapshot = take_snapshot(session, dataset, selection, total)
+    snapshot = take_snapshot(session, dataset, query, total)
     return page_response(request, items, cursor, total=total, snapshot=snapshot)
 
 
@@ -264,8 +263,7 @@ def list_frames(
 ) -> Response:
     """Frames by key or id; with filters on boxes, only frames that have such a box."""
     found = DatasetRepository(session).named(dataset)
-    selection = selection_of(query)
-    boxes = to_filter(session, found, selection) if selection.selects() else None
+    boxes = to_filter(session, found, query) if filters_of(query) else None
     rows, cursor = frames.page_of_frames(
         session,
         FrameFilter(found.id, query.key, boxes),

@@ -17,13 +17,14 @@ import numpy as np
 from sqlalchemy.orm import Session
 
 from app.boxes.counts import count_boxes
-from app.boxes.filter import BoxFilter, BoxProbes, Selection, to_filter
+from app.boxes.filter import BoxFilter, BoxProbes, filters_of, to_filter
 from app.boxes.queries import LatestAnswers
 from app.context import ServiceContext
 from app.db.base import filled
 from app.db.tables import Dataset
 from app.errors import StaleSnapshot, TooLarge, Unprocessable
 from filter_core.types import IntArray
+from unghost.wire.boxes import BoxSelection
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def _stored(number: int | str) -> int:
 
 
 def take_snapshot(
-    session: Session, dataset: Dataset, wanted: Selection, total: int
+    session: Session, dataset: Dataset, wanted: BoxSelection, total: int
 ) -> str:
     """The snapshot of a filter that selects `total` boxes, as text for the wire."""
     return _snapshot(session, dataset, wanted, total).encoded()
@@ -75,7 +76,7 @@ def select_boxes(
     context: ServiceContext,
     session: Session,
     dataset: Dataset,
-    wanted: Selection,
+    wanted: BoxSelection,
     seen: str,
 ) -> list[int]:
     """All boxes of a filter, if nothing has changed since the snapshot `seen`.
@@ -117,7 +118,7 @@ def select_boxes(
 
 
 def _snapshot(
-    session: Session, dataset: Dataset, wanted: Selection, total: int
+    session: Session, dataset: Dataset, wanted: BoxSelection, total: int
 ) -> Snapshot:
     return Snapshot(
         filters=_digest(dataset, wanted),
@@ -128,10 +129,9 @@ def _snapshot(
     )
 
 
-def _digest(dataset: Dataset, wanted: Selection) -> str:
+def _digest(dataset: Dataset, wanted: BoxSelection) -> str:
     """Identifies a filter by its parameters, since the boxes it selects may change."""
-    given = {key: value for key, value in asdict(wanted).items() if value is not None}
-    asked: dict[str, object] = {"dataset": dataset.id, "filter": given}
+    asked: dict[str, object] = {"dataset": dataset.id, "filter": filters_of(wanted)}
     return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -17,7 +17,6 @@ from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction, AuditTrail
 from app.access.service import require_own
-from app.boxes.filter import selection_of
 from app.boxes.snapshot import select_boxes
 from app.context import ServiceContext
 from app.db.engine import begin_as_work, once_committed
@@ -153,8 +152,7 @@ def _boxes_of_filter(
             "together with total for count=true, found it without snapshot or with "
             "seen_revisions",
         )
-    wanted = selection_of(given.filter)
-    ids = select_boxes(services, session, dataset, wanted, given.snapshot)
+    ids = select_boxes(services, session, dataset, given.filter, given.snapshot)
     alike: dict[int, list[int]] = {}
     for state in ReviewRepository(session).states(dataset.id, ids):
         alike.setdefault(state.revision, []).append(state.box_id)

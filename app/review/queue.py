@@ -20,7 +20,7 @@ from sqlalchemy.orm import Session
 
 from app.boxes.counts import count_boxes, count_in_tallies
 from app.boxes.current import TallyRepository
-from app.boxes.filter import BoxFilter, BoxProbes, Selection, to_filter
+from app.boxes.filter import BoxFilter, BoxProbes, to_filter
 from app.boxes.orders import BoxPages, Present
 from app.boxes.queries import LatestAnswers
 from app.boxes.reader import DecisionReader
@@ -30,6 +30,7 @@ from app.db.tables import Dataset
 from app.measuring.queries import DatasetRepository
 from app.review.queries import ClaimRepository
 from filter_core.types import IntArray
+from unghost.wire.boxes import BoxSelection
 
 CLAIM: Final = timedelta(minutes=5)
 ANSWERS_PER_SHUFFLE: Final = 64
@@ -43,7 +44,7 @@ class QueueRequest:
 
     reviewer: str
     order: str
-    selection: Selection
+    selection: BoxSelection
     limit: int
     exclude: Sequence[int]
     seed: int | None
@@ -105,13 +106,13 @@ def next_boxes(
     }
 
 
-def _of_queue(wanted: QueueRequest) -> Selection:
+def _of_queue(wanted: QueueRequest) -> BoxSelection:
     """The filter of the queue: undecided boxes, or decided ones for an audit."""
     selection = wanted.selection
     if selection.review or selection.conflict:
         return selection
     review = "decided" if wanted.order == "audit" else "undecided"
-    return replace(selection, review=review)
+    return selection.model_copy(update={"review": review})
 
 
 def _in_turn(wanted: BoxFilter) -> list[BoxFilter]:

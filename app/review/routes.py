@@ -5,7 +5,6 @@ from __future__ import annotations
 from fastapi import Response
 
 from app.access.gate import Audited
-from app.boxes.filter import selection_of
 from app.http.deps import (
     AnswerRevision,
     AppServices,
@@ -58,8 +57,7 @@ def take_from_queue(
 ) -> Response:
     """The next boxes to review, claimed for five minutes; an answer ends the claim."""
     chosen = body.model_dump(exclude={"filters"})
-    filters = selection_of(body.filters)
-    wanted = QueueRequest(principal.name, selection=filters, **chosen)
+    wanted = QueueRequest(principal.name, selection=body.filters, **chosen)
     queue = remaining_boxes(services, dataset, wanted)
     found = DatasetRepository(session).named(dataset)
     # no-store: a repeated request may get other boxes, so its response is not kept.

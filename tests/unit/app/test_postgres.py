@@ -13,7 +13,7 @@ import pytest
 
 from app.access.audit import AuditTrail
 from app.boxes.current import TallyRepository
-from app.boxes.filter import Selection, to_filter
+from app.boxes.filter import to_filter
 from app.boxes.orders import ORDERS, BoxPages
 from app.boxes.queries import FrameFilter, FramePage, FrameRepository
 from app.db.tables import Export
@@ -26,7 +26,7 @@ from filter_core.types import Reason
 from tests.support import frames as scene
 from tests.support.databases import empty_postgres
 from tests.support.services import ServiceDataset, Services, running_services
-from unghost.wire.boxes import BulkIn
+from unghost.wire.boxes import BoxSelection, BulkIn
 
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
 
@@ -89,7 +89,7 @@ def test_pages_list_all_boxes_in_every_order(services, order):
     for number in range(4):
         put(street, str(number), number=number)
     with services.context.database.read() as session:
-        wanted = to_filter(session, street.row(session), Selection())
+        wanted = to_filter(session, street.row(session), BoxSelection())
         pages = BoxPages(session, wanted, TallyRepository(session).present(street.id))
         found, cursor = pages.page(order, "", 5)
         rest, end = pages.page(order, cursor or "", 5)

@@ -10,11 +10,12 @@ from sqlalchemy import select
 
 from app.boxes.counts import count_boxes, count_in_tallies
 from app.boxes.current import TallyRepository
-from app.boxes.filter import BoxFilter, BoxProbes, Selection, to_filter
+from app.boxes.filter import BoxFilter, BoxProbes, to_filter
 from app.boxes.orders import BoxPages
 from app.db.tables import Decision
 from app.review.queue import QueueOrder, Shuffle, boxes_in_order
 from tests.support import frames as scene
+from unghost.wire.boxes import BoxSelection
 
 EXAMPLES = 2 * settings().max_examples
 BOXES = [
@@ -30,7 +31,7 @@ BOXES = [
     )
 ]
 FILTERS = st.builds(
-    Selection,
+    BoxSelection,
     verdict=st.sampled_from([None, "kept", "rejected"]),
     class_name=st.sampled_from([None, "car", "truck,walker", "van"]),
     review=st.sampled_from(
@@ -123,7 +124,7 @@ def test_box_counts_equal_counting_every_box(street, chosen):
 
 def test_counts_of_a_match_range_follow_new_frames_and_reviews(services):
     street = services.dataset()
-    selection = Selection(match_min=50, review="none")
+    selection = BoxSelection(match_min=50, review="none")
     counts = []
 
     for number in range(3):

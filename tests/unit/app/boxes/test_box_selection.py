@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from app.boxes.filter import Selection, to_filter
+from app.boxes.filter import filters_of, to_filter
 from app.errors import BadRequest
 from filter_core.types import Reason
+from unghost.wire.boxes import BoxSelection
 
 
 @pytest.fixture(scope="module")
@@ -16,13 +17,13 @@ def street(services):
 
 def filter_for(street, **wanted):
     with street.context.database.read() as session:
-        return to_filter(session, street.row(session), Selection(**wanted))
+        return to_filter(session, street.row(session), BoxSelection(**wanted))
 
 
 def test_empty_selection_selects_all_boxes(street):
     assert filter_for(street).reasons == ()
-    assert not Selection().selects()
-    assert Selection(toss_up=False).selects()
+    assert not filters_of(BoxSelection())
+    assert filters_of(BoxSelection(toss_up=False))
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from app.access.audit import AuditTrail
 from app.boxes.counts import count
 from app.boxes.current import TallyRepository
-from app.boxes.filter import Selection, to_filter
+from app.boxes.filter import to_filter
 from app.boxes.orders import ORDERS, BoxPages
 from app.boxes.queries import FrameFilter, FramePage, FrameRepository
 from app.boxes.reader import describe_box
@@ -28,7 +28,7 @@ from tests.support.databases import migrated_postgres
 from tests.support.large_datasets import BOXES_PER_FRAME, DatasetSpec, make_dataset
 from tests.support.services import running_services
 from tests.support.statements import statements_of
-from unghost.wire.boxes import BulkIn, ReviewIn
+from unghost.wire.boxes import BoxSelection, BulkIn, ReviewIn
 
 FRAMES = 2_000
 BOXES = BOXES_PER_FRAME * FRAMES
@@ -116,15 +116,15 @@ def check(session: Session, read: Callable[[], object], most: int = MOST_ROWS) -
 
 
 SELECTIONS = {
-    "all": Selection(),
-    "undecided": Selection(review="undecided"),
-    "rejected": Selection(verdict="rejected"),
-    "visible": Selection(reason="visible"),
-    "trucks": Selection(class_name="truck"),
-    "unanswered": Selection(review="none"),
-    "near": Selection(margin_max=2),
-    "toss-ups": Selection(toss_up=True),
-    "matches": Selection(match_min=20, match_max=60),
+    "all": BoxSelection(),
+    "undecided": BoxSelection(review="undecided"),
+    "rejected": BoxSelection(verdict="rejected"),
+    "visible": BoxSelection(reason="visible"),
+    "trucks": BoxSelection(class_name="truck"),
+    "unanswered": BoxSelection(review="none"),
+    "near": BoxSelection(margin_max=2),
+    "toss-ups": BoxSelection(toss_up=True),
+    "matches": BoxSelection(match_min=20, match_max=60),
 }
 
 
@@ -152,7 +152,7 @@ def test_page_of_boxes_reads_few_rows(session, dataset, wanted, order):
 
 @pytest.mark.parametrize("order", ["doubt", "random", "class"])
 def test_queue_reads_few_rows(context, session, dataset, order):
-    wanted = QueueRequest("ada", order, Selection(), PAGE, (), None)
+    wanted = QueueRequest("ada", order, BoxSelection(), PAGE, (), None)
     queue = remaining_boxes(context, NAME, wanted)
 
     with context.database.write() as writing:

@@ -9,11 +9,12 @@ from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 
 from app.boxes.current import TallyRepository
-from app.boxes.filter import BoxProbes, Selection, to_filter
+from app.boxes.filter import BoxProbes, to_filter
 from app.boxes.orders import BoxPages
 from app.db.tables import Decision
 from tests.support import frames as scene
 from tests.support.statements import Statement, statements_of
+from unghost.wire.boxes import BoxSelection
 
 pytestmark = pytest.mark.sqlite_files("plans as SQLite reports them")
 
@@ -41,7 +42,7 @@ def session(street) -> Iterator[Session]:
         yield session
 
 
-def plan_of(session: Session, street, wanted: Selection, order: str) -> list[str]:
+def plan_of(session: Session, street, wanted: BoxSelection, order: str) -> list[str]:
     """The steps of SQLite's query plans for the first page of a list."""
     chosen = to_filter(session, street.row(session), wanted)
     present = TallyRepository(session).present(street.id)
@@ -74,33 +75,36 @@ def explain(session: Session, statements: list[Statement]) -> list[str]:
 @pytest.mark.parametrize(
     ("wanted", "order", "index"),
     [
-        pytest.param(Selection(), "id", "by_class", id="all by id"),
+        pytest.param(BoxSelection(), "id", "by_class", id="all by id"),
         pytest.param(
-            Selection(review="undecided"), "id", "by_class", id="not reviewed yet"
+            BoxSelection(review="undecided"), "id", "by_class", id="not reviewed yet"
         ),
-        pytest.param(Selection(verdict="rejected"), "id", "by_reason", id="verdict"),
+        pytest.param(BoxSelection(verdict="rejected"), "id", "by_reason", id="verdict"),
         pytest.param(
-            Selection(verdict="rejected", review="undecided"),
+            BoxSelection(verdict="rejected", review="undecided"),
             "id",
             "by_reason",
             id="verdict, not reviewed yet",
         ),
-        pytest.param(Selection(reason="visible"), "id", "by_reason", id="reason"),
-        pytest.param(Selection(class_name="truck"), "id", "by_class", id="class"),
-        pytest.param(Selection(review="keep"), "id", "reviewed", id="review"),
-        pytest.param(Selection(), "doubt", "by_match", id="doubt"),
+        pytest.param(BoxSelection(reason="visible"), "id", "by_reason", id="reason"),
+        pytest.param(BoxSelection(class_name="truck"), "id", "by_class", id="class"),
+        pytest.param(BoxSelection(review="keep"), "id", "reviewed", id="review"),
+        pytest.param(BoxSelection(), "doubt", "by_match", id="doubt"),
         pytest.param(
-            Selection(class_name="car"), "match_percent", "by_match", id="match"
+            BoxSelection(class_name="car"), "match_percent", "by_match", id="match"
         ),
-        pytest.param(Selection(), "-match_percent", "by_match", id="match, falling"),
-        pytest.param(Selection(), "crowding", "by_crowding", id="crowding"),
-        pytest.param(Selection(review="none"), "doubt", "unanswered", id="queue"),
+        pytest.param(BoxSelection(), "-match_percent", "by_match", id="match, falling"),
+        pytest.param(BoxSelection(), "crowding", "by_crowding", id="crowding"),
+        pytest.param(BoxSelection(review="none"), "doubt", "unanswered", id="queue"),
         pytest.param(
-            Selection(verdict="kept"), "doubt", "by_match", id="verdict by doubt"
+            BoxSelection(verdict="kept"), "doubt", "by_match", id="verdict by doubt"
         ),
-        pytest.param(Selection(margin_max=100), "doubt", "by_match", id="margin"),
+        pytest.param(BoxSelection(margin_max=100), "doubt", "by_match", id="margin"),
         pytest.param(
-            Selection(match_min=1, match_max=100), "id", "PRIMARY KEY", id="range by id"
+            BoxSelection(match_min=1, match_max=100),
+            "id",
+            "PRIMARY KEY",
+            id="range by id",
         ),
     ],
 )
@@ -121,7 +125,7 @@ def test_page_of_boxes_is_read_through_an_index_without_sorting(
 
 @pytest.mark.parametrize("review", ["none", "undecided", "unsure"])
 def test_boxes_by_id_are_read_through_the_primary_key(street, session, review):
-    wanted = to_filter(session, street.row(session), Selection(review=review))
+    wanted = to_filter(session, street.row(session), BoxSelection(review=review))
     rows = select(Decision.box_id).where(
         Decision.box_id.in_(range(1, 500)), *wanted.conditions_by_id()
     )
@@ -133,7 +137,7 @@ def test_boxes_by_id_are_read_through_the_primary_key(street, session, review):
 
 
 def test_unanswered_toss_ups_are_read_through_the_toss_up_index(street, session):
-    chosen = Selection(review="none", toss_up=True)
+    chosen = BoxSelection(review="none", toss_up=True)
     wanted = to_filter(session, street.row(session), chosen)
 
     plan = plan_of_statements(session, lambda: BoxProbes(session).every(wanted))
@@ -143,7 +147,7 @@ def test_unanswered_toss_ups_are_read_through_the_toss_up_index(street, session)
 
 @pytest.mark.parametrize("wanted", [{"conflict": True}, {"review": "decided"}])
 def test_reviewed_boxes_are_read_through_the_review_index(street, session, wanted):
-    plan = plan_of(session, street, Selection(**wanted), "doubt")
+    plan = plan_of(session, street, BoxSelection(**wanted), "doubt")
 
     reads = [step for step in plan if "decisions" in step]
     assert all("ix_decisions_reviewed" in step for step in reads), plan

@@ -7,13 +7,14 @@ from collections.abc import Callable
 import pytest
 from sqlalchemy.orm import Session
 
-from app.boxes.filter import Selection, to_filter
+from app.boxes.filter import to_filter
 from app.boxes.frames import crop_of, describe_frame, overlay_of
 from app.boxes.queries import PageRequest
 from app.boxes.reader import DecisionReader, describe_box, list_boxes, read_box
 from tests.support.sensors import ANNOTATION, cube, sensors
 from tests.support.services import ServiceDataset
 from tests.support.statements import statements_of
+from unghost.wire.boxes import BoxSelection
 from unghost.wire.frames import CropQuery, Frame, OverlayQuery
 
 FRAMES = 6
@@ -56,7 +57,7 @@ def frame_id_of_box(street: ServiceDataset, box_id: int) -> int:
 
 def reader_of_page(street: ServiceDataset, limit: int) -> Callable[[Session], object]:
     def read(session: Session) -> object:
-        wanted = to_filter(session, street.row(session), Selection())
+        wanted = to_filter(session, street.row(session), BoxSelection())
         request = PageRequest("id", None, limit)
         return list_boxes(session, street.row(session), wanted, request)
 
@@ -77,7 +78,7 @@ def test_page_of_many_frames_needs_no_more_statements_than_one_frame(street):
 
 def test_box_is_described_equally_singly_in_a_list_and_with_its_frame(street):
     with street.context.database.read() as session:
-        wanted = to_filter(session, street.row(session), Selection())
+        wanted = to_filter(session, street.row(session), BoxSelection())
         request = PageRequest("crowding", None, 100)
         listed, _ = list_boxes(session, street.row(session), wanted, request)
         alone = [describe_box(session, box["box_id"]) for box in listed]
