@@ -30,6 +30,7 @@ from app.jobs.queries import (
     open_jobs,
     tell_done,
 )
+from unghost.wire.runs import Export, Run
 
 READ_ROW_EVERY_S: Final = 0.5
 """How often a task reads its job's row, to notice that the job has ended."""
@@ -43,28 +44,8 @@ A job survives an outage of half a minute; requests do not wait that long.
 _CHECK_EVERY_S: Final = 0.25
 _T = TypeVar("_T")
 
-
-class Described(Protocol):
-    """A job as responses show it: a model of the wire."""
-
-    @property
-    def state(self) -> str:
-        """One of the states of `JobRow`."""
-
-    @property
-    def total(self) -> int:
-        """The number of frames in the job."""
-
-    @property
-    def done(self) -> int:
-        """The number of frames that are done."""
-
-    @property
-    def finished(self) -> bool:
-        """Whether the job has ended."""
-
-    def model_dump_json(self) -> str:
-        """The job as JSON, for a response."""
+Described: TypeAlias = Run | Export
+"""A job as responses show it."""
 
 
 class JobKind(Protocol[Row]):
