@@ -47,28 +47,13 @@ class Principal:
     former_hash: str | None = None
 
 
-def new_token() -> str:
-    """A bearer token that nobody can guess."""
-    return TOKEN_PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
-
-
-def new_session() -> str:
-    """The secret of a page's session.
+def new_secret(prefix: str) -> str:
+    """A secret that nobody can guess; its prefix says what it is for.
 
     Random and stored as a hash, rather than signed: logging out, or revoking the
-    token, ends the session at once, and there is no signing key to lose.
+    token, ends a session at once, and there is no signing key to lose.
     """
-    return SESSION_PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
-
-
-def new_login_code() -> str:
-    """The secret of a login link: it opens one session, within minutes."""
-    return LOGIN_CODE_PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
-
-
-def new_download_key() -> str:
-    """The secret of a download link: it opens one file, for minutes."""
-    return DOWNLOAD_PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
+    return prefix + secrets.token_urlsafe(_SECRET_BYTES)
 
 
 def hash_secret(secret: str) -> str:

@@ -22,7 +22,7 @@ from app.access.service import MOST_SESSIONS, by_token, make_code
 from app.db.base import rfc3339, utc_now
 from app.db.tables.access import LoginCode, LoginSession, Token
 from app.logs import server_log
-from app.security import hash_secret, new_token
+from app.security import TOKEN_PREFIX, hash_secret, new_secret
 from unghost.wire.words import Role
 
 FIRST_TOKEN_NAME: Final = "admin"
@@ -70,7 +70,7 @@ def make_first_code(session: Session, file: Path) -> tuple[LoginCode, str]:
 
 def renew(session: Session, file: Path, row: Token) -> str:
     """Write a new token into the file; the former one keeps the expiry that it had."""
-    token, ends = new_token(), utc_now() + LIFETIME
+    token, ends = new_secret(TOKEN_PREFIX), utc_now() + LIFETIME
     # The file first: a hash whose token is lost would lock everybody out.
     write_secret(file, token)
     before, until = row.hash, row.expires_at or utc_now() + RENEWED_BEFORE
@@ -103,7 +103,7 @@ def write_secret(file: Path, text: str) -> None:
 
 
 def _replace(session: Session, file: Path) -> str:
-    token, ends = new_token(), utc_now() + LIFETIME
+    token, ends = new_secret(TOKEN_PREFIX), utc_now() + LIFETIME
     write_secret(file, token)
     role: Role = "admin"
     first = Tokens(session).replace(FIRST_TOKEN_NAME, role, hash_secret(token), ends)

@@ -228,13 +228,18 @@ class Tokens:
             ends.append(self._session.scalar(session))
         return min((end for end in ends if end is not None), default=None)
 
-    def add_code(self, code: LoginCode, *, most: int) -> None:
-        """Store a login code; delete expired and the token's oldest above `most`."""
-        ended = delete(LoginCode).where(LoginCode.expires_at <= code.created_at)
+    def add_short_lived(self, row: LoginCode | DownloadLink, *, most: int) -> None:
+        """Store a login code or download link.
+
+        Rows of the same kind that have expired, and the token's oldest above `most`,
+        are deleted.
+        """
+        table = type(row)
+        ended = delete(table).where(table.expires_at <= row.created_at)
         self._session.execute(ended)
-        self._session.add(code)
+        self._session.add(row)
         self._session.flush()
-        self._keep_newest(code, most)
+        self._keep_newest(row, most)
 
     def code(self, code_id: int) -> LoginCode | None:
         """The login code with this id, used or not."""
@@ -259,14 +264,6 @@ class Tokens:
             .returning(LoginCode.id)
         )
         return noted.first() is not None
-
-    def add_link(self, link: DownloadLink, *, most: int) -> None:
-        """Store a download link, as `add_code` does."""
-        ended = delete(DownloadLink).where(DownloadLink.expires_at <= link.created_at)
-        self._session.execute(ended)
-        self._session.add(link)
-        self._session.flush()
-        self._keep_newest(link, most)
 
     def valid_by_link(self, digest: str, export_id: int, now: datetime) -> bool:
         """Whether this link opens this export, and its token is still valid."""

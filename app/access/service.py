@@ -17,14 +17,14 @@ from app.db.tables.access import DownloadLink, LoginCode, LoginSession, Token
 from app.errors import Conflict, Forbidden, NotFound, Unauthorised, Unprocessable
 from app.maintenance.datafolder import CannotMaintain, opened
 from app.security import (
+    DOWNLOAD_PREFIX,
+    LOGIN_CODE_PREFIX,
     SESSION_PREFIX,
+    TOKEN_PREFIX,
     Principal,
     hash_secret,
     includes,
-    new_download_key,
-    new_login_code,
-    new_session,
-    new_token,
+    new_secret,
     same_hash,
 )
 from app.settings import Settings
@@ -108,7 +108,7 @@ def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
 
     `by` says what it was opened with: ``token`` or ``code``.
     """
-    secret = new_session()
+    secret = new_secret(SESSION_PREFIX)
     ends = utc_now() + lifetime
     if audit.actor is not None:  # the first token's former value ends before its token
         ends = min(ends, expiry(audit.session, audit.actor) or ends)
@@ -149,7 +149,7 @@ def issue(
     tokens = Tokens(audit.session)
     if tokens.by_name(name) is not None:
         raise Conflict(f"a token named {name!r} exists already; it may be revoked")
-    secret = new_token()
+    secret = new_secret(TOKEN_PREFIX)
     token = Token(name=name, role=role, hash=hash_secret(secret), expires_at=expires_at)
     tokens.add(token)
     until = None if expires_at is None else rfc3339(expires_at)
@@ -215,14 +215,14 @@ def make_code(audit: AuditTrail, token_id: int | None = None) -> tuple[LoginCode
             "a login code needs the token itself: a session, or the former value of a "
             "token, makes none"
         )
-    secret, now = new_login_code(), utc_now()
+    secret, now = new_secret(LOGIN_CODE_PREFIX), utc_now()
     code = LoginCode(
         hash=hash_secret(secret),
         token_id=audit.token_id if token_id is None else token_id,
         expires_at=now + CODE_LIFETIME,
         created_at=now,
     )
-    Tokens(audit.session).add_code(code, most=MOST_CODES)
+    Tokens(audit.session).add_short_lived(code, most=MOST_CODES)
     audit.note(AuditAction.CODE_CREATED, code.id)
     return code, secret
 
@@ -268,7 +268,7 @@ def by_code(session: Session, secret: str) -> tuple[Principal, int]:
 
 def make_link(session: Session, token_id: int, export_id: int) -> tuple[str, datetime]:
     """A key that downloads the file of one export, and when it expires."""
-    key, now = new_download_key(), utc_now()
+    key, now = new_secret(DOWNLOAD_PREFIX), utc_now()
     link = DownloadLink(
         hash=hash_secret(key),
         token_id=token_id,
@@ -276,7 +276,7 @@ def make_link(session: Session, token_id: int, export_id: int) -> tuple[str, dat
         expires_at=now + LINK_LIFETIME,
         created_at=now,
     )
-    Tokens(session).add_link(link, most=MOST_LINKS)
+    Tokens(session).add_short_lived(link, most=MOST_LINKS)
     return key, link.expires_at
 
 

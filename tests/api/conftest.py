@@ -9,7 +9,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from app.security import hash_secret, new_token
+from app.security import TOKEN_PREFIX, hash_secret, new_secret
 from tests.support import frames as scene
 from tests.support.api import Api
 from tests.support.live import Live, live
@@ -63,7 +63,7 @@ def as_role(service: Live) -> Iterator[AsRole]:
     with ExitStack() as opened:
 
         def client(role: Role) -> httpx.Client:
-            token = new_token()
+            token = new_secret(TOKEN_PREFIX)
             digest = hash_secret(token)
             with service.app.state.database.write() as session:
                 session.add(Token(name=digest[:20], role=role, hash=digest))

@@ -8,15 +8,16 @@ import pytest
 
 from app.access import service as access
 from app.security import (
+    DOWNLOAD_PREFIX,
+    LOGIN_CODE_PREFIX,
+    SESSION_PREFIX,
+    TOKEN_PREFIX,
     bearer_token,
     comes_from_no_other_page,
     hash_secret,
     host_name,
     includes,
-    new_download_key,
-    new_login_code,
-    new_session,
-    new_token,
+    new_secret,
     same_hash,
 )
 from unghost.wire.words import Role
@@ -25,17 +26,17 @@ OWN_HOST = {"host": "127.0.0.1:8000"}
 
 
 @pytest.mark.parametrize(
-    ("make", "prefix"),
+    ("kind", "prefix"),
     [
-        (new_token, "ug_"),
-        (new_session, "us_"),
-        (new_login_code, "uc_"),
-        (new_download_key, "ud_"),
+        (TOKEN_PREFIX, "ug_"),
+        (SESSION_PREFIX, "us_"),
+        (LOGIN_CODE_PREFIX, "uc_"),
+        (DOWNLOAD_PREFIX, "ud_"),
     ],
 )
-def test_secrets_are_unique_and_have_their_prefix_and_length(make, prefix):
+def test_secrets_are_unique_and_have_their_prefix_and_length(kind, prefix):
     """They have 256 random bits; the prefix says what kind of secret it is."""
-    secrets = {make() for _ in range(100)}
+    secrets = {new_secret(kind) for _ in range(100)}
 
     assert len(secrets) == 100
     assert all(one.startswith(prefix) and len(one) == 46 for one in secrets)
