@@ -164,7 +164,7 @@ def checked_endpoint(text: str, *, plain: bool) -> str:
             "password; credentials come from AWS_ACCESS_KEY_ID and "
             "AWS_SECRET_ACCESS_KEY"
         )
-    if parts.scheme == "http" and not plain and not _is_this_machine(host):
+    if parts.scheme == "http" and not plain and not is_loopback(host):
         raise ValueError(
             "without TLS, files would cross the network unencrypted: use https://, or "
             "allow it with UNGHOST_STORAGE_ALLOW_HTTP=true"
@@ -176,10 +176,3 @@ def _has_more(parts: SplitResult) -> bool:
     return bool(
         parts.path.strip("/") or parts.query or parts.fragment or "@" in parts.netloc
     )
-
-
-def _is_this_machine(host: str) -> bool:
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

@@ -11,7 +11,7 @@ from ipaddress import ip_address, ip_network
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import ByteSize, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, ByteSize, Field, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 from app.addresses import (
@@ -58,13 +58,13 @@ class Settings(BaseSettings):
     port: int = Field(
         default=8000, ge=0, le=65535, description="Port to listen on; 0: any free one."
     )
-    database_url: str | None = Field(
+    database_url: Annotated[str, AfterValidator(checked_url)] | None = Field(
         default=None,
         repr=False,
         description="postgresql://USER:PASSWORD@HOST:5432/DATABASE; unset: SQLite in "
         "the data folder.",
     )
-    storage: str = Field(
+    storage: Annotated[str, AfterValidator(checked_storage)] = Field(
         default=FOLDER,
         description="Where files are stored: folder (in the data folder), or "
         "s3://BUCKET/PREFIX.",
@@ -365,21 +365,11 @@ class Settings(BaseSettings):
                 )
         return value
 
-    @field_validator("storage")
-    @classmethod
-    def _check_storage(cls, value: str) -> str:
-        return checked_storage(value)
-
     @field_validator("storage_endpoint")
     @classmethod
     def _check_endpoint(cls, value: str | None, info: ValidationInfo) -> str | None:
         plain = bool(info.data.get("storage_allow_http"))
         return None if value is None else checked_endpoint(value, plain=plain)
-
-    @field_validator("database_url")
-    @classmethod
-    def _check_database_url(cls, value: str | None) -> str | None:
-        return None if value is None else checked_url(value)
 
     @field_validator("engine")
     @classmethod
