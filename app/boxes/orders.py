@@ -87,9 +87,22 @@ class BoxOrder:
     wanted: BoxFilter
     present: Present
 
-    def by_id(self) -> list[Stream]:
-        """All boxes, by id."""
-        return self._by_id()
+    def by_id(self, *conditions: ColumnElement[bool]) -> list[Stream]:
+        """The boxes that meet these conditions too, by id."""
+        # One stream per reason: "reason in (...) order by id" would sort all rows.
+        # Without reasons, one per class, since no index has the dataset and id alone.
+        # Answered boxes are few, and have an index of their own.
+        wanted = self.wanted
+        if wanted.only_answered:
+            return [Stream(Decision.box_id, [*wanted.conditions(), *conditions])]
+        if not wanted.reasons:
+            parts = self._by_class()
+        else:
+            # Without "reason in (...)": a database may prefer it to "reason = ...".
+            every = replace(wanted, reasons=()).conditions()
+            reasons = [r for r in self.present.reasons if r in wanted.reasons]
+            parts = [[*every, Decision.reason == reason] for reason in reasons]
+        return [Stream(Decision.box_id, [*part, *conditions]) for part in parts]
 
     def by_match(self, sign: int) -> list[Stream]:
         """Boxes with a match, by match: ascending if `sign` is 1, descending if -1."""
@@ -107,11 +120,12 @@ class BoxOrder:
 
     def unmatched(self) -> list[Stream]:
         """Boxes without a match, by id."""
-        return self._by_id(Decision.match_percent.is_(None))
+        return self.by_id(Decision.match_percent.is_(None))
 
-    def by_crowding(self) -> list[Stream]:
-        """All boxes, the most crowded first."""
-        return self._crowding([])
+    def by_crowding(self, *conditions: ColumnElement[bool]) -> list[Stream]:
+        """The boxes that meet these conditions too, the most crowded first."""
+        every = [*self.wanted.conditions(), *conditions]
+        return [Stream(self._column(Decision.crowding), every, sign=-1)]
 
     def toss_ups(self) -> list[Stream]:
         """Toss-ups, the nearest to their threshold first."""
@@ -130,7 +144,7 @@ class BoxOrder:
         if not self._goes_beyond_near():
             return []
         far = not_(is_near(self._thresholds(), NEAR_PERCENT))
-        return self._crowding([Decision.toss_up.is_(False), far, self._is_crowded()])
+        return self.by_crowding(Decision.toss_up.is_(False), far, self._is_crowded())
 
     def far(self) -> list[Stream]:
         """All other boxes that a threshold decided."""
@@ -174,22 +188,6 @@ class BoxOrder:
         most = self.wanted.margin_max
         return not self.wanted.toss_up and (most is None or most > NEAR_PERCENT)
 
-    def _by_id(self, *conditions: ColumnElement[bool]) -> list[Stream]:
-        # One stream per reason: "reason in (...) order by id" would sort all rows.
-        # Without reasons, one per class, since no index has the dataset and id alone.
-        # Answered boxes are few, and have an index of their own.
-        wanted = self.wanted
-        if wanted.only_answered:
-            return [Stream(Decision.box_id, [*wanted.conditions(), *conditions])]
-        if not wanted.reasons:
-            parts = self._by_class()
-        else:
-            # Without "reason in (...)": a database may prefer it to "reason = ...".
-            every = replace(wanted, reasons=()).conditions()
-            reasons = [r for r in self.present.reasons if r in wanted.reasons]
-            parts = [[*every, Decision.reason == reason] for reason in reasons]
-        return [Stream(Decision.box_id, [*part, *conditions]) for part in parts]
-
     def _by_class(self) -> list[list[ColumnElement[bool]]]:
         """The conditions of the boxes of each class."""
         # A condition on margins compares only with the thresholds of that class.
@@ -200,10 +198,6 @@ class BoxOrder:
             ]
             for each in self._thresholds()
         ]
-
-    def _crowding(self, conditions: Sequence[ColumnElement[bool]]) -> list[Stream]:
-        every = [*self.wanted.conditions(), *conditions]
-        return [Stream(self._column(Decision.crowding), every, sign=-1)]
 
     def _is_crowded(self) -> ColumnElement[bool]:
         return and_(
