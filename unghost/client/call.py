@@ -1,22 +1,14 @@
 """The class `Call`, and decorators that turn descriptions of calls into methods.
 
 A `Call` is data: a request, and a function that reads its response. Describing a call
-sends nothing, so a synchronous and an asynchronous client can use the same
-descriptions.
+sends nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import (
-    AsyncIterator,
-    Awaitable,
-    Callable,
-    Iterator,
-    Mapping,
-)
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from functools import wraps
-from types import MethodType
 from typing import (
     TYPE_CHECKING,
     Any,
@@ -27,7 +19,6 @@ from typing import (
     Protocol,
     TypeAlias,
     TypeVar,
-    overload,
 )
 from urllib.parse import unquote
 
@@ -40,7 +31,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
-AsyncT_co = TypeVar("AsyncT_co", covariant=True)
 P = ParamSpec("P")
 
 Params: TypeAlias = Mapping[str, object]
@@ -160,55 +150,15 @@ class Listing(Generic[T]):
 
 
 class Sender(Protocol):
-    """A client whose methods return results."""
+    """A client: it sends calls, and fetches the pages of lists."""
 
     def _send(self, call: Call[T], /) -> T: ...
     def _pages(self, listing: Listing[T], /) -> Iterator[T]: ...
 
 
-class AsyncSender(Protocol):
-    """A client whose methods are awaited."""
-
-    def _send(self, call: Call[T], /) -> Awaitable[T]: ...
-    def _pages(self, listing: Listing[T], /) -> AsyncIterator[T]: ...
-
-
-class ClientMethod(Generic[P, T_co, AsyncT_co]):
-    """A method whose type depends on the client class: its result, or an awaitable.
-
-    Parameters
-    ----------
-    function
-        Takes the client and the method's arguments; the client sends the call.
-    """
-
-    def __init__(self, function: Callable[Concatenate[Sender, P], T_co]) -> None:
-        self._function = function
-
-    @overload
-    def __get__(
-        self, owner: None, kind: type[Sender]
-    ) -> Callable[Concatenate[Sender, P], T_co]: ...
-    @overload
-    def __get__(
-        self, owner: None, kind: type[AsyncSender]
-    ) -> Callable[Concatenate[AsyncSender, P], AsyncT_co]: ...
-    @overload
-    def __get__(self, owner: Sender, kind: type[Sender]) -> Callable[P, T_co]: ...
-    @overload
-    def __get__(
-        self, owner: AsyncSender, kind: type[AsyncSender]
-    ) -> Callable[P, AsyncT_co]: ...
-    def __get__(
-        self, owner: Sender | AsyncSender | None, kind: type
-    ) -> Callable[..., object]:
-        # As a function does when it is an attribute, so that `help` shows it.
-        return self._function if owner is None else MethodType(self._function, owner)
-
-
 def endpoint(
     describe: Callable[Concatenate[Any, P], Call[T]],
-) -> ClientMethod[P, T, Awaitable[T]]:
+) -> Callable[Concatenate[Sender, P], T]:
     """Make a method that sends a call, from a function that describes the call.
 
     The function is written as a method of a class that clients inherit; it does not
@@ -221,12 +171,12 @@ def endpoint(
 
     described = describe.__annotations__["return"]
     _annotate_result(describe, described.removeprefix("Call[").removesuffix("]"))
-    return ClientMethod(send)
+    return send
 
 
 def listing(
     describe: Callable[Concatenate[Any, P], Listing[T]],
-) -> ClientMethod[P, Iterator[T], AsyncIterator[T]]:
+) -> Callable[Concatenate[Sender, P], Iterator[T]]:
     """Make a method that iterates over a list, from a function that describes it."""
 
     @wraps(describe)
@@ -235,7 +185,7 @@ def listing(
 
     described = describe.__annotations__["return"]
     _annotate_result(describe, described.replace("Listing[", "Iterator[", 1))
-    return ClientMethod(pages)
+    return pages
 
 
 def _annotate_result(describe: Callable[..., object], result: str) -> None:
