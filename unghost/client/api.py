@@ -53,8 +53,25 @@ def frame_path(dataset: str, key: str) -> str:
     return dataset_path(dataset, "frames", quote(key, safe="/"))
 
 
-class DatasetCalls:
-    """Datasets, and counts over all boxes of one."""
+def run_path(run: wire.Run | int) -> str:
+    """The path of a run, by itself or by its id."""
+    return f"{API}/runs/{id_of(run)}"
+
+
+def export_path(export: wire.Export | int) -> str:
+    """The path of an export, by itself or by its id."""
+    return f"{API}/exports/{id_of(export)}"
+
+
+def id_of(job: wire.Run | wire.Export | int) -> int:
+    """The id of a run or an export; an id is returned as it is."""
+    return job if isinstance(job, int) else job.id
+
+
+class Api:
+    """The calls of all resources, as methods of the client that inherits them."""
+
+    # Datasets, and counts over all boxes of one.
 
     @listing
     def datasets(self) -> Listing[wire.Dataset]:
@@ -119,17 +136,7 @@ class DatasetCalls:
         """The frames that were sent and refused, with their errors."""
         return Listing(dataset_path(dataset, "problems"), wire.RefusedFrame)
 
-
-def _changed_dataset(
-    response: httpx.Response,
-) -> wire.Dataset | wire.Run:
-    if response.status_code == httpx.codes.ACCEPTED:
-        return result(wire.Run)(response)
-    return result(wire.Dataset)(response)
-
-
-class FrameCalls:
-    """Frames: stored one by one, listed, fetched, deleted."""
+    # Frames: stored one by one, listed, fetched, deleted.
 
     @endpoint
     def put_frame(
@@ -184,38 +191,7 @@ class FrameCalls:
         path = f"{API}/frames/{frame_id}/{checked_file_name(name)}"
         return Call("GET", path, content, max_bytes=MAX_FILE_BYTES)
 
-
-def frame_stored(
-    dataset: str, frame: OutgoingFrame, *, replace: bool
-) -> Call[wire.StoredFrame]:
-    """Store one frame in the dataset with this path; OSError if a file is missing."""
-    return Call(
-        "PUT",
-        f"{dataset}/frames/{quote(frame.key, safe='/')}",
-        _stored_frame,
-        params={"replace": replace or None},
-        files=frame.form(),
-    )
-
-
-def _stored_frame(response: httpx.Response) -> wire.StoredFrame:
-    created = response.status_code == httpx.codes.CREATED
-    read = partial(wire.StoredFrame.answered, created=created)
-    return read_object(read, body_of(response), response)
-
-
-def known_frames(dataset: str, keys: Sequence[str]) -> Call[dict[str, wire.KnownFrame]]:
-    """The stored frames with these keys (at most 1,000), by key."""
-    path, read = f"{dataset}/known-frames", answer(_known_frames)
-    return Call("POST", path, read, json={"keys": keys}, patience=PATIENCE)
-
-
-def _known_frames(body: Json) -> dict[str, wire.KnownFrame]:
-    return {frame.key: frame for frame in wire.KnownFrames.read(body).items}
-
-
-class PictureCalls:
-    """Pictures that the server draws, as encoded images."""
+    # Pictures that the server draws, as encoded images.
 
     @endpoint
     def thumbnail(self, frame_id: int) -> Call[bytes]:
@@ -233,9 +209,7 @@ class PictureCalls:
         """The part of the image around a box; options `pad`, `layer` and `height`."""
         return Call("GET", f"{API}/boxes/{box_id}/crop", content, params=options)
 
-
-class BoxCalls:
-    """Boxes, their history, the review queue, and people's answers."""
+    # Boxes, their history, the review queue, and people's answers.
 
     @listing
     def boxes(self, /, dataset: str, **filters: object) -> Listing[wire.Decision]:
@@ -371,49 +345,7 @@ class BoxCalls:
         path = f"{API}/review-batches/{batch_id}/undo"
         return Call("POST", path, result(wire.UndoneBatch))
 
-
-_COUNT_ONLY: Final = {"count": True, "limit": 1}
-
-
-def _counted(
-    dataset: str, filters: Mapping[str, object], read: Callable[[Json], T]
-) -> Call[T]:
-    """The number of boxes of a filter, without the boxes."""
-    params = {"dataset": dataset, **_as_in_api(filters), **_COUNT_ONLY}
-    return Call("GET", f"{API}/boxes", answer(read), params=params)
-
-
-def _as_in_api(filters: Mapping[str, object]) -> dict[str, object]:
-    # `class` is a keyword of Python: the filter is `class_name` here.
-    return {
-        "class" if name == "class_name" else name: value
-        for name, value in filters.items()
-    }
-
-
-def _which(
-    boxes: Sequence[wire.Decision] | Sequence[int] | wire.Selection,
-) -> dict[str, object]:
-    """The keys of a bulk review's body that select the boxes and their seen state."""
-    if isinstance(boxes, wire.Selection):
-        return {"filter": boxes.filter, "snapshot": boxes.snapshot}
-    if isinstance(boxes, Mapping):
-        raise TypeError(
-            "expected decisions, ids or a result of select_boxes, found a mapping"
-        )
-    seen = [box for box in boxes if isinstance(box, wire.Decision)]
-    if not seen:
-        return {"box_ids": list(boxes)}
-    if len(seen) != len(boxes):
-        raise TypeError("expected decisions or ids, found both")
-    return {
-        "box_ids": [box.box_id for box in seen],
-        "seen_revisions": [box.revision for box in seen],
-    }
-
-
-class ConfigCalls:
-    """Filter configurations: immutable versions, and which one is active."""
+    # Filter configurations: immutable versions, and which one is active.
 
     @listing
     def configs(self, dataset: str) -> Listing[wire.ConfigVersion]:
@@ -450,9 +382,7 @@ class ConfigCalls:
         path = dataset_path(dataset, "config")
         return Call("PUT", path, result(wire.Run), json={"digest": digest})
 
-
-class RunCalls:
-    """Runs: one configuration applied to a whole dataset."""
+    # Runs: one configuration applied to a whole dataset.
 
     @listing
     def runs(self, dataset: str) -> Listing[wire.Run]:
@@ -500,23 +430,7 @@ class RunCalls:
         """The boxes that `diff` counts, nearest to a threshold first."""
         return Listing(f"{run_path(run)}/diff", wire.Flip, _against(against))
 
-
-def run_path(run: wire.Run | int) -> str:
-    """The path of a run, by itself or by its id."""
-    return f"{API}/runs/{id_of(run)}"
-
-
-def id_of(job: wire.Run | wire.Export | int) -> int:
-    """The id of a run or an export; an id is returned as it is."""
-    return job if isinstance(job, int) else job.id
-
-
-def _against(run: wire.Run | int | None) -> dict[str, int]:
-    return {} if run is None else {"against": id_of(run)}
-
-
-class ExportCalls:
-    """Exports: made by the server, then downloaded."""
+    # Exports: made by the server, then downloaded.
 
     @listing
     def exports(self, dataset: str) -> Listing[wire.Export]:
@@ -545,14 +459,7 @@ class ExportCalls:
         """One export as it is now."""
         return Call("GET", export_path(export_id), result(wire.Export))
 
-
-def export_path(export: wire.Export | int) -> str:
-    """The path of an export, by itself or by its id."""
-    return f"{API}/exports/{id_of(export)}"
-
-
-class AccessCalls:
-    """Sessions, tokens, login codes, and the log of who did what."""
+    # Sessions, tokens, login codes, and the log of who did what.
 
     @endpoint
     def session(self) -> Call[wire.Session]:
@@ -612,9 +519,7 @@ class AccessCalls:
         """The entries of the audit log, newest first; for admins."""
         return Listing(f"{API}/audit", wire.AuditEntry)
 
-
-class QualityCalls:
-    """Quality: the accuracy of the filter and of each channel."""
+    # Quality: the accuracy of the filter and of each channel.
 
     @endpoint
     def quality(
@@ -653,9 +558,7 @@ class QualityCalls:
         read = result(wire.Evaluation)
         return Call("GET", path, read, params={"truth": truth})
 
-
-class HealthCalls:
-    """The version of the server, and whether it is ready."""
+    # The server itself.
 
     @endpoint
     def version(self) -> Call[wire.Version]:
@@ -663,20 +566,84 @@ class HealthCalls:
         return Call("GET", "/version", result(wire.Version))
 
 
+def _changed_dataset(response: httpx.Response) -> wire.Dataset | wire.Run:
+    if response.status_code == httpx.codes.ACCEPTED:
+        return result(wire.Run)(response)
+    return result(wire.Dataset)(response)
+
+
+def frame_stored(
+    dataset: str, frame: OutgoingFrame, *, replace: bool
+) -> Call[wire.StoredFrame]:
+    """Store one frame in the dataset with this path; OSError if a file is missing."""
+    return Call(
+        "PUT",
+        f"{dataset}/frames/{quote(frame.key, safe='/')}",
+        _stored_frame,
+        params={"replace": replace or None},
+        files=frame.form(),
+    )
+
+
+def _stored_frame(response: httpx.Response) -> wire.StoredFrame:
+    created = response.status_code == httpx.codes.CREATED
+    read = partial(wire.StoredFrame.answered, created=created)
+    return read_object(read, body_of(response), response)
+
+
+def known_frames(dataset: str, keys: Sequence[str]) -> Call[dict[str, wire.KnownFrame]]:
+    """The stored frames with these keys (at most 1,000), by key."""
+    path, read = f"{dataset}/known-frames", answer(_known_frames)
+    return Call("POST", path, read, json={"keys": keys}, patience=PATIENCE)
+
+
+def _known_frames(body: Json) -> dict[str, wire.KnownFrame]:
+    return {frame.key: frame for frame in wire.KnownFrames.read(body).items}
+
+
+_COUNT_ONLY: Final = {"count": True, "limit": 1}
+
+
+def _counted(
+    dataset: str, filters: Mapping[str, object], read: Callable[[Json], T]
+) -> Call[T]:
+    """The number of boxes of a filter, without the boxes."""
+    params = {"dataset": dataset, **_as_in_api(filters), **_COUNT_ONLY}
+    return Call("GET", f"{API}/boxes", answer(read), params=params)
+
+
+def _as_in_api(filters: Mapping[str, object]) -> dict[str, object]:
+    # `class` is a keyword of Python: the filter is `class_name` here.
+    return {
+        "class" if name == "class_name" else name: value
+        for name, value in filters.items()
+    }
+
+
+def _which(
+    boxes: Sequence[wire.Decision] | Sequence[int] | wire.Selection,
+) -> dict[str, object]:
+    """The keys of a bulk review's body that select the boxes and their seen state."""
+    if isinstance(boxes, wire.Selection):
+        return {"filter": boxes.filter, "snapshot": boxes.snapshot}
+    if isinstance(boxes, Mapping):
+        raise TypeError(
+            "expected decisions, ids or a result of select_boxes, found a mapping"
+        )
+    seen = [box for box in boxes if isinstance(box, wire.Decision)]
+    if not seen:
+        return {"box_ids": list(boxes)}
+    if len(seen) != len(boxes):
+        raise TypeError("expected decisions or ids, found both")
+    return {
+        "box_ids": [box.box_id for box in seen],
+        "seen_revisions": [box.revision for box in seen],
+    }
+
+
+def _against(run: wire.Run | int | None) -> dict[str, int]:
+    return {} if run is None else {"against": id_of(run)}
+
+
 READINESS: Final = Call("GET", "/readyz", nothing, retried=False)
 """Whether the server can take work now: Unavailable if not; asked once."""
-
-
-class Api(
-    DatasetCalls,
-    FrameCalls,
-    PictureCalls,
-    BoxCalls,
-    ConfigCalls,
-    RunCalls,
-    ExportCalls,
-    AccessCalls,
-    QualityCalls,
-    HealthCalls,
-):
-    """The calls of all resources, as methods of the client that inherits them."""
