@@ -53,6 +53,25 @@ def test_repeated_ctrl_c_while_spawning_leaves_no_actor_behind(stage, monkeypatc
     assert stage.left_behind() == {}
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_while_the_simulator_is_restored_ends_the_command_afterwards(
+    stage, monkeypatch, number
+):
+    remove = stage.simulator.remove
+
+    def remove_slowly(actor_id):
+        signal.raise_signal(number)
+        return remove(actor_id)
+
+    monkeypatch.setattr(stage.simulator, "remove", remove_slowly)
+
+    with pytest.raises(KeyboardInterrupt):
+        stage.capture(**SHORT_SCENARIO)
+
+    assert stage.left_behind() == {}
+    assert len(stage.frames()) == SHORT_SCENARIO["frames"]
+
+
 def test_a_stop_does_not_wait_for_a_silent_sensor(stage):
     stage.simulator.faults.lost = {("rgb", tick) for tick in range(200)}
     call_at_tick(stage, FIRST_TICK, lambda: signal.raise_signal(signal.SIGINT))

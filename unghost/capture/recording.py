@@ -136,6 +136,8 @@ def _record(carla: Carla, client: Client, request: Request) -> Recorded:
                 _Recorder(session, folder, recorded, stop).run(request.advance)
         finally:
             folder.describe({**_about(session), "last": recorded.as_dict()})
+    # A signal after the last frame, while the simulator was restored, counts too.
+    stop.check()
     return recorded
 
 

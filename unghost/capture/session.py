@@ -2,9 +2,9 @@
 
 `open_session` switches the scenario's map to synchronous mode. When its block ends,
 also after an error, it undoes each change that can be undone; docs/capture.md lists
-those that cannot. Signals (SIGINT, SIGTERM, SIGHUP) do not end the process:
-`listening_for_stop` turns them into a request that is checked between two steps, and
-`shielded` delays them while the simulator's state is restored.
+those that cannot. Signals (SIGINT, SIGTERM, SIGHUP) do not end the process at once:
+within `listening_for_stop` they only make a request, which the capture checks between
+two steps and after the simulator's state is restored.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ def open_session(
 
     Afterwards the settings are those of before, the traffic manager is asynchronous
     again, and every actor that was spawned is gone: after an error and Ctrl-C too. What
-    could not be restored is reported with `note`.
+    could not be restored is reported with `note`. Use it within `listening_for_stop`:
+    otherwise a signal could interrupt the restoring.
 
     Raises
     ------
@@ -78,8 +79,7 @@ def open_session(
         session.at_end("destroy the actors", session.destroy_actors)
         yield session
     finally:
-        with shielded():
-            session.put_back()
+        session.put_back()
 
 
 @dataclass(eq=False)
@@ -235,7 +235,7 @@ def _choose_glass(session: Session) -> None:
 
 
 class StopRequest:
-    """A request to stop the capture."""
+    """Whether a signal asked the capture to stop."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -252,7 +252,11 @@ class StopRequest:
 
 @contextmanager
 def listening_for_stop() -> Iterator[StopRequest]:
-    """Turn signals into stop requests, so that every spawned actor is recorded."""
+    """Turn signals into a request to stop, so that they interrupt no step.
+
+    Then every spawned actor is noted, and all of them are destroyed at the end. In
+    another thread than the main one, which gets no signals, nothing is changed.
+    """
     request = StopRequest()
     if threading.current_thread() is not threading.main_thread():
         yield request
@@ -260,24 +264,6 @@ def listening_for_stop() -> Iterator[StopRequest]:
     before = [(each, signal.signal(each, request.take)) for each in _wanted()]
     try:
         yield request
-    finally:
-        for each, handler in before:
-            signal.signal(each, handler)
-
-
-@contextmanager
-def shielded() -> Iterator[None]:
-    """Delay signals until the block has ended, so that it is not interrupted."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    missed: list[int] = []
-    before = [
-        (each, signal.signal(each, lambda number, _: missed.append(number)))
-        for each in _wanted()
-    ]
-    try:
-        yield
     finally:
         for each, handler in before:
             signal.signal(each, handler)
