@@ -371,15 +371,18 @@ def _smooth(
 
 
 def _numbered(
-    triangle: NDArray[np.int32], count: int
-) -> tuple[IntArray, NDArray[np.int64]]:
-    """The triangles that occur, and for each sample its place among them."""
+    numbers: NDArray[np.int32] | IntArray, count: int
+) -> tuple[IntArray, IntArray]:
+    """The numbers below `count` that occur, and where each of `numbers` is among them.
+
+    As `np.unique` with its inverse, without sorting.
+    """
     used = np.zeros(count, dtype=bool)
-    used[triangle] = True
+    used[numbers] = True
     unique = np.flatnonzero(used)
     place = np.zeros(count, dtype=np.int64)
     place[unique] = np.arange(len(unique))
-    return unique, place[triangle]
+    return unique, place[numbers]
 
 
 class Photographer:
@@ -435,17 +438,13 @@ class Photographer:
         first = row * (camera.width + 1) + column
         below = first + camera.width + 1
         four = np.stack([first, first + 1, below, below + 1])
-        used = np.zeros(len(corners.winner), dtype=bool)
-        used[four] = True
-        chosen = np.flatnonzero(used)
-        place = np.zeros(len(used), dtype=np.int32)
-        place[chosen] = np.arange(len(chosen))
-        nearest_pixel = np.zeros(len(used), dtype=np.int64)
+        chosen, four_of_chosen = _numbered(four, len(corners.winner))
+        nearest_pixel = np.zeros(len(corners.winner), dtype=np.int64)
         nearest_pixel[four] = edge
         shot = self._shoot(corners.part(chosen), open_sky[nearest_pixel[chosen]])
         mixed = image[edge] * np.float32(0.5)
-        for corner in four:
-            mixed += shot.light[place[corner]] * np.float32(0.125)
+        for corner in four_of_chosen:
+            mixed += shot.light[corner] * np.float32(0.125)
         image[edge] = mixed
 
 

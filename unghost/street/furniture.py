@@ -62,7 +62,11 @@ _SIGNS: Final[tuple[tuple[list[_Disc], list[Block]], ...]] = (
 """Per kind of sign its discs (from x, to x, radius) and its blocks."""
 
 
-def traffic_light(state: int, arm: float = 4.6) -> Mesh:
+_ARM_M: Final = 4.6
+"""Length of the arm that holds a traffic light over the road."""
+
+
+def traffic_light(state: int) -> Mesh:
     """A light for traffic that heads along x; its arm reaches over the road to -y.
 
     The upright is tagged Pole, all that hangs from it TrafficLight.
@@ -72,10 +76,10 @@ def traffic_light(state: int, arm: float = 4.6) -> Mesh:
     parts = [
         tube((0, 0, 0), (0, 0, 6.1), (0.13, 0.09), pole, 10),
         tube((0, 0, 0), (0, 0, 0.5), 0.19, pole, 10),
-        tube((0, 0, 5.75), (0, -arm, 6.05), (0.085, 0.055), held, 8),
+        tube((0, 0, 5.75), (0, -_ARM_M, 6.05), (0.085, 0.055), held, 8),
         tube((0, -0.1, 5.1), (0, -1.4, 5.82), 0.035, held, 6),
     ]
-    for y, z in ((-arm + 0.15, 5.55), (-arm * 0.52, 5.42), (-0.32, 2.75)):
+    for y, z in ((-_ARM_M + 0.15, 5.55), (-_ARM_M * 0.52, 5.42), (-0.32, 2.75)):
         parts.append(_head(state).moved(y=y, z=z))
     return join(parts)
 

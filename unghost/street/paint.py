@@ -129,14 +129,14 @@ def f32(values: ArrayLike) -> Float32:
 
 
 @lru_cache(maxsize=32)
-def cloudy_tile(seed: int, octaves: int = 6, roughness: float = 0.55) -> Float32:
+def cloudy_tile(seed: int, octaves: int = 6) -> Float32:
     """(TILE, TILE) fractal noise of mean 0 and deviation 1; tiles without a seam."""
     rng = np.random.default_rng(seed)
     total = np.zeros((TILE, TILE), dtype=np.float32)
     for octave in range(octaves):
         cells = 4 << octave
         grid = rng.standard_normal((cells, cells)).astype(np.float32)
-        total += roughness**octave * _enlarged(grid)
+        total += 0.55**octave * _enlarged(grid)
     return np.asarray((total - total.mean()) / total.std())
 
 

@@ -169,13 +169,6 @@ def paint_tags(tags: TagImage) -> NDArray[np.uint8]:
     return palette_of(FAMILY).paint(tags)
 
 
-def raw_tags(tags: TagImage) -> NDArray[np.uint8]:
-    """(H, W, 3): tags in the red channel, as the sensor delivers them."""
-    raw = np.zeros((*tags.shape, 3), dtype=np.uint8)
-    raw[..., 0] = tags
-    return raw
-
-
 def encode_instances(tags: TagImage, instances: NDArray[np.int32]) -> NDArray[np.uint8]:
     """(H, W, 3): red is the tag, the number is green + 256 blue."""
     return np.stack([tags, instances & 255, instances >> 8], axis=-1).astype(np.uint8)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from filter_core.formats.files import write_whole
 from filter_core.formats.reading import MANIFEST_NAME
 from filter_core.geometry.camera import Camera
+from filter_core.local import in_order
 from filter_core.types import FloatArray
 from unghost.street.camera import Photographer, Planes, Stage, pixel_centres
 from unghost.street.light import Lighting, ShadowMap
@@ -36,7 +36,6 @@ from unghost.street.sensors import (
     paint_tags,
     placed_boxes,
     png,
-    raw_tags,
     scan,
     truth_of,
 )
@@ -86,37 +85,22 @@ class StreetScene:
     Parameters
     ----------
     seed : int
-    raw : bool
-        Write raw tags instead of palette colours into the segmentation.
     actors : float
         The share of vehicles, people and lights that are there, 0 to 1. With all of
         them the street is far more crowded than usual recordings.
     """
 
-    def __init__(
-        self, seed: int = 0, *, raw: bool = False, actors: float = 1.0
-    ) -> None:
-        self._seed, self._raw = seed, raw
+    def __init__(self, seed: int = 0, *, actors: float = 1.0) -> None:
         self._sets = [_Set(number, seed, actors) for number in range(len(STYLES))]
 
-    def frames(self, count: int, threads: int = THREADS) -> Iterator[StreetFrame]:
+    def frames(self, count: int) -> Iterator[StreetFrame]:
         """The first `count` frames, in order; a few are rendered ahead."""
-        with ThreadPoolExecutor(threads) as pool:
-            pending = [
-                pool.submit(self.render_frame, index)
-                for index in range(min(count, 2 * threads))
-            ]
-            for index in range(count):
-                frame = pending.pop(0).result()
-                following = index + 2 * threads
-                if following < count:
-                    pending.append(pool.submit(self.render_frame, following))
-                yield frame
+        return in_order(self.render_frame, range(count), THREADS)
 
     def render_frame(self, index: int) -> StreetFrame:
         """One frame; towns take turns."""
         step, number = divmod(index, len(self._sets))
-        return self._sets[number].render(step, raw=self._raw)
+        return self._sets[number].render(step)
 
 
 class _Set:
@@ -161,7 +145,7 @@ class _Set:
         )
         return ShadowMap.of(corners, self._town.style.hour.sun, area, texels)
 
-    def render(self, step: int, *, raw: bool) -> StreetFrame:
+    def render(self, step: int) -> StreetFrame:
         with self._lock:
             stage, still = self._stage, self._still_shadows
         style, things = self._town.style, self._town.things
@@ -179,9 +163,7 @@ class _Set:
         return StreetFrame(
             key=key,
             image_png=png(image),
-            segmentation_png=png(
-                raw_tags(planes.tags) if raw else paint_tags(planes.tags)
-            ),
+            segmentation_png=png(paint_tags(planes.tags)),
             instances_png=png(self._instances(planes)),
             depth_png=png(encode_depth(planes.depth)),
             lidar_npy=npy(self._scan(planes, camera)),

@@ -213,11 +213,6 @@ class Thing:
     far_shapes: tuple[Mesh, ...] = ()
 
     @property
-    def moves(self) -> bool:
-        """Whether it has another pose in each frame."""
-        return self.route.length > 0 or len(self.shapes) > 1
-
-    @property
     def hides(self) -> bool:
         """Whether it is a house: large, and nothing can be seen through it."""
         return self.type_id == HOUSE_TYPE

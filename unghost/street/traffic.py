@@ -53,6 +53,9 @@ _CLEAR_M: Final = 7.0
 _LIGHT_S: Final = 4.0
 """Seconds of each state in the cycle of the lights."""
 _CYCLE: Final = (GREEN, GREEN, AMBER, RED, RED, RED)
+"""Along the main street."""
+_CYCLE_ACROSS: Final = (RED, RED, RED, GREEN, GREEN, AMBER)
+"""Along the side streets, at the same times."""
 CAR_COLORS: Final[tuple[RGB, ...]] = (
     (168, 172, 176),
     (58, 62, 68),
@@ -301,9 +304,7 @@ def _clear_route(builder: TownBuilder, start: Transform, length: float) -> Route
 def _lights(builder: TownBuilder) -> None:
     plan = builder.plan
     shapes = tuple(traffic_light(state) for state in _CYCLE)
-    across = tuple(
-        traffic_light((RED, RED, RED, GREEN, GREEN, AMBER)[i]) for i in range(6)
-    )
+    across = tuple(traffic_light(state) for state in _CYCLE_ACROSS)
     x_out, y_out = plan.side_half_width + 0.8, plan.half_width + 0.7
     for number, middle in enumerate(plan.crossings):
         # The far side of the crossing, on the right of whom they concern.

@@ -11,7 +11,6 @@ import pytest
 from filter_core.geometry.camera import Camera
 from filter_core.pipeline import filter_frame
 from filter_core.segmentation.palettes import palette_of
-from tests.support.decoded_frame import DecodedFrame
 from tests.support.geometry_oracle import box3d_vertices
 from unghost.street.sensors import GHOST_KINDS
 from unghost.street.street import StreetScene
@@ -25,25 +24,10 @@ TRAFFIC_CLASSES = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def raw_frame():
-    """The drive's first frame, rendered again with raw tags as its segmentation."""
-    return StreetScene(0, raw=True).render_frame(0)
+def test_same_seed_gives_the_same_bytes(demo_frames):
+    again = StreetScene(0).render_frame(0)
 
-
-def test_same_seed_gives_the_same_bytes(demo_frames, raw_frame):
-    first, again = vars(demo_frames[0].frame), vars(raw_frame)
-
-    differing = [name for name in first if first[name] != again[name]]
-
-    assert differing == ["segmentation_png"]
-
-
-def test_raw_segmentation_has_tags_in_red_channel(demo_frames, raw_frame):
-    raw = DecodedFrame(raw_frame).segmentation
-
-    assert np.array_equal(raw[..., 0], demo_frames[0].instances[0])
-    assert not raw[..., 1:].any()
+    assert vars(again) == vars(demo_frames[0].frame)
 
 
 def test_different_seed_gives_different_image_and_boxes(demo_frames):
