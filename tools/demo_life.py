@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any, Final
+from collections.abc import Iterator, Sequence
+from typing import Final
 
-import httpx
 import numpy as np
 
 from unghost import Client, Decision
+from unghost.wire.words import Answer
 
 DATASET: Final = "demo"
 _SEED: Final = 7
@@ -26,31 +26,23 @@ def add_activity(url: str, token: str) -> None:
         if client.dataset(DATASET).counts.reviewed:
             return
         boxes = _sample(client)
-        _give_answers(url, token, boxes)
+        _give_answers(client, boxes)
         client.wait(client.start_run(DATASET, {"threshold_small_box": 8}))
         client.wait_for_export(client.start_export(DATASET, "yolo"))
 
 
-def _give_answers(url: str, token: str, boxes: Sequence[Decision]) -> None:
+def _give_answers(admin: Client, boxes: Sequence[Decision]) -> None:
     rng = np.random.default_rng(_SEED)
     people = {"ada": boxes, "bo": boxes[:_SHARED]}
-    with httpx.Client(base_url=f"{url}/api/v1", timeout=120) as http:
-        for earlier, (name, own) in enumerate(people.items()):
-            reviewer = _token(http, token, name)
-            answers = _answers(own, rng)
+    for earlier, (name, own) in enumerate(people.items()):
+        # Bo has seen Ada's answers, each of which made a new revision of its box.
+        seen = [box.model_copy(update={"revision": earlier}) for box in own]
+        answers = list(_answers(own, rng))
+        with Client(admin.url, admin.create_token(name).token) as reviewer:
             for verdict in sorted(set(answers)):
-                chosen = [
-                    box.box_id
-                    for box, said in zip(own, answers, strict=True)
-                    if said == verdict
-                ]
-                body = {
-                    "dataset": DATASET,
-                    "box_ids": chosen,
-                    "seen_revisions": [earlier] * len(chosen),
-                    "verdict": verdict,
-                }
-                _post(http, "/reviews/bulk", reviewer, body)
+                pairs = zip(seen, answers, strict=True)
+                chosen = [box for box, answer in pairs if answer == verdict]
+                reviewer.bulk_review(DATASET, verdict, chosen)
 
 
 def _sample(client: Client) -> list[Decision]:
@@ -68,12 +60,8 @@ def _sample(client: Client) -> list[Decision]:
     return [found[index] for index in rng.permutation(len(found))]
 
 
-def _answers(boxes: Sequence[Decision], rng: np.random.Generator) -> list[str]:
+def _answers(boxes: Sequence[Decision], rng: np.random.Generator) -> Iterator[Answer]:
     """Answers that are sure of clear boxes, and divided over those with few pixels."""
-    return list(map(str, _said(boxes, rng)))
-
-
-def _said(boxes: Iterable[Decision], rng: np.random.Generator) -> Iterable[str]:
     for box in boxes:
         lead = (box.match_percent or 0.0) - _DOUBT_PERCENT
         if abs(lead) < _UNSURE_WITHIN and rng.random() < 0.5:
@@ -81,18 +69,3 @@ def _said(boxes: Iterable[Decision], rng: np.random.Generator) -> Iterable[str]:
             continue
         keeps = rng.random() < 1 / (1 + np.exp(-lead / _SPREAD_PERCENT))
         yield "keep" if keeps else "reject"
-
-
-def _token(http: httpx.Client, admin: str, name: str) -> str:
-    made = _post(http, "/tokens", admin, {"name": name, "role": "reviewer"})
-    token: str = made["token"]
-    return token
-
-
-def _post(
-    http: httpx.Client, path: str, token: str, body: dict[str, Any]
-) -> dict[str, Any]:
-    answer = http.post(path, json=body, headers={"Authorization": f"Bearer {token}"})
-    answer.raise_for_status()
-    found: dict[str, Any] = answer.json()
-    return found
