@@ -107,16 +107,14 @@ class AnnotationErrors(FilterError):
 class JsonError(FilterError):
     """Text that is not JSON, or more of it than is read.
 
-    `found` is what was found instead; `position` is the character, or the byte of what
-    is not UTF-8, and 0 where the fault is the whole.
+    `found` is what was found instead.
     """
 
     code = "not_json"
 
-    def __init__(self, found: str, *, position: int = 0, code: str = "") -> None:
+    def __init__(self, found: str, *, code: str = "") -> None:
         super().__init__(f"expected JSON in UTF-8, found {found}", code=code)
         self.found = found
-        self.position = position
 
 
 class ConfigError(FilterError):

@@ -136,11 +136,9 @@ def read_json(
         document: object = json.loads(text, object_pairs_hook=object_pairs_hook)
     except json.JSONDecodeError as error:
         place = f"line {error.lineno}, column {error.colno}"
-        found = f"a fault at {place}: {error.msg}"
-        raise JsonError(found, position=error.pos) from error
+        raise JsonError(f"a fault at {place}: {error.msg}") from error
     except UnicodeDecodeError as error:
-        found = f"other bytes at offset {error.start}"
-        raise JsonError(found, position=error.start) from error
+        raise JsonError(f"other bytes at offset {error.start}") from error
     except RecursionError as error:
         raise _too_deep(limits) from error
     except JsonError:
@@ -174,8 +172,7 @@ def _refuse_long_numbers(content: bytes) -> None:
     start = find_long_number(content)
     if start is not None:
         position = len(content[:start].decode("utf-8-sig", "replace"))
-        found = f"{LONG_NUMBER}, at character {position}"
-        raise JsonError(found, position=position)
+        raise JsonError(f"{LONG_NUMBER}, at character {position}")
 
 
 def find_long_number(content: bytes) -> int | None:
@@ -240,6 +237,5 @@ def _refuse_halves(text: str) -> None:
         return
     for escape in _ESCAPES.finditer(text):
         if escape["half"] is not None:
-            found = f"half of a surrogate pair, {escape[0]}, at character"
-            position = escape.start()
-            raise JsonError(f"{found} {position}", position=position)
+            found = f"half of a surrogate pair, {escape[0]}"
+            raise JsonError(f"{found}, at character {escape.start()}")

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.annotation.frame import (
-    AnnotationLimits,
     BoxAnnotation,
     FrameAnnotation,
     frame_boxes_2d,
@@ -57,7 +56,6 @@ class FrameOptions:
         `MeasureConfig`, which contains it already.
     ignore : (H, W) bool or None
         Pixels that never count.
-    limits : AnnotationLimits
     histogram : bool
         Count every tag in each box, which `hidden_by` and other accept sets need.
     sensors : Mapping
@@ -71,7 +69,6 @@ class FrameOptions:
     image_wh: tuple[int, int] | None = None
     dataset: SegmentationOptions = field(default_factory=SegmentationOptions)
     ignore: Mask | None = None
-    limits: AnnotationLimits = field(default_factory=AnnotationLimits)
     histogram: bool = True
     sensors: Mapping[str, bytes] = field(default_factory=dict)
     max_side: int = MAX_SIDE
@@ -226,9 +223,7 @@ def read_and_measure(
     """The evidence of one frame; parameters and errors are those of `filter_frame`."""
     config = _measuring(config, options.dataset)
     if not isinstance(annotation, FrameAnnotation):
-        annotation = parse_annotation(
-            annotation, limits=options.limits, frame=options.key
-        )
+        annotation = parse_annotation(annotation, frame=options.key)
     tags = _as_segmentation(segmentation, annotation, config, options)
     return measure_frame(annotation, tags, config, options)
 

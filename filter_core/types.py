@@ -16,7 +16,7 @@ One box as a dictionary with the keys of the API is a `Decision`, see
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum, IntEnum
 from typing import Final, Literal, NamedTuple, TypeAlias, TypedDict, get_args
@@ -209,16 +209,6 @@ def number_columns(table: type[Evidence | ChannelNumbers]) -> dict[str, NumberCo
     return {name: column for name, column in declared.items() if column is not None}
 
 
-def _absent_columns(
-    table: type[Evidence | ChannelNumbers], count: int
-) -> dict[str, NDArray[np.generic]]:
-    """Arrays for the columns of numbers of either table, for so many boxes."""
-    return {
-        name: np.full((count, *column.shape), column.missing, column.dtype)
-        for name, column in number_columns(table).items()
-    }
-
-
 def _count_column(meaning: str, *, unit: str = "px") -> dict[str, NumberColumn]:
     return {"column": NumberColumn(meaning, unit, "i8", 0)}
 
@@ -322,15 +312,6 @@ class Evidence:
     tag_counts: NDArray[np.int32] | None = None
     channels: ChannelNumbers | None = None
 
-    @classmethod
-    def absent(
-        cls, class_names: tuple[str, ...], class_index: NDArray[np.int32]
-    ) -> Evidence:
-        """New columns for boxes of these classes, filled with "nothing measured"."""
-        make: Callable[..., Evidence] = cls
-        columns = _absent_columns(cls, len(class_index))
-        return make(class_names=class_names, class_index=class_index, **columns)
-
     def __len__(self) -> int:
         return len(self.class_index)
 
@@ -428,8 +409,11 @@ class ChannelNumbers:
     @classmethod
     def absent(cls, count: int) -> ChannelNumbers:
         """New columns for `count` boxes, filled with "not measured"."""
-        make: Callable[..., ChannelNumbers] = cls
-        return make(**_absent_columns(cls, count))
+        columns = {
+            name: np.full((count, *column.shape), column.missing, column.dtype)
+            for name, column in number_columns(cls).items()
+        }
+        return cls(**columns)
 
     def __len__(self) -> int:
         return len(self.owned_pixels)
@@ -666,27 +650,6 @@ class DecidedBoxes:
 
     def __len__(self) -> int:
         return len(self.ids)
-
-    @classmethod
-    def empty(cls) -> DecidedBoxes:
-        """Zero boxes."""
-        rectangles, numbers = np.empty((0, 4)), np.empty(0)
-        codes = np.empty(0, np.uint8)
-        return cls(
-            ids=(),
-            class_names=(),
-            class_index=np.empty(0, np.int32),
-            reason=codes,
-            answer=codes,
-            lossy=np.empty(0, np.bool_),
-            xyxy=rectangles,
-            amodal_xyxy=rectangles,
-            visible_xyxy=rectangles,
-            tight_xyxy=rectangles,
-            distance=numbers,
-            match_percent=numbers,
-            occlusion=np.empty(0, np.int64),
-        )
 
     def __getitem__(self, rows: slice) -> DecidedBoxes:
         """A range of the boxes, as views of the same arrays."""

@@ -290,10 +290,6 @@ class FilterConfig(ReadingKeys, DecideConfig):
             depth_tolerance=float(self.depth_tolerance),
         )
 
-    def accept_masks(self, class_names: Iterable[str], family: str | None) -> IntArray:
-        """(K,) int64: the tags each class accepts; see `MeasureConfig.accept_masks`."""
-        return self.measuring().accept_masks(class_names, family)
-
 
 _MAX_CLASS_NAME: Final = 200
 

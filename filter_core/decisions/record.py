@@ -45,12 +45,6 @@ from filter_core.types import (
 
 OcclusionLevel: TypeAlias = Literal[0, 1, 2, 3]
 
-FULLY_VISIBLE: Final = 0
-
-PARTLY_OCCLUDED: Final = 1
-
-LARGELY_OCCLUDED: Final = 2
-
 UNKNOWN_OCCLUSION: Final = 3
 
 _PARTLY_FROM: Final = 10.0

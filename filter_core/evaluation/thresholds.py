@@ -27,6 +27,9 @@ Target: TypeAlias = Literal["f1", "recall"]
 _RESAMPLES: Final = 200
 """Bootstrap resamples for the interval."""
 
+_SEED: Final = 0
+"""Of the resamples: the same answers always give the same interval."""
+
 _MOST_VALUES: Final = 256
 """Groups of matches in resamples: much finer than intervals are wide."""
 
@@ -122,9 +125,7 @@ class Suggestion:
     curve: list[Point]
 
 
-def suggest(
-    answers: Answers, current: float, goal: Goal, *, seed: int = 0
-) -> Suggestion | None:
+def suggest(answers: Answers, current: float, goal: Goal) -> Suggestion | None:
     """The best threshold for a goal, judged by what people answered.
 
     Parameters
@@ -134,8 +135,6 @@ def suggest(
         The threshold in use. It is kept if none is better; of several best thresholds,
         the nearest to it is taken.
     goal : Goal
-    seed : int
-        Seed of the resamples: the same answers always give the same interval.
 
     Returns
     -------
@@ -160,7 +159,7 @@ def suggest(
     cuts = _Cuts(answers, current)
     chosen = cuts.threshold(int(cuts.best(cuts.counts[None], goal)[0]))
     groups = _Cuts(_grouped(answers, cuts.values), current)
-    drawn = np.random.default_rng(seed).multinomial(
+    drawn = np.random.default_rng(_SEED).multinomial(
         len(answers), groups.counts / len(answers), size=_RESAMPLES
     )
     best = groups.best(drawn, goal).tolist()

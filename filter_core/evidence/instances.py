@@ -44,18 +44,10 @@ class InstanceImage:
     tags : (H, W) uint8
     ids : (H, W) uint16
         Green + 256 blue.
-    swapped : bool
-        It had been saved with red and blue exchanged, which was undone.
     """
 
     tags: NDArray[np.uint8]
     ids: NDArray[np.uint16]
-    swapped: bool = False
-
-    @property
-    def wh(self) -> tuple[int, int]:
-        """Width and height, px."""
-        return self.tags.shape[1], self.tags.shape[0]
 
 
 def read_instances(
@@ -100,14 +92,13 @@ def read_instances(
     if pixels is None:
         raise ImageError("the instance image cannot be decoded: it is damaged")
     blue, green, red = cv2.split(pixels)
-    swapped = False
     if int(red.max(initial=0)) > LAST_TAG:
         if int(blue.max(initial=0)) > LAST_TAG:
             found = f"values up to {red.max()} in red and {blue.max()} in blue"
             raise _fault(f"tags of 0 to {LAST_TAG} in red", found)
-        red, blue, swapped = blue, red, True
+        red, blue = blue, red
     ids = cv2.merge([green, blue]).view("<u2")[..., 0]
-    return InstanceImage(np.asarray(red, np.uint8), ids.astype(np.uint16), swapped)
+    return InstanceImage(np.asarray(red, np.uint8), ids.astype(np.uint16))
 
 
 def _fault(expected: str, found: str, code: str = "bad_instances") -> ImageError:

@@ -47,12 +47,10 @@ class LidarPoints:
     Attributes
     ----------
     xyz : (P, 3) float64, metres
-    object_id : (P,) int64
     tag : (P,) int64
     """
 
     xyz: FloatArray
-    object_id: IntArray
     tag: IntArray
 
     def __len__(self) -> int:
@@ -171,11 +169,10 @@ def _points_of(table: NDArray[np.void]) -> LidarPoints:
     xyz = np.stack([found["x"], found["y"], found["z"]], axis=1)
     if not all(np.isfinite(column).all() for column in found.values()):
         raise _fault("finite numbers", "NaN or an infinity")
-    objects = found.get("object", np.zeros(len(xyz)))
-    largest = [np.abs(column).max(initial=0) for column in (objects, found["tag"])]
-    if max(largest) > _MAX_EXACT:
+    numbers = [found[name] for name in ("object", "tag") if name in found]
+    if max(np.abs(column).max(initial=0) for column in numbers) > _MAX_EXACT:
         raise _fault(f"objects and tags up to {_MAX_EXACT:,}", "larger ones")
-    return LidarPoints(xyz, objects.astype(np.int64), found["tag"].astype(np.int64))
+    return LidarPoints(xyz, found["tag"].astype(np.int64))
 
 
 _NPY_MAGIC: Final = b"\x93NUMPY"

@@ -228,9 +228,9 @@ def _path(folder: Path, given: str) -> Path:
     return path
 
 
-def _problem(at: str, expected: str, found: str, key: str = "") -> FrameSource:
+def _problem(at: str, expected: str, found: str) -> FrameSource:
     error = LayoutError(f"{at}: expected {expected}, found {found}")
-    return FrameSource(key=key or at, annotation=None, problem=error)
+    return FrameSource(key=at, annotation=None, problem=error)
 
 
 _OURS: Final = frozenset({"boxes", "key", *FRAME_FILES})

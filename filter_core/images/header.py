@@ -15,12 +15,12 @@ MAX_SIDE: Final = 16_384
 
 ColorModel: TypeAlias = Literal["grey", "grey_alpha", "rgb", "rgba", "indexed", "cmyk"]
 
-_PNG_MODELS: Final[dict[int, tuple[ColorModel, int]]] = {
-    0: ("grey", 1),
-    2: ("rgb", 3),
-    3: ("indexed", 1),
-    4: ("grey_alpha", 2),
-    6: ("rgba", 4),
+_PNG_MODELS: Final[dict[int, ColorModel]] = {
+    0: "grey",
+    2: "rgb",
+    3: "indexed",
+    4: "grey_alpha",
+    6: "rgba",
 }
 
 _JPEG_MODELS: Final[dict[int, ColorModel]] = {1: "grey", 3: "rgb", 4: "cmyk"}
@@ -35,7 +35,6 @@ class ImageHeader:
     media_type : ``image/png`` or ``image/jpeg``
     width, height : px, as stored; a rotation in EXIF is not applied
     bit_depth : bits per channel, or per index
-    channels : 1, 2, 3 or 4 as stored; an indexed image has one
     color_model : ``indexed`` is a PNG with a palette of its own
     """
 
@@ -43,7 +42,6 @@ class ImageHeader:
     width: int
     height: int
     bit_depth: int
-    channels: int
     color_model: ColorModel
 
     @property
@@ -153,13 +151,11 @@ def require_size(
 
 def _png_header(content: bytes | mmap, *, whole: bool) -> ImageHeader:
     png = read_png(content, whole=whole)
-    model, channels = _PNG_MODELS[png.color_type]
-    return ImageHeader(
-        "image/png", png.width, png.height, png.bit_depth, channels, model
-    )
+    model = _PNG_MODELS[png.color_type]
+    return ImageHeader("image/png", png.width, png.height, png.bit_depth, model)
 
 
 def _jpeg_header(content: bytes | mmap, *, whole: bool) -> ImageHeader:
     jpeg = read_jpeg(content, whole=whole)
     model = _JPEG_MODELS[jpeg.channels]
-    return ImageHeader("image/jpeg", jpeg.width, jpeg.height, 8, jpeg.channels, model)
+    return ImageHeader("image/jpeg", jpeg.width, jpeg.height, 8, model)

@@ -213,8 +213,6 @@ class Segmentation:
     lossy : bool
         Tags were found by the nearest colour.
     unknown_pixels : px without a tag of the family
-    foreign_percent : percent of the image
-        Those of them whose colour is exactly one of another family.
     notes : tuple of str
         What a person should know about the reading.
     rivals : tuple of str
@@ -227,7 +225,6 @@ class Segmentation:
     channel_order: ChannelOrder
     lossy: bool = False
     unknown_pixels: int = 0
-    foreign_percent: float = 0.0
     notes: tuple[str, ...] = ()
     rivals: tuple[str, ...] = ()
 
@@ -259,12 +256,7 @@ class Segmentation:
     @cached_property
     def tags(self) -> TagImage:
         """(H, W) uint8, 255 is Unknown; computed when first asked for, read-only."""
-        tags = self.tags_in(0, 0, self.width, self.height)
-        tags.setflags(write=False)
-        return tags
-
-    def tags_in(self, x0: int, y0: int, x1: int, y1: int) -> TagImage:
-        """A new array with the tags of columns x0..x1-1 and rows y0..y1-1."""
-        codes = self.codes.crop(x0, y0, x1, y1)
+        codes = self.codes.crop(0, 0, self.width, self.height)
         tags: TagImage = self.codes.tag_of_code[codes]
+        tags.setflags(write=False)
         return tags

@@ -2,7 +2,7 @@
 
 A family is the table that a range of CARLA's versions share. `FAMILIES` has them by
 name, `family_of_version` returns the one that a version renders, and a `Palette`
-converts tags to names and colours and back. Comments name the tables' sources.
+converts tags to names and back, and to colours. Comments name the tables' sources.
 """
 
 from __future__ import annotations
@@ -114,34 +114,6 @@ class Palette:
         """
         colors: NDArray[np.uint8] = self.rgb_table[tags]
         return colors
-
-    def decode(self, rgb: NDArray[np.uint8]) -> TagImage:
-        """Exact inverse of `paint`.
-
-        Parameters
-        ----------
-        rgb : (H, W, 3) uint8, RGB
-
-        Returns
-        -------
-        (H, W) uint8
-            255 (Unknown) where the colour is not exactly one of the family's.
-        """
-        packed = _packed(rgb)
-        colors = _packed(self.rgb_table[: len(self.tags)])
-        order = np.argsort(colors)
-        place = np.searchsorted(colors[order], packed).clip(max=len(colors) - 1)
-        tag: TagImage = order[place].astype(np.uint8)
-        tag[colors[tag] != packed] = UNKNOWN_TAG
-        return tag
-
-
-_BYTE_WEIGHTS: Final = np.array([1 << 16, 1 << 8, 1], dtype=np.uint32)
-
-
-def _packed(rgb: NDArray[np.uint8]) -> NDArray[np.uint32]:
-    packed: NDArray[np.uint32] = rgb.astype(np.uint32) @ _BYTE_WEIGHTS
-    return packed
 
 
 def _palette(name: str, *rows: tuple[str, RGB]) -> Palette:

@@ -107,11 +107,9 @@ def _with_unknown(segmentation: Segmentation, found: Recognition) -> Segmentatio
     foreign, senseless = _split_missing(found)
     no_family = [NO_FAMILY, *senseless]
     _refuse_no_family(segmentation.pixels, counts, no_family)
-    foreign_pixels = int(counts[foreign].sum())
     return replace(
         segmentation,
-        unknown_pixels=foreign_pixels + int(counts[no_family].sum()),
-        foreign_percent=100.0 * foreign_pixels / float(counts.sum()),
+        unknown_pixels=int(counts[[*foreign, *no_family]].sum()),
         notes=(*found.notes, *_unknown_notes(counts, found, foreign, no_family)),
     )
 

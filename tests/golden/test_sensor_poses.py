@@ -40,7 +40,6 @@ def test_points_inside_a_box_are_counted_for_any_sensor_pose(cases):
         beside = center + (vertices - center) * dice.uniform(1.05, 2, (8, 1))
         points = LidarPoints(
             to_sensor_axes(case, np.concatenate([inside, beside])),
-            np.zeros(16, np.int64),
             np.full(16, CAR),
         )
 

@@ -16,6 +16,7 @@ from app.measuring.evidence import (
 )
 from app.runs.queries import pack_flips
 from filter_core.types import N_TAGS, ChannelNumbers, Evidence, Reason, Verdict
+from tests.support.evidence import absent_evidence
 
 _BOXES = 3
 
@@ -42,7 +43,7 @@ def _evidence(counts: np.ndarray) -> Evidence:
     whole = np.arange(_BOXES, dtype=np.int64)
     part = np.array([0.0, 33.25, np.nan])
     return replace(
-        Evidence.absent(("car", "walker"), np.array([1, 0, 1], np.int32)),
+        absent_evidence(("car", "walker"), np.array([1, 0, 1], np.int32)),
         state=np.array([0, 1, 2], np.uint8),
         measured=np.array([True, False, True]),
         accept_mask=whole + 2**40,

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from filter_core.types import Evidence
+from filter_core.types import Evidence, number_columns
 
 ACCEPTS_CAR = 1 << 14
+
+
+def absent_evidence(class_names: tuple[str, ...], class_index: np.ndarray) -> Evidence:
+    """Evidence of boxes of these classes, for which nothing was measured."""
+    columns: dict[str, Any] = {
+        name: np.full((len(class_index), *column.shape), column.missing, column.dtype)
+        for name, column in number_columns(Evidence).items()
+    }
+    return Evidence(class_names=class_names, class_index=class_index, **columns)
 
 
 def evidence_of(boxes, class_names=("car",)):
@@ -22,7 +32,7 @@ def evidence_of(boxes, class_names=("car",)):
     matched = np.nan_to_num(percent * pixels / 100).astype(np.int64)
     given = [box.get("matched_pixels") for box in boxes]
     return replace(
-        Evidence.absent(tuple(class_names), column("class_index", 0, np.int32)),
+        absent_evidence(tuple(class_names), column("class_index", 0, np.int32)),
         state=column("state", 0, np.uint8),
         accept_mask=column("accept_mask", ACCEPTS_CAR, np.int64),
         measured=column("measured", True, np.bool_),

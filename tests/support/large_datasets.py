@@ -31,6 +31,7 @@ from app.storage.folder import FolderStorage
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.types import Evidence
+from tests.support.evidence import absent_evidence
 
 BOXES_PER_FRAME = 25
 FRAMES_PER_TRANSACTION = 400
@@ -196,7 +197,7 @@ def numbers(count: int, names: tuple[str, ...], rng: Generator) -> Evidence:
     matched = np.where(rng.random(count) < 0.3, 0, (share * box_pixels)).astype(int)
     class_index = rng.integers(0, len(names), count).astype(np.int32)
     return replace(
-        Evidence.absent(names, class_index),
+        absent_evidence(names, class_index),
         accept_mask=np.full(count, 1 << 14, np.int64),
         measured=np.ones(count, bool),
         box_pixels=box_pixels,

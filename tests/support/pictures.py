@@ -31,6 +31,14 @@ def painted(tags: np.ndarray, family: str = FAMILY) -> np.ndarray:
     return FAMILIES[family].paint(tags)
 
 
+def tags_of(rgb: np.ndarray, family: str = FAMILY) -> np.ndarray:
+    """The inverse of `painted`: 255 where a colour is none of the family's."""
+    tags = np.full(rgb.shape[:2], 255, np.uint8)
+    for tag in FAMILIES[family].tags:
+        tags[(rgb == tag.rgb).all(axis=2)] = tag.tag
+    return tags
+
+
 def png(picture: np.ndarray, order: str = "rgb") -> bytes:
     """A PNG of grey, RGB or RGBA pixels; ``bgr`` writes red and blue swapped."""
     if picture.ndim == 3 and order == "rgb":

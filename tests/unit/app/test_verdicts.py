@@ -20,7 +20,8 @@ from app.verdicts import (
     is_not_in_conflict,
     needs_review,
 )
-from filter_core.types import VERDICTS, Answer, DecidedBoxes, Reason, Verdict
+from filter_core.types import VERDICTS, Answer, Reason, Verdict
+from tests.support.exporting import columns
 
 ANSWERS = (None, "keep", "reject", "unsure")
 BOXES = list(product(Reason, ANSWERS))
@@ -55,8 +56,8 @@ def boxes_matching():
 @pytest.mark.parametrize("verdict", Verdict)
 def test_effective_verdict_is_equal_in_python_columns_and_sql(boxes_matching, verdict):
     codes = [Answer[(answer or "none").upper()] for _, answer in BOXES]
-    columns = replace(
-        DecidedBoxes.empty(),
+    boxes = replace(
+        columns([]),
         reason=np.array([reason for reason, _ in BOXES], np.uint8),
         answer=np.array(codes, np.uint8),
     )
@@ -70,7 +71,7 @@ def test_effective_verdict_is_equal_in_python_columns_and_sql(boxes_matching, ve
     assert expected
     assert boxes_matching(is_effective(verdict)) == expected
     code = VERDICTS.index(verdict)
-    assert set(np.flatnonzero(columns.effective == code).tolist()) == expected
+    assert set(np.flatnonzero(boxes.effective == code).tolist()) == expected
 
 
 def test_conflict_is_equal_in_python_and_sql(boxes_matching):

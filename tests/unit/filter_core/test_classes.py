@@ -90,7 +90,7 @@ def test_accept_override_takes_tag_names_and_numbers():
         {"classes": {"van": {"accept": ["Truck", 14]}, "sign": {"accept": [8]}}}
     )
 
-    masks = config.accept_masks(["van", "sign", "car"], "carla-0.9.14")
+    masks = config.measuring().accept_masks(["van", "sign", "car"], "carla-0.9.14")
 
     assert masks.tolist() == [bits(14, 15), bits(8), bits(14)]
 
@@ -99,8 +99,8 @@ def test_accept_override_with_tag_unknown_to_the_family_is_refused():
     config = FilterConfig.from_mapping({"classes": {"van": {"accept": ["Truck"]}}})
 
     with pytest.raises(ConfigError, match=r"carla-0\.9\.10 has no tag 'Truck'"):
-        config.accept_masks(["van"], "carla-0.9.10")
-    assert config.accept_masks(["van"], None).tolist() == [bits(15)]
+        config.measuring().accept_masks(["van"], "carla-0.9.10")
+    assert config.measuring().accept_masks(["van"], None).tolist() == [bits(15)]
 
 
 def test_accepted_names_returns_the_tag_names():

@@ -265,7 +265,7 @@ def test_lidar_points_inside_a_box_equal_a_count_by_hand(xyz, yaw, half):
         @ transform_matrices([[0, 0, 0]], [[0, yaw, 0]])[0][:3, :3].T
     )
     tags = np.arange(30) % 3
-    points = LidarPoints(xyz, np.zeros(30, np.int64), tags)
+    points = LidarPoints(xyz, tags)
 
     counted = points_inside(points, Transform(), corners[None], np.array([0b110]))
 

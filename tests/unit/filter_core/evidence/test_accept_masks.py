@@ -90,16 +90,14 @@ def test_instance_pixels_are_grouped_by_accepted_tags(mask, expected):
 
 
 def test_lidar_points_inside_counts_only_accepted_tags(mask, expected):
-    points = LidarPoints(
-        np.full((1, 3), [10.0, 0.0, 0.0]), np.zeros(1, np.int64), np.zeros(1, np.int64)
-    )
+    place = np.full((1, 3), [10.0, 0.0, 0.0])
     box = box_ahead(10.0, 1.0)[None]
 
     counted = [
         tag
         for tag in range(256)
         if points_inside(
-            LidarPoints(points.xyz, points.object_id, np.array([tag])),
+            LidarPoints(place, np.array([tag])),
             Transform(),
             box,
             np.array([mask]),

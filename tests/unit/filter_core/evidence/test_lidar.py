@@ -35,7 +35,6 @@ def test_ply_and_npy_forms_give_the_same_points(content):
     points = read_points(content)
 
     assert points.xyz.tolist() == [[1.5, -2.0, 0.25], [8.0, 9.0, 1.0]]
-    assert points.object_id.tolist() == [217, 0]
     assert points.tag.tolist() == [CAR, 1]
 
 
@@ -65,7 +64,6 @@ def test_read_points_refuses_an_invalid_file(content, words):
 def test_points_are_placed_by_the_sensors_own_transform():
     points = LidarPoints(
         np.array([[10.0, 0.0, 0.0], [0.0, 10.0, 0.0], [10.0, 0.0, 0.0]]),
-        np.zeros(3, np.int64),
         np.array([CAR, CAR, 1]),
     )
     turned = Transform((100.0, 50.0, 0.0), (0.0, 90.0, 0.0))

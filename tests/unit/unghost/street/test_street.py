@@ -12,6 +12,7 @@ from filter_core.geometry.camera import Camera
 from filter_core.pipeline import filter_frame
 from filter_core.segmentation.palettes import palette_of
 from tests.support.geometry_oracle import box3d_vertices
+from tests.support.pictures import tags_of
 from unghost.street.sensors import GHOST_KINDS
 from unghost.street.street import StreetScene
 from unghost.street.towns import STYLES, build_town
@@ -51,10 +52,9 @@ def test_image_sizes_equal_camera_size(demo_frames):
 
 
 def test_segmentation_and_instance_image_have_the_same_tags(demo_frames):
-    palette = palette_of("carla-0.9.14")
     for decoded in demo_frames:
         tags, _ = decoded.instances
-        assert np.array_equal(palette.decode(decoded.segmentation), tags)
+        assert np.array_equal(tags_of(decoded.segmentation, "carla-0.9.14"), tags)
 
 
 def test_depth_of_sky_is_1000_m_and_other_depth_is_less(demo_frames):
