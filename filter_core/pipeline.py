@@ -56,8 +56,6 @@ class FrameOptions:
         `MeasureConfig`, which contains it already.
     ignore : (H, W) bool or None
         Pixels that never count.
-    histogram : bool
-        Count every tag in each box, which `hidden_by` and other accept sets need.
     sensors : Mapping
         The bytes of other sensors' files, by kind: ``depth``, ``instances`` and
         ``lidar``. A file is read if the configuration has a channel that needs it.
@@ -69,7 +67,6 @@ class FrameOptions:
     image_wh: tuple[int, int] | None = None
     dataset: SegmentationOptions = field(default_factory=SegmentationOptions)
     ignore: Mask | None = None
-    histogram: bool = True
     sensors: Mapping[str, bytes] = field(default_factory=dict)
     max_side: int = MAX_SIDE
 
@@ -272,7 +269,7 @@ def measure_frame(
         annotation=annotation,
         ids=boxes.ids,
         wh=wh,
-        evidence=measure_evidence(boxes, sensors, config, histogram=options.histogram),
+        evidence=measure_evidence(boxes, sensors, config),
         geometry=geometry,
         segmentation=None if segmentation is None else _report(segmentation),
     )

@@ -78,11 +78,7 @@ class Sensors:
 
 
 def measure_evidence(
-    boxes: FrameBoxes,
-    sensors: Sensors,
-    config: MeasureConfig,
-    *,
-    histogram: bool = True,
+    boxes: FrameBoxes, sensors: Sensors, config: MeasureConfig
 ) -> Evidence:
     """All numbers of a frame's boxes that a configuration asks for.
 
@@ -91,8 +87,6 @@ def measure_evidence(
     boxes : FrameBoxes of N boxes
     sensors : Sensors
     config : MeasureConfig
-    histogram : bool
-        Count every tag in each box; see `MeasureOptions`.
 
     Returns
     -------
@@ -106,7 +100,7 @@ def measure_evidence(
         depth image that is too coarse is refused only if nothing but depth is to be
         measured (`MeasureConfig.depth_required`); else depth stays unmeasured.
     """
-    options = MeasureOptions(profile=config.profile, histogram=histogram)
+    options = MeasureOptions(profile=config.profile)
     evidence = measure(sensors.segmentation, boxes, options, ignore=sensors.ignore)
     channels = sensors.measurable_channels(config)
     if not channels:

@@ -1,7 +1,7 @@
-"""Counting pixels inside boxes by the cheapest of three exact strategies.
+"""Counting pixels inside boxes by the cheaper of two exact strategies.
 
-`count_pixels`, `count_codes_in` and `count_matches` choose it by an estimate of the
-time; which is cheapest depends on how much of the image the boxes cover.
+`count_pixels` and `count_codes_in` choose it by an estimate of the time; which is
+cheaper depends on how much of the image the boxes cover.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Final
 import cv2
 import numpy as np
 
-from filter_core.images.pixels import gather, run_ends, run_lengths, values_of
+from filter_core.images.pixels import gather, run_ends, run_lengths
 from filter_core.segmentation.codes import PixelCodes
-from filter_core.types import BoolArray, IntArray, Mask
+from filter_core.types import IntArray, Mask
 
 # Nanoseconds, measured with benchmarks/bench_filter.py; only their ratios matter.
 _NS_PER_BOX: Final = 1_800.0
@@ -28,10 +28,6 @@ _NS_PER_CODE_AND_PIXEL: Final = 0.28
 _NS_PER_IMAGE_PIXEL: Final = 1.6
 
 _NS_PER_CODE_AND_BOX: Final = 12.0
-
-_NS_PER_COMPARISON: Final = 2_000.0
-
-_NS_PER_COMPARED_PIXEL: Final = 0.25
 
 _CHUNK_PIXELS: Final = 1 << 20
 """Pixels gathered at a time, which limits memory to a few megabytes."""
@@ -103,57 +99,6 @@ def count_codes_in(regions: Regions, wanted: Sequence[int]) -> IntArray:
     if by_tables < by_pixels:
         return count_by_tables(regions, wanted)
     return count_by_pixels(regions, wanted)
-
-
-def count_matches(
-    regions: Regions, codes: Sequence[int], accepted: BoolArray
-) -> IntArray:
-    """How many pixels of each rectangle have a code that it accepts.
-
-    Parameters
-    ----------
-    regions : Regions, N of them
-    codes : sequence of K different codes
-    accepted : (N, K) bool
-
-    Returns
-    -------
-    (N,) int64, px
-    """
-    wanted = np.flatnonzero(accepted.any(axis=0)).tolist()
-    comparisons = accepted.sum(axis=1)
-    by_comparing = float(comparisons.sum()) * _NS_PER_COMPARISON
-    by_comparing += float((comparisons * regions.areas).sum()) * _NS_PER_COMPARED_PIXEL
-    height, width = regions.codes.hw
-    by_tables = height * width * (1.0 + len(wanted)) * _NS_PER_CODE_AND_PIXEL
-    if by_comparing < by_tables:
-        return count_by_comparing(regions, codes, accepted)
-    counts = count_codes_in(regions, [codes[column] for column in wanted])
-    matched: IntArray = (counts * accepted[:, wanted]).sum(axis=1)
-    return matched
-
-
-def count_by_comparing(
-    regions: Regions, codes: Sequence[int], accepted: BoolArray
-) -> IntArray:
-    """Matches by comparing a rectangle's pixels with each accepted value."""
-    values = {
-        column: regions.codes.value_of(codes[column])
-        for column in np.flatnonzero(accepted.any(axis=0)).tolist()
-    }
-    wanted: list[list[int]] = [[] for _ in range(len(regions))]
-    for row, column in np.argwhere(accepted).tolist():
-        wanted[row].append(values[column])
-    matched = []
-    for (x0, y0, x1, y1), some in zip(regions.bounds.tolist(), wanted, strict=True):
-        part, count = values_of(regions.codes.pixels[y0:y1, x0:x1]), 0
-        for value in some:
-            hit = part == value
-            if regions.keep is not None:
-                hit &= regions.keep[y0:y1, x0:x1]
-            count += np.count_nonzero(hit)
-        matched.append(count)
-    return np.array(matched, dtype=np.int64)
 
 
 def count_by_pixels(regions: Regions, wanted: Sequence[int]) -> IntArray:

@@ -8,8 +8,7 @@ histogram, without pixels: `with_accept_sets` takes these sets from a configurat
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,13 +20,12 @@ from filter_core.errors import FilterError, ImageSizeMismatch, SegmentationError
 from filter_core.evidence.counting import (
     Regions,
     count_codes_in,
-    count_matches,
     count_pixels,
 )
 from filter_core.evidence.crowding import crowding_percent
 from filter_core.geometry.boxes import correct_xyxy, pixel_bounds
 from filter_core.segmentation.codes import CODE_OF, Segmentation, packed, tags_of_codes
-from filter_core.segmentation.palettes import PUBLISHED_COLORS, RGB
+from filter_core.segmentation.palettes import PUBLISHED_COLORS
 from filter_core.types import (
     N_TAGS,
     UNKNOWN_COLUMN,
@@ -50,16 +48,9 @@ class MeasureOptions:
     Attributes
     ----------
     profile : ``paper`` or ``carlasimu``
-    histogram : bool
-        Count every tag in each box. Without it only the accepted tags are counted,
-        which is several times faster, and `Evidence.tag_counts` is None.
-    class_colors : Mapping
-        Profile ``carlasimu``: the one colour that counts, by class name.
     """
 
     profile: Profile = "paper"
-    histogram: bool = True
-    class_colors: Mapping[str, RGB] = field(default_factory=lambda: PUBLISHED_COLORS)
 
 
 _DEFAULTS: Final = MeasureOptions()
@@ -178,7 +169,7 @@ def _bounds(xyxy: BoxesXYXY, wh: tuple[int, int], profile: Profile) -> IntArray:
 
 
 class _Counts(NamedTuple):
-    """Counted pixels of N boxes; `tag_counts` are None if not asked for."""
+    """Counted pixels of N boxes; `tag_counts` are None if no tags were counted."""
 
     box_pixels: IntArray
     matched_pixels: IntArray
@@ -201,13 +192,11 @@ def _counts(
         _refuse_ambiguous_family(segmentation, boxes)
     codes = list(regions.codes.occurring)
     if options.profile == "carlasimu" and _has_exact_colors(segmentation):
-        accepted = _accepted_by_color(segmentation, boxes, options)[:, codes]
+        accepted = _accepted_by_color(segmentation, boxes)[:, codes]
     else:
         tags = regions.codes.tag_of_code[codes]
         accepted = accepts(boxes.accept_mask[:, None], tags)
     box_pixels = count_pixels(regions)
-    if not options.histogram:
-        return _Counts(box_pixels, count_matches(regions, codes, accepted), None)
     counts = count_codes_in(regions, codes)
     return _Counts(
         box_pixels,
@@ -256,13 +245,11 @@ def _has_exact_colors(segmentation: Segmentation) -> bool:
     return segmentation.encoding == "palette" and not segmentation.lossy
 
 
-def _accepted_by_color(
-    segmentation: Segmentation, boxes: FrameBoxes, options: MeasureOptions
-) -> BoolArray:
+def _accepted_by_color(segmentation: Segmentation, boxes: FrameBoxes) -> BoolArray:
     """(N, 256): true at the code of each class's one colour, in the family or not."""
     table = np.zeros((len(boxes.class_names), 256), dtype=np.bool_)
     for row, name in enumerate(boxes.class_names):
-        color = options.class_colors.get(name)
+        color = PUBLISHED_COLORS.get(name)
         if color is not None:
             code = CODE_OF.get(packed(color, segmentation.channel_order))
             table[row, [] if code is None else code] = True

@@ -187,14 +187,6 @@ class PixelCodes:
         """The codes of some values."""
         return codes_of(values, exact_codes())
 
-    def value_of(self, code: int) -> int:
-        """The one number that has this code; not for the code of no family."""
-        if self.pixels.ndim == 2:
-            return code
-        if code == NO_FAMILY:
-            raise ValueError("colours of no family have many values")
-        return KNOWN_COLORS[code - 1] - _N_COLORS
-
     def crop(self, x0: int, y0: int, x1: int, y1: int) -> Codes:
         """The codes of columns x0..x1-1 and rows y0..y1-1; not to be written to."""
         return self.codes_of(values_of(self.pixels[y0:y1, x0:x1]))

@@ -7,7 +7,7 @@ import pytest
 
 from filter_core.evidence.instances import InstanceImage, group_pixels
 from filter_core.evidence.lidar import LidarPoints, points_inside
-from filter_core.evidence.semantic import MeasureOptions, measure, with_accept_masks
+from filter_core.evidence.semantic import measure, with_accept_masks
 from filter_core.evidence.silhouettes import accepted_pixels, frame_silhouettes
 from filter_core.geometry.pose import Transform
 from filter_core.segmentation.reading import segmentation_from_tags
@@ -49,11 +49,8 @@ def segmentation():
     return segmentation_from_tags(TAGS[None], FAMILY)
 
 
-@pytest.mark.parametrize("histogram", [True, False])
-def test_measure_counts_only_pixels_of_accepted_tags(mask, expected, histogram):
-    options = MeasureOptions(histogram=histogram)
-
-    evidence = measure(segmentation(), one_box_per_tag(mask), options)
+def test_measure_counts_only_pixels_of_accepted_tags(mask, expected):
+    evidence = measure(segmentation(), one_box_per_tag(mask))
 
     assert np.flatnonzero(evidence.matched_pixels).tolist() == expected
 
