@@ -14,6 +14,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar, Final
 
@@ -39,6 +40,7 @@ from filter_core.formats.reading import (
     FrameSource,
     ReadOptions,
     Unmatched,
+    annotated,
     frame_key,
     last_name,
     segmentation_folder,
@@ -108,7 +110,7 @@ def read_coco(root: Path, options: ReadOptions) -> FrameSet:
     rows, unmatched = _match(folder, indices, options)
     return FrameSet(
         layout="coco",
-        frames=lambda: (_read(row) for row in rows),
+        frames=lambda: (_read(frame, image) for frame, image in rows),
         classes=tuple(options.classes or _classes(indices)),
         count=len(rows),
         unmatched=(*unmatched, *_orphans(indices)),
@@ -119,22 +121,10 @@ _SPLITS: Final = ("train", "val", "test")
 """The parts of a split in which the name of a COCO file may end."""
 
 
-@dataclass(frozen=True)
-class _Row:
-    """An image of a COCO file, by its place there: its frame's key and its files."""
-
-    index: CocoIndex
-    row: int
-    key: str
-    image: Path | None
-    segmentation: Path | None
-    problem: FilterError | None = None
-
-
 def _match(
     folder: Path, indices: Sequence[CocoIndex], options: ReadOptions
-) -> tuple[list[_Row], tuple[Unmatched, ...]]:
-    """Every image with its files, in the order of the keys; what is left over."""
+) -> tuple[list[tuple[FrameSource, _Name]], tuple[Unmatched, ...]]:
+    """Every image as a frame with its files, by their keys; what is left over."""
     tags = options.segmentation or segmentation_folder(folder)
     images = FileIndex(walk(folder, IMAGE_SUFFIXES, [tags] if tags else []))
     segmentations = FileIndex(walk(tags, IMAGE_SUFFIXES) if tags else ())
@@ -147,21 +137,19 @@ def _match(
         image = images.take(f"{one.part}/{one.file}") if one.part else None
         image = image or images.take(one.file, by_base=alone)
         tag = segmentations.take(one.file, by_base=alone)
-        rows.append(
-            _Row(
-                index=one.index,
-                row=one.row,
-                key=one.key,
-                image=folder / image if image else None,
-                segmentation=tags / tag if tags and tag else None,
-                problem=_problem(one, seen[one.key]),
-            )
+        frame = FrameSource(
+            key=one.key,
+            annotation=None,
+            image=folder / image if image else None,
+            segmentation=tags / tag if tags and tag else None,
+            problem=_problem(one, seen[one.key]),
         )
+        rows.append((frame, one))
     unmatched = (
         *images.left_over("no COCO file lists this image"),
         *segmentations.left_over("no COCO file lists an image for this segmentation"),
     )
-    return sorted(rows, key=lambda row: row.key), unmatched
+    return sorted(rows, key=lambda row: row[0].key), unmatched
 
 
 @dataclass(frozen=True)
@@ -237,28 +225,22 @@ def _orphans(indices: Sequence[CocoIndex]) -> Iterator[Unmatched]:
             yield Unmatched(index.name, why)
 
 
-def _read(row: _Row) -> FrameSource:
-    annotation: dict[str, object] | None = None
-    problem = row.problem
-    if problem is None:
-        try:
-            annotation = _annotation(row)
-        except FilterError as exc:
-            problem = exc
-    return FrameSource(row.key, annotation, row.image, row.segmentation, {}, problem)
+def _read(frame: FrameSource, image: _Name) -> FrameSource:
+    # Boxes are not read if it is not known to which image they belong.
+    return frame if frame.problem else annotated(frame, partial(_annotation, image))
 
 
 _IMAGE_KEYS: Final = frozenset({"id", "file_name", "width", "height", "key"})
 
 
-def _annotation(row: _Row) -> dict[str, object]:
+def _annotation(one: _Name) -> dict[str, object]:
     """An image and its boxes; only files that `CocoWriter` wrote give a ``key``."""
-    image = row.index.image(row.row)
+    image = one.index.image(one.row)
     kept = {k: v for k, v in image.items() if k not in _IMAGE_KEYS}
     ours = isinstance(image.get("key"), str)
     if not ours:
         kept = _beside(kept, KNOWN_FRAME_KEYS)
-    annotation: dict[str, object] = {**kept, "boxes": list(_boxes(row, ours=ours))}
+    annotation: dict[str, object] = {**kept, "boxes": list(_boxes(one, ours=ours))}
     size = {key: image.get(key) for key in ("width", "height")}
     if "camera" not in annotation and all(_is_side(side) for side in size.values()):
         annotation["camera"] = size
@@ -273,15 +255,15 @@ _OURS: Final = frozenset({"id", "image_id", "category_id", "bbox", "attributes"}
 """Keys of an annotation that are interpreted; all others are only kept."""
 
 
-def _boxes(row: _Row, *, ours: bool) -> Iterator[dict[str, object]]:
-    boxes = list(row.index.boxes(row.row))
+def _boxes(one: _Name, *, ours: bool) -> Iterator[dict[str, object]]:
+    boxes = list(one.index.boxes(one.row))
     ids = [str(box["id"]) for box in boxes if "id" in box]
     # If an id occurs twice, the boxes are identified by their positions instead.
     use_ids = len(set(ids)) == len(boxes)
     for number, given in enumerate(boxes):
-        at = f"{row.index.name}, annotation {str(given.get('id', number))[:40]!r}"
+        at = f"{one.index.name}, annotation {str(given.get('id', number))[:40]!r}"
         category = given.get("category_id")
-        names = row.index.names
+        names = one.index.names
         name = names.get(category) if isinstance(category, (int, str)) else None
         if name is None:
             raise LayoutError(

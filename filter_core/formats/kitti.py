@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar, Final
 
@@ -39,6 +40,7 @@ from filter_core.formats.reading import (
     FrameSet,
     FrameSource,
     ReadOptions,
+    annotated,
     frame_of,
     match,
     open_regular,
@@ -149,15 +151,9 @@ def _read_frames(
     calibrations: dict[str, str | None],
 ) -> Iterator[FrameSource]:
     for files in frames:
-        annotation: dict[str, object] | None = None
-        problem: FilterError | None = None
-        try:
-            annotation = _annotation(folders, files, calibrations[files.label])
-        except FilterError as exc:
-            problem = exc
-        yield frame_of(
-            files, folders.images, folders.segmentations, annotation, problem
-        )
+        read = partial(_annotation, folders, files, calibrations[files.label])
+        frame = frame_of(files, folders.images, folders.segmentations)
+        yield annotated(frame, read)
 
 
 def _annotation(

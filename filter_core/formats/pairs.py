@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
-from filter_core.errors import FilterError, JsonError, LayoutError
+from filter_core.errors import JsonError, LayoutError
 from filter_core.formats.format import Format, Recognition, Source
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
@@ -22,6 +22,7 @@ from filter_core.formats.reading import (
     FrameSource,
     ReadOptions,
     Unmatched,
+    annotated,
     frame_key,
     holds_boxes,
     manifests_below,
@@ -85,14 +86,13 @@ def read_pairs(root: Path, options: ReadOptions) -> FrameSet:
         by_name = beside_tags.take(key, by_base=alone) if in_folder is None else None
         annotation = annotations.take(key, by_base=alone)
         tag = tags / in_folder if tags and in_folder else None
-        frames.append(
-            _Pair(
-                key=key,
-                image=root / image,
-                segmentation=root / by_name if by_name else tag,
-                annotation=annotation,
-            )
+        frame = FrameSource(
+            key=key,
+            annotation={"boxes": []} if annotation is None else None,
+            image=root / image,
+            segmentation=root / by_name if by_name else tag,
         )
+        frames.append((frame, annotation))
     unmatched = (
         *images.unmatched,
         *folder_tags.left_over(_NO_IMAGE),
@@ -122,16 +122,6 @@ def _is_other_sensor(name: str) -> bool:
     return not _OTHER_FOLDERS.isdisjoint(folders)
 
 
-@dataclass(frozen=True)
-class _Pair:
-    """The files of one frame; the annotation is relative to the labels' folder."""
-
-    key: str
-    image: Path
-    segmentation: Path | None
-    annotation: str | None
-
-
 def _key_without_ending(name: str) -> str:
     return _ENDING.sub("", frame_key(name))
 
@@ -142,22 +132,15 @@ def _foreign_labels(root: Path) -> Iterator[Unmatched]:
             yield Unmatched(name, "labels of another layout are not read with images")
 
 
-def _read_frames(labels: Path, frames: Sequence[_Pair]) -> Iterator[FrameSource]:
-    for one in frames:
-        annotation: dict[str, object] | None = {"boxes": []}
-        problem: FilterError | None = None
-        if one.annotation is not None:
-            try:
-                annotation = _annotation(labels / one.annotation, one.annotation)
-            except FilterError as exc:
-                annotation, problem = None, exc
-        yield FrameSource(
-            key=one.key,
-            annotation=annotation,
-            image=one.image,
-            segmentation=one.segmentation,
-            problem=problem,
-        )
+def _read_frames(
+    labels: Path, frames: Sequence[tuple[FrameSource, str | None]]
+) -> Iterator[FrameSource]:
+    """Each frame with what its file of the labels' folder says, if it has one."""
+    for frame, name in frames:
+        if name is None:
+            yield frame
+        else:
+            yield annotated(frame, partial(_annotation, labels / name, name))
 
 
 def _annotation(path: Path, name: str) -> dict[str, object]:

@@ -455,25 +455,42 @@ def with_keys(
 
 
 def frame_of(
-    files: FrameFileNames,
-    images: Path,
-    segmentations: Path | None,
-    annotation: Mapping[str, object] | None,
-    problem: FilterError | None,
+    files: FrameFileNames, images: Path, segmentations: Path | None
 ) -> FrameSource:
-    """A frame from the names of its files."""
+    """A frame from the names of its files; its label file is not read yet."""
     tags = None
     if segmentations is not None and files.segmentation is not None:
         tags = segmentations / files.segmentation
-    if annotation is not None and files.map is not None:
-        annotation = {"map": files.map, **annotation}
     return FrameSource(
         key=files.key,
-        annotation=annotation,
+        annotation=None if files.map is None else {"map": files.map},
         image=images / files.image if files.image else None,
         segmentation=tags,
-        problem=problem,
     )
+
+
+def annotated(
+    frame: FrameSource, read: Callable[[], Mapping[str, object]]
+) -> FrameSource:
+    """A frame with the annotation that `read` returns, or with its error.
+
+    Parameters
+    ----------
+    frame : FrameSource
+        Keys of its annotation stay if those that are read do not replace them.
+    read : callable
+        Reads the frame's label file. A `FilterError` becomes the frame's problem, so
+        that other frames are still read.
+
+    Returns
+    -------
+    FrameSource
+    """
+    try:
+        annotation = {**(frame.annotation or {}), **read()}
+    except FilterError as problem:
+        return replace(frame, annotation=None, problem=problem)
+    return replace(frame, annotation=annotation)
 
 
 def open_regular(path: Path) -> BinaryIO:

@@ -14,13 +14,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar, Final, Protocol
 
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import DefusedXMLParser, ParseError
 
-from filter_core.errors import FilterError, LayoutError
+from filter_core.errors import LayoutError
 from filter_core.formats.export import ExportFrame
 from filter_core.formats.files import element
 from filter_core.formats.format import (
@@ -34,8 +35,8 @@ from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FrameFileNames,
     FrameSet,
-    FrameSource,
     ReadOptions,
+    annotated,
     band_folders,
     frame_of,
     match,
@@ -76,43 +77,27 @@ def _recognise(source: Source) -> Recognition:
 def read_voc_folder(root: Path, options: ReadOptions) -> FrameSet:
     """The frames of a VOC folder; a file that is not VOC is that frame's problem."""
     tags = options.segmentation or segmentation_folder(root)
-    folders = _VocFolders(root, options.labels or root, tags)
+    labels = options.labels or root
     skip = [*([tags] if tags else []), *band_folders(root)]
     frames, unmatched = match(
-        walk(folders.labels, (".xml",), skip),
+        walk(labels, (".xml",), skip),
         walk(root, IMAGE_SUFFIXES, skip),
         walk(tags, IMAGE_SUFFIXES) if tags else (),
     )
     named = with_keys(root, frames)
     return FrameSet(
         layout="voc",
-        frames=lambda: _read_frames(folders, named),
+        frames=lambda: (
+            annotated(frame_of(one, root, tags), partial(_annotation, labels, one))
+            for one in named
+        ),
         count=len(frames),
         unmatched=unmatched,
     )
 
 
-@dataclass(frozen=True)
-class _VocFolders:
-    images: Path
-    labels: Path
-    segmentations: Path | None
-
-
-def _read_frames(
-    folders: _VocFolders, frames: Sequence[FrameFileNames]
-) -> Iterator[FrameSource]:
-    for files in frames:
-        annotation: dict[str, object] | None = None
-        problem: FilterError | None = None
-        try:
-            content = read_label_bytes(folders.labels / files.label, files.label)
-            annotation = read_voc(content, files.label)
-        except FilterError as exc:
-            problem = exc
-        yield frame_of(
-            files, folders.images, folders.segmentations, annotation, problem
-        )
+def _annotation(labels: Path, files: FrameFileNames) -> dict[str, object]:
+    return read_voc(read_label_bytes(labels / files.label, files.label), files.label)
 
 
 def read_voc(content: bytes, name: str) -> dict[str, object]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar, Final
 
@@ -20,7 +21,7 @@ import numpy as np
 import yaml
 
 from filter_core.config.file import parse_yaml
-from filter_core.errors import ConfigError, FilterError, LayoutError
+from filter_core.errors import ConfigError, LayoutError
 from filter_core.formats.format import (
     FOLDER_OPTIONS,
     LABEL_NEEDS,
@@ -33,8 +34,8 @@ from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FrameFileNames,
     FrameSet,
-    FrameSource,
     ReadOptions,
+    annotated,
     band_folders,
     frame_of,
     holds_boxes,
@@ -204,30 +205,22 @@ def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> Fram
     named = with_keys(folders.images, frames)
     return FrameSet(
         layout=layout,
-        frames=lambda: _read_frames(folders, named),
+        frames=lambda: (
+            annotated(
+                frame_of(one, folders.images, tags), partial(_annotation, folders, one)
+            )
+            for one in named
+        ),
         classes=folders.classes,
         count=len(frames),
         unmatched=unmatched,
     )
 
 
-def _read_frames(
-    folders: LabelFolders, frames: Sequence[FrameFileNames]
-) -> Iterator[FrameSource]:
-    for files in frames:
-        annotation: dict[str, object] | None = None
-        problem: FilterError | None = None
-        try:
-            text = read_label_text(folders.labels / files.label, files.label)
-            boxes = _read_label_lines(
-                text, files.label, folders.classes, folders.default_class
-            )
-            annotation = {"boxes": boxes}
-        except FilterError as exc:
-            problem = exc
-        yield frame_of(
-            files, folders.images, folders.segmentations, annotation, problem
-        )
+def _annotation(folders: LabelFolders, files: FrameFileNames) -> dict[str, object]:
+    text = read_label_text(folders.labels / files.label, files.label)
+    boxes = _read_label_lines(text, files.label, folders.classes, folders.default_class)
+    return {"boxes": boxes}
 
 
 def _read_label_lines(
