@@ -318,7 +318,7 @@ class OpenBatches:
         return self._by_token.total()
 
     @contextmanager
-    def enter(self, token_id: int, *, most: int, most_of_one: int) -> Iterator[None]:
+    def enter(self, token_id: int, settings: Settings) -> Iterator[None]:
         """Count one more batch during the block.
 
         Raises
@@ -326,6 +326,8 @@ class OpenBatches:
         TooManyRequests
             The limit of all tokens or of this token is reached.
         """
+        most = settings.max_open_batches
+        most_of_one = settings.max_open_batches_per_token
         if self._by_token[token_id] >= most_of_one:
             raise TooManyRequests(
                 f"{most_of_one} batches of this token are being received; send this "

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import threading
 from collections.abc import Iterator
 from contextlib import AsyncExitStack
 from functools import partial
@@ -13,13 +11,11 @@ from typing import Annotated, Final
 from anyio import CancelScope, CapacityLimiter, to_thread
 from fastapi import Query, Request, Response
 from starlette.concurrency import run_in_threadpool
-from starlette.requests import ClientDisconnect
 from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from app.context import ServiceContext
-from app.engine.children import GivenUp
-from app.http.bodies import UntilStopped, stopping
+from app.http.bodies import UntilStopped
 from app.http.deps import AppServices
 from app.http.middleware import BODY_ALLOWANCE
 from app.http.routing import ApiRouter, streamed_up_to
@@ -36,7 +32,7 @@ from app.ingest.routes import (
     LINES,
     expect_archive,
     lines_of,
-    tell_when_left,
+    until_left,
 )
 from app.ingest.tar import TarLimits, TarStream
 from app.storage.room import require_room
@@ -73,14 +69,9 @@ async def read_folder(
     or 64 KiB of a JPEG, which have the size of the image.
     """
     expect_archive(request)
-    settings = services.settings
-    place = services.one(OpenBatches).enter(
-        request.state.principal.token_id,
-        most=settings.max_open_batches,
-        most_of_one=settings.max_open_batches_per_token,
-    )
+    settings, token_id = services.settings, request.state.principal.token_id
     async with AsyncExitStack() as opened:
-        opened.enter_context(place)
+        opened.enter_context(services.one(OpenBatches).enter(token_id, settings))
         sent = await run_in_threadpool(_new_folder, services)
         opened.push_async_callback(_remove, sent)
         await _receive(request, services, sent)
@@ -141,18 +132,12 @@ async def _in_child(
     request: Request, services: ServiceContext, task: FolderTask
 ) -> int:
     """Let a child write the response; returns its size. Ends if the client leaves."""
-    given_up = threading.Event()
-    watching = asyncio.ensure_future(tell_when_left(request, given_up))
     places: CapacityLimiter = request.app.state.folders
-    try:
+    async with until_left(request) as given_up:
         return await to_thread.run_sync(
             partial(services.folders.run, write_response, task, given_up=given_up),
             limiter=places,
         )
-    except GivenUp:
-        raise (ClientDisconnect if given_up.is_set() else stopping)() from None
-    finally:
-        watching.cancel()
 
 
 class FolderResponse(StreamingResponse):

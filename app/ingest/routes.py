@@ -7,7 +7,7 @@ import json
 import threading
 from collections import Counter
 from collections.abc import AsyncIterator
-from contextlib import AbstractContextManager
+from contextlib import asynccontextmanager
 from typing import Annotated, Final
 
 from anyio import CapacityLimiter, to_thread
@@ -139,7 +139,8 @@ class BatchResponse(Response):
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send the response; a fault before the first frame has a status of its own."""
         services = self._services
-        with self._place():
+        token_id = self._request.state.principal.token_id
+        with services.one(OpenBatches).enter(token_id, services.settings):
             await run_in_threadpool(self._require_dataset)
             stop = services.engine.stopping
             pieces = UntilStopped(self._request.stream(), stop)
@@ -148,14 +149,6 @@ class BatchResponse(Response):
                 frames = ArchiveFrames(services.settings, pieces, held)
                 await frames.begin()
                 await self._respond(frames, send)
-
-    def _place(self) -> AbstractContextManager[None]:
-        settings = self._services.settings
-        return self._services.one(OpenBatches).enter(
-            self._request.state.principal.token_id,
-            most=settings.max_open_batches,
-            most_of_one=settings.max_open_batches_per_token,
-        )
 
     async def _respond(self, frames: ArchiveFrames, send: Send) -> None:
         await send(
@@ -306,23 +299,37 @@ async def put_frame(
     state = request.app.state
     places: CapacityLimiter = state.uploads
     own: CapacityLimiter = state.uploading.of(common.sender.token_id)
+    # `own`: no token takes the places of all others.
+    async with until_left(request) as given_up, own:
+        return await to_thread.run_sync(
+            _store, services, common, upload, given_up, limiter=places
+        )
+
+
+@asynccontextmanager
+async def until_left(request: Request) -> AsyncIterator[threading.Event]:
+    """An event that is set when the client disconnects, so that work can be given up.
+
+    Raises
+    ------
+    ClientDisconnect
+        The work was given up (`GivenUp`), as the client has left.
+    NotReady
+        The work was given up, as the service stops.
+    """
+
+    async def watch() -> None:
+        await has_left(request)
+        given_up.set()
+
     given_up = threading.Event()
-    watching = asyncio.ensure_future(tell_when_left(request, given_up))
+    watching = asyncio.ensure_future(watch())
     try:
-        async with own:  # no token takes the places of all others
-            return await to_thread.run_sync(
-                _store, services, common, upload, given_up, limiter=places
-            )
+        yield given_up
     except GivenUp:
         raise (ClientDisconnect if given_up.is_set() else stopping)() from None
     finally:
         watching.cancel()
-
-
-async def tell_when_left(request: Request, given_up: threading.Event) -> None:
-    """Set `given_up` when the client disconnects."""
-    await has_left(request)
-    given_up.set()
 
 
 def _store(
