@@ -13,7 +13,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import timedelta
 from typing import Final, NamedTuple
 
 from sqlalchemy import ColumnElement, Connection, delete, event, insert, select, update
@@ -97,11 +97,11 @@ def take_key_on_begin(session: Session, request: RepeatableRequest) -> None:
 
 
 def _take_key(connection: Connection, request: RepeatableRequest) -> None:
-    keys = IdempotencyKeys(connection, request.token_id)
-    keys.release_if_older(request.key, utc_now() - request.keep)
-    if keys.take(request.key, request.digest):
+    is_too_old = IdempotencyKey.created_at < utc_now() - request.keep
+    connection.execute(delete(IdempotencyKey).where(*_has_key_of(request), is_too_old))
+    if _take(connection, request):
         return
-    response = keys.stored(request.key)
+    response = _stored(connection, request)
     if response.request_digest != request.digest:
         raise IdempotencyKeyReuse(
             f"Idempotency-Key {request.key!r} was used for another request"
@@ -122,17 +122,19 @@ def store_response(session: Session, response: Response) -> None:
     request: RepeatableRequest | None = session.info.pop(_LACKS_RESPONSE, None)
     if request is None:
         return
-    keys = IdempotencyKeys(session.connection(), request.token_id)
+    connection, has_key = session.connection(), _has_key_of(request)
     headers, body = response.headers, getattr(response, "body", None)
     if not isinstance(body, bytes) or headers.get("cache-control") == "no-store":
-        keys.release(request.key)
+        connection.execute(delete(IdempotencyKey).where(*has_key))
         return
     kept = {name: headers[name] for name in _STORED_HEADERS if name in headers}
-    media_type = headers.get("content-type", "")
-    keys.store(
-        request.key,
-        StoredResponse(request.digest, response.status_code, media_type, kept, body),
-    )
+    values = {
+        "status": response.status_code,
+        "media_type": headers.get("content-type", ""),
+        "headers": json.dumps(kept),
+        "body": body,
+    }
+    connection.execute(update(IdempotencyKey).where(*has_key).values(values))
 
 
 def forget_old_responses(session: Session, keep: timedelta) -> None:
@@ -141,75 +143,45 @@ def forget_old_responses(session: Session, keep: timedelta) -> None:
     session.execute(delete(IdempotencyKey).where(IdempotencyKey.created_at < cutoff))
 
 
-class IdempotencyKeys:
-    """Keys of one token, inside a transaction that has begun."""
+def _take(connection: Connection, request: RepeatableRequest) -> bool:
+    """Take the key for this request; False if it is taken.
 
-    def __init__(self, connection: Connection, token_id: int) -> None:
-        self._connection = connection
-        self._token_id = token_id
+    This waits for a transaction that has taken it and has not ended.
+    """
+    row = {
+        "token_id": request.token_id,
+        "key": request.key,
+        "request_digest": request.digest,
+        "status": 0,
+        "media_type": "",
+        "headers": "{}",
+        "body": b"",
+        "created_at": utc_now(),
+    }
+    try:
+        with connection.begin_nested():
+            connection.execute(insert(IdempotencyKey).values(row))
+    except IntegrityError:
+        return False
+    return True
 
-    def take(self, key: str, request_digest: str) -> bool:
-        """Take the key for this request; False if it is taken.
 
-        This waits for a transaction that has taken it and has not ended.
-        """
-        row = {
-            "token_id": self._token_id,
-            "key": key,
-            "request_digest": request_digest,
-            "status": 0,
-            "media_type": "",
-            "headers": "{}",
-            "body": b"",
-            "created_at": utc_now(),
-        }
-        try:
-            with self._connection.begin_nested():
-                self._connection.execute(insert(IdempotencyKey).values(row))
-        except IntegrityError:
-            return False
-        return True
+def _stored(connection: Connection, request: RepeatableRequest) -> StoredResponse:
+    """What is stored with the key of a request, which is taken."""
+    columns = (
+        IdempotencyKey.request_digest,
+        IdempotencyKey.status,
+        IdempotencyKey.media_type,
+        IdempotencyKey.headers,
+        IdempotencyKey.body,
+    )
+    rows = connection.execute(select(*columns).where(*_has_key_of(request)))
+    digest, status, media_type, headers, body = rows.one()
+    return StoredResponse(digest, status, media_type, json.loads(headers), body)
 
-    def stored(self, key: str) -> StoredResponse:
-        """The stored request and response of a key that is taken."""
-        columns = (
-            IdempotencyKey.request_digest,
-            IdempotencyKey.status,
-            IdempotencyKey.media_type,
-            IdempotencyKey.headers,
-            IdempotencyKey.body,
-        )
-        statement = select(*columns).where(*self._is(key))
-        digest, status, media_type, headers, body = self._connection.execute(
-            statement
-        ).one()
-        return StoredResponse(digest, status, media_type, json.loads(headers), body)
 
-    def store(self, key: str, response: StoredResponse) -> None:
-        """Store the response to the request that took the key."""
-        statement = (
-            update(IdempotencyKey)
-            .where(*self._is(key))
-            .values(
-                status=response.status,
-                media_type=response.media_type,
-                headers=json.dumps(dict(response.headers)),
-                body=response.body,
-            )
-        )
-        self._connection.execute(statement)
-
-    def release(self, key: str) -> None:
-        """Delete the key: the response of its request is not stored."""
-        self._connection.execute(delete(IdempotencyKey).where(*self._is(key)))
-
-    def release_if_older(self, key: str, cutoff: datetime) -> None:
-        """Delete the key if its response has been kept long enough."""
-        self._connection.execute(
-            delete(IdempotencyKey).where(
-                *self._is(key), IdempotencyKey.created_at < cutoff
-            )
-        )
-
-    def _is(self, key: str) -> tuple[ColumnElement[bool], ...]:
-        return (IdempotencyKey.token_id == self._token_id, IdempotencyKey.key == key)
+def _has_key_of(request: RepeatableRequest) -> tuple[ColumnElement[bool], ...]:
+    return (
+        IdempotencyKey.token_id == request.token_id,
+        IdempotencyKey.key == request.key,
+    )
