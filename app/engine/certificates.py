@@ -11,13 +11,17 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from ipaddress import ip_address
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives import serialization as form
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
+from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
+from cryptography.x509.oid import NameOID
 
 from app.engine.chunk import UnusableEngine
-
-if TYPE_CHECKING:
-    from cryptography import x509
-    from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
 
 NODES: Final = ("scheduler", "worker", "client")
 AUTHORITY: Final = "ca"
@@ -39,8 +43,8 @@ def make_certificates(folder: Path, hosts: tuple[str, ...], days: int) -> list[P
     Raises
     ------
     UnusableEngine
-        One of the files exists already, a package is missing, or a host is neither an
-        address nor a name in ASCII. Nothing is written then.
+        One of the files exists already, or a host is neither an address nor a name in
+        ASCII. Nothing is written then.
     """
     names = (AUTHORITY, *NODES)
     files = [folder / f"{name}{end}" for name in names for end in (".pem", ".key")]
@@ -56,12 +60,7 @@ def make_certificates(folder: Path, hosts: tuple[str, ...], days: int) -> list[P
                 f"expected an address or a name in ASCII as host, found {host!r}; "
                 "names with other letters have an ASCII form that begins with xn--"
             )
-    try:
-        authority = _sign(AUTHORITY, (), days, None)
-    except ImportError as exc:
-        raise UnusableEngine(
-            "certificates need more packages: pip install 'unghost[cluster]'"
-        ) from exc
+    authority = _sign(AUTHORITY, (), days, None)
     signed = {name: _sign(name, hosts, days, authority) for name in NODES}
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     for name, one in {AUTHORITY: authority, **signed}.items():
@@ -72,10 +71,6 @@ def make_certificates(folder: Path, hosts: tuple[str, ...], days: int) -> list[P
 def _sign(
     name: str, hosts: tuple[str, ...], days: int, authority: Signed | None
 ) -> Signed:
-    from cryptography import x509
-    from cryptography.hazmat.primitives import hashes
-    from cryptography.hazmat.primitives.asymmetric import ec
-
     key = ec.generate_private_key(ec.SECP256R1())
     subject = _subject(f"Unghost {name}")
     now = datetime.now(timezone.utc)
@@ -95,18 +90,12 @@ def _sign(
 
 
 def _subject(name: str) -> x509.Name:
-    from cryptography import x509
-    from cryptography.x509.oid import NameOID
-
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
 
 
 def _extensions(
     key: EllipticCurvePrivateKey, hosts: tuple[str, ...], authority: Signed | None
 ) -> list[tuple[x509.ExtensionType, bool]]:
-    from cryptography import x509
-    from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
-
     is_authority = authority is None
     signer = key if authority is None else authority.key
     found: list[tuple[x509.ExtensionType, bool]] = [
@@ -127,8 +116,6 @@ def _extensions(
 
 
 def _usage(is_authority: bool) -> x509.KeyUsage:
-    from cryptography import x509
-
     return x509.KeyUsage(
         digital_signature=not is_authority,
         content_commitment=False,
@@ -143,8 +130,6 @@ def _usage(is_authority: bool) -> x509.KeyUsage:
 
 
 def _name(host: str) -> x509.GeneralName:
-    from cryptography import x509
-
     try:
         return x509.IPAddress(ip_address(host.strip("[]")))
     except ValueError:
@@ -152,8 +137,6 @@ def _name(host: str) -> x509.GeneralName:
 
 
 def _write(folder: Path, name: str, signed: Signed) -> None:
-    from cryptography.hazmat.primitives import serialization as form
-
     key = signed.key.private_bytes(
         form.Encoding.PEM, form.PrivateFormat.PKCS8, form.NoEncryption()
     )

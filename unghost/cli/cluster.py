@@ -172,10 +172,15 @@ def certificates(options: CertificatesOptions) -> None:
 
     Anybody who has ca.key can admit more nodes: keep it off the nodes.
     """
-    from app.engine.certificates import make_certificates
     from app.engine.chunk import UnusableEngine
 
     with refused_on(UnusableEngine):
+        try:
+            from app.engine.certificates import make_certificates
+        except ImportError as exc:
+            raise UnusableEngine(
+                "certificates need more packages: pip install 'unghost[cluster]'"
+            ) from exc
         made = make_certificates(options.folder, tuple(options.host), options.days)
     for file in made:
         options.screen.record({"file": str(file)}, str(file))
