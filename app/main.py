@@ -13,11 +13,12 @@ from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 
 from app.access.gate import TokenGate
-from app.access.routes import audit_router, session_router, tokens_router
+from app.access.routes import audit_router, login_router, session_router, tokens_router
 from app.boxes.routes import crops_router, frames_router
 from app.boxes.routes import pictures_router as frame_pictures_router
 from app.boxes.routes import router as boxes_router
 from app.datasets.routes import router as datasets_router
+from app.exports.routes import downloads_router, links_router
 from app.exports.routes import router as exports_router
 from app.http import openapi, problems
 from app.http.bodies import MAX_READERS
@@ -33,7 +34,7 @@ from app.http.middleware import (
     SecurityHeaders,
 )
 from app.http.routing import MAX_READS_PER_TOKEN, MAX_WRITES_PER_TOKEN, TokenPlaces
-from app.http.static import content_security_policy
+from app.http.static import content_security_policy, description_router, files_router
 from app.http.static import router as page_router
 from app.http.transaction import repeat_response
 from app.ingest.folder_routes import router as folders_router
@@ -41,7 +42,8 @@ from app.ingest.routes import known_frames_router, upload_router
 from app.ingest.routes import router as batches_router
 from app.metrics import RequestMetrics
 from app.ops.readiness import Readiness
-from app.ops.routes import router as health_router
+from app.ops.routes import probes_router
+from app.ops.routes import router as about_router
 from app.package import VERSION, static_dir
 from app.process.connections import Connections
 from app.process.lifespan import running
@@ -64,17 +66,23 @@ ROUTERS: Final = (
     datasets_router,
     evaluations_router,
     exports_router,
+    links_router,
+    downloads_router,
     folders_router,
     frame_pictures_router,
     upload_router,
     frames_router,
-    health_router,
+    probes_router,
+    about_router,
     known_frames_router,
     page_router,
+    files_router,
+    description_router,
     quality_router,
     queue_router,
     reviews_router,
     runs_router,
+    login_router,
     session_router,
     tokens_router,
 )

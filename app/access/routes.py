@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import timedelta
 from typing import Final
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 
 from app.access import service as access
 from app.access.audit import AuditTrail
@@ -59,7 +59,7 @@ PREFIX: Final = "/api/v1"
 NO_STORE: Final = {"Cache-Control": "no-store"}
 
 login_router = OpenRouter(prefix=PREFIX, tag="session")
-own_router = ApiRouter(prefix=PREFIX, tag="session", write="viewer")
+session_router = ApiRouter(prefix=PREFIX, tag="session", write="viewer")
 
 
 @login_router.post("/session", status_code=201, response_model=NewSession)
@@ -94,13 +94,13 @@ def log_in(
     return json_response(shown, 201, NO_STORE)
 
 
-@own_router.get("/session")
+@session_router.get("/session")
 def get_session(session: ReadSession, principal: CurrentPrincipal) -> Session:
     """The caller's name and role, and when the token or the session expires."""
     return _session(session, principal)
 
 
-@own_router.delete("/session", status_code=204)
+@session_router.delete("/session", status_code=204)
 def log_out(
     session: WriteSession, services: AppServices, principal: CurrentPrincipal
 ) -> Response:
@@ -112,7 +112,7 @@ def log_out(
     return Response(status_code=204)
 
 
-@own_router.post("/login-codes", status_code=201, response_model=NewLoginCode)
+@session_router.post("/login-codes", status_code=201, response_model=NewLoginCode)
 def create_login_code(audit: Audited) -> Response:
     """Create a code that logs a page in as the caller: once, within ten minutes.
 
@@ -123,7 +123,7 @@ def create_login_code(audit: Audited) -> Response:
     return json_response(NewLoginCode(**dict(code), code=secret), 201, NO_STORE)
 
 
-@own_router.get("/login-codes/{code_id}")
+@session_router.get("/login-codes/{code_id}")
 def get_login_code(
     code_id: RowId, session: ReadSession, principal: CurrentPrincipal
 ) -> LoginCode:
@@ -139,10 +139,6 @@ def _session(session: ReadSession, principal: Principal) -> Session:
         expires_at=access.expiry(session, principal),
     )
 
-
-session_router = APIRouter(redirect_slashes=False)
-session_router.include_router(login_router)
-session_router.include_router(own_router)
 
 tokens_router = ApiRouter(prefix="/api/v1", tag="tokens", read="admin", write="admin")
 

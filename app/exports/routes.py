@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from sqlalchemy.orm import Session
 
 from app.access import service as access
@@ -39,10 +39,10 @@ from app.measuring.queries import DatasetRepository
 from unghost.wire.model import Page
 from unghost.wire.runs import DownloadLink, Export, ExportIn
 
-inside = ApiRouter(prefix="/api/v1", tag="exports")
+router = ApiRouter(prefix="/api/v1", tag="exports")
 # Every role that may download an export may also create a download link.
-addresses = ApiRouter(prefix="/api/v1", tag="exports", write="viewer")
-by_address = OpenRouter(prefix="/api/v1", tag="exports")
+links_router = ApiRouter(prefix="/api/v1", tag="exports", write="viewer")
+downloads_router = OpenRouter(prefix="/api/v1", tag="exports")
 
 _ARCHIVE: dict[int | str, dict[str, object]] = {
     **file_of(MEDIA_TYPE),
@@ -50,7 +50,7 @@ _ARCHIVE: dict[int | str, dict[str, object]] = {
 }
 
 
-@inside.get("/datasets/{dataset}/exports", response_model=Page[Export])
+@router.get("/datasets/{dataset}/exports", response_model=Page[Export])
 def list_exports(
     dataset: DatasetName, wanted: Newest, session: ReadSession
 ) -> Response:
@@ -60,7 +60,7 @@ def list_exports(
     return wanted.response(rows, lambda export: describe_export(export, dataset))
 
 
-@inside.post("/datasets/{dataset}/exports", status_code=202, response_model=Export)
+@router.post("/datasets/{dataset}/exports", status_code=202, response_model=Export)
 def create_export(
     dataset: DatasetName,
     body: ExportIn,
@@ -78,7 +78,7 @@ def create_export(
     return _accepted(export, dataset)
 
 
-@inside.post("/exports/{export_id}/cancel", status_code=202, response_model=Export)
+@router.post("/exports/{export_id}/cancel", status_code=202, response_model=Export)
 def stop_export(
     export_id: RowId, session: WriteSession, services: AppServices, audit: Audited
 ) -> Response:
@@ -94,7 +94,7 @@ def _accepted(export: tables.Export, dataset: str) -> Response:
     return json_response(describe_export(export, dataset), 202, where)
 
 
-@inside.get("/exports/{export_id}")
+@router.get("/exports/{export_id}")
 def get_export(export_id: RowId, session: ReadSession) -> Export:
     """An export and its progress."""
     export = job_with_id(session, tables.Export, export_id)
@@ -102,7 +102,7 @@ def get_export(export_id: RowId, session: ReadSession) -> Export:
     return describe_export(export, dataset.name)
 
 
-@inside.get(
+@router.get(
     "/exports/{export_id}/events",
     response_class=Response,
     responses=events_of(Export, "export"),
@@ -117,7 +117,7 @@ async def watch_export(
     return await watch(request, services, EXPORTS, export_id, last_event_id)
 
 
-@inside.get(
+@router.get(
     "/exports/{export_id}/download",
     response_class=Response,
     responses=_ARCHIVE,
@@ -130,7 +130,7 @@ def download_export(
     return _archive(request, session, services, export_id)
 
 
-@addresses.post(
+@links_router.post(
     "/exports/{export_id}/download-links", status_code=201, response_model=DownloadLink
 )
 def create_download_link(
@@ -152,7 +152,7 @@ def create_download_link(
     return json_response(link, 201, {"Cache-Control": "no-store"})
 
 
-@by_address.get(
+@downloads_router.get(
     "/exports/{export_id}/file",
     response_class=Response,
     responses={
@@ -182,9 +182,3 @@ def _archive(
     blob = finished_file(services, export)
     name = f"{dataset.name}-{export.format}-{export.id}.zip"
     return file_response(request, blob, export.sha256 or "", MEDIA_TYPE, name)
-
-
-router = APIRouter(redirect_slashes=False)
-router.include_router(inside)
-router.include_router(addresses)
-router.include_router(by_address)

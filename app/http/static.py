@@ -161,12 +161,12 @@ def content_security_policy(index: Path) -> str:
     )
 
 
-shell = APIRouter(redirect_slashes=False, route_class=HeadRoute)
-files = OpenRouter()
-description = ApiRouter()
+router = APIRouter(redirect_slashes=False, route_class=HeadRoute)
+files_router = OpenRouter()
+description_router = ApiRouter()
 
 
-@shell.get("/", include_in_schema=False)
+@router.get("/", include_in_schema=False)
 async def index(request: Request) -> Response:
     """The page. Its filters are in the URL, so any query parameter is allowed."""
     folder = static_dir()
@@ -176,7 +176,7 @@ async def index(request: Request) -> Response:
     return response
 
 
-@files.get("/static/{name:path}", include_in_schema=False)
+@files_router.get("/static/{name:path}", include_in_schema=False)
 async def static_file(name: str, request: Request) -> Response:
     """One file of the page, from memory, and so not in a thread.
 
@@ -189,7 +189,7 @@ async def static_file(name: str, request: Request) -> Response:
     return _file_response(request, file, IMMUTABLE if is_current else "no-cache")
 
 
-@description.get("/openapi.json", include_in_schema=False)
+@description_router.get("/openapi.json", include_in_schema=False)
 def openapi(request: Request) -> Response:
     """The OpenAPI document; in a thread, since generating it the first time is slow."""
     content = json.dumps(request.app.openapi(), ensure_ascii=False).encode()
@@ -198,13 +198,13 @@ def openapi(request: Request) -> Response:
     )
 
 
-@files.get("/docs", include_in_schema=False)
+@files_router.get("/docs", include_in_schema=False)
 async def docs(request: Request) -> Response:
     """The page that shows `/docs/content` to people who are logged in."""
     return _file_response(request, page_file(static_dir(), "docs.html"))
 
 
-@description.get("/docs/content", include_in_schema=False)
+@description_router.get("/docs/content", include_in_schema=False)
 def docs_content(request: Request) -> Response:
     """The API as HTML; in a thread, as `openapi`."""
     page = docs_page(request.app.openapi())
@@ -218,8 +218,3 @@ def _file_response(
     if is_known(request, file.etag):
         return Response(status_code=304, headers=headers)
     return Response(file.content, headers=headers, media_type=file.media_type)
-
-
-router = APIRouter(redirect_slashes=False)
-for part in (shell, files, description):
-    router.include_router(part)

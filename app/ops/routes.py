@@ -6,7 +6,7 @@ import platform
 from itertools import chain
 from typing import Final
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from fastapi.responses import PlainTextResponse
 
 from app.http.deps import AppServices
@@ -20,30 +20,30 @@ from unghost.wire.access import Alive, Ready, Version
 
 PROMETHEUS_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
 
-probes = OpenRouter(tag="health")
-about = ApiRouter(tag="health")
+probes_router = OpenRouter(tag="health")
+router = ApiRouter(tag="health")
 
 
-@probes.get("/healthz")
+@probes_router.get("/healthz")
 async def healthz() -> Alive:
     """The process is alive; nothing else is checked."""
     return Alive(status="ok")
 
 
-@probes.get("/readyz")
+@probes_router.get("/readyz")
 async def readyz(request: Request, services: AppServices) -> Ready:
     """The service can store data and is not stopping; else 503 with the reasons."""
     readiness: Readiness = request.app.state.readiness
     return Ready(ready=True, checks=dict(await readiness.check(services)))
 
 
-@about.get("/version")
+@router.get("/version")
 async def running_version() -> Version:
     """The version of the service and of its API."""
     return Version(version=VERSION, api="v1", python=platform.python_version())
 
 
-@about.get("/metrics", response_class=PlainTextResponse)
+@router.get("/metrics", response_class=PlainTextResponse)
 def metrics(request: Request, services: AppServices) -> PlainTextResponse:
     """Metrics for Prometheus: requests, work, queues, verdicts and disk space."""
     counts: RequestMetrics = request.app.state.metrics
@@ -58,8 +58,3 @@ def metrics(request: Request, services: AppServices) -> PlainTextResponse:
         )
     )
     return PlainTextResponse(scrape.text(), media_type=PROMETHEUS_TYPE)
-
-
-router = APIRouter(redirect_slashes=False)
-router.include_router(probes)
-router.include_router(about)
