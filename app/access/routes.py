@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import timedelta
+from functools import partial
 from typing import Final
 
 from fastapi import Request, Response
@@ -21,7 +22,7 @@ from app.http.deps import (
     RowId,
     make_room,
 )
-from app.http.pages import Cursor, Limit, Newest, json_response, page_response
+from app.http.pages import NO_STORE, Cursor, Limit, Newest, json_response, page_response
 from app.http.routing import ApiRouter, OpenRouter
 from app.http.transaction import WriteSession
 from app.security import Principal, comes_from_no_other_page
@@ -44,19 +45,12 @@ audit_router = ApiRouter(prefix="/api/v1", tag="audit", read="admin", write="adm
 @audit_router.get("/audit", response_model=Page[AuditEntry])
 def list_audit(wanted: Newest, session: ReadSession) -> Response:
     """The audit log: who changed tokens, data, configurations, jobs or many answers."""
-    limit = wanted.page.limit
     found = AuditRepository(session).page(wanted.page)
-    following = str(found[limit - 1].id) if len(found) > limit else None
-    items = [
-        AuditEntry.model_validate(entry, from_attributes=True)
-        for entry in found[:limit]
-    ]
-    return page_response(wanted.request, items, following)
+    describe = partial(AuditEntry.model_validate, from_attributes=True)
+    return wanted.response(found, describe)
 
 
 PREFIX: Final = "/api/v1"
-# Neither a cache nor the response kept for an Idempotency-Key may hold a secret.
-NO_STORE: Final = {"Cache-Control": "no-store"}
 
 login_router = OpenRouter(prefix=PREFIX, tag="session")
 session_router = ApiRouter(prefix=PREFIX, tag="session", write="viewer")
@@ -164,9 +158,7 @@ def create_token(body: TokenIn, audit: Audited) -> Response:
     ends = body.ends(utc_now())
     made, secret = access.issue(audit, body.name, body.role, ends)
     token = Token.model_validate(made, from_attributes=True)
-    # no-store: neither a cache nor the response kept for an Idempotency-Key holds it.
-    shown = NewToken(**dict(token), token=secret)
-    return json_response(shown, 201, {"Cache-Control": "no-store"})
+    return json_response(NewToken(**dict(token), token=secret), 201, NO_STORE)
 
 
 @tokens_router.delete("/tokens/{token_id}", status_code=204)

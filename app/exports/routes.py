@@ -29,7 +29,7 @@ from app.http.deps import (
     RowId,
 )
 from app.http.files import RESUMABLE, file_of, file_response
-from app.http.pages import Newest, json_response
+from app.http.pages import NO_STORE, Newest, json_response
 from app.http.routing import ApiRouter, OpenRouter
 from app.http.transaction import WriteSession
 from app.jobs.queries import job_with_id
@@ -147,9 +147,7 @@ def create_download_link(
     finished_file(services, export)
     key, ends = access.make_link(session, principal.token_id, export_id)
     url = f"/api/v1/exports/{export_id}/file?key={key}"
-    # no-store: neither a cache nor the response kept for an Idempotency-Key holds it.
-    link = DownloadLink(url=url, expires_at=ends)
-    return json_response(link, 201, {"Cache-Control": "no-store"})
+    return json_response(DownloadLink(url=url, expires_at=ends), 201, NO_STORE)
 
 
 @downloads_router.get(

@@ -94,12 +94,16 @@ async def authorise(request: Request, needed: Role) -> Principal:
     gate: Gate = request.app.state.gate
     principal = await gate.identify(request)
     request.state.principal = principal
+    _require_role(principal, needed)
+    return principal
+
+
+def _require_role(principal: Principal, needed: Role) -> None:
     if not includes(principal.role, needed):
         raise Forbidden(
             f"this needs the role {needed}, "
             f"token {principal.name!r} has {principal.role}"
         )
-    return principal
 
 
 def current_principal(request: Request) -> Principal:
@@ -110,11 +114,7 @@ def current_principal(request: Request) -> Principal:
 
 def admin(request: Request) -> None:
     """Allow only admins, for a single route of a router that others may use."""
-    principal = current_principal(request)
-    if not includes(principal.role, "admin"):
-        raise Forbidden(
-            f"this needs the role admin, token {principal.name!r} has {principal.role}"
-        )
+    _require_role(current_principal(request), "admin")
 
 
 def read_session(request: Request) -> Iterator[Session]:

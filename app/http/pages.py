@@ -4,14 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import Annotated, Final, Protocol, TypeVar
 
 from fastapi import Depends, Query, Request, Response
 from pydantic import TypeAdapter
 
-from app.db.pages import NewestPage, Row, id_of_cursor
+from app.db.pages import NewestPage, id_of_cursor
 from unghost.wire.model import ResponseModel
 from unghost.wire.runs import Run
+
+NO_STORE: Final = {"Cache-Control": "no-store"}
+"""Headers of a response with a secret: neither a cache nor the response kept for an
+Idempotency-Key may hold it."""
+
+
+class _HasId(Protocol):
+    @property
+    def id(self) -> int: ...
+
+
+_Row = TypeVar("_Row", bound=_HasId)
 
 
 @dataclass(frozen=True)
@@ -23,10 +35,10 @@ class NewestFirst:
 
     def response(
         self,
-        rows: Sequence[Row],
-        describe: Callable[[Row], Mapping[str, object] | ResponseModel],
+        rows: Sequence[_Row],
+        describe: Callable[[_Row], Mapping[str, object] | ResponseModel],
     ) -> Response:
-        """The response with the rows that `app.db.pages.newest` found for this page."""
+        """The response with these rows: one more than fit if there is a next page."""
         listed = rows[: self.page.limit]
         following = str(listed[-1].id) if len(rows) > len(listed) else None
         return page_response(self.request, [describe(row) for row in listed], following)
