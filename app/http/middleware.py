@@ -11,6 +11,7 @@ import math
 import re
 import time
 import uuid
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -30,26 +31,44 @@ from app.errors import (
 from app.http.bodies import stopping
 from app.http.problems import refusal_of
 from app.incoming import HeldBytes
-from app.logs import AccessRecord, current_request_id, error_log, log_access
+from app.logs import (
+    AccessRecord,
+    current_request_id,
+    error_log,
+    log_access,
+    logged_with,
+)
 from app.metrics import RequestMetrics
 from app.security import SAFE_METHODS, host_name
 from app.settings import ANY_HOST
 
 
-class NoNewWork:
-    """Refuses writing requests while the service is stopping; reading ones are served.
-
-    A request that is cut off when the time to stop is over gets the same response.
-    """
+class HttpMiddleware(ABC):
+    """Middleware that handles HTTP requests, and passes on all else: start and stop."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
-        if scope["type"] != "http":
+        """Called by the server for each request, and once for start and stop."""
+        if scope["type"] == "http":
+            await self.handle(scope, receive, send)
+        else:
             await self._app(scope, receive, send)
-            return
+
+    @abstractmethod
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+
+
+class NoNewWork(HttpMiddleware):
+    """Refuses writing requests while the service is stopping; reading ones are served.
+
+    A request that is cut off when the time to stop is over gets the same response.
+    """
+
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
         stop: Stop = scope["app"].state.services.engine.stopping
         if stop.is_set() and scope["method"] not in SAFE_METHODS:
             raise stopping()
@@ -77,47 +96,35 @@ SECURITY_HEADERS: Final[Mapping[str, str]] = {
 _REQUEST_ID: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
-class RequestId:
+class RequestId(HttpMiddleware):
     """Gives each request an id: that of its header if well-formed, else a new one."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
         given = Headers(scope=scope).get("x-request-id", "")
         request_id = given if _REQUEST_ID.fullmatch(given) else uuid.uuid4().hex
-        reset = current_request_id.set(request_id)
 
         async def send_with_id(message: Message) -> None:
             if message["type"] == "http.response.start":
                 MutableHeaders(scope=message)["X-Request-ID"] = request_id
             await send(message)
 
-        try:
+        with logged_with(request_id):
             await self._app(scope, receive, send_with_id)
-        finally:
-            current_request_id.reset(reset)
 
 
-class AccessLog:
+class AccessLog(HttpMiddleware):
     """Logs a line for each request, and counts it for the metrics.
 
     The line has method, path, status, time and caller; no query string and no header.
     """
 
     def __init__(self, app: ASGIApp, metrics: RequestMetrics) -> None:
-        self._app = app
+        super().__init__(app)
         self._metrics = metrics
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
         started = time.perf_counter()
         status = 0
 
@@ -140,11 +147,11 @@ class AccessLog:
             log_access(AccessRecord(method, path, route, status, seconds, who, client))
 
 
-class SecurityHeaders:
+class SecurityHeaders(HttpMiddleware):
     """Adds security headers to every response, except where a route has set its own."""
 
     def __init__(self, app: ASGIApp, content_security_policy: str) -> None:
-        self._app = app
+        super().__init__(app)
         headers = {
             **SECURITY_HEADERS,
             "Content-Security-Policy": content_security_policy,
@@ -153,7 +160,7 @@ class SecurityHeaders:
             (name.lower().encode(), value.encode()) for name, value in headers.items()
         ]
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
 
         async def send_with_headers(message: Message) -> None:
@@ -167,17 +174,11 @@ class SecurityHeaders:
         await self._app(scope, receive, send_with_headers)
 
 
-class Problems:
+class Problems(HttpMiddleware):
     """Turns every exception into a problem document."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
         started = False
 
         async def send_and_note(message: Message) -> None:
@@ -200,26 +201,25 @@ class Problems:
             await response(scope, receive, send)
 
 
-class KnownHosts:
+class KnownHosts(HttpMiddleware):
     """Refuses requests with unknown host names (against DNS rebinding)."""
 
     def __init__(self, app: ASGIApp, hosts: frozenset[str]) -> None:
-        self._app = app
+        super().__init__(app)
         self._hosts = hosts
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
-        if scope["type"] == "http":
-            names = Headers(scope=scope).getlist("host")
-            if len(names) != 1 and scope["http_version"] == "1.1":
-                raise BadRequest(
-                    f"expected one Host, found {len(names)}", code="malformed_http"
-                )
-            if not self._is_known(names):
-                raise MisdirectedHost(
-                    "this service is not known under that host name; "
-                    "UNGHOST_ALLOWED_HOSTS adds names"
-                )
+        names = Headers(scope=scope).getlist("host")
+        if len(names) != 1 and scope["http_version"] == "1.1":
+            raise BadRequest(
+                f"expected one Host, found {len(names)}", code="malformed_http"
+            )
+        if not self._is_known(names):
+            raise MisdirectedHost(
+                "this service is not known under that host name; "
+                "UNGHOST_ALLOWED_HOSTS adds names"
+            )
         await self._app(scope, receive, send)
 
     def _is_known(self, names: list[str]) -> bool:
@@ -275,7 +275,7 @@ class BodyAllowance:
             raise TooLarge(f"the body is larger than {self.max_bytes} bytes")
 
 
-class BodyLimit:
+class BodyLimit(HttpMiddleware):
     """Refuses a body that is larger than allowed, regardless of its Content-Length.
 
     Until a route has set its limit, `MAX_UNASKED_BYTES` are allowed. A body that stops
@@ -283,14 +283,11 @@ class BodyLimit:
     """
 
     def __init__(self, app: ASGIApp, wait_s: float) -> None:
-        self._app = app
+        super().__init__(app)
         self._wait_s = wait_s
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
         length = Headers(scope=scope).get("content-length", "0")
         announced = int(length) if length.isdecimal() else 0
         allowance = scope[BODY_ALLOWANCE] = BodyAllowance(announced)
