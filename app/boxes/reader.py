@@ -383,13 +383,13 @@ class StoredBoxes:
     @cached_property
     def evidence(self) -> Evidence:
         """The evidence, without `tag_counts`."""
-        names, ids = list(self.classes), list(self.classes.values())
-        found = to_evidence(self._records[self._place], names, ids)
         packed = [frame.channels for frame in self.frames.values()]
         channels = unpack_channels(packed, self._counts)
-        if channels is None:
-            return found
-        return replace(found, channels=channels[self._place])
+        return to_evidence(
+            self._records[self._place],
+            self.classes,
+            channels=None if channels is None else channels[self._place],
+        )
 
     def evidence_with_tags(self) -> Evidence:
         """The evidence, with `tag_counts`."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -242,8 +242,9 @@ def load_columns(
         box_ids=_consecutive(firsts, counts),
         frame_ids=np.repeat(np.array([row.frame_id for row in rows], np.int64), counts),
         class_ids=record["class_id"].astype(np.int64),
-        evidence=replace(
-            to_evidence(record, list(classes), list(classes.values())),
+        evidence=to_evidence(
+            record,
+            classes,
             channels=unpack_channels([row.channels for row in rows], counts.tolist()),
         ),
     )

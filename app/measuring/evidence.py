@@ -212,17 +212,22 @@ def unpack_numbers(packed: Sequence[bytes], counts: Sequence[int]) -> NDArray[np
 
 def to_evidence(
     record: NDArray[np.void],
-    class_names: Sequence[str],
-    class_ids: Sequence[int],
+    classes: Mapping[str, int],
     tag_counts: NDArray[np.int32] | None = None,
+    channels: ChannelNumbers | None = None,
 ) -> Evidence:
-    """Evidence from records, with classes by name; without the channels' numbers."""
-    index_of = np.full(max(class_ids, default=0) + 1, -1, np.int32)
-    index_of[list(class_ids)] = np.arange(len(class_ids), dtype=np.int32)
+    """Evidence from records; `classes` are the ids of the dataset's classes, by name.
+
+    `tag_counts` and `channels` have the rows of `record`.
+    """
+    ids = list(classes.values())
+    index_of = np.full(max(ids, default=0) + 1, -1, np.int32)
+    index_of[ids] = np.arange(len(ids), dtype=np.int32)
     return Evidence(
-        class_names=tuple(class_names),
+        class_names=tuple(classes),
         class_index=index_of[record["class_id"]],
         tag_counts=tag_counts,
+        channels=channels,
         **_columns(record, _EVIDENCE),
     )
 
@@ -316,8 +321,7 @@ def recount(
     """A frame's evidence with the accept sets of another configuration."""
     evidence = to_evidence(
         unpack_numbers([row.numbers], [row.box_count]),
-        list(classes),
-        list(classes.values()),
+        classes,
         unpack_tag_counts(row.tag_counts, row.box_count),
     )
     return with_accept_sets(evidence, config, row.palette)

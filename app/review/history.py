@@ -7,7 +7,6 @@ measurement and the version of a configuration never change, and deciding is pur
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
@@ -111,10 +110,8 @@ def _decision(
 def _evidence(row: EvidenceRow, classes: Mapping[str, int]) -> Evidence:
     """A frame's numbers, including those of its channels."""
     numbers = unpack_numbers([row.numbers], [row.box_count])
-    return replace(
-        to_evidence(numbers, list(classes), list(classes.values())),
-        channels=unpack_channels([row.channels], [row.box_count]),
-    )
+    channels = unpack_channels([row.channels], [row.box_count])
+    return to_evidence(numbers, classes, channels=channels)
 
 
 def _answer(review: Review) -> HistoryEntry:

@@ -65,7 +65,7 @@ def channel_numbers(draw) -> ChannelNumbers:
 def test_evidence_numbers_round_trip(evidence, class_ids):
     record = unpack_numbers([pack_numbers(evidence, class_ids)], [len(evidence)])
 
-    back = to_evidence(record, CLASSES, class_ids)
+    back = to_evidence(record, dict(zip(CLASSES, class_ids, strict=True)))
 
     for name in (*SCALARS, "class_index", "xyxy"):
         np.testing.assert_array_equal(getattr(back, name), getattr(evidence, name))
