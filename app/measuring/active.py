@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final, TypeAlias
 
 from sqlalchemy.orm import Session
@@ -157,9 +156,19 @@ def active_version(session: Session, dataset: Dataset) -> tables.ConfigVersion:
     return ConfigRepository(session).with_id(filled(dataset.active_config_id))
 
 
+_PARSED: Final[dict[str, FilterConfig]] = {}
+"""Configurations by digest; cleared when there are `MAX_PLANS` of them."""
+
+
 def config_of(version: tables.ConfigVersion) -> FilterConfig:
     """A version as the filter's configuration; parsed once per process."""
-    return _parsed(version.digest, _Body(version.body))
+    config = _PARSED.get(version.digest)
+    if config is None:
+        config = FilterConfig.from_mapping(version.body)
+        if len(_PARSED) >= MAX_PLANS:
+            _PARSED.clear()
+        _PARSED[version.digest] = config
+    return config
 
 
 def describe_version(dataset: Dataset, version: tables.ConfigVersion) -> ConfigVersion:
@@ -172,21 +181,3 @@ def describe_version(dataset: Dataset, version: tables.ConfigVersion) -> ConfigV
         created_at=version.created_at,
         active=version.id == dataset.active_config_id,
     )
-
-
-class _Body:
-    """A configuration's body, ignored by `lru_cache`: the digest identifies it."""
-
-    def __init__(self, body: Mapping[str, object]) -> None:
-        self.body = body
-
-    def __hash__(self) -> int:
-        return 0
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Body)
-
-
-@lru_cache(maxsize=256)
-def _parsed(_digest: str, body: _Body) -> FilterConfig:
-    return FilterConfig.from_mapping(body.body)
