@@ -31,14 +31,12 @@ from app.boxes.drawing import (
 from app.boxes.queries import (
     FileRow,
     FrameFilter,
-    FramePage,
     FrameRepository,
     LatestAnswers,
     PageRequest,
 )
 from app.boxes.reader import DecisionReader, StoredDecision, read_box
 from app.db.base import filled
-from app.db.pages import id_of_cursor, name_of_cursor
 from app.db.tables import Dataset, Frame
 from app.engine.children import PixelPool
 from app.errors import NoSuchFile, NotFound
@@ -72,16 +70,11 @@ def page_of_frames(
     session: Session, wanted: FrameFilter, page: PageRequest
 ) -> tuple[list[Frame], str | None]:
     """Frames of one page, and the cursor of the next; sorted by ``key`` or ``id``."""
-    by_key = page.sort.endswith("key")
-    after: str | int | None = None
-    if page.cursor is not None:
-        after = name_of_cursor(page.cursor) if by_key else id_of_cursor(page.cursor)
-    chosen = FramePage(by_key, page.sort.startswith("-"), after, page.limit)
-    rows = FrameRepository(session).page(wanted, chosen)
+    rows = FrameRepository(session).page(wanted, page)
     if len(rows) <= page.limit:
         return rows, None
     last = rows[page.limit - 1]
-    return rows[: page.limit], last.key if by_key else str(last.id)
+    return rows[: page.limit], last.key if page.sort.endswith("key") else str(last.id)
 
 
 def frame_summaries(

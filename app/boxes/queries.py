@@ -34,6 +34,7 @@ from app.db.bulk import (
     run,
     run_each,
 )
+from app.db.pages import id_of_cursor, name_of_cursor
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Review
 from app.errors import NotFound
 from app.measuring.queries import is_deleted, only_in
@@ -89,16 +90,6 @@ class FrameFilter:
     dataset_id: int
     key_prefix: str = ""
     boxes: BoxFilter | None = None
-
-
-@dataclass(frozen=True)
-class FramePage:
-    """Which page of a list of frames: its order, its position and its size."""
-
-    by_key: bool
-    backwards: bool
-    after: str | int | None
-    limit: int
 
 
 class CurrentBoxes(NamedTuple):
@@ -199,9 +190,14 @@ class FrameRepository:
             found |= {row[0]: row[1] for row in self._session.execute(rows)}
         return found
 
-    def page(self, wanted: FrameFilter, page: FramePage) -> list[Frame]:
-        """The next current frames; one more than the limit if there are more."""
-        column, ascending = Frame.key if page.by_key else Frame.id, not page.backwards
+    def page(self, wanted: FrameFilter, page: PageRequest) -> list[Frame]:
+        """The next current frames, sorted by ``key`` or ``id``.
+
+        One more than the limit if there are more. BadCursor if the cursor cannot be a
+        key or an id.
+        """
+        by_key, ascending = page.sort.endswith("key"), not page.sort.startswith("-")
+        column = Frame.key if by_key else Frame.id
         order = (Frame.dataset_id, column)
         rows = (
             select(Frame)
@@ -209,8 +205,10 @@ class FrameRepository:
             .order_by(*(order if ascending else [each.desc() for each in order]))
             .limit(page.limit + 1)
         )
-        if page.after is not None:
-            rows = rows.where(column > page.after if ascending else column < page.after)
+        if page.cursor is not None:
+            read = name_of_cursor if by_key else id_of_cursor
+            after = read(page.cursor)
+            rows = rows.where(column > after if ascending else column < after)
         if wanted.key_prefix:
             rows = rows.where(
                 Frame.key >= wanted.key_prefix,

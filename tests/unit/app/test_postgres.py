@@ -15,7 +15,7 @@ from app.access.audit import AuditTrail
 from app.boxes.current import TallyRepository
 from app.boxes.filter import to_filter
 from app.boxes.orders import ORDERS, BoxPages
-from app.boxes.queries import FrameFilter, FramePage, FrameRepository
+from app.boxes.queries import FrameFilter, FrameRepository, PageRequest
 from app.db.tables import Export
 from app.exports.service import ExportRequest, request_export
 from app.ingest.check import MAX_TEXT
@@ -166,7 +166,7 @@ def test_frame_keys_are_sorted_by_code_point_in_any_locale(tmp_path):
             put(street, key)
         with services.context.database.read() as session:
             frames = FrameRepository(session)
-            by_key = FramePage(True, False, "", 100)
+            by_key = PageRequest("key", "", 100)
             listed = frames.page(FrameFilter(street.id), by_key)
             below = frames.page(FrameFilter(street.id, "a/"), by_key)
 

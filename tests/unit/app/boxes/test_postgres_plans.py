@@ -16,7 +16,7 @@ from app.boxes.counts import count
 from app.boxes.current import TallyRepository
 from app.boxes.filter import to_filter
 from app.boxes.orders import ORDERS, BoxPages
-from app.boxes.queries import FrameFilter, FramePage, FrameRepository
+from app.boxes.queries import FrameFilter, FrameRepository, PageRequest
 from app.boxes.reader import describe_box
 from app.context import ServiceContext
 from app.db.tables import Dataset
@@ -165,7 +165,7 @@ def test_queue_reads_few_rows(context, session, dataset, order):
 def test_storing_a_review_reads_no_other_reviews(context, session, dataset):
     """PostgreSQL's statistics do not include the many answers given just before."""
     frames = FrameRepository(session)
-    (frame,) = frames.page(FrameFilter(dataset.id), FramePage(True, False, None, 0))
+    (frame,) = frames.page(FrameFilter(dataset.id), PageRequest("key", None, 0))
     ids = list(range(frame.first_box_id, frame.first_box_id + BOXES // 2))
     many = BulkIn(dataset=NAME, verdict="keep", box_ids=ids)
     one = ReviewIn(verdict="keep", seen_revision=0)
@@ -187,13 +187,13 @@ def test_counts_are_read_from_tallies(session, dataset):
 
 def test_finding_frames_by_key_reads_few_rows(session, dataset):
     frames = FrameRepository(session)
-    (some,) = frames.page(FrameFilter(dataset.id), FramePage(True, False, "", 0))
+    (some,) = frames.page(FrameFilter(dataset.id), PageRequest("key", "", 0))
     keys = [f"{some.id + number:08d}" for number in range(50)]
 
     def read():
-        for by_key in (True, False):
-            frames.page(FrameFilter(dataset.id), FramePage(by_key, False, None, PAGE))
-        frames.page(FrameFilter(dataset.id, keys[30]), FramePage(True, False, "", PAGE))
+        for sort in ("key", "id"):
+            frames.page(FrameFilter(dataset.id), PageRequest(sort, None, PAGE))
+        frames.page(FrameFilter(dataset.id, keys[30]), PageRequest("key", "", PAGE))
         frames.next_frames(dataset.id, after=keys[3], limit=PAGE)
         frames.neighbours(some)
         assert len(key_rows(session, dataset.id, keys)) == 50
@@ -203,7 +203,7 @@ def test_finding_frames_by_key_reads_few_rows(session, dataset):
 
 def test_describing_a_box_by_id_reads_few_rows(session, dataset):
     frame = FrameRepository(session).page(
-        FrameFilter(dataset.id), FramePage(True, False, "", 1)
+        FrameFilter(dataset.id), PageRequest("key", "", 1)
     )[0]
 
     check(session, lambda: describe_box(session, frame.first_box_id + 3), most=500)
