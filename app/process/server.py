@@ -145,7 +145,40 @@ _MALFORMED: Final = Refusal(
 
 
 class ProblemProtocol(HttpToolsProtocol):
-    """Uvicorn's HTTP/1.1 with limits, and a problem document for malformed requests."""
+    """Uvicorn's HTTP/1.1 with limits, and a problem document for malformed requests.
+
+    asyncio calls `connection_made`, `data_received` and `connection_lost`. Uvicorn's
+    `data_received` passes the bytes to httptools, which calls `on_message_begin`,
+    `on_headers_complete`, `on_body` and `on_message_complete` for each request, and
+    uvicorn calls `on_response_complete`. Its `cycle` is the request whose head was
+    complete last; `_answered` is the one that is being processed, for which those in
+    `pipeline` wait.
+
+    A connection is in one of these states, or in the second and the third at once, as a
+    client may send its next request before it has the response to the last:
+
+    **Waiting for a head**: neither `_has_begun` nor `_is_answering()`. From
+    `connection_made` or `on_response_complete` on. The rest of a body whose response
+    was sent is discarded meanwhile (`on_body`). When the timer runs out, the connection
+    is closed; `Connections` may close it earlier, to make room.
+
+    **Head arriving**: `_has_begun`. From `on_message_begin` to `on_headers_complete`.
+    The timer of the state before goes on; when it runs out, the request is refused.
+
+    **Request in progress**: `_is_answering()`. From `on_headers_complete` to the
+    `on_response_complete` after which no request waits. The timer has no effect.
+
+    **Refused**, until `connection_lost`. Three attributes say so:
+
+    - `_is_turned_away`, by `connection_made`: there are too many connections. It is
+      closed when the client sends something, or after `_TURN_AWAY_S`.
+    - `_asks_too_much`, by `on_message_begin`: too many requests wait. Nothing more is
+      parsed; they get their responses, and the last one closes the connection.
+    - ``transport.is_closing()``, by `_refuse`: a head is too long (`data_received`) or
+      late (`_on_timeout`), or the parser has stopped (`send_400_response`), by itself
+      or as `on_headers_complete` found the head too long. If a response is being sent,
+      the connection is closed without another one.
+    """
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Wait for the first request, for a limited time; or refuse the connection."""
@@ -155,10 +188,13 @@ class ProblemProtocol(HttpToolsProtocol):
         self._max_head_bytes = int(settings.max_head_bytes)
         self._head_wait_s = settings.head_wait_s
         self._body_wait_s = settings.body_wait_s
-        self._unparsed = self._discarded = 0
-        self._has_parsed = self._has_begun = False
-        self._is_turned_away = self._is_signed_in = self._asks_too_much = False
-        self._fault = _MALFORMED
+        self._has_begun = self._is_turned_away = self._asks_too_much = False
+        self._is_signed_in = False  # whether an earlier request was, see `is_known`
+        # Bytes since the parser last completed something, and whether it has in the
+        # bytes that it is given now.
+        self._unparsed, self._has_parsed = 0, False
+        self._discarded = 0  # bytes of a body after its response
+        self._fault = _MALFORMED  # the refusal if the parser stops
         self._timer: asyncio.TimerHandle | None = None
         self._answered: RequestResponseCycle | None = None
         self._writer = WatchedTransport(
