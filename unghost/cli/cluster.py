@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final, TypeAlias
 
 import typer
 
 from unghost.cli.options import DataFolder, OutputOptions, settings_of
 from unghost.cli.screen import DONE, REFUSED, UNAVAILABLE, refused_on
+
+Port: TypeAlias = Annotated[
+    int,
+    typer.Option(help="Port to listen on; 0 for any free one.", min=0, max=65535),
+]
+
+
+_file: Final = partial(typer.Option, metavar="FILE", dir_okay=False)
+"""An option for a file, with this `help`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,30 +28,13 @@ class NodeOptions(OutputOptions):
 
     ca: Annotated[
         Path | None,
-        typer.Option(
-            "--ca",
-            metavar="FILE",
-            help="Certificate of the authority; default: UNGHOST_TLS_CA.",
-            dir_okay=False,
-        ),
+        _file(help="Certificate of the authority; default: UNGHOST_TLS_CA."),
     ] = None
     cert: Annotated[
-        Path | None,
-        typer.Option(
-            "--cert",
-            metavar="FILE",
-            help="Certificate of this node; default: UNGHOST_TLS_CERT.",
-            dir_okay=False,
-        ),
+        Path | None, _file(help="Certificate of this node; default: UNGHOST_TLS_CERT.")
     ] = None
     key: Annotated[
-        Path | None,
-        typer.Option(
-            "--key",
-            metavar="FILE",
-            help="Private key of this node; default: UNGHOST_TLS_KEY.",
-            dir_okay=False,
-        ),
+        Path | None, _file(help="Private key of this node; default: UNGHOST_TLS_KEY.")
     ] = None
 
 
@@ -74,10 +67,7 @@ class WorkerOptions(NodeOptions):
             "address from which this machine reaches the scheduler."
         ),
     ] = None
-    port: Annotated[
-        int,
-        typer.Option(help="Port to listen on; 0 for any free one.", min=0, max=65535),
-    ] = 0
+    port: Port = 0
     patience: Annotated[
         float,
         typer.Option(
@@ -93,10 +83,7 @@ class SchedulerOptions(NodeOptions):
     """Options of `unghost scheduler`."""
 
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1"
-    port: Annotated[
-        int,
-        typer.Option(help="Port to listen on; 0 for any free one.", min=0, max=65535),
-    ] = 8786
+    port: Port = 8786
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from unghost.cli.options import DatasetName, ServerOptions
+from unghost.cli.options import DatasetOptions, ServerOptions
 from unghost.cli.screen import Screen, most_first
 
 if TYPE_CHECKING:
@@ -60,14 +59,7 @@ def _row(dataset: Dataset) -> tuple[object, ...]:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class StatsOptions(ServerOptions):
-    """Options of `unghost stats`."""
-
-    dataset: DatasetName
-
-
-def stats(options: StatsOptions) -> None:
+def stats(options: DatasetOptions) -> None:
     """Count a dataset's boxes by verdict, reason and class.
 
     Conflicts are boxes that the filter keeps and a person rejects, or the reverse.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from unghost.cli.options import DatasetName, OutputOptions, ServerOptions, listed
+from unghost.cli.options import DatasetOptions, OutputOptions, listed
 from unghost.cli.runs import cancel_interrupted
 from unghost.cli.screen import Screen, naming_options, partly_done, refusal
 from unghost.cli.sources import (
@@ -98,10 +98,9 @@ def _value(text: str) -> object:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportOptions(ServerOptions, FormatOptions):
+class ExportOptions(DatasetOptions, FormatOptions):
     """Options of `unghost export`."""
 
-    dataset: DatasetName
     format: Annotated[
         ExportFormat,
         typer.Option("--format", metavar="FORMAT", help=f"{listed(ExportFormat)}."),

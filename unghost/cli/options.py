@@ -3,10 +3,10 @@
 A command is a function of one frozen dataclass, whose fields are its options:
 
 @dataclass(frozen=True, kw_only=True)
-class StatsOptions(ServerOptions):
-    dataset: Annotated[str, typer.Argument(help="Name of the dataset.")]
+class CancelOptions(ServerOptions):
+    run: Annotated[int, typer.Argument(help="Number of the run.")]
 
-def stats(options: StatsOptions) -> None: ...
+def cancel(options: CancelOptions) -> None: ...
 
 Dataclasses that inherit share their options.
 """
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 Action: TypeAlias = Callable[[Any], None]
 """The function of a command; its parameter is the dataclass of options."""
 
-DatasetName: TypeAlias = Annotated[str, typer.Argument(help="Name of the dataset.")]
 ConfigFile: TypeAlias = Annotated[
     Path,
     typer.Option(
@@ -116,6 +115,13 @@ class ServerOptions(OutputOptions):
                 for one in caught:
                     if issubclass(one.category, IgnoredTokenFile):
                         self.screen.note(str(one.message))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DatasetOptions(ServerOptions):
+    """Which dataset, on which server, and how to print."""
+
+    dataset: Annotated[str, typer.Argument(help="Name of the dataset.")]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,7 @@ import typer
 
 from unghost.cli.options import (
     ConfigFile,
-    DatasetName,
+    DatasetOptions,
     ServerOptions,
     config_text,
     error_context,
@@ -52,10 +52,9 @@ RunNumber: TypeAlias = Annotated[
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunOptions(ServerOptions):
+class RunOptions(DatasetOptions):
     """Options of `unghost run`."""
 
-    dataset: DatasetName
     config: ConfigFile
     activate: Annotated[
         bool,
@@ -249,14 +248,7 @@ def _ways(counts: FlipCounts) -> tuple[int, int]:
     return counts.kept_to_rejected, counts.rejected_to_kept
 
 
-@dataclass(frozen=True, kw_only=True)
-class ConfigShowOptions(ServerOptions):
-    """Options of `unghost config show`."""
-
-    dataset: DatasetName
-
-
-def show_config(options: ConfigShowOptions) -> None:
+def show_config(options: DatasetOptions) -> None:
     """Print the active configuration as YAML, every key with its value."""
     import yaml
 
@@ -267,10 +259,9 @@ def show_config(options: ConfigShowOptions) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConfigSetOptions(ServerOptions):
+class ConfigSetOptions(DatasetOptions):
     """Options of `unghost config set`."""
 
-    dataset: DatasetName
     config: Annotated[
         Path,
         typer.Argument(
@@ -327,10 +318,9 @@ def _note_unknown_classes(
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConfigDiffOptions(ServerOptions):
+class ConfigDiffOptions(DatasetOptions):
     """Options of `unghost config diff`."""
 
-    dataset: DatasetName
     config: ConfigFile
 
 
