@@ -72,9 +72,6 @@ class Actor:
             carla.Location(place.x, place.y, place.z), under.rotation
         )
 
-    def get_location(self) -> carla.Location:
-        return self.get_transform().location
-
     def destroy(self) -> bool:
         return self._simulator.remove(self.id)
 

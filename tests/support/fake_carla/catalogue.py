@@ -83,12 +83,6 @@ class ActorAttribute:
     def as_int(self) -> int:
         return int(self._of(Type.Int))
 
-    def as_float(self) -> float:
-        return float(self._of(Type.Float))
-
-    def as_bool(self) -> bool:
-        return self._of(Type.Bool) == "true"
-
 
 class ActorBlueprint:
     def __init__(self, type_id: str, attributes: Mapping[str, str]) -> None:

@@ -102,17 +102,11 @@ class Response:
     actor_id: int
     error: str
 
-    def has_error(self) -> bool:
-        return bool(self.error)
-
 
 class TrafficManager:
     def __init__(self, simulator: Simulator, port: int) -> None:
         self._simulator, self._port = simulator, port
         simulator.managers_synchronous.setdefault(port, False)
-
-    def get_port(self) -> int:
-        return self._port
 
     def set_synchronous_mode(self, mode_switch: bool) -> None:
         self._simulator.managers_synchronous[self._port] = mode_switch
@@ -182,8 +176,6 @@ class ActorSnapshot:
 class Timestamp:
     frame: int
     elapsed_seconds: float
-    delta_seconds: float
-    platform_timestamp: float
 
 
 class WorldSnapshot:
@@ -191,7 +183,7 @@ class WorldSnapshot:
         self.frame = simulator.frame
         self.id = 1
         delta = simulator.settings.fixed_delta_seconds or 0.05
-        self.timestamp = Timestamp(self.frame, self.frame * delta, delta, 0.0)
+        self.timestamp = Timestamp(self.frame, self.frame * delta)
         there = (
             actor
             for actor in simulator.actors.values()
@@ -201,9 +193,6 @@ class WorldSnapshot:
 
     def find(self, actor_id: int) -> ActorSnapshot | None:
         return self._actors.get(actor_id)
-
-    def has_actor(self, actor_id: int) -> bool:
-        return actor_id in self._actors
 
     def __iter__(self) -> Iterator[ActorSnapshot]:
         return iter(self._actors.values())
@@ -290,9 +279,6 @@ class World:
 
     def get_actors(self) -> ActorList:
         return ActorList(self._simulator.actors.values())
-
-    def get_actor(self, actor_id: int) -> actors.Actor | None:
-        return self._simulator.actors.get(actor_id)
 
     def get_environment_objects(
         self, object_type: object = real.CityObjectLabel.Any

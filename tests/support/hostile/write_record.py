@@ -21,7 +21,6 @@ from tests.support import frames as scene
 from tests.support.api import Api
 
 VERDICTS: Final = ("keep", "reject", "unsure", "clear")
-ANSWER_WAIT_S: Final = 60
 
 
 @dataclass
@@ -37,7 +36,6 @@ class WriteRecord:
     """The confirmed answers of each box, in order."""
     maybe_answers: list[tuple[frozenset[int], str]] = field(default_factory=list)
     """Unconfirmed acts: they must be stored for all these boxes or for none."""
-    undos: list[int] = field(default_factory=list)
     maybe_undone: list[frozenset[int]] = field(default_factory=list)
     digests: set[str] = field(default_factory=set)
     maybe_configs: int = 0
