@@ -17,12 +17,12 @@ from app.maintenance.doctor import Severity, examine
 from app.maintenance.gc import collect
 from app.settings import Settings
 from app.storage.base import sha256_of
-from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
 from tests.support.archives import frame, tar_archive
 from tests.support.crash_points import Point, crashing_servers
 from tests.support.data_folders import blobs, silently
+from tests.support.pictures import painted, png
 
 pytestmark = [
     pytest.mark.long,
@@ -102,8 +102,7 @@ def image_and_segmentation(number):
     tags = scene.tags()
     tags[0, number % scene.WIDTH] = tags[-1, 0]
     tags[1, number // scene.WIDTH] = tags[-1, 0]
-    painted = scene.png(FAMILIES[scene.FAMILY].paint(tags))
-    return {"image": scene.image(number), "segmentation": painted}
+    return {"image": scene.image(number), "segmentation": png(painted(tags))}
 
 
 def upload(dataset, number):

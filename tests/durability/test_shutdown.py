@@ -18,6 +18,7 @@ from tests.support import frames as scene
 from tests.support.api import BASE
 from tests.support.databases import hold_write_lock, rows_of
 from tests.support.event_reader import open_events
+from tests.support.pictures import png
 from tests.support.servers import start
 from tests.support.slow_datasets import FROM_PIXELS, create_slow_dataset
 
@@ -238,7 +239,7 @@ def test_data_folder_is_refused_while_its_server_stops(start_api, tmp_path):
 def test_shutdown_finishes_the_download_of_a_slow_client(start_api):
     server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S=str(PATIENCE_S))
     noise = np.random.default_rng(7).integers(0, 256, (2000, 3000, 3), np.uint8)
-    image = scene.png(noise)
+    image = png(noise)
     stored = api.upload_frame(api.dataset(), "a", {"boxes": []}, image=image)
     url = stored["frame"]["files"]["image"]["url"]
 

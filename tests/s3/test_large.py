@@ -11,6 +11,7 @@ import pytest
 
 from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
+from tests.support.pictures import painted, png
 from tests.support.s3_service import served_on_s3
 
 pytestmark = [
@@ -51,7 +52,7 @@ def export(service_with_long_timeout):
     )
     dataset = api.dataset()
     tags = np.full((HIGH, WIDE), FAMILIES[scene.FAMILY].tag_of("Road"), np.uint8)
-    segmentation = scene.png(FAMILIES[scene.FAMILY].paint(tags))
+    segmentation = png(painted(tags))
     noise = np.random.default_rng(7)
     annotation = {"carla_version": "0.9.15", "boxes": []}
     for number in range(FRAMES):

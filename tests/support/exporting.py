@@ -25,7 +25,8 @@ from filter_core.types import (
     DecisionColumns,
     Reason,
 )
-from tests.support.folders import png, write_files
+from tests.support.folders import write_files
+from tests.support.pictures import png
 
 CLASSES = ("car", "traffic light", "walker")
 WH = (100, 80)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 
-import cv2
 import numpy as np
 
-from filter_core.segmentation.palettes import FAMILIES
+from tests.support.pictures import png
 
 
 def write_files(root, files):
@@ -19,17 +18,6 @@ def write_files(root, files):
             content = png(np.zeros((60, 80, 3), np.uint8))
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
     return root
-
-
-def png(pixels):
-    """PNG bytes of an RGB or grey image."""
-    swapped = pixels[..., ::-1] if pixels.ndim == 3 else pixels
-    return cv2.imencode(".png", np.ascontiguousarray(swapped))[1].tobytes()
-
-
-def painted(tags, family="carla-0.9.14"):
-    """PNG bytes of a tag image, painted in a palette family's colours."""
-    return png(FAMILIES[family].paint(tags))
 
 
 def street_tags(car_xyxy=(10, 10, 50, 40), wh=(80, 60)):

@@ -10,10 +10,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from filter_core.segmentation.palettes import FAMILIES
+from tests.support.pictures import painted, png
 from unghost import Client, StoredFrame
 
 WIDTH, HEIGHT = 64, 48
@@ -32,14 +32,8 @@ def tags(shift: int = 0) -> np.ndarray:
     return scene
 
 
-def png(rgb: np.ndarray) -> bytes:
-    written, data = cv2.imencode(".png", np.ascontiguousarray(rgb[..., ::-1]))
-    assert written
-    return data.tobytes()
-
-
 def segmentation(shift: int = 0) -> bytes:
-    return png(FAMILIES[FAMILY].paint(tags(shift)))
+    return png(painted(tags(shift), FAMILY))
 
 
 def image(number: int = 0) -> bytes:

@@ -4,34 +4,29 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 
 from filter_core.geometry.box3d import CORNER_SIGNS
-from filter_core.segmentation.palettes import palette_of
+from tests.support.pictures import painted, png
 
 
 def depth_png(metres: np.ndarray) -> bytes:
     """A PNG of CARLA's raw depth: 24 bits, of which red holds the lowest."""
     steps = np.rint(np.asarray(metres) / 1000.0 * (2**24 - 1)).astype(np.int64)
     planes = [steps >> 16, steps >> 8 & 255, steps & 255]
-    return _png(np.stack(planes, axis=-1))
+    return png(np.stack(planes, axis=-1).astype(np.uint8), order="bgr")
 
 
 def instance_png(tags: np.ndarray, ids: np.ndarray, *, swapped: bool = False) -> bytes:
     """A PNG of instances as CARLA writes it: red: tag; green + 256 blue: id."""
     wide = np.asarray(ids, np.int64)
-    bgr = np.stack([wide >> 8, wide & 255, np.asarray(tags)], axis=-1)
-    return _png(bgr[..., ::-1] if swapped else bgr)
+    rgb = np.stack([np.asarray(tags), wide & 255, wide >> 8], axis=-1).astype(np.uint8)
+    return png(rgb, order="bgr" if swapped else "rgb")
 
 
 def box_ahead(distance: float, half: float, right: float = 0.0) -> np.ndarray:
     """(8, 3) corners of a cube in front of a camera at the origin."""
     return np.asarray(CORNER_SIGNS * half + np.array([distance, right, 0.0]))
-
-
-def _png(bgr: np.ndarray) -> bytes:
-    return cv2.imencode(".png", bgr.astype(np.uint8))[1].tobytes()
 
 
 CAR, ROAD = 14, 1
@@ -84,8 +79,7 @@ def instance_file() -> bytes:
 
 
 def files(**others: bytes) -> dict[str, bytes]:
-    rgb = palette_of("carla-0.9.14").paint(scene()[0])
-    return {"segmentation": cv2.imencode(".png", rgb[..., ::-1])[1].tobytes(), **others}
+    return {"segmentation": png(painted(scene()[0])), **others}
 
 
 def sensors() -> dict[str, bytes]:

@@ -12,6 +12,7 @@ import numpy as np
 from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
 from tests.support.api import Api
+from tests.support.pictures import painted, png
 from tests.support.servers import RunningServer, running_server
 
 LARGER = 28
@@ -44,7 +45,7 @@ def create_slow_dataset(api: Api, frames: int) -> str:
     road = palette.tag_of("Road")
     # Noise makes the picture as slow to decode as a real one.
     tags = np.where((tags == road) & (noise == 1), palette.tag_of("Sky"), tags)
-    segmentation = scene.png(palette.paint(tags))
+    segmentation = png(painted(tags))
     picture = np.zeros((HIGH, WIDE, 3), np.uint8)
     files = {
         "image": cv2.imencode(".png", picture)[1].tobytes(),

@@ -15,6 +15,7 @@ from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
 from tests.support.archives import frame, lines_of, tar_archive
+from tests.support.pictures import png
 from tests.support.waiting import until
 
 PATIENCE_S = 120
@@ -26,7 +27,7 @@ def road_segmentation(width, height):
     """A segmentation that is all road: a small file, but large when decoded."""
     palette = FAMILIES[scene.FAMILY]
     tags = np.full((height, width), palette.tag_of("Road"), np.uint8)
-    return scene.png(palette.paint(tags))
+    return png(palette.paint(tags))
 
 
 def annotation(width, height, *rectangles):
@@ -140,7 +141,7 @@ def test_reads_and_answers_do_not_wait_for_frames_being_measured(serve):
 def test_drawings_of_thin_images_are_limited_in_size(api, size):
     name = api.dataset()
     width, height = size
-    image = scene.png(np.full((height, width, 3), 90, np.uint8))
+    image = png(np.full((height, width, 3), 90, np.uint8))
     files = {"image": image, "segmentation": road_segmentation(width, height)}
     frame = api.upload_frame(
         name, "thin", annotation(width, height, [0, 0, *size]), **files
@@ -175,7 +176,7 @@ def test_overlay_is_drawn_once_and_then_cached(serve):
 def test_client_disconnect_cancels_drawing_of_its_overlay(serve):
     with serving(serve, workers=1) as (service, api):
         side = 6000
-        image = scene.png(np.zeros((side, side, 3), np.uint8))
+        image = png(np.zeros((side, side, 3), np.uint8))
         boxes = [[number, 0, number + 50, side] for number in range(0, 5000, 5)]
         stored = api.upload_frame(
             api.dataset(), "a", annotation(side, side, *boxes), image=image
@@ -211,7 +212,7 @@ def test_client_disconnect_cancels_measuring_of_its_frame(serve):
 
 def test_overlay_refused_for_memory_is_not_retried(serve):
     with serving(serve, workers=1, max_pixel_memory_bytes=64 * MIB) as (_, api):
-        large = scene.png(np.zeros((6000, 6000, 3), np.uint8))
+        large = png(np.zeros((6000, 6000, 3), np.uint8))
         camera = {**annotation(6000, 6000), "boxes": []}
         stored = api.upload_frame(api.dataset(), "a", camera, image=large)
         path = f"/frames/{stored['frame']['id']}/overlay"
@@ -246,7 +247,7 @@ def slow_drawings(service, api, path, count):
 def put_slow_frame(api, name):
     """Store a frame that takes seconds to draw; return the path of its overlay."""
     side = 6000
-    image = scene.png(np.zeros((side, side, 3), np.uint8))
+    image = png(np.zeros((side, side, 3), np.uint8))
     boxes = [[number, 0, number + 50, side] for number in range(0, 5800, 2)]
     stored = api.upload_frame(name, "slow", annotation(side, side, *boxes), image=image)
     return f"{BASE}/frames/{stored['frame']['id']}/overlay"

@@ -10,7 +10,8 @@ import pytest
 
 from filter_core.config.file import load_config
 from tests.support.command_line import CommandLine
-from tests.support.folders import painted, write_files
+from tests.support.folders import write_files
+from tests.support.pictures import painted, png
 from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
 
 pytestmark = pytest.mark.long
@@ -28,7 +29,7 @@ def folder(tmp_path: Path) -> Path:
     """Two frames of a car and a ghost behind it, and a third whose depth is broken."""
     tags, metres, ids = scene()
     files = {
-        "segmentation": painted(tags),
+        "segmentation": png(painted(tags)),
         "depth": depth_png(metres),
         "instances": instance_png(tags, ids),
     }
@@ -216,7 +217,7 @@ def test_unmatched_files_are_listed(unghost, tmp_path):
     for name in ("images/a.png", "images/b.png", "seg/a.png"):
         file = tmp_path / "yolo" / name
         file.parent.mkdir(exist_ok=True)
-        file.write_bytes(painted(tags))
+        file.write_bytes(png(painted(tags)))
     truth = tmp_path / "truth.jsonl"
     truth.write_text('{"key": "a", "id": "0", "visible": true}')
 

@@ -10,11 +10,11 @@ import pytest
 from playwright.sync_api import Route, expect
 
 from filter_core.segmentation.palettes import FAMILIES
-from tests.support.frames import png
 from tests.support.page import scenes
 from tests.support.page.scenes import CAR, Scene, get
 from tests.support.page.stage import point, wait_for_drawing
 from tests.support.page.windows import FILL, PHONE, Visitor, first_held, route_loaded
+from tests.support.pictures import png
 
 pytestmark = pytest.mark.browser
 

@@ -10,8 +10,9 @@ import pytest
 
 from filter_core.formats.reading import TEXT_SUFFIXES
 from filter_core.formats.registry import LAYOUTS, read_source
-from tests.support.folders import LAYOUT_FILES, png, street_tags, write_files
+from tests.support.folders import LAYOUT_FILES, street_tags, write_files
 from tests.support.page.windows import Visitor
+from tests.support.pictures import png
 
 pytestmark = pytest.mark.browser
 

@@ -16,8 +16,8 @@ import httpx
 import numpy as np
 
 from filter_core.segmentation.palettes import FAMILIES
-from tests.support.frames import png
 from tests.support.page import scenes
+from tests.support.pictures import png
 
 WIDTH, HEIGHT = 640, 360
 FAMILY = "carla-0.9.14"

@@ -14,7 +14,8 @@ from filter_core.formats.registry import FORMATS, read_source
 from filter_core.local import export_sources, filter_one, filter_source
 from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.types import NOT_MEASURED
-from tests.support.folders import painted, png, street_tags, write_files
+from tests.support.folders import street_tags, write_files
+from tests.support.pictures import painted, png
 from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
 
 
@@ -27,7 +28,7 @@ def folder(tmp_path):
         files[f"labels/{number:03}.txt"] = (
             "0 0.375 0.41666667 0.5 0.5\n1 0.8125 0.79166667 0.125 0.25\n"
         )
-        tags = painted(street_tags((10, 10, 50 - number, 40)))
+        tags = png(painted(street_tags((10, 10, 50 - number, 40))))
         files[f"seg/{number:03}.png"] = tags[:100] if number == 3 else tags
     return write_files(tmp_path, files)
 
@@ -152,7 +153,7 @@ def test_a_channel_reads_the_files_that_it_needs(tmp_path):
     }
     for kind, content in files.items():
         (tmp_path / kind).write_bytes(content)
-    (tmp_path / "seg").write_bytes(painted(tags))
+    (tmp_path / "seg").write_bytes(png(painted(tags)))
     source = FrameSource(
         "a",
         ANNOTATION,

@@ -10,7 +10,7 @@ from filter_core.config.filter import FilterConfig
 from filter_core.errors import LayoutError
 from filter_core.formats.reading import FrameSource
 from filter_core.local import EvaluationTask, evaluate_source, read_truth
-from tests.support.folders import painted
+from tests.support.pictures import painted, png
 from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
 
 
@@ -18,7 +18,7 @@ from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
 def source(tmp_path):
     tags, metres, ids = scene()
     files = {
-        "seg": painted(tags),
+        "seg": png(painted(tags)),
         "depth": depth_png(metres),
         "instances": instance_png(tags, ids),
     }

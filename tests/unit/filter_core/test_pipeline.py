@@ -12,9 +12,12 @@ from filter_core.decisions.record import Decision
 from filter_core.errors import AnnotationErrors, ImageSizeMismatch, SegmentationError
 from filter_core.pipeline import FrameOptions, filter_frame
 from filter_core.segmentation.reading import SegmentationOptions
-from tests.support.folders import painted, png, street_tags
+from tests.support.folders import street_tags
+from tests.support.pictures import painted, png
 
 KEYS = list(Decision.__annotations__)
+STREET = png(painted(street_tags()))
+"""The segmentation of a street with one car."""
 
 
 def annotation(*boxes, **more):
@@ -26,9 +29,7 @@ GHOST = {"id": "218", "class": "walker", "xyxy": [60, 40, 70, 55]}
 
 
 def test_decision_has_all_keys_of_the_api():
-    result = filter_frame(
-        annotation(CAR), painted(street_tags()), options=FrameOptions(key="a/7")
-    )
+    result = filter_frame(annotation(CAR), STREET, options=FrameOptions(key="a/7"))
 
     (decision,) = result.decisions
     assert list(decision) == KEYS
@@ -60,7 +61,7 @@ def test_decision_has_all_keys_of_the_api():
 
 
 def test_decisions_are_computed_lazily_and_cached():
-    result = filter_frame(annotation(CAR, GHOST), painted(street_tags()))
+    result = filter_frame(annotation(CAR, GHOST), STREET)
 
     before = set(vars(result))
     first = result.decisions
@@ -71,7 +72,7 @@ def test_decisions_are_computed_lazily_and_cached():
 
 def test_decisions_are_json_serialisable():
     outside = {"class": "car", "xyxy": [900, 0, 950, 20]}
-    result = filter_frame(annotation(CAR, GHOST, outside), painted(street_tags()))
+    result = filter_frame(annotation(CAR, GHOST, outside), STREET)
 
     again = json.loads(json.dumps(result.decisions, allow_nan=False))
 
@@ -88,7 +89,7 @@ def test_explanation_of_a_ghost_names_the_tag_that_hides_it():
     tags = street_tags()
     tags[40:55, 60:70] = 9
 
-    decision = filter_frame(annotation(GHOST), painted(tags)).decisions[0]
+    decision = filter_frame(annotation(GHOST), png(painted(tags))).decisions[0]
 
     assert decision["explanation"] == (
         "rejected: none of its pixels are Pedestrian; Vegetation covers 100 %"
@@ -118,7 +119,7 @@ def test_a_segmentation_may_be_a_file_raw_tags_or_an_array():
 
     results = [
         filter_frame(annotation(CAR, GHOST), given)
-        for given in (painted(tags), png(tags), tags)
+        for given in (png(painted(tags)), png(tags), tags)
     ]
 
     assert results[0].decisions == results[1].decisions == results[2].decisions
@@ -133,7 +134,7 @@ def test_blueprint_is_mapped_to_its_class_and_unknown_one_is_unmapped():
         {"type_id": "static.prop.bin", "xyxy": [10, 10, 50, 40]},
     ]
 
-    van, prop = filter_frame(annotation(*boxes), painted(street_tags())).decisions
+    van, prop = filter_frame(annotation(*boxes), STREET).decisions
 
     assert (van["class"], van["reason"]) == ("van", "visible")
     assert van["explanation"] == (
@@ -145,9 +146,7 @@ def test_blueprint_is_mapped_to_its_class_and_unknown_one_is_unmapped():
 def test_accept_set_of_a_class_is_applied():
     config = FilterConfig.from_mapping({"classes": {"walker": {"accept": ["Road"]}}})
 
-    decision = filter_frame(
-        annotation(GHOST), painted(street_tags()), config
-    ).decisions[0]
+    decision = filter_frame(annotation(GHOST), STREET, config).decisions[0]
 
     assert (decision["verdict"], decision["match_percent"]) == ("kept", 100.0)
 
@@ -173,7 +172,7 @@ def test_ignored_pixels_are_not_counted():
 )
 def test_images_of_different_sizes_are_refused(more, options, words):
     with pytest.raises(ImageSizeMismatch, match=words):
-        filter_frame(annotation(CAR, **more), painted(street_tags()), options=options)
+        filter_frame(annotation(CAR, **more), STREET, options=options)
     with pytest.raises(ImageSizeMismatch, match=words):
         filter_frame(annotation(CAR, **more), street_tags(), options=options)
 
@@ -197,7 +196,7 @@ def test_contradicting_palettes_raise_error_naming_both_sources():
     with pytest.raises(
         SegmentationError, match=r"the dataset says .* the configuration says"
     ):
-        filter_frame(annotation(CAR), painted(street_tags()), config, dataset)
+        filter_frame(annotation(CAR), STREET, config, dataset)
 
 
 def test_all_annotation_faults_are_raised_at_once():

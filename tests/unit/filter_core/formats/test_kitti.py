@@ -12,7 +12,8 @@ from filter_core.formats.registry import read_source
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
 from tests.support.exporting import box, convert, export, frame
-from tests.support.folders import annotation_of, png, write_files
+from tests.support.folders import annotation_of, write_files
+from tests.support.pictures import png
 
 # KITTI's own first training label and calibration (object 000000), rounded.
 PEDESTRIAN = (

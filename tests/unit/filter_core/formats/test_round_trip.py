@@ -9,7 +9,8 @@ from filter_core.formats.export import ExportHead, ExportOptions
 from filter_core.formats.registry import read_source, write_export
 from filter_core.geometry.boxes import to_xyxy
 from filter_core.local import export_sources
-from tests.support.folders import painted, street_tags, write_files
+from tests.support.folders import street_tags, write_files
+from tests.support.pictures import painted, png
 
 CAR = (10.25, 10.5, 50, 40)
 LABELS = "0 0.3765625 0.42083333 0.496875 0.49166667\n1 0.8125 0.79 0.125 0.25\n"
@@ -26,7 +27,7 @@ def test_kept_boxes_round_trip_through_a_yolo_export(tmp_path):
     for key in ("a/1.5", "straße 7"):
         files[f"images/{key}.png"] = None
         files[f"labels/{key}.txt"] = LABELS
-        files[f"seg/{key}.png"] = painted(street_tags())
+        files[f"seg/{key}.png"] = png(painted(street_tags()))
     source = write_files(tmp_path / "in", files)
     out = {}
 
