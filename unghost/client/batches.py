@@ -17,6 +17,7 @@ from unghost.client.errors import (
     Unavailable,
     UnexpectedAnswer,
     error_of_problem,
+    unexpected,
 )
 from unghost.client.outgoing import END_OF_ARCHIVE, NotSent, Outcome, PackedFrame, Sent
 from unghost.client.transport import Attempts, Endpoint, RetryPolicy
@@ -143,12 +144,13 @@ class BatchSender:
             raise self._unexpected(why) from error
 
     def _unexpected(self, why: str) -> UnexpectedAnswer:
-        detail = f"the answer of {self._endpoint.url.copy_with(query=None)} {why}"
-        return UnexpectedAnswer(200, {"code": "unexpected_answer", "detail": detail})
+        return unexpected(httpx.Response(200, request=self._request()), why)
 
     def _cut(self, why: str) -> httpx.TransportError:
-        request = httpx.Request("POST", self._endpoint.url)
-        return httpx.ReadError(why, request=request)
+        return httpx.ReadError(why, request=self._request())
+
+    def _request(self) -> httpx.Request:
+        return httpx.Request("POST", self._endpoint.url)
 
 
 class _FrameChanged(Exception):

@@ -181,7 +181,7 @@ class Duplex:
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if not secure:
             return sock
-        return self._endpoint.tls().wrap_socket(sock, server_hostname=url.host)
+        return httpx.create_ssl_context().wrap_socket(sock, server_hostname=url.host)
 
     def _open_socket(self) -> socket.socket:
         if self._socket is None:

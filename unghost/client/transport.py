@@ -12,7 +12,7 @@ import threading
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Final, TypeVar
 from urllib.request import getproxies, proxy_bypass
@@ -293,5 +293,4 @@ class Endpoint:
     url: httpx.URL
     headers: Mapping[str, str]
     timeout: httpx.Timeout
-    tls: Callable[[], ssl.SSLContext] = field(default=httpx.create_ssl_context)
-    check: Callable[[], None] = field(default=lambda: None)
+    check: Callable[[], None]

@@ -38,6 +38,10 @@ Comment = Annotated[str, Field(max_length=MAX_COMMENT, pattern=r"^[^\x00]*$")]
 Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 Metres = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Id = Annotated[int, Field(ge=1, le=2**63 - 1)]
+Limit = Annotated[
+    int, Field(ge=1, le=1000, description="Maximum number of items on a page.")
+]
+Cursor = Annotated[str | None, Field(max_length=2000)]
 Revision = Annotated[int, Field(ge=0, le=2**31 - 1)]
 
 
@@ -171,10 +175,8 @@ class BoxListQuery(BoxSelection):
 
     dataset: str = Field(description="Name of the dataset.")
     sort: BoxSort = "id"
-    limit: int = Field(
-        default=100, ge=1, le=1000, description="Maximum number of items on a page."
-    )
-    cursor: str | None = Field(default=None, max_length=2000)
+    limit: Limit = 100
+    cursor: Cursor = None
     count: bool = Field(
         default=False, description="Whether to return `total` and `snapshot` too."
     )
@@ -189,10 +191,8 @@ class FrameListQuery(BoxSelection):
         description="Only frames whose key begins with this.",
     )
     sort: FrameSort = "key"
-    limit: int = Field(
-        default=100, ge=1, le=1000, description="Maximum number of items on a page."
-    )
-    cursor: str | None = Field(default=None, max_length=2000)
+    limit: Limit = 100
+    cursor: Cursor = None
 
 
 class BoxPage(Page[Decision], SparseModel):
