@@ -1,7 +1,21 @@
 """The base classes of requests and responses, pages of lists, and problem documents.
 
-When the service builds a response, every value is checked. When the client reads one
-(`ResponseModel.read`), it also accepts those of older and newer servers.
+A response can come into being in two ways:
+
+- Built by its fields, ``Run(id=7, ...)``, as any model of pydantic. That is strict:
+  every field must be given, every value is checked, and unknown keys are refused, so
+  that the service cannot send what is not described.
+- Read from JSON, ``Run.read(raw)``, which the client does. That is lenient, because the
+  service may be older or newer: values are not checked, unknown keys are kept in `raw`,
+  and an absent key has the value of its `IfAbsent`. It is also fast, because lists have
+  thousands of objects: how a class is read is found out once (`_plan_of`), and `read`
+  then sets the four attributes in which pydantic keeps an object's state, which are
+  `__dict__` (the fields' values), `__pydantic_fields_set__`, `__pydantic_extra__` and
+  `__pydantic_private__` (what is no field, such as `raw`).
+
+Of the JSON that a service of this version sends, both ways make equal objects; a test
+compares them for every response (`assert_matches_model`). What is no field is neither
+compared nor sent.
 """
 
 from __future__ import annotations
