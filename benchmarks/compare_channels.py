@@ -42,7 +42,6 @@ from filter_core.local import (
     measure_source,
     read_truth,
 )
-from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.types import Reason
 from unghost.street.street import TRUTH, write_street
 
@@ -152,22 +151,22 @@ def lost_by_size(frames: list[FrameSource], folder: Path) -> list[dict[str, int]
 
 def counted(frames: list[FrameSource], task: EvaluationTask) -> EvaluationObject:
     shown = track(frames, "Measuring", disable=not sys.stderr.isatty())
-    evaluation, problems = evaluate_source(shown, task)
-    if problems:
-        raise SystemExit(f"{len(problems)} frames could not be used: {problems[0]}")
+    evaluation, left_out = evaluate_source(shown, task)
+    if left_out:
+        raise SystemExit(f"{len(left_out)} frames could not be used: {left_out[0]}")
     return evaluation.as_dict()
 
 
 def costs(frames: list[FrameSource]) -> dict[str, float]:
     """Each channel with everything it reads, against the segmentation alone."""
-    config, reading = FilterConfig(), SegmentationOptions()
+    config = FilterConfig()
     times: dict[str, list[float]] = {name: [] for name in ("semantic", *COSTED)}
     for _ in range(COST_ROUNDS):
         for frame in frames:
             for name, taken in times.items():
                 wanted = () if name == "semantic" else (name,)
                 begun = time.process_time()
-                measure_source(frame, config, reading, wanted)
+                measure_source(frame, config, wanted)
                 taken.append(time.process_time() - begun)
     base = statistics.median(times["semantic"])
     return {name: statistics.median(taken) / base for name, taken in times.items()}

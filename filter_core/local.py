@@ -26,7 +26,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import Final, TypedDict, TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -55,7 +55,6 @@ from filter_core.pipeline import (
     box_class,
     read_and_measure,
 )
-from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.types import BoolArray, Decisions, Evidence, IntArray, Reason
 
 _Given = TypeVar("_Given")
@@ -67,18 +66,6 @@ _AHEAD: Final = 4
 
 _MAX_LINE: Final = 1 << 20
 """Characters of a ground truth file that are read at a time, in lines of any length."""
-
-
-class _OutcomeKey(TypedDict):
-    key: str
-
-
-class OutcomeObject(_OutcomeKey, total=False):
-    """A `FrameOutcome` as JSON: palette and decisions, or an error."""
-
-    palette: str | None
-    decisions: list[Decision] | None
-    error: ProblemObject
 
 
 @dataclass(frozen=True)
@@ -101,7 +88,7 @@ class FrameOutcome:
     decisions: list[Decision] | None = None
     error: ProblemObject | None = None
 
-    def as_dict(self) -> OutcomeObject:
+    def as_dict(self) -> dict[str, object]:
         """The line of this frame in a decisions file."""
         if self.error is not None:
             return {"key": self.key, "error": self.error}
@@ -112,7 +99,6 @@ def filter_source(
     frames: Iterable[FrameSource],
     config: FilterConfig,
     *,
-    dataset: SegmentationOptions | None = None,
     workers: int | None = None,
 ) -> Generator[FrameOutcome, None, None]:
     """Decide the boxes of many frames.
@@ -122,8 +108,6 @@ def filter_source(
     frames : iterable of FrameSource
         Only a few frames are read ahead, so it may be of any length.
     config : FilterConfig
-    dataset : SegmentationOptions, optional
-        How the segmentations are to be read, above what the config says.
     workers : int, optional
         Threads; one more than there are cores. Pixel work runs outside Python's lock,
         and while one thread waits for the lock, another keeps its core at work.
@@ -134,19 +118,16 @@ def filter_source(
         In the order of the frames; a frame that cannot be used has an error, and the
         others go on.
     """
-    reading = dataset or SegmentationOptions()
-    return in_order(lambda one: filter_one(one, config, reading), frames, workers)
+    return in_order(lambda one: filter_one(one, config), frames, workers)
 
 
-def filter_one(
-    source: FrameSource, config: FilterConfig, dataset: SegmentationOptions
-) -> FrameOutcome:
+def filter_one(source: FrameSource, config: FilterConfig) -> FrameOutcome:
     """Decide the boxes of one frame of a folder; never raises for bad input.
 
     Parameters are those of `filter_source`.
     """
     try:
-        measured = _measure(source, config, dataset)
+        measured = measure_source(source, config, config.channels)
         verdicts = decide(measured.evidence, config)
         decisions = FrameResult(measured, verdicts, config).decisions
     except FilterError as error:
@@ -156,6 +137,14 @@ def filter_one(
 
 Truth = Mapping[str, Mapping[str, bool]]
 """Whether each box is visible, by the frame's key and the box's id."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A frame that cannot be used: its key, and why."""
+
+    key: str
+    problem: FilterError
 
 
 @dataclass(frozen=True)
@@ -169,14 +158,11 @@ class EvaluationTask:
         None: an object is visible if its instance has a pixel.
     channels : tuple of EvidenceName
         The kinds of evidence that are compared.
-    dataset : SegmentationOptions
-        How segmentations are to be read.
     """
 
     config: FilterConfig = field(default_factory=FilterConfig)
     truth: Truth | None = None
     channels: tuple[EvidenceName, ...] = COMPARED
-    dataset: SegmentationOptions = field(default_factory=SegmentationOptions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,13 +188,6 @@ class KnownBoxes:
         return {"key": self.key, "id": self.ids[row]}
 
 
-class FrameProblem(TypedDict):
-    """A frame that could not be used, and why."""
-
-    key: str
-    error: ProblemObject
-
-
 def evaluate_source(
     frames: Iterable[FrameSource],
     task: EvaluationTask,
@@ -216,7 +195,7 @@ def evaluate_source(
     progress: Callable[[], None] = lambda: None,
     also: Callable[[KnownBoxes], None] = lambda _: None,
     workers: int | None = None,
-) -> tuple[Evaluation, list[FrameProblem]]:
+) -> tuple[Evaluation, list[LeftOut]]:
     """Measure every channel of many frames and count them.
 
     Parameters
@@ -233,40 +212,39 @@ def evaluate_source(
     Returns
     -------
     Evaluation
-    problems : list of {"key", "error"}
+    left_out : list of LeftOut
         Frames that could not be used; the others were counted.
     """
     measured_too = () if task.truth is not None else ("instance",)
     wanted = tuple(dict.fromkeys((*task.channels, *measured_too)))
     evaluation = Evaluation(task.config, task.channels)
-    problems: list[FrameProblem] = []
+    left_out: list[LeftOut] = []
 
-    def measured(source: FrameSource) -> tuple[str, MeasuredFrame | FilterError]:
+    def measured(source: FrameSource) -> MeasuredFrame | LeftOut:
         try:
-            frame = measure_source(source, task.config, task.dataset, wanted)
-        except FilterError as error:
-            return source.key, error
-        return source.key, frame
+            return measure_source(source, task.config, wanted)
+        except FilterError as problem:
+            return LeftOut(source.key, problem)
 
-    for key, frame in in_order(measured, frames, workers):
-        if isinstance(frame, FilterError):
-            problems.append({"key": key, "error": problem_of(frame)})
+    for frame in in_order(measured, frames, workers):
+        if isinstance(frame, LeftOut):
+            left_out.append(frame)
         else:
-            boxes = _known(key, frame, task.truth)
+            boxes = _known(frame, task.truth)
             if len(boxes.ids):
                 evaluation.add(boxes.evidence, boxes.visible, name_of=boxes.name_of)
                 also(boxes)
         progress()
-    return evaluation, problems
+    return evaluation, left_out
 
 
-def _known(key: str, frame: MeasuredFrame, truth: Truth | None) -> KnownBoxes:
+def _known(frame: MeasuredFrame, truth: Truth | None) -> KnownBoxes:
     if truth is None:
         rows, visible = truth_from_instances(frame.evidence)
     else:
-        rows, visible = _told(truth.get(key, {}), frame.ids)
+        rows, visible = _told(truth.get(frame.key, {}), frame.ids)
     ids = tuple(frame.ids[row] for row in rows.tolist())
-    return KnownBoxes(key, ids, frame.evidence.take(rows), visible)
+    return KnownBoxes(frame.key, ids, frame.evidence.take(rows), visible)
 
 
 def _told(told: Mapping[str, bool], ids: tuple[str, ...]) -> tuple[IntArray, BoolArray]:
@@ -312,14 +290,6 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
             yield from ((at, line) for at, line in enumerate(lines, 1) if line.strip())
     except (OSError, UnicodeDecodeError) as error:
         raise LayoutError(f"{path.name} cannot be read as UTF-8 lines") from error
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """A frame that cannot be exported: its key, and why."""
-
-    key: str
-    problem: FilterError
 
 
 def export_sources(
@@ -369,7 +339,7 @@ def _export_frame(
 ) -> ExportFrame:
     # Neither masks nor depth nor LiDAR are needed, so they are not read.
     read = source if measure else replace(source, segmentation=None, others={})
-    measured = _measure(read, config, SegmentationOptions())
+    measured = measure_source(read, config, config.channels)
     verdicts = decide(measured.evidence, config)
     if not measure:
         verdicts = _without_verdicts(measured.evidence, verdicts)
@@ -431,33 +401,17 @@ def class_order(frames: Iterable[FrameSource]) -> tuple[str, ...]:
     return (*known, *sorted(found - set(known)))
 
 
-def _measure(
-    source: FrameSource, config: FilterConfig, dataset: SegmentationOptions
-) -> MeasuredFrame:
-    if source.problem is not None:
-        raise source.problem
-    options = _frame_options(source, files_for(config.channels), dataset)
-    return read_and_measure(
-        source.annotation or {}, _segmentation(source), config, options
-    )
-
-
 def measure_source(
-    source: FrameSource,
-    config: FilterConfig,
-    dataset: SegmentationOptions,
-    channels: tuple[str, ...],
+    source: FrameSource, config: FilterConfig, channels: Collection[str]
 ) -> MeasuredFrame:
-    """Measure one frame of a folder under several channels, and decide nothing.
+    """Measure one frame of a folder, and decide nothing.
 
     Parameters
     ----------
     source : FrameSource
     config : FilterConfig
-        Its own channels are not measured.
-    dataset : SegmentationOptions
-        How the segmentations are to be read, above what the config says.
-    channels : tuple of EvidenceName
+        Its own channels are only measured if they are in `channels`, too.
+    channels : collection of EvidenceName
 
     Raises
     ------
@@ -466,18 +420,14 @@ def measure_source(
     """
     if source.problem is not None:
         raise source.problem
-    measuring = replace(config.measuring(dataset), channels=())
+    measuring = replace(config.measuring(), channels=()).with_channels(channels)
+    options = _frame_options(source, files_for(channels))
     return read_and_measure(
-        source.annotation or {},
-        _segmentation(source),
-        measuring.with_channels(channels),
-        _frame_options(source, files_for(channels), dataset),
+        source.annotation or {}, _segmentation(source), measuring, options
     )
 
 
-def _frame_options(
-    source: FrameSource, kinds: tuple[str, ...], dataset: SegmentationOptions
-) -> FrameOptions:
+def _frame_options(source: FrameSource, kinds: Iterable[str]) -> FrameOptions:
     wh = None if source.image is None else _size(source.image)
     ignore = None
     if "ignore_mask" in source.others and wh is not None:
@@ -488,9 +438,7 @@ def _frame_options(
         for kind in kinds
         if kind in source.others
     }
-    return FrameOptions(
-        key=source.key, image_wh=wh, dataset=dataset, ignore=ignore, sensors=sensors
-    )
+    return FrameOptions(key=source.key, image_wh=wh, ignore=ignore, sensors=sensors)
 
 
 def _segmentation(source: FrameSource) -> bytes | None:

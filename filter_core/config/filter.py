@@ -259,7 +259,7 @@ class FilterConfig(ReadingKeys, DecideConfig):
         Parameters
         ----------
         dataset : SegmentationOptions, optional
-            The dataset's options for segmentations. Default: none.
+            The dataset's options for segmentations. Default: it has none.
         dataset_name : str
             The name of the dataset in errors.
         ignored : JsonObject, optional
@@ -271,15 +271,15 @@ class FilterConfig(ReadingKeys, DecideConfig):
             ``segmentation_contradiction``: dataset and configuration differ.
         """
         own = SegmentationOptions.named_by(self)
-        reading = own
-        if dataset is not None:
-            layers = {dataset_name: dataset, "the configuration": own}
-            reading = SegmentationOptions.agreed(layers)
+        layers = {
+            dataset_name: dataset or SegmentationOptions(),
+            "the configuration": own,
+        }
         return MeasureConfig(
             profile=self.profile,
             projection=self.projection,
             own_reading=own,
-            reading=reading,
+            reading=SegmentationOptions.agreed(layers),
             accept={
                 name: one.accept
                 for name, one in self.classes.items()

@@ -34,7 +34,6 @@ from filter_core.formats.registry import read_source
 from filter_core.images.decoding import decode_image
 from filter_core.images.header import read_image_header
 from filter_core.local import filter_one
-from filter_core.segmentation.reading import SegmentationOptions
 from tests.support.folders import write_files
 from tests.support.hostile import label_samples as labels
 from tests.support.hostile import pixel_samples as pixels
@@ -98,7 +97,7 @@ def read_voc(content: bytes) -> None:
     with TemporaryDirectory() as place:
         folder = write_files(Path(place), {**files, name: content})
         for source in read_source(folder, "voc"):
-            filter_one(source, FilterConfig(), SegmentationOptions())
+            filter_one(source, FilterConfig())
 
 
 def repair_tar_checksums(content: bytes) -> bytes:

@@ -21,7 +21,6 @@ from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError
 from filter_core.formats.registry import read_source
 from filter_core.local import filter_one
-from filter_core.segmentation.reading import SegmentationOptions
 from tests.support.folders import write_files
 from tests.support.hostile.label_samples import ANNOTATION, CARLASIMU, FOLDERS, YAML
 from tests.support.hostile.mutations import (
@@ -107,5 +106,5 @@ def test_any_label_folder_is_read_or_raises_our_own_error(layout, data):
     # Memory is not measured here: that would make reading ten times as slow.
     with TemporaryDirectory() as place, suppress(FilterError):
         for source in read_source(write_files(Path(place), files), layout):
-            outcome = filter_one(source, FilterConfig(), SegmentationOptions())
+            outcome = filter_one(source, FilterConfig())
             assert (outcome.error is None) != (outcome.decisions is None)

@@ -141,7 +141,7 @@ def evaluate(options: EvaluateOptions) -> None:
             done += 1
             advance(done, found.count)
 
-        evaluation, problems = evaluate_source(
+        evaluation, unusable = evaluate_source(
             found,
             task,
             progress=step,
@@ -149,11 +149,11 @@ def evaluate(options: EvaluateOptions) -> None:
             workers=options.workers,
         )
     left_out = [
-        *(refusal(one["key"], one["error"]["detail"]) for one in problems),
+        *(refusal(one.key, one.problem.detail) for one in unusable),
         *map(not_matched, found.unmatched),
         *use.unused_lines(),
     ]
-    for line in (*left_out, *use.frames_without(done - len(problems))):
+    for line in (*left_out, *use.frames_without(done - len(unusable))):
         screen.note(line)
     if not evaluation.boxes:
         raise Refused("nothing was compared: the ground truth of no box is known")

@@ -308,12 +308,11 @@ def _lines_of(
 
 def _line_of(config: FilterConfig, frame: FrameSource | FrameOutcome) -> FrameLine:
     from filter_core.local import FrameOutcome, filter_one
-    from filter_core.segmentation.reading import SegmentationOptions
 
     outcome = frame
     if not isinstance(outcome, FrameOutcome):
-        outcome = filter_one(outcome, config, SegmentationOptions())
-    content = _encoder()(dict(outcome.as_dict())) + b"\n"
+        outcome = filter_one(outcome, config)
+    content = _encoder()(outcome.as_dict()) + b"\n"
     if outcome.error is not None:
         return FrameLine(outcome.key, content, fault=outcome.error["detail"])
     decisions = outcome.decisions or ()

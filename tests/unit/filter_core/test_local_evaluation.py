@@ -39,12 +39,12 @@ def test_the_truth_comes_from_instances_or_from_a_file(source, truth):
     seen = []
     task = EvaluationTask(FilterConfig(), truth, ("semantic", "depth"))
 
-    evaluation, problems = evaluate_source(
+    evaluation, left_out = evaluate_source(
         [source] * 3, task, progress=lambda: seen.append(1)
     )
 
     assert count_kept_ghosts(evaluation) == {"semantic": 3, "depth": 0}
-    assert (problems, len(seen)) == ([], 3)
+    assert (left_out, len(seen)) == ([], 3)
 
 
 def test_boxes_without_truth_are_not_evaluated(source):
@@ -58,10 +58,12 @@ def test_boxes_without_truth_are_not_evaluated(source):
 def test_invalid_frame_is_reported_and_the_others_are_evaluated(source):
     broken = FrameSource("b", None, problem=LayoutError("b: no labels"))
 
-    evaluation, problems = evaluate_source([broken, source], EvaluationTask())
+    evaluation, left_out = evaluate_source([broken, source], EvaluationTask())
 
     assert evaluation.frames == 1
-    assert [one["key"] for one in problems] == ["b"]
+    assert [(one.key, one.problem.detail) for one in left_out] == [
+        ("b", "b: no labels")
+    ]
 
 
 def test_read_truth_reads_json_lines(tmp_path):
