@@ -253,11 +253,10 @@ def measure_frame(
     config = _measuring(config, options.dataset)
     wh = _agreed_size(annotation, segmentation, options.image_wh)
     geometry = frame_boxes_2d(annotation, wh, config.projection)
-    lidar = annotation.sensors.get("lidar")
     sensors = Sensors(
         segmentation=segmentation,
         camera=annotation.camera,
-        lidar=None if lidar is None else lidar.transform,
+        lidar=annotation.sensors.get("lidar"),
         ignore=options.ignore,
         contents=options.sensors,
         max_side=options.max_side,

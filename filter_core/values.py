@@ -308,15 +308,12 @@ _MAX_DEPTH: Final = 32
 """Deeper JSON can exhaust the stack of programs that read it."""
 
 
-def read_kept_object(value: object, at: Place, faults: Faults) -> dict[str, object]:
-    """An object that is stored and returned unchanged; null is an empty one."""
-    if value is None:
-        return {}
-    if not isinstance(value, Mapping):
+def check_kept_object(value: object, at: Place, faults: Faults) -> None:
+    """Adds faults of an object that is stored as it is; null is the same as none."""
+    if isinstance(value, Mapping):
+        check_kept(value, at, faults)
+    elif value is not None:
         faults.add(at, "not_an_object", "an object", shown(value))
-        return {}
-    check_kept(value, at, faults)
-    return dict(value)
 
 
 def check_kept(value: object, at: Place, faults: Faults, depth: int = 0) -> None:

@@ -83,7 +83,7 @@ def measure_files(
         `given_up` was set before the child was done.
     """
     # The child gets only the fields that it reads.
-    needed = replace(annotation, raw={}, extra={}, weather={})
+    needed = replace(annotation, raw={})
     work = measure, plan, needed, files
     if is_simple(plan, needed, files):
         measured, decode_s, measure_s = pool.run_here(*work)

@@ -28,10 +28,10 @@ from filter_core.values import (
     Faults,
     Place,
     check_kept,
+    check_kept_object,
     plain_numbers,
     read_id,
     read_instance_id,
-    read_kept_object,
     read_list,
     read_number,
     read_numbers,
@@ -43,7 +43,7 @@ KNOWN_BOX_KEYS: Final = frozenset(
     {"id", "class", "type_id", "base_type", "distance", "instance_id", "extra"}
     | set(GEOMETRIES)
 )
-"""The keys of a box that have a meaning; all others are kept in `extra`."""
+"""The keys of a box that have a meaning; all others are only kept."""
 
 _BOX3D_KEYS: Final = ("transform", "location", "extent", "rotation")
 
@@ -104,9 +104,9 @@ def _read_box(
         values=values,
         distance=_read_distance(raw, at, faults),
         instance_id=_read_instance(raw, at, faults),
-        extra=read_extra(raw, KNOWN_BOX_KEYS, at, faults),
         raw=raw,
     )
+    check_extra(raw, KNOWN_BOX_KEYS, at, faults)
     return box if len(faults) == before else None
 
 
@@ -145,17 +145,17 @@ def _read_instance(raw: Mapping[str, object], at: Place, faults: Faults) -> int 
     return read_instance_id(value, at / "instance_id", faults)
 
 
-def read_extra(
+def check_extra(
     raw: Mapping[str, object], known: frozenset[str], at: Place, faults: Faults
-) -> dict[str, object]:
-    """The data that exports write unchanged: ``extra``, and keys not in `known`."""
-    given = raw.get("extra")
-    extra = {} if given is None else read_kept_object(given, at / "extra", faults)
-    if raw.keys() <= known:
-        return extra
-    unknown = {key: raw[key] for key in raw if key not in known}
-    check_kept(unknown, at, faults)
-    return {**extra, **unknown}
+) -> None:
+    """Adds faults of what exports write unchanged: ``extra``, and keys not in `known`.
+
+    `raw` is the frame or the box as given.
+    """
+    check_kept_object(raw.get("extra"), at / "extra", faults)
+    if not raw.keys() <= known:
+        unknown = {key: raw[key] for key in raw if key not in known}
+        check_kept(unknown, at, faults)
 
 
 def _read_geometry(

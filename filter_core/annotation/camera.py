@@ -12,7 +12,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from filter_core.annotation.boxes import box_place
-from filter_core.annotation.frame import FORMS_3D, Sensor
+from filter_core.annotation.frame import FORMS_3D
 from filter_core.errors import FilterError
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform, read_transform
@@ -21,7 +21,7 @@ from filter_core.values import (
     Faults,
     Place,
     check_kept,
-    read_kept_object,
+    check_kept_object,
     read_list,
     read_number,
     read_numbers,
@@ -163,17 +163,17 @@ def _first_3d_box(boxes: object) -> Place | None:
     return None
 
 
-def read_sensors(value: object, faults: Faults) -> dict[str, Sensor]:
-    """The sensors besides the camera by name; null is none, faults are noted."""
+def read_sensors(value: object, faults: Faults) -> dict[str, Transform | None]:
+    """The poses of the sensors besides the camera by name; null is no sensors."""
     at = Place() / "sensors"
-    given = read_kept_object(value, at, faults)
-    sensors: dict[str, Sensor] = {}
+    check_kept_object(value, at, faults)
+    given = value if isinstance(value, Mapping) else {}
+    sensors: dict[str, Transform | None] = {}
     for name, raw in given.items():
         if not isinstance(raw, Mapping):
             faults.add(at / name, "not_an_object", "an object", shown(raw))
             continue
         pose = raw.get("transform")
         place = at / name / "transform"
-        transform = None if pose is None else read_transform(pose, place, faults)
-        sensors[name] = Sensor(transform, raw)
+        sensors[name] = None if pose is None else read_transform(pose, place, faults)
     return sensors

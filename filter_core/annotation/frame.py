@@ -87,10 +87,8 @@ class BoxAnnotation:
     distance : float or None, metres
         As given.
     instance_id : int or None
-    extra : dict
-        Unknown keys, which are kept and returned.
     raw : mapping
-        The box as given.
+        The box as given, with unknown keys.
     """
 
     id: str
@@ -102,23 +100,6 @@ class BoxAnnotation:
     values: tuple[float, ...]
     distance: float | None
     instance_id: int | None
-    extra: dict[str, object]
-    raw: Mapping[str, object]
-
-
-@dataclass(frozen=True)
-class Sensor:
-    """A sensor besides the camera.
-
-    Attributes
-    ----------
-    transform : Transform or None
-        Where it stands in the world.
-    raw : mapping
-        The object as given.
-    """
-
-    transform: Transform | None
     raw: Mapping[str, object]
 
 
@@ -136,12 +117,10 @@ class FrameAnnotation:
         The image's size by the annotation; known also where the camera is incomplete.
     carla_version, captured_at, map : str or None
         `captured_at` is an RFC 3339 time, as given.
-    weather : dict
-    sensors : dict of Sensor
-    extra : dict
-        Unknown keys of the frame.
+    sensors : dict of str to Transform or None
+        Where each sensor besides the camera stands in the world, if that is given.
     raw : mapping
-        The annotation as given.
+        The annotation as given, with the weather and unknown keys.
     """
 
     boxes: tuple[BoxAnnotation, ...]
@@ -150,9 +129,7 @@ class FrameAnnotation:
     carla_version: str | None = None
     captured_at: str | None = None
     map: str | None = None
-    weather: dict[str, object] = field(default_factory=dict)
-    sensors: dict[str, Sensor] = field(default_factory=dict)
-    extra: dict[str, object] = field(default_factory=dict)
+    sensors: dict[str, Transform | None] = field(default_factory=dict)
     raw: Mapping[str, object] = field(default_factory=dict)
 
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Final
 
-from filter_core.annotation.boxes import box_place, read_boxes, read_extra
+from filter_core.annotation.boxes import box_place, check_extra, read_boxes
 from filter_core.annotation.camera import read_camera, read_sensors, require_camera
 from filter_core.annotation.frame import AnnotationLimits, FrameAnnotation
 from filter_core.errors import JsonError
@@ -21,8 +21,8 @@ from filter_core.json_text import JsonLimits, read_json
 from filter_core.values import (
     Faults,
     Place,
+    check_kept_object,
     is_encodable,
-    read_kept_object,
     read_text,
     read_time,
     shown,
@@ -63,8 +63,8 @@ def parse_annotation(
     Returns
     -------
     FrameAnnotation
-        Null is the same as an absent key, except in a geometry. Unknown keys are in
-        `extra`, of the frame and of each box.
+        Null is the same as an absent key, except in a geometry. Unknown keys are
+        checked, too, and are in `raw`, of the frame and of each box.
 
     Raises
     ------
@@ -126,6 +126,9 @@ def _read_frame(
     boxes = read_boxes(raw.get("boxes"), faults, limits)
     if camera is None and camera_faults == 0:
         require_camera(raw, faults)
+    check_kept_object(raw.get("weather"), at / "weather", faults)
+    sensors = read_sensors(raw.get("sensors"), faults)
+    check_extra(raw, KNOWN_FRAME_KEYS, at, faults)
     return FrameAnnotation(
         boxes=boxes,
         camera=camera,
@@ -133,9 +136,7 @@ def _read_frame(
         carla_version=version,
         captured_at=captured_at,
         map=town,
-        weather=read_kept_object(raw.get("weather"), at / "weather", faults),
-        sensors=read_sensors(raw.get("sensors"), faults),
-        extra=read_extra(raw, KNOWN_FRAME_KEYS, at, faults),
+        sensors=sensors,
         raw=raw,
     )
 

@@ -96,23 +96,26 @@ def test_json_bytes_give_the_same_errors_as_the_mapping(raw):
 
 
 @given(raw=frames)
-def test_extra_fields_of_a_parsed_annotation_are_valid_json(raw):
+def test_what_a_parsed_annotation_keeps_is_valid_json(raw):
     if errors_of(raw):
         return
 
     read = parse_annotation(raw)
 
-    kept = [read.extra, read.weather, *(box.extra for box in read.boxes)]
-    json.dumps(kept, allow_nan=False, ensure_ascii=False).encode()
+    json.dumps(
+        [read.raw, *(box.raw for box in read.boxes)],
+        allow_nan=False,
+        ensure_ascii=False,
+    ).encode()
 
 
 @given(boxes=st.lists(good_boxes, max_size=6))
-def test_valid_boxes_keep_their_values_ids_and_extra_fields(boxes):
+def test_valid_boxes_keep_their_values_ids_and_unknown_keys(boxes):
     read = parse_annotation({"boxes": boxes}).boxes
 
     assert [list(box.values) for box in read] == [box["xyxy"] for box in boxes]
     assert [box.id for box in read] == [str(i) for i in range(len(boxes))]
-    assert [box.extra.get("mine") for box in read] == [box.get("mine") for box in boxes]
+    assert [box.raw for box in read] == boxes
 
 
 @given(raw=st.binary(max_size=40))

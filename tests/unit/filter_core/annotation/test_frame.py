@@ -126,7 +126,6 @@ def test_3d_box_without_camera_raises_annotation_error():
         values=(0.0,) * 15,
         distance=None,
         instance_id=None,
-        extra={},
         raw={},
     )
 

@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 
-from filter_core.annotation.frame import FORMS_3D, Sensor
+from filter_core.annotation.frame import FORMS_3D
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.geometry.pose import Transform
 
@@ -53,10 +53,8 @@ def test_frame_fields_of_example_annotation_are_parsed():
     read = parse_annotation(EXAMPLE)
 
     assert (read.carla_version, read.map) == ("0.9.15", "Town10HD")
-    assert (read.captured_at, read.weather) == (
-        EXAMPLE["captured_at"],
-        EXAMPLE["weather"],
-    )
+    assert read.captured_at == EXAMPLE["captured_at"]
+    assert read.raw == EXAMPLE
     assert read.camera_wh == (1280, 720)
 
 
@@ -107,24 +105,25 @@ def test_null_values_are_treated_as_missing():
         id=None, type_id=None, distance=None, instance_id=None, extra=None
     )
 
-    assert (box.id, box.type_id, box.distance, box.instance_id, box.extra) == (
+    assert (box.id, box.type_id, box.distance, box.instance_id) == (
         "0",
         None,
         None,
         None,
-        {},
     )
     everything = ("camera", "map", "weather", "sensors", "captured_at", "carla_version")
     read = parse_annotation(frame(car(), **dict.fromkeys(everything)))
-    assert (read.camera, read.map, read.weather, read.sensors) == (None, None, {}, {})
+    assert (read.camera, read.map, read.sensors) == (None, None, {})
 
 
-def test_unknown_keys_are_merged_into_extra():
-    box = parse_one_box(occluded=0.4, extra={"note": "parked"}, tags=["a", None])
-    read = parse_annotation(frame(car(), extra={"a": 1}, scenario={"n": 7}))
+def test_unknown_keys_are_kept_as_given():
+    given = car(occluded=0.4, extra={"note": "parked"}, tags=["a", None])
+    raw = frame(given, extra={"a": 1}, scenario={"n": 7})
 
-    assert box.extra == {"note": "parked", "occluded": 0.4, "tags": ["a", None]}
-    assert read.extra == {"a": 1, "scenario": {"n": 7}}
+    read = parse_annotation(raw)
+
+    assert read.raw == raw
+    assert read.boxes[0].raw == given
 
 
 def test_negative_zero_and_integral_floats_are_accepted():
@@ -215,8 +214,8 @@ def test_sensors_have_their_own_transform():
     read = parse_annotation(frame(sensors={"lidar": lidar, "radar": {}}))
 
     assert read.sensors == {
-        "lidar": Sensor(Transform((0, 0, 2.4)), lidar),
-        "radar": Sensor(None, {}),
+        "lidar": Transform((0, 0, 2.4)),
+        "radar": None,
     }
 
 

@@ -9,6 +9,7 @@ import pytest
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import LayoutError
 from filter_core.formats import coco_index
+from filter_core.formats.export import GivenAnnotation
 from filter_core.formats.registry import read_source
 from tests.support.folders import annotation_of, write_files
 from tests.support.shared_data import shared
@@ -59,7 +60,7 @@ def test_annotations_are_joined_to_images_in_any_order(tmp_path):
     assert frames.unmatched == ()
 
 
-def test_unknown_coco_keys_are_kept_as_extra(tmp_path):
+def test_unknown_coco_keys_are_kept(tmp_path):
     strange = {"xyxy": "no", "distance": "far", "score": 0.5, "segmentation": [[1, 2]]}
     rows = [annotation(1, 1, **strange)]
     content = coco([image(1, "a.png", camera="left", license=4)], rows)
@@ -67,8 +68,9 @@ def test_unknown_coco_keys_are_kept_as_extra(tmp_path):
     (frame,) = read_source(write_files(tmp_path, {"boxes.json": content}))
 
     parsed = parse_annotation(annotation_of(frame))
-    assert parsed.extra == {"license": 4, "camera": "left"}
-    assert parsed.boxes[0].extra == strange
+    given = GivenAnnotation(lambda: parsed.raw, (1, 1))
+    assert given.frame_extra() == {"license": 4, "camera": "left"}
+    assert given.box_extra(0) == strange
     assert parsed.boxes[0].distance is None
 
 

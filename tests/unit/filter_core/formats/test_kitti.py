@@ -50,7 +50,7 @@ def test_kitti_line_is_read_as_rectangle_with_kitti_fields(tmp_path):
     (read,) = parsed.boxes
     assert (read.class_name, read.form) == ("Pedestrian", "xyxy")
     assert read.values == (712.4, 143.0, 810.73, 307.92)
-    assert read.extra["kitti"] == {
+    assert read.raw["kitti"] == {
         "truncated": 0.0,
         "occluded": 0,
         "alpha": -0.2,
