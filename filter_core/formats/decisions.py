@@ -63,32 +63,12 @@ DECISIONS_PARQUET: Final = Format(
 )
 
 
-@DECISIONS_JSONL.writer
-def _write_jsonl(
-    frames: Iterable[ExportFrame], sink: Sink, head: ExportHead, options: ExportOptions
-) -> Counts:
-    return _write(frames, sink, head, _jsonl)
-
-
-@DECISIONS_CSV.writer
-def _write_csv(
-    frames: Iterable[ExportFrame], sink: Sink, head: ExportHead, options: ExportOptions
-) -> Counts:
-    return _write(frames, sink, head, partial(_csv, most_rows=head.group_rows))
-
-
-@DECISIONS_PARQUET.writer
-def _write_parquet(
-    frames: Iterable[ExportFrame], sink: Sink, head: ExportHead, options: ExportOptions
-) -> Counts:
-    return _write(frames, sink, head, partial(_parquet, group_rows=head.group_rows))
-
-
 def _write(
     frames: Iterable[ExportFrame],
     sink: Sink,
     head: ExportHead,
-    pieces: Callable[[Iterator[ExportFrame], Spool], Iterable[bytes]],
+    _options: ExportOptions,
+    pieces: Callable[[Iterator[ExportFrame], Spool, ExportHead], Iterable[bytes]],
 ) -> Counts:
     """Write every decision of every frame, and ``manifest.json``.
 
@@ -100,7 +80,7 @@ def _write(
         Gets ``decisions.SUFFIX``, then ``manifest.json``.
     head : ExportHead
     pieces : callable
-        Gives the content of the file, and may use a spool for it.
+        Gives the content of the file; it may use the spool for it.
 
     Returns
     -------
@@ -116,7 +96,7 @@ def _write(
     """
     with ExportTally(head) as tally, Spool(head.temporary, head.buffer_bytes) as spool:
         name = head.format.replace("-", ".")  # decisions.jsonl and so on
-        sink(name, pieces(_counted(frames, tally), spool))
+        sink(name, pieces(_counted(frames, tally), spool, head))
         sink("manifest.json", tally.manifest())
         return tally.counts()
 
@@ -130,7 +110,9 @@ def _counted(
         yield frame
 
 
-def _jsonl(frames: Iterator[ExportFrame], _spool: Spool) -> Iterator[bytes]:
+def _jsonl(
+    frames: Iterator[ExportFrame], _spool: Spool, _head: ExportHead
+) -> Iterator[bytes]:
     """A line for each frame; 3D boxes are written as given."""
     for frame in frames:
         decisions = [
@@ -141,21 +123,27 @@ def _jsonl(frames: Iterator[ExportFrame], _spool: Spool) -> Iterator[bytes]:
         yield json_bytes(line) + b"\n"
 
 
+DECISIONS_JSONL.writer(partial(_write, pieces=_jsonl))
+
+
 _ROWS_AT_ONCE: Final = 500
 
 
 def _csv(
-    frames: Iterator[ExportFrame], _spool: Spool, most_rows: int
+    frames: Iterator[ExportFrame], _spool: Spool, head: ExportHead
 ) -> Iterator[bytes]:
     """RFC 4180 with a header, some hundred rows at a time."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\r\n")
     writer.writerow(COLUMNS)
-    for rows in _groups(frames, min(_ROWS_AT_ONCE, most_rows)):
+    for rows in _groups(frames, min(_ROWS_AT_ONCE, head.group_rows)):
         columns = [_cells(rows[name], kind) for name, kind in COLUMNS.items()]
         writer.writerows(zip(*columns, strict=True))
         yield _drained(text)
     yield _drained(text)
+
+
+DECISIONS_CSV.writer(partial(_write, pieces=_csv))
 
 
 _CORNERS: Final = ("x_min", "y_min", "x_max", "y_max")
@@ -306,7 +294,7 @@ _TYPES: Final = {str: "string", float: "float64", int: "int64", bool: "bool_"}
 
 
 def _parquet(
-    frames: Iterator[ExportFrame], spool: Spool, group_rows: int
+    frames: Iterator[ExportFrame], spool: Spool, head: ExportHead
 ) -> Iterator[bytes]:
     """A group of rows at a time, into a file first: Parquet's index comes last."""
     pyarrow = require_parquet()
@@ -315,13 +303,16 @@ def _parquet(
     )
     target = pyarrow.PythonFile(spool.file, mode="w")
     with pyarrow.parquet.ParquetWriter(target, schema, compression="zstd") as writer:
-        for rows in _groups(frames, group_rows):
+        for rows in _groups(frames, head.group_rows):
             columns = {
                 name: _encodable(rows[name]) if kind is str else rows[name]
                 for name, kind in COLUMNS.items()
             }
             writer.write_table(pyarrow.Table.from_pydict(columns, schema=schema))
     yield from spool.pieces()
+
+
+DECISIONS_PARQUET.writer(partial(_write, pieces=_parquet))
 
 
 def _encodable(column: Sequence[object]) -> list[object]:

@@ -173,7 +173,7 @@ class Format:
         return read
 
     def writer(self, write: _Writer) -> _Writer:
-        """Decorates the function that is `write`."""
+        """Takes the function that is `write`, also as a decorator."""
         self.write = write
         return write
 
