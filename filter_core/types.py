@@ -16,10 +16,20 @@ One box as a dictionary with the keys of the API is a `Decision`, see
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import Field, dataclass, field, fields, replace
 from enum import Enum, IntEnum
-from typing import Final, Literal, NamedTuple, TypeAlias, TypedDict, get_args
+from typing import (
+    ClassVar,
+    Final,
+    Literal,
+    NamedTuple,
+    Protocol,
+    TypeAlias,
+    TypedDict,
+    TypeVar,
+    get_args,
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +69,40 @@ UNKNOWN_COLUMN: Final = N_TAGS - 1
 
 NOT_MEASURED: Final = -1
 """Stands for a missing value in columns of counts, rows and ids."""
+
+
+class Dataclass(Protocol):
+    """Any dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[object]]]
+
+
+_Table = TypeVar("_Table", bound=Dataclass)
+
+
+def rows_of(
+    table: _Table, rows: slice | IntArray | BoolArray, *, shared: Collection[str] = ()
+) -> _Table:
+    """Some rows of a table, that is, of a dataclass whose fields are columns.
+
+    Parameters
+    ----------
+    table : dataclass
+        Columns that are None stay None.
+    rows : slice, (M,) int64 or bool
+        A slice gives views of the same arrays.
+    shared : names of fields
+        Those that are no columns, and stay as they are.
+    """
+    columns = {
+        spec.name: getattr(table, spec.name)
+        for spec in fields(table)
+        if spec.name not in shared
+    }
+    return replace(
+        table,
+        **{name: one[rows] for name, one in columns.items() if one is not None},
+    )
 
 
 def floats_or_none(column: FloatArray) -> list[float | None]:
@@ -327,19 +371,7 @@ class Evidence:
 
     def take(self, rows: IntArray) -> Evidence:
         """Some of the boxes, by their `rows` (M,), in the order asked for."""
-        columns = {
-            spec.name: getattr(self, spec.name)
-            for spec in fields(self)
-            if spec.name != "class_names"
-        }
-        return replace(
-            self,
-            **{
-                name: column[rows]
-                for name, column in columns.items()
-                if column is not None
-            },
-        )
+        return rows_of(self, rows, shared=("class_names",))
 
 
 @dataclass(frozen=True, eq=False)
@@ -420,8 +452,7 @@ class ChannelNumbers:
 
     def __getitem__(self, rows: slice | IntArray | BoolArray) -> ChannelNumbers:
         """Some of the boxes."""
-        columns = {spec.name: getattr(self, spec.name)[rows] for spec in fields(self)}
-        return ChannelNumbers(**columns)
+        return rows_of(self, rows)
 
 
 class Verdict(str, Enum):
@@ -575,8 +606,7 @@ class Decisions:
 
     def __getitem__(self, rows: IntArray | BoolArray) -> Decisions:
         """Some of the boxes."""
-        columns = {spec.name: getattr(self, spec.name)[rows] for spec in fields(self)}
-        return Decisions(**columns)
+        return rows_of(self, rows)
 
     def count(self, verdict: Verdict) -> int:
         """How many boxes have this verdict."""
@@ -653,8 +683,7 @@ class DecidedBoxes:
 
     def __getitem__(self, rows: slice) -> DecidedBoxes:
         """A range of the boxes, as views of the same arrays."""
-        columns = {name: getattr(self, name)[rows] for name in _DECIDED_COLUMNS}
-        return DecidedBoxes(class_names=self.class_names, **columns)
+        return rows_of(self, rows, shared=("class_names",))
 
     @property
     def verdict(self) -> NDArray[np.uint8]:
@@ -690,11 +719,6 @@ class DecidedBoxes:
     def reason_label(self, row: int) -> ReasonLabel:
         """The reason of one box by its name on the wire."""
         return _REASONS[int(self.reason[row]) - 1].label
-
-
-_DECIDED_COLUMNS: Final = tuple(
-    spec.name for spec in fields(DecidedBoxes) if spec.name != "class_names"
-)
 
 
 class HiddenBy(TypedDict):
@@ -751,9 +775,4 @@ class DecisionColumns:
 
     def __getitem__(self, rows: slice) -> DecisionColumns:
         """A range of the boxes."""
-        columns = {
-            spec.name: getattr(self, spec.name)[rows]
-            for spec in fields(self)
-            if spec.name != "config"
-        }
-        return DecisionColumns(config=self.config, **columns)
+        return rows_of(self, rows, shared=("config",))

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import Field, field, fields
+from dataclasses import field, fields
 from enum import Enum
-from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias
+from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from filter_core.classes import MAX_ACCEPT, canonical_accept
 from filter_core.errors import ConfigError
 from filter_core.evidence_kinds import AUTO, STRONGEST_FIRST
 from filter_core.segmentation.palettes import LAST_TAG
+from filter_core.types import Dataclass
 from filter_core.values import place_of, pointer_token, shown, similar
 
 Number: TypeAlias = float | int
@@ -240,12 +241,6 @@ def key(
     """
     declared = Key(allowed, default, sentence, evidence, needs_pixels)
     return field(default=INHERIT, metadata={_KEY: declared})
-
-
-class Dataclass(Protocol):
-    """Any dataclass."""
-
-    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
 
 def declared_keys(of: type[Dataclass]) -> dict[str, Key]:

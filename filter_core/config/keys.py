@@ -31,7 +31,6 @@ from filter_core.config.declaration import (
     NEAREST_METRES,
     PERCENT,
     AllowedWords,
-    Dataclass,
     Inherit,
     Key,
     Number,
@@ -47,7 +46,7 @@ from filter_core.segmentation.reading import (
     Lossy,
     OrderOfChannels,
 )
-from filter_core.types import Profile, ProjectionMode
+from filter_core.types import Dataclass, Profile, ProjectionMode
 
 NumberT = TypeVar("NumberT")
 

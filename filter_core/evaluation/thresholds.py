@@ -19,7 +19,14 @@ from filter_core.classes import canonical_class
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.evaluation.scores import Confusion
-from filter_core.types import BoolArray, Evidence, FloatArray, IntArray, Reason
+from filter_core.types import (
+    BoolArray,
+    Evidence,
+    FloatArray,
+    IntArray,
+    Reason,
+    rows_of,
+)
 
 Target: TypeAlias = Literal["f1", "recall"]
 """The goal for which a threshold is optimised."""
@@ -332,7 +339,7 @@ class Judged:
 
     def where(self, rows: BoolArray) -> Judged:
         """The boxes for which `rows` (N,) is True."""
-        return Judged(*(getattr(self, spec.name)[rows] for spec in fields(self)))
+        return rows_of(self, rows)
 
     def __len__(self) -> int:
         return len(self.kept)

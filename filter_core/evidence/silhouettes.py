@@ -26,6 +26,7 @@ from filter_core.types import (
     FloatArray,
     IntArray,
     Mask,
+    rows_of,
 )
 
 
@@ -277,8 +278,7 @@ class _Edges:
 
     def of_hulls(self, rows: IntArray) -> _Edges:
         """The edges of the hulls in `rows`, which may have duplicates."""
-        parts = (self.x, self.y, self.end_x, self.low_y, self.high_y, self.slope)
-        return _Edges(*(part[rows] for part in parts))
+        return rows_of(self, rows)
 
     def x_at(self, y: FloatArray) -> FloatArray:
         """The x at height `y` of each edge, or of the line through it."""

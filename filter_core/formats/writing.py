@@ -35,6 +35,7 @@ from filter_core.types import (
     DecidedBoxes,
     FloatArray,
     IntArray,
+    rows_of,
 )
 
 PARTS: Final = ("train", "val")
@@ -89,13 +90,7 @@ class LabelBoxes:
         return len(self.row)
 
     def __getitem__(self, some: BoolArray) -> LabelBoxes:
-        return LabelBoxes(
-            row=self.row[some],
-            class_number=self.class_number[some],
-            xyxy=self.xyxy[some],
-            cut=self.cut[some],
-            ignored=self.ignored[some],
-        )
+        return rows_of(self, some)
 
     def __iter__(self) -> Iterator[LabelBox]:
         columns = (self.row, self.class_number, self.xyxy, self.cut, self.ignored)
