@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from operator import add
 from typing import Final, TypedDict
 
 import numpy as np
@@ -82,22 +83,12 @@ class Confusion:
         )
 
     def __add__(self, other: Confusion) -> Confusion:
-        return Confusion(
-            self.kept_visible + other.kept_visible,
-            self.kept_hidden + other.kept_hidden,
-            self.rejected_visible + other.rejected_visible,
-            self.rejected_hidden + other.rejected_hidden,
-        )
+        return Confusion(*map(add, astuple(self), astuple(other)))
 
     @property
     def boxes(self) -> int:
         """How many were counted."""
-        return (
-            self.kept_visible
-            + self.kept_hidden
-            + self.rejected_visible
-            + self.rejected_hidden
-        )
+        return sum(astuple(self))
 
     @property
     def precision(self) -> Measured | None:

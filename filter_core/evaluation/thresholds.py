@@ -9,7 +9,7 @@ frame.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, astuple, dataclass, field, fields, replace
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
@@ -262,16 +262,10 @@ def _before(counts: IntArray) -> IntArray:
 
 
 def _counts(answers: Answers, index: IntArray, values: int) -> IntArray:
-    """(2 M + 4,): reject and keep answers per value, then the counts of `others`."""
+    """(2 M + 4,): reject and keep answers per value, then the fields of `others`."""
     cell = index + values * answers.keep
-    others = answers.others
-    fixed = [
-        others.kept_visible,
-        others.kept_hidden,
-        others.rejected_visible,
-        others.rejected_hidden,
-    ]
-    return np.concatenate([np.bincount(cell, minlength=2 * values), fixed])
+    counted = np.bincount(cell, minlength=2 * values)
+    return np.concatenate([counted, astuple(answers.others)])
 
 
 def _grouped(answers: Answers, values: FloatArray) -> Answers:
