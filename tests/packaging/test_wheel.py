@@ -48,8 +48,8 @@ def test_the_wheel_has_every_module_and_the_type_markers(wheel):
     names = set(names_in(wheel))
 
     for package in ("app", "filter_core", "unghost"):
-        modules = {f"{package}/{name}" for name in expected_files(package, "*.py")}
-        assert modules <= names
+        modules = expected_files(package, "*.py") | expected_files(package, "*.pyi")
+        assert {f"{package}/{name}" for name in modules} <= names
     assert {"filter_core/py.typed", "unghost/py.typed"} <= names
 
 

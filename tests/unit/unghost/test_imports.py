@@ -5,6 +5,10 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
+import unghost
+import unghost.wire
 from tests.support.imports import LARGE_MODULES
 
 
@@ -35,11 +39,24 @@ def test_all_public_names_can_be_imported():
     )
 
 
+def test_star_import_has_all_public_names():
+    loaded = loaded_modules("from unghost import *; Client, Frame, find_server")
+
+    assert "unghost.client.client" in loaded
+
+
+def test_unknown_name_of_a_package_raises_attribute_error():
+    with pytest.raises(AttributeError, match="'unghost' has no attribute 'Clint'"):
+        unghost.Clint  # type: ignore[attr-defined]  # noqa: B018  # that is what is tested
+    assert not hasattr(unghost.wire, "Clint")
+
+
 def test_importing_package_loads_no_submodules():
     loaded = loaded_modules("import unghost, unghost.wire.words")
 
     assert {name for name in loaded if name.startswith("unghost")} == {
         "unghost",
+        "unghost.lazy",
         "unghost.wire",
         "unghost.wire.words",
     }
