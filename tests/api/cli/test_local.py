@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests.support import plain_http
 from tests.support.command_line import CommandLine
 from tests.support.folders import write_files
 from tests.support.frames import write_manifest
@@ -232,14 +233,17 @@ def test_serve_prints_the_login_link_and_exits_on_sigint(unghost, tmp_path):
     serve = ("serve", "--data", "here", "--port", "0", "--json")
     with unghost.running(*serve) as process:
         link = json.loads(process.stdout.readline())["login_link"]
-        url, found, _ = link.partition("/#code=")
-        assert found
-        with Client(url, token_of(tmp_path / "here")) as client:
+        url, _, code = link.partition("/#code=")
+        token = token_of(tmp_path / "here")
+        with Client(url, token) as client:
             assert client.ready()
+        opened = plain_http.post(f"{url}/api/v1/session", json={"code": code})
         found = CommandLine(tmp_path, {"UNGHOST_SERVER": url})("datasets")
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=60)
 
+    assert token not in link
+    assert (opened.status_code, opened.json()["name"]) == (201, "admin")
     assert found.code == DONE
     assert process.returncode == DONE
     assert "Traceback" not in err

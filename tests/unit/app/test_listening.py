@@ -46,7 +46,9 @@ def test_port_of_another_program_at_the_other_loopback_address_is_refused(
             check_free(Settings(data=tmp_path, host=host, port=port))
 
     assert f"cannot listen on {place}: Address already in use" in str(refused.value)
-    assert "--port chooses another port" in str(refused.value)
+    assert "is another server running there? --port chooses another port" in str(
+        refused.value
+    )
 
 
 def test_service_answers_at_both_loopback_addresses(server):

@@ -73,6 +73,24 @@ def test_note_applies_only_to_its_host_and_port(home):
     assert find_server("http://127.0.0.1:9001", environ=env_of(home)).token is None
 
 
+@pytest.mark.parametrize(
+    ("noted", "asked"),
+    [
+        ("localhost", "localhost"),
+        ("localhost", "127.0.0.1"),
+        ("[::1]", "[::1]"),
+        ("[::1]", "[0:0:0:0:0:0:0:1]"),
+        ("[0:0:0:0:0:0:0:1]", "[::1]"),
+    ],
+)
+def test_note_applies_to_every_form_of_its_address(home, noted, asked):
+    note(home, f"http://{noted}:9000", write_token(home / "elsewhere", "noted"))
+
+    found = find_server(f"http://{asked}:9000", environ=env_of(home))
+
+    assert found.token == "noted"
+
+
 def test_local_token_is_not_used_for_a_remote_server(home):
     write_token(home / "unghost-data", "guess")
 
