@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.command_line import CommandLine
+from tests.support.demo_street import SEED, demo_street
 from tests.support.servers import token_of
 from tests.support.sources import CHECKOUT
 
@@ -18,12 +20,21 @@ NOTEBOOKS = sorted((CHECKOUT / "docs" / "notebooks").glob("*.ipynb"))
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """Run `unghost demo`; give its address and token as variables of a client."""
+    """Run `unghost demo`; give its address and token as variables of a client.
+
+    It finds its street rendered, as if it had run in this folder before.
+    """
     unghost = CommandLine(tmp_path_factory.mktemp("demo"), {})
-    with unghost.running("demo", "--frames", 2, "--port", 0, "--json") as process:
+    data = unghost.folder / "demo-data"
+    rendered = data / "demo" / f"street-{SEED}-1"
+    shutil.copytree(
+        demo_street().folder, rendered, ignore=shutil.ignore_patterns("*.part")
+    )
+    with unghost.running("demo", "--frames", 1, "--port", 0, "--json") as process:
         assert process.stdout is not None
         link = json.loads(process.stdout.readline())["login_link"]
-        token = token_of(unghost.folder / "demo-data")
+        token = token_of(data)
+        assert list(rendered.parent.iterdir()) == [rendered]
         yield {"UNGHOST_SERVER": link.partition("/#")[0], "UNGHOST_TOKEN": token}
 
 
@@ -61,7 +72,7 @@ def test_notebooks_are_stored_without_outputs(path):
 def test_client_notebook_runs(demo, tmp_path):
     said = run(CHECKOUT / "docs" / "notebooks" / "client.ipynb", tmp_path, demo)
 
-    assert "2 frames, " in said
+    assert "1 frames, " in said
     assert said.count("image/jpeg") == 3
     assert "5 answers, 5 undone" in said
     assert "files, such as " in said

@@ -6,9 +6,7 @@ frames of `street` are tiny and have a dozen.
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from filter_core import FilterConfig
 from filter_core.formats.export import ExportFrame, ExportHead, ExportOptions
@@ -21,10 +19,7 @@ from filter_core.formats.registry import (
 )
 from filter_core.local import class_order, export_sources
 from tests.pins.service import digest
-from unghost.street.street import write_street
-
-SEED: Final = 0
-"""The default seed of ``unghost demo``."""
+from tests.support.demo_street import demo_street
 
 
 def found() -> dict[str, dict[str, Any]]:
@@ -33,20 +28,17 @@ def found() -> dict[str, dict[str, Any]]:
     An image is only compared with the one that was rendered, and has no digest: other
     machines and other versions of numpy may round its light and shadow otherwise.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        write_street(Path(folder), frames=1, seed=SEED)
-        street = read_source(Path(folder))
-        (image,) = Path(folder).glob("rgb/**/*.png")
-        copied = image.read_bytes()
-        return {
-            name: {
-                file: "the frame's image"
-                if content == copied
-                else digest(file, content)
-                for file, content in _exported(name, street).items()
-            }
-            for name in EXPORT_FORMATS
+    folder = demo_street().folder
+    street = read_source(folder)
+    (image,) = folder.glob("rgb/**/*.png")
+    rendered = image.read_bytes()
+    return {
+        name: {
+            file: "the frame's image" if content == rendered else digest(file, content)
+            for file, content in _exported(name, street).items()
         }
+        for name in EXPORT_FORMATS
+    }
 
 
 def _exported(name: str, street: FrameSet) -> dict[str, bytes]:

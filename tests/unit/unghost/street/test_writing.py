@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
 from filter_core.formats.manifest import read_manifest
 from filter_core.formats.reading import ReadOptions
-from unghost.street.street import write_street
+from tests.support.demo_street import LAID_LINKS, LINKED_TEXT, demo_street
 
 
 @pytest.fixture(scope="module")
-def written_dataset(tmp_path_factory):
-    """The manifest of a dataset of one frame, and the progress that was reported."""
-    folder, said = tmp_path_factory.mktemp("demo") / "street", []
-    manifest = write_street(folder, 1, progress=lambda *step: said.append(step))
-    return manifest, said
+def street():
+    return demo_street()
 
 
 def read_json_lines(path):
@@ -24,53 +22,44 @@ def read_json_lines(path):
 
 
 @pytest.mark.long
-def test_written_street_has_manifest_line_and_data_files(written_dataset, demo_frames):
-    manifest, _ = written_dataset
-    frame, (line,) = demo_frames[0].frame, read_json_lines(manifest)
+def test_written_street_has_manifest_line_and_data_files(street, demo_frames):
+    frame, (line,) = demo_frames[0].frame, read_json_lines(street.manifest)
 
     assert {name: line[name] for name in frame.annotation} == frame.annotation
     assert line["image"] == "rgb/town-a/000000.png"
     for name in ("image", "segmentation", "instances", "depth"):
-        data = (manifest.parent / line[name]).read_bytes()
+        data = (street.folder / line[name]).read_bytes()
         assert data == getattr(frame, f"{name}_png")
-    assert (manifest.parent / line["lidar"]).read_bytes() == frame.lidar_npy
+    assert (street.folder / line["lidar"]).read_bytes() == frame.lidar_npy
 
 
 @pytest.mark.long
-def test_truth_is_a_separate_file_and_not_in_the_manifest(written_dataset, demo_frames):
-    manifest, _ = written_dataset
+def test_truth_is_a_separate_file_and_not_in_the_manifest(street, demo_frames):
     frame = demo_frames[0].frame
 
-    truth = read_json_lines(manifest.parent / "truth.jsonl")
+    truth = read_json_lines(street.folder / "truth.jsonl")
 
     assert truth == [{"key": frame.key, **row} for row in frame.truth]
     assert not {"ghost", "visible"} & set(frame.annotation["boxes"][0])
-    assert "ghost" not in manifest.read_text()
+    assert "ghost" not in street.manifest.read_text()
 
 
-def test_writing_reports_progress_and_leaves_no_part_files(written_dataset):
-    manifest, said = written_dataset
+def test_writing_reports_progress_and_leaves_no_part_files(street):
+    parts = {path.relative_to(street.folder) for path in street.folder.rglob("*.part")}
 
-    assert said == [(1, 1)]
-    assert not list(manifest.parent.rglob("*.part"))
-
-
-def test_street_is_written_through_no_link_in_its_folder(tmp_path):
-    private = tmp_path / "private.txt"
-    private.write_text("mine")
-    folder = tmp_path / "street"
-    links = ["manifest.part", "truth.part", "rgb/town-a/000000.png"]
-    for link in links:
-        (folder / link).parent.mkdir(parents=True, exist_ok=True)
-        (folder / link).symlink_to(private)
-
-    manifest = write_street(folder, 1)
-
-    assert private.read_text() == "mine"
-    assert len(read_json_lines(manifest)) == 1
+    assert street.progress == [(1, 1)]
+    assert parts <= set(map(Path, LAID_LINKS))
 
 
-def test_written_manifest_can_be_read_without_problems(written_dataset):
-    (source,) = read_manifest(written_dataset[0], ReadOptions()).frames()
+def test_street_is_written_through_no_link_in_its_folder(street):
+    (line,) = read_json_lines(street.manifest)
+
+    assert street.linked.read_text() == LINKED_TEXT
+    assert line["image"] in LAID_LINKS
+    assert not (street.folder / line["image"]).is_symlink()
+
+
+def test_written_manifest_can_be_read_without_problems(street):
+    (source,) = read_manifest(street.manifest, ReadOptions()).frames()
 
     assert (source.key, source.problem) == ("town-a/000000", None)
