@@ -9,6 +9,7 @@ import importlib.util
 import json
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -67,13 +68,19 @@ class Stage:
         return {k: v for k, v in now.items() if v != self._before[k]}
 
 
-@pytest.fixture
-def make_stage(tmp_path: Path) -> Iterator[Callable[..., Stage]]:
-    """Makes stages, each with its own simulator, which is closed after the test."""
+MakeStage = Callable[..., Stage]
+
+
+@contextmanager
+def stages(place: Path) -> Iterator[MakeStage]:
+    """Yield a maker of stages, each with its own simulator, which is closed at the end.
+
+    They record into new folders in `place`.
+    """
     made: list[Stage] = []
 
     def make(version: str = "0.9.16", client_version: str | None = None) -> Stage:
-        folder = tmp_path / f"captured{len(made)}"
+        folder = place / f"captured{len(made)}"
         made.append(Stage(street(version, client_version), folder))
         return made[-1]
 
@@ -83,7 +90,21 @@ def make_stage(tmp_path: Path) -> Iterator[Callable[..., Stage]]:
 
 
 @pytest.fixture
-def stage(make_stage: Callable[..., Stage]) -> Stage:
+def make_stage(tmp_path: Path) -> Iterator[MakeStage]:
+    """Makes stages for one test."""
+    with stages(tmp_path) as make:
+        yield make
+
+
+@pytest.fixture(scope="module")
+def make_shared_stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MakeStage]:
+    """Makes stages that tests of a module share, and therefore leave as they are."""
+    with stages(tmp_path_factory.mktemp("shared")) as make:
+        yield make
+
+
+@pytest.fixture
+def stage(make_stage: MakeStage) -> Stage:
     """A stage whose simulator is a street on CARLA 0.9.16."""
     return make_stage()
 

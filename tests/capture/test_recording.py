@@ -26,6 +26,13 @@ ALL_SENSORS: dict[str, Any] = {"instances": True, "depth": True, "radar": True}
 ALL_SENSORS |= {"lidar": FAR, "semantic_lidar": FAR}
 
 
+@pytest.fixture(scope="module")
+def recorded(make_shared_stage):
+    """A stage on which four frames were recorded with all sensors, and the outcome."""
+    stage = make_shared_stage()
+    return stage, stage.capture(sensors=ALL_SENSORS, frames=4)
+
+
 def keys(count, **changes):
     """The keys that the first `count` frames of the changed scenario get."""
     take = f"Town10HD/{scenario(**changes).digest[:8]}"
@@ -58,8 +65,8 @@ def actor_ids_by_position(stage):
 
 
 @pytest.mark.parametrize("evidence", ["semantic", "depth", "instance"])
-def test_ghosts_are_rejected_and_visible_objects_are_kept(stage, evidence):
-    stage.capture(sensors=ALL_SENSORS)
+def test_ghosts_are_rejected_and_visible_objects_are_kept(recorded, evidence):
+    stage, _ = recorded
 
     said, at = verdicts(stage, evidence=evidence), actor_ids_by_position(stage)
 
@@ -86,8 +93,8 @@ def test_boxes_of_the_map_are_kept_without_duplicates(stage):
     assert done.left_out == {"impossible_box": 2}
 
 
-def test_every_frame_has_a_key_and_its_files(stage):
-    done = stage.capture(sensors=ALL_SENSORS, frames=4)
+def test_every_frame_has_a_key_and_its_files(recorded):
+    stage, done = recorded
 
     frames = stage.frames()
     assert (done.frames, done.added, done.missed.total()) == (4, 4, 0)
@@ -99,8 +106,8 @@ def test_every_frame_has_a_key_and_its_files(stage):
             assert (stage.folder / frame[kind]).stat().st_size > 0
 
 
-def test_tags_depth_and_instance_ids_are_stored_losslessly(stage):
-    stage.capture(sensors=ALL_SENSORS)
+def test_tags_depth_and_instance_ids_are_stored_losslessly(recorded):
+    stage, _ = recorded
 
     frame = stage.frames()[0]
     tags = read_image(stage, frame["segmentation"])
@@ -119,16 +126,16 @@ def test_tags_depth_and_instance_ids_are_stored_losslessly(stage):
     assert {int(at[15, -3]), int(at[24, 5])} <= seen
 
 
-def test_image_is_stored_in_true_colours(stage):
-    stage.capture(sensors=ALL_SENSORS)
+def test_image_is_stored_in_true_colours(recorded):
+    stage, _ = recorded
 
     frame = stage.frames()[0]
     shown = read_image(stage, frame["image"])
     assert shown[0, 80].tolist() == [180, 130, 70]  # the sky, as BGR
 
 
-def test_lidar_and_radar_points_are_stored_as_measured(stage):
-    stage.capture(sensors=ALL_SENSORS)
+def test_lidar_and_radar_points_are_stored_as_measured(recorded):
+    stage, _ = recorded
 
     frame = stage.frames()[0]
     points = read_points((stage.folder / frame["lidar"]).read_bytes())

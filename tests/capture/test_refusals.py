@@ -54,17 +54,6 @@ def test_only_vehicles_that_found_a_spawn_point_are_counted(stage):
     assert done.vehicles == 4
 
 
-def test_folder_without_a_capture_is_refused_and_unchanged(stage):
-    stage.folder.mkdir()
-    (stage.folder / "thesis.tex").write_text("x")
-
-    with pytest.raises(CaptureError, match="is not empty and contains no capture"):
-        stage.capture(**SHORT_SCENARIO)
-
-    assert [path.name for path in stage.folder.iterdir()] == ["thesis.tex"]
-    assert stage.left_behind() == {}
-
-
 def test_damaged_manifest_is_refused_and_unchanged(stage):
     stage.capture(**SHORT_SCENARIO)
     path = stage.folder / "manifest.jsonl"

@@ -119,7 +119,7 @@ def test_foreign_capture_json_raises_and_is_not_overwritten(tmp_path, content):
 def test_folder_with_other_files_raises_capture_error(tmp_path):
     (tmp_path / "thesis.tex").write_text("x")
 
-    with pytest.raises(CaptureError, match="contains no capture"):
+    with pytest.raises(CaptureError, match="is not empty and contains no capture"):
         CaptureFolder(tmp_path).open(RECORDING)
 
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
