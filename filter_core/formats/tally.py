@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from types import TracebackType
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -63,14 +62,9 @@ class ExportTally:
     def __enter__(self) -> ExportTally:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._changed.__exit__(kind, error, trace)
-        self._renamed.__exit__(kind, error, trace)
+    def __exit__(self, *error: object) -> None:
+        self._changed.__exit__(*error)
+        self._renamed.__exit__(*error)
 
     def frame(self, frame: ExportFrame, part: str = "") -> None:
         """Note a frame, and the part of a split that it went to."""
