@@ -40,22 +40,7 @@ const first = takeLogin();
 
 const core = createApp(localStorage);
 const answers = createAnswers(core, createBoxes(), localStorage, await nameThisTab());
-const app = {
-  ...core,
-  boxes: answers.boxes,
-  sender: answers.sender,
-  bulkAnswers: answers.bulkAnswers,
-  overtaken: answers.overtaken,
-  changedFrame: answers.changedFrame,
-  answer: answers.answer,
-  undo: answers.undo,
-  insist: answers.insist,
-  closeOvertaken: answers.closeOvertaken,
-  kept: answers.kept,
-  unowned: answers.unowned,
-  resume: answers.resume,
-  uploads: createUploads(uploadCalls, core.isSignedIn),
-};
+const app = { ...core, ...answers, uploads: createUploads(uploadCalls, core.isSignedIn) };
 
 const linkError = first ? await signIn(first) : "";
 
