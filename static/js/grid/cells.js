@@ -23,7 +23,7 @@ const SPARE_ROWS = 2;
 const PADDING_PX = 16;
 
 /**
- * @param {{app: App, place: import("./pager.js").Place, version: number, frameSize: import("../boxes/crops.js").Size | null,
+ * @param {{app: App, place: import("./pager.js").Place, frameSize: import("../boxes/crops.js").Size | null,
  *   actions: import("./grid.js").GridActions}} props
  */
 export function GridCells({ app, place, frameSize, actions }) {

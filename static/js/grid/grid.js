@@ -49,7 +49,7 @@ export function GridView({ app, route }) {
 function Boxes({ app, dataset, query, inAll, onQuery }) {
   const { place, update } = usePlace(app, dataset, query);
   const { pager } = place;
-  const version = usePager(app, place);
+  usePager(app, place);
   useValue(place.selection);
   const selection = place.selection.get();
   const select = place.selection.set;
@@ -69,9 +69,9 @@ function Boxes({ app, dataset, query, inAll, onQuery }) {
   if (pager.known() === 0 && pager.error()) return html`<${Failure} error=${pager.error()} onRetry=${pager.retry} />`;
   if (pager.isWhole() && pager.known() === 0) return html`<${Nothing} query=${query} inAll=${inAll} onQuery=${onQuery} />`;
   const selected = sizeOf(selection, total);
-  return html`<${GridStatus} app=${app} pager=${pager} query=${query} inAll=${inAll} version=${version} selected=${selected}
+  return html`<${GridStatus} app=${app} pager=${pager} query=${query} inAll=${inAll} selected=${selected}
       onUpdate=${update} onAll=${() => select(everything(selection))} />
-    <${GridCells} key=${place.key} app=${app} place=${place} version=${version} frameSize=${frameSize} actions=${actions} />
+    <${GridCells} key=${place.key} app=${app} place=${place} frameSize=${frameSize} actions=${actions} />
     <${SelectionBar} app=${app} selected=${selected} isAll=${selection.all} actions=${actions.byName} onNone=${() => select(nothing(selection))} />
     <div class="sr-only" role="status">${selected ? `${countOf(selected, "box", "boxes")} selected` : ""}</div>`;
 }
@@ -107,7 +107,7 @@ function usePlace(app, dataset, query) {
 
 /** Draw again whenever the list changes. @param {App} app @param {import("./pager.js").Place} place */
 function usePager(app, { pager }) {
-  const [version, setVersion] = useState(0);
+  const [, setVersion] = useState(0);
   useEffect(() => {
     const change = () => setVersion((n) => n + 1);
     const stop = pager.observe(change);
@@ -119,7 +119,6 @@ function usePager(app, { pager }) {
       stopUnsent();
     };
   }, [pager]);
-  return version;
 }
 
 /** The size of the first frame; nearly always all frames of a dataset have the same. @param {App} app @param {string} dataset */
@@ -321,7 +320,7 @@ function RangeEnd({ label, hint, most, value, onChange }) {
   return html`<input type="number" min="0" max=${most} step="any" inputmode="decimal" aria-label=${label} placeholder=${hint} value=${shown} onInput=${onInput} onBlur=${onBlur} />`;
 }
 
-/** @param {{app: App, pager: Pager, query: Query, inAll: number | null, version: number, selected: number, onUpdate: () => void, onAll: () => void}} props */
+/** @param {{app: App, pager: Pager, query: Query, inAll: number | null, selected: number, onUpdate: () => void, onAll: () => void}} props */
 function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
   const total = pager.total();
   const key = useKeyText(app, "select");
