@@ -40,7 +40,7 @@ export function GridView({ app, route }) {
         : html`<${GridFilters} app=${app} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
             <${UnsentBulkAnswers} app=${app} dataset=${name} />
             <${LeftOut} app=${app} dataset=${name} />
-            <${Boxes} key=${name} app=${app} dataset=${name} query=${route.query} onQuery=${setQuery}
+            <${Boxes} app=${app} dataset=${name} query=${route.query} onQuery=${setQuery}
               inAll=${dataset.value?.counts.boxes ?? null} />`}
     </main>`;
 }

@@ -18,10 +18,7 @@ import { Suggestions } from "./suggestions.js";
 /** @typedef {import("../core/openapi.js").Reviewer} Reviewer */
 
 /** @param {{app: App, route: import("../core/router.js").Route}} props */
-export const QualityView = ({ app, route }) => html`<${QualityOf} key=${route.params.dataset} app=${app} route=${route} />`;
-
-/** The view of one dataset; its key makes sure that no state of another dataset is kept. @param {{app: App, route: import("../core/router.js").Route}} props */
-function QualityOf({ app, route }) {
+export function QualityView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: `Quality · ${name}`, dataset: name });
   const target = route.query.target === "recall" ? "recall" : "f1";

@@ -23,10 +23,7 @@ import { Exports } from "./exports.js";
 const NEWEST = 25;
 
 /** @param {{app: App, route: Route}} props */
-export const RunsView = ({ app, route }) => html`<${RunsOf} key=${route.params.dataset} app=${app} route=${route} />`;
-
-/** The view of one dataset; its key makes sure that no state of another dataset is kept. @param {{app: App, route: import("../core/router.js").Route}} props */
-function RunsOf({ app, route }) {
+export function RunsView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: `Runs and exports · ${name}`, dataset: name });
   const dataset = useDataset(name);

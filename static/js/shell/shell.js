@@ -55,7 +55,10 @@ function enabled(link) {
   });
 }
 
-/** @param {{app: App, linkError: string}} props */
+/**
+ * The key of a view makes sure that no state of another view or another dataset is kept.
+ * @param {{app: App, linkError: string}} props
+ */
 export function Shell({ app, linkError }) {
   const route = useValue(app.router.route);
   const isSignedIn = useValue(app.isSignedIn);
@@ -72,7 +75,7 @@ export function Shell({ app, linkError }) {
     ${isSignedIn
       ? html`<${TopBar} app=${app} />
         <${Unowned} app=${app} />
-        <${View} key=${route.name} app=${app} route=${route} />`
+        <${View} key=${`${route.name} ${route.params.dataset ?? ""}`} app=${app} route=${route} />`
       : html`<${SignIn} app=${app} linkError=${linkError} />`}
     ${isSignedIn && html`<${Uploads} app=${app} />`}
     ${newcomer && html`<${Newcomer} app=${app} newcomer=${newcomer} />`}

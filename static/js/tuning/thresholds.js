@@ -23,10 +23,7 @@ import { ConfigPanel, SaveDialog, Versions } from "./versions.js";
 /** @typedef {import("./preview.js").Tuning} Tuning */
 
 /** @param {{app: App, route: Route}} props */
-export const ThresholdsView = ({ app, route }) => html`<${ThresholdsOf} key=${route.params.dataset} app=${app} route=${route} />`;
-
-/** The view of one dataset; its key makes sure that no state of another dataset is kept. @param {{app: App, route: import("../core/router.js").Route}} props */
-function ThresholdsOf({ app, route }) {
+export function ThresholdsView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: `Thresholds · ${name}`, dataset: name });
   const dataset = useDataset(name);
