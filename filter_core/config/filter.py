@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import Final, NamedTuple, TypedDict, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 from filter_core.classes import canonical_class
 from filter_core.config.declaration import (
@@ -385,20 +385,7 @@ def _checked_class_name(name: object) -> str:
     return name
 
 
-class _ObjectSchema(TypedDict):
-    type: str
-    properties: dict[str, dict[str, object]]
-    additionalProperties: bool
-
-
-class ConfigSchema(_ObjectSchema):
-    """The JSON schema of a class of configurations."""
-
-    title: str
-    description: str
-
-
-def schema_of(config_class: type[DecideConfig]) -> ConfigSchema:
+def schema_of(config_class: type[DecideConfig]) -> dict[str, object]:
     """The JSON schema of the mappings that `from_mapping` of a class accepts.
 
     In addition to standard keywords, a key has ``x-unit``, ``x-evidence`` (the kinds of
@@ -425,7 +412,7 @@ def schema_of(config_class: type[DecideConfig]) -> ConfigSchema:
     }
 
 
-def _object_schema(properties: dict[str, dict[str, object]]) -> _ObjectSchema:
+def _object_schema(properties: dict[str, dict[str, object]]) -> dict[str, object]:
     return {
         "type": "object",
         "properties": properties,

@@ -6,6 +6,7 @@ import hashlib
 import json
 import pickle
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -464,7 +465,7 @@ def test_invalid_configuration_fails_the_json_schema(raw):
 
 
 def test_schema_x_evidence_lists_the_channels_that_use_a_key():
-    properties = schema_of(FilterConfig)["properties"]
+    properties: Any = schema_of(FilterConfig)["properties"]
 
     assert properties["lidar_min_points"]["x-evidence"] == ["lidar"]
     assert properties["threshold_small_box"]["x-evidence"] == ["semantic"]
@@ -474,7 +475,7 @@ def test_schema_x_evidence_lists_the_channels_that_use_a_key():
 
 def test_schema_of_decide_config_has_only_its_keys():
     schema = schema_of(DecideConfig)
-    properties = schema["properties"]
+    properties: Any = schema["properties"]
 
     Draft202012Validator.check_schema(schema)
     assert {name: one["default"] for name, one in properties.items()} == (
