@@ -11,7 +11,7 @@ guess.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -59,12 +59,13 @@ class Named:
     family, order : str or None
         None: not named.
     sources : mapping or None
-        Who named each of them, for errors.
+        Who named each of them, for errors. Not compared, so that `recognize` finds what
+        it has cached whoever named them.
     """
 
     family: str | None = None
     order: ChannelOrder | None = None
-    sources: Mapping[str, str] | None = None
+    sources: Mapping[str, str] | None = field(default=None, compare=False)
 
     def source(self, what: str) -> str:
         """Who named it, for an error's text."""
@@ -122,20 +123,12 @@ def recognize(occurring: Iterable[int], named: Named) -> Recognition:
     tie is broken in favour of what CARLA renders over the paper's table, of ``rgb``,
     and of the newer family; `Recognition.rivals` and the notes say so.
     """
-    codes = frozenset(occurring)
-    try:
-        return _recognized(codes, Named(named.family, named.order))
-    except SegmentationError:
-        # Again, to say who named what.
-        return _recognize(codes, named)
+    return _recognize(frozenset(occurring), named)
 
 
+# Frames of one recording have few sets of colours. Errors are not cached: each says who
+# named what.
 @lru_cache(maxsize=256)
-def _recognized(codes: frozenset[int], named: Named) -> Recognition:
-    """`recognize`, cached: frames of one recording have few sets of colours."""
-    return _recognize(codes, named)
-
-
 def _recognize(codes: frozenset[int], named: Named) -> Recognition:
     missing = {
         reading: reading.missing(codes)
