@@ -6,11 +6,11 @@ died while they worked on it (`Chunk.attempts`). Whoever stores a part of its re
 sets the count to zero (`Attempt.reset`): work that goes on is never given up.
 
 - After a death, the chunk is tried again **frame by frame**
-  (`is_one_by_one`): each result is stored before the next frame begins. So the first
-  frame without a result is the cause.
-- After three deaths (`MOST_ATTEMPTS`), the cause is put into **quarantine**: it is
-  not tried again. It becomes a chunk of its own; the other frames of the chunk get a
-  first attempt at once.
+  (`is_one_by_one`): each result is stored before the next frame begins. So if a process
+  dies again, the first frame without a result is the **cause**.
+- After three deaths (`MOST_ATTEMPTS`), that frame is put into **quarantine**: it
+  becomes a chunk of its own, which is not tried again. The other frames of the chunk
+  get a first attempt at once.
 
 All other chunks are processed; then the job fails with an error that names what is in
 quarantine (`quarantine_error`). Chunks of a failed job that are in quarantine stay in
@@ -35,8 +35,9 @@ is put into quarantine, but all frames of the chunk that have no result
 **An unreadable frame** ends no process: only the child processes that decode its images
 die, or exceed their limits of time or memory. `refuse` puts its chunk into quarantine
 once all its other frames are stored. Frame by frame, `refuse_frame` puts the frame
-into quarantine at once, and alone. If it stayed in the chunk, it would be the first
-frame without a result, and be taken for the cause when another frame ends the process.
+into quarantine at once, and alone: it must not stay in the chunk as a frame without a
+result. When a later frame ends the process, the first frame without a result is taken
+for the cause.
 """
 
 from __future__ import annotations

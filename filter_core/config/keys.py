@@ -80,8 +80,8 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     `max_distance` has none: it decides boxes before pixels are looked at, whatever the
     evidence is (`Reason.is_final`).
 
-    Three classes in `filter.py` inherit the keys. The annotations are type variables,
-    because a key has a value of another type in each of these classes:
+    Three classes in `filter.py` inherit the keys, and in each of them a key has a value
+    of another type, so the annotations are type variables:
 
     - `ClassLimits`, for one class: a number;
     - `ClassConfig`, for what one class overrides: a number, or `INHERIT`;

@@ -48,8 +48,8 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
     """Decide each box: by the first rule whose condition holds, or by a channel.
 
     Where a channel of the configuration has a number for a box, its rule replaces the
-    decision, unless the reason of that decision is one of those that need no pixels:
-    from OUTSIDE_IMAGE to UNMAPPED_CLASS (`Reason.is_final`).
+    decision, unless the reason of that decision is final (`Reason.is_final`): no
+    measurement changes, for instance, that a box is outside the image.
 
     Parameters
     ----------

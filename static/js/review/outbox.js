@@ -11,9 +11,9 @@
 //
 // If a person answers the same box twice, two items on it may wait:
 //
-// - As long as the first one waits, this person sees the box with that answer, and nothing newer from other people. So
-//   the second item gets the seen revision of the first (`add`). If somebody else has answered the box since that
-//   revision, the server refuses both items.
+// - As long as the first one waits, the page shows the box with that answer, even if it has loaded newer answers of
+//   other people since. The person has not seen those. So the second item gets the seen revision of the first (`add`),
+//   and if somebody else has answered the box since that revision, the server refuses both items.
 // - When the first one is stored, the box has a newer revision. A second item of the same tab gets it as its seen
 //   revision (`finish`). One of another tab keeps the old one: the server refuses it, and the person chooses between the
 //   two answers.
