@@ -13,8 +13,6 @@ enforces ``RLIMIT_AS``, such as Linux.
 
 from __future__ import annotations
 
-import multiprocessing
-import multiprocessing.util
 import os
 import pickle
 import signal
@@ -40,6 +38,7 @@ from app.logs import server_log
 from app.memory import keep_freed_memory
 from app.metrics import PIXEL_PROCESSES_ENDED
 from filter_core.errors import FilterError, restored
+from filter_core.processes import child_context
 
 if TYPE_CHECKING:
     from multiprocessing.context import ForkServerContext, SpawnContext
@@ -60,7 +59,6 @@ _NUMPY_MODULES: Final = frozenset(
 _NUMPY_NAMES: Final = frozenset(
     {"_reconstruct", "_frombuffer", "scalar", "ndarray", "dtype"}
 )
-_FORKING: Final = "forkserver"
 _DONE, _REFUSED, _MEMORY, _FAILED = "done", "refused", "memory", "failed"
 
 
@@ -132,7 +130,7 @@ class PixelPool:
         self.children = children
         self._subject = subject or Subject("the image", "UNGHOST_MAX_PIXEL_SECONDS")
         self._seconds, self._memory_bytes = seconds, memory_bytes
-        self._context = _context(preload)
+        self._context = child_context([__name__, *preload])
         # Last in, first out: the child that worked last has warm caches. None stands
         # for a child that has not been started.
         self._free: LifoQueue[_Child | None] = LifoQueue()
@@ -374,17 +372,6 @@ def ending_text(exitcode: int | None) -> str:
         with suppress(ValueError):
             return f"was ended by {signal.Signals(-exitcode).name}"
     return f"ended with exit code {exitcode}"
-
-
-def _context(preload: Sequence[str]) -> _Context:
-    if _FORKING not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    # Up to Python 3.10.8, every user of the machine can talk to the forkserver
-    # (CVE-2022-42919), unless its socket is a file.
-    vars(multiprocessing.util)["abstract_sockets_supported"] = False
-    context = multiprocessing.get_context(_FORKING)
-    context.set_forkserver_preload([__name__, *preload])
-    return context
 
 
 @contextmanager

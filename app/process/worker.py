@@ -41,6 +41,7 @@ from app.maintenance.datafolder import CannotMaintain
 from app.memory import keep_freed_memory, settle
 from app.process.lifespan import attached, certificates_of
 from app.settings import Settings
+from filter_core.processes import module_command
 
 if TYPE_CHECKING:
     from distributed import Security, Worker
@@ -108,12 +109,13 @@ class Supervisor:
 
     def _work(self) -> int:
         place = self.place
-        command = [sys.executable, "-m", self.program, f"--port={place.port}"]
-        command += [f"--patience={place.patience_s}"]
-        command += [f"--host={place.host}"] if place.host else []
+        words = [f"--port={place.port}", f"--patience={place.patience_s}"]
+        words += [f"--host={place.host}"] if place.host else []
         # When this process ends, the pipe is closed, and the child ends as well.
         self._child = subprocess.Popen(
-            command, env=_environment(self.settings), stdin=subprocess.PIPE
+            module_command(self.program, *words),
+            env=_environment(self.settings),
+            stdin=subprocess.PIPE,
         )
         if self._stopping.is_set():
             self._child.terminate()

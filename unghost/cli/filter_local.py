@@ -29,7 +29,6 @@ from unghost.wire.words import Verdict
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
-    from multiprocessing.context import BaseContext
 
     from filter_core.config.filter import FilterConfig
     from filter_core.formats.reading import FrameSet, FrameSource, Unmatched
@@ -225,8 +224,11 @@ def _by_processes(
     from concurrent.futures import ProcessPoolExecutor
     from concurrent.futures.process import BrokenProcessPool
 
+    from filter_core.processes import child_context
+
     waiting: deque[_Part] = deque()
-    pool = ProcessPoolExecutor(count, _context(), _begin)
+    context = child_context(["filter_core.local", "pydantic"])
+    pool = ProcessPoolExecutor(count, context, _begin)
     try:
         for frames in _parts(found):
             keys = frames[0].key, frames[-1].key
@@ -261,22 +263,6 @@ def _sendable(source: FrameSource) -> FrameSource | FrameOutcome:
     if source.problem is None:
         return source
     return FrameOutcome(source.key, error=problem_of(source.problem))
-
-
-def _context() -> BaseContext:
-    """How processes start: forked from a clean process if possible, else spawned."""
-    import multiprocessing
-    import multiprocessing.util
-
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    # Python 3.10.0 to 3.10.8 let every user of the machine talk to the process that
-    # forks (CVE-2022-42919), unless its socket is a file.
-    vars(multiprocessing.util)["abstract_sockets_supported"] = False
-    context = multiprocessing.get_context("forkserver")
-    # Imported once, and shared by all.
-    context.set_forkserver_preload(["filter_core.local", "pydantic"])
-    return context
 
 
 def _begin() -> None:
