@@ -17,7 +17,8 @@ Messages name the object, the expected and the found value; never a path of the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import ClassVar, TypedDict
 
 
@@ -133,6 +134,25 @@ class LayoutError(FilterError):
     """A folder or a label file that cannot be read."""
 
     code = "bad_layout"
+
+
+@contextmanager
+def error_context(key: str = "", pointer: str = "") -> Iterator[None]:
+    """Add the frame's key and the part's pointer to an error raised in the block.
+
+    A pointer that the error has already stays.
+    """
+    try:
+        yield
+    except AnnotationErrors:
+        raise  # each of them contains the frame and a pointer
+    except FilterError as error:
+        text = error.detail
+        if key and not text.startswith(f"frame {key}"):
+            text = f"frame {key}: {text}"
+        raise type(error)(
+            text, pointer=error.pointer or pointer, code=error.kind
+        ) from error
 
 
 class Fault(TypedDict):

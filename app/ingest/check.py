@@ -12,12 +12,11 @@ from app.boxes.queries import FileRow
 from app.errors import Unprocessable
 from app.incoming import in_turn, is_large
 from app.ingest.frame import CheckedFrame, UploadedFrame
-from app.measuring.frame_files import error_context
 from app.settings import Settings
 from app.storage.base import sha256_of
 from filter_core.annotation.frame import AnnotationLimits, FrameAnnotation
 from filter_core.annotation.parsing import parse_annotation, without_key
-from filter_core.errors import ImageError, ImageSizeMismatch, ImageTooLarge
+from filter_core.errors import ImageError, ImageTooLarge, error_context
 from filter_core.evidence.lidar import check_points
 from filter_core.formats.reading import MAX_KEY
 from filter_core.images.header import ImageHeader, read_image_header, require_size
@@ -138,7 +137,8 @@ def check_files(
     wh = _image_wh(headers, annotation)
     for kind in _SAME_SIZE:
         if kind in headers:
-            _require_size(kind, headers[kind], wh)
+            with error_context(pointer=f"/{kind}"):
+                require_size(headers[kind], wh, what=f"the {kind}", than="the image")
     rows = tuple(
         FileRow(kind, sha256_of(content), len(content), types[kind])
         for kind, content in sorted(contents.items())
@@ -158,13 +158,6 @@ def _header(kind: str, content: bytes, settings: Settings) -> ImageHeader:
             pointer=f"/{kind}",
         )
     return header
-
-
-def _require_size(kind: str, header: ImageHeader, wh: tuple[int, int]) -> None:
-    try:
-        require_size(header, wh, what=f"the {kind}", than="the image")
-    except ImageSizeMismatch as error:
-        raise ImageSizeMismatch(error.detail, pointer=f"/{kind}") from error
 
 
 def _image_wh(

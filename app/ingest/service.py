@@ -37,7 +37,7 @@ from app.ingest.frame import (
 )
 from app.ingest.rows import insert_frames, verdict_counts
 from app.measuring.active import ActiveDataset, PlanCache
-from app.measuring.frame_files import error_context, measure_files
+from app.measuring.frame_files import measure_files
 from app.measuring.queries import (
     DatasetRepository,
     KeyRow,
@@ -46,7 +46,7 @@ from app.measuring.queries import (
 )
 from app.storage.base import Unsure
 from app.storage.room import require_room
-from filter_core.errors import AnnotationError, FilterError
+from filter_core.errors import AnnotationError, FilterError, error_context
 from filter_core.formats.reading import MAX_KEY
 from filter_core.pipeline import MeasuredFrame
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from base64 import b64decode
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -20,7 +19,7 @@ from app.engine.children import PixelPool
 from app.metrics import DECODE_SECONDS, MEASURE_SECONDS
 from filter_core.annotation.frame import FrameAnnotation
 from filter_core.config.measure import MeasureConfig
-from filter_core.errors import AnnotationErrors, FilterError, problem_of
+from filter_core.errors import FilterError, error_context, problem_of
 from filter_core.evidence_kinds import CHANNELS, files_for
 from filter_core.images.ignore_mask import read_ignore_mask
 from filter_core.images.png import SIGNATURE, read_png
@@ -167,22 +166,6 @@ def _ignore(config: MeasureConfig, files: FrameFiles) -> Mask | None:
         masks = [read_ignore_mask(source, files.image_wh) for source in sources]
     joined: Mask = np.logical_or.reduce(masks)
     return joined
-
-
-@contextmanager
-def error_context(key: str = "", pointer: str = "") -> Iterator[None]:
-    """Add the frame's key and the part's pointer to an error raised in the block."""
-    try:
-        yield
-    except AnnotationErrors:
-        raise  # each of them contains the frame and a pointer
-    except FilterError as error:
-        text = error.detail
-        if key and not text.startswith(f"frame {key}"):
-            text = f"frame {key}: {text}"
-        raise type(error)(
-            text, pointer=error.pointer or pointer, code=error.kind
-        ) from error
 
 
 def described(error: FilterError) -> dict[str, object]:

@@ -27,7 +27,7 @@ from app.jobs.chunks import PlannedChunk
 from app.jobs.kind import Task
 from app.measuring.active import config_of
 from app.measuring.evidence import packed, recount, recounted_row
-from app.measuring.frame_files import MEASURED, FrameFiles, error_context, measure_files
+from app.measuring.frame_files import MEASURED, FrameFiles, measure_files
 from app.measuring.plan import plan_of
 from app.measuring.queries import (
     ConfigRepository,
@@ -39,7 +39,7 @@ from app.measuring.queries import (
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
-from filter_core.errors import FilterError
+from filter_core.errors import FilterError, error_context
 
 _DAMAGED: Final = (
     *("bad_image", "image_size_mismatch", "image_too_large"),

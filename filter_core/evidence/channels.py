@@ -8,12 +8,11 @@ are not requested, or whose input is missing, stay "not measured".
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 from filter_core.config.measure import MeasureConfig
-from filter_core.errors import ImageError
+from filter_core.errors import ImageError, error_context
 from filter_core.evidence.depth import (
     DepthImage,
     center_gaps,
@@ -161,7 +160,7 @@ def _read_depth(
 ) -> DepthImage | None:
     """The depth image; None if it is too coarse and depth is not required."""
     try:
-        with _pointing_at("/depth"):
+        with error_context(pointer="/depth"):
             return read_depth(
                 sensors.contents["depth"], expected_wh=wh, max_side=sensors.max_side
             )
@@ -173,18 +172,7 @@ def _read_depth(
 
 
 def _read_instances(sensors: Sensors, wh: tuple[int, int]) -> InstanceImage:
-    with _pointing_at("/instances"):
+    with error_context(pointer="/instances"):
         return read_instances(
             sensors.contents["instances"], expected_wh=wh, max_side=sensors.max_side
         )
-
-
-@contextmanager
-def _pointing_at(pointer: str) -> Iterator[None]:
-    """Add this pointer to an `ImageError` raised inside that has none."""
-    try:
-        yield
-    except ImageError as error:
-        raise type(error)(
-            error.detail, pointer=error.pointer or pointer, code=error.kind
-        ) from error
