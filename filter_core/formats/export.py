@@ -25,6 +25,7 @@ from filter_core.geometry.camera import Camera
 from filter_core.types import (
     BoolArray,
     BoxesXYXY,
+    Dataclass,
     DecidedBoxes,
     DecisionColumns,
     FloatArray,
@@ -196,14 +197,15 @@ class ExportOptions:
         made = cls(**{**given, "bands": distances})
         return replace(made, bands=tuple(sorted(set(made.bands))))
 
-    def changed(self) -> frozenset[str]:
-        """Names of the options that differ from their defaults."""
-        usual = ExportOptions()
-        return frozenset(
-            field.name
-            for field in fields(self)
-            if getattr(self, field.name) != getattr(usual, field.name)
-        )
+
+def changed_options(options: Dataclass) -> frozenset[str]:
+    """Names of the options that differ from their defaults.
+
+    `options` are those of an export, or of reading a folder (`ReadOptions`).
+    """
+    return frozenset(
+        one.name for one in fields(options) if getattr(options, one.name) != one.default
+    )
 
 
 class ExportError(FilterError):

@@ -15,7 +15,7 @@ import stat
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO, Final
 
@@ -143,12 +143,6 @@ class ReadOptions:
     classes: Sequence[str] | None = None
     default_class: str = "unknown"
     outside_files: bool = False
-
-    def changed(self) -> frozenset[str]:
-        """Names of the options that differ from their defaults."""
-        return frozenset(
-            one.name for one in fields(self) if getattr(self, one.name) != one.default
-        )
 
 
 @dataclass(frozen=True)

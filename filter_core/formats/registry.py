@@ -32,6 +32,7 @@ from filter_core.formats.export import (
     ExportHead,
     ExportOptions,
     Sink,
+    changed_options,
 )
 from filter_core.formats.format import Format, Source
 from filter_core.formats.kitti import KITTI
@@ -121,7 +122,7 @@ def read_source(
             f"unknown layout {name[:40]!r}; the nearest is {nearest(name, LAYOUTS)!r}"
         )
     options = options or ReadOptions()
-    for option in sorted(options.changed() - found.read_options):
+    for option in sorted(changed_options(options) - found.read_options):
         heeded = ", ".join(sorted(found.read_options))
         raise LayoutError(
             f"layout {name!r} has no option {option!r}; it has {heeded}",
@@ -248,7 +249,7 @@ def format_of(name: str, options: ExportOptions) -> Format:
             pointer="/format",
         )
     found = FORMATS[name]
-    for option in sorted(options.changed() - found.options):
+    for option in sorted(changed_options(options) - found.options):
         heeded = ", ".join(sorted(found.options)) or "none"
         raise ExportError(
             f"format {name!r} has no option {option!r}; it has {heeded}",

@@ -22,6 +22,7 @@ from filter_core.formats.export import (
     ExportHead,
     ExportOptions,
     Sink,
+    changed_options,
 )
 from filter_core.formats.files import FileNames, Spool, json_bytes
 from filter_core.formats.reading import KEYS_NAME
@@ -307,7 +308,8 @@ class _LabelExport:
 
     def _facts(self) -> Mapping[str, object]:
         options = self.context.options
-        chosen = {name: getattr(options, name) for name in sorted(options.changed())}
+        names = sorted(changed_options(options))
+        chosen = {name: getattr(options, name) for name in names}
         return {"options": chosen, **self.context.facts}
 
     def _note_name(self, out: OutFrame) -> None:
