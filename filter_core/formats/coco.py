@@ -314,7 +314,9 @@ class CocoWriter:
     distance and its 3D box. Regions to ignore are crowds.
     """
 
-    traits: ClassVar[Traits] = Traits(can_hold_crowds=True)
+    traits: ClassVar[Traits] = Traits(
+        image="images/{part}/{stem}{suffix}", can_hold_crowds=True
+    )
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
@@ -325,10 +327,6 @@ class CocoWriter:
             for band in bands
             for part in PARTS
         }
-
-    def image(self, out: OutFrame) -> str:
-        """The name of a frame's image in the export."""
-        return f"images/{out.part}/{out.stem}{out.suffix}"
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One image, and its annotations."""

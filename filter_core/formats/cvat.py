@@ -39,15 +39,11 @@ class CvatWriter:
     the same labels. Where rejected boxes are exported too, they are marked as occluded.
     """
 
-    traits: ClassVar[Traits] = Traits()
+    traits: ClassVar[Traits] = Traits(image="images/{stem}{suffix}")
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
         self._images = context.spool()  # a temporary file
-
-    def image(self, out: OutFrame) -> str:
-        """The path of a frame's image in the export."""
-        return f"images/{out.stem}{out.suffix}"
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One image with its boxes.

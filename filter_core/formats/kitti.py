@@ -351,7 +351,9 @@ class KittiWriter:
     numbers for unknown.
     """
 
-    traits: ClassVar[Traits] = Traits(needs_key_list=True)
+    traits: ClassVar[Traits] = Traits(
+        image="training/image_2/{number:06}{suffix}", needs_key_list=True
+    )
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
@@ -360,10 +362,6 @@ class KittiWriter:
         changed = {name: word for name, word in self._types.items() if name != word}
         if changed:
             context.facts["kitti_types"] = changed
-
-    def image(self, out: OutFrame) -> str:
-        """The name of a frame's image in the export."""
-        return f"training/image_2/{out.number:06}{out.suffix}"
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One label file; that of all distances comes with calibration and split."""

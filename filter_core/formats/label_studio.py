@@ -48,15 +48,11 @@ class LabelStudioWriter:
     an annotation.
     """
 
-    traits: ClassVar[Traits] = Traits()
+    traits: ClassVar[Traits] = Traits(image="images/{stem}{suffix}")
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
         self._tasks = context.spool()
-
-    def image(self, out: OutFrame) -> str:
-        """The name of a frame's image in the export."""
-        return f"images/{out.stem}{out.suffix}"
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One task."""
@@ -65,7 +61,7 @@ class LabelStudioWriter:
         task = {
             "id": out.number + 1,
             "data": {
-                "image": _LOCAL_FILES + quote(self.image(out)),
+                "image": _LOCAL_FILES + quote(out.image),
                 "key": out.frame.key,
                 "map": out.frame.map,
                 "split": out.part,

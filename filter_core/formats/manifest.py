@@ -244,15 +244,13 @@ class ManifestWriter:
     and every unknown key. Nothing is clipped.
     """
 
-    traits: ClassVar[Traits] = Traits(can_hold_crowds=True, can_hold_unplaced=True)
+    traits: ClassVar[Traits] = Traits(
+        image="images/{stem}{suffix}", can_hold_crowds=True, can_hold_unplaced=True
+    )
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
         self._lines = context.spool()
-
-    def image(self, out: OutFrame) -> str:
-        """The name of a frame's image in the export."""
-        return f"images/{out.stem}{out.suffix}"
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One line."""
@@ -265,7 +263,7 @@ class ManifestWriter:
         boxes = [{"id": ids[row], **given.boxes[row]} for row in rows]
         line = {
             "key": frame.key,
-            **({"image": self.image(out)} if copied else {}),
+            **({"image": out.image} if copied else {}),
             **known,
             "boxes": boxes,
         }

@@ -282,15 +282,13 @@ class VocWriter:
     is truncated. Boxes to ignore are difficult, which VOC's scoring leaves out.
     """
 
-    traits: ClassVar[Traits] = Traits(needs_key_list=True, needs_flat_names=True)
+    traits: ClassVar[Traits] = Traits(
+        image="JPEGImages/{stem}{suffix}", needs_key_list=True, needs_flat_names=True
+    )
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
         self._parts = {part: context.spool() for part in PARTS}
-
-    def image(self, out: OutFrame) -> str:
-        """The name of a frame's image in the export."""
-        return f"JPEGImages/{out.stem}{out.suffix}"
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One XML file."""

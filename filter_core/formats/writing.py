@@ -105,6 +105,9 @@ class Traits:
 
     Attributes
     ----------
+    image : str
+        The path of a frame's image in the export, with ``{stem}``, ``{suffix}``,
+        ``{number}`` and ``{part}`` in place of these attributes of its `OutFrame`.
     can_hold_crowds : bool
         It can say that a box stands for many objects at once. From other formats
         crowds are left out, since a model would learn each as one object.
@@ -118,6 +121,7 @@ class Traits:
         become part of the file's name.
     """
 
+    image: str
     can_hold_crowds: bool = False
     can_hold_unplaced: bool = False
     needs_key_list: bool = False
@@ -136,6 +140,10 @@ class OutFrame:
     part : ``train`` or ``val``
     stem : str
         A path without suffix, different for every frame of the export.
+    suffix : str
+        The suffix of its image.
+    image : str
+        The path that its image has in the export, or would have if copied.
     boxes : LabelBoxes
         The boxes to write: those of `frame.boxes` that were chosen.
     """
@@ -144,12 +152,9 @@ class OutFrame:
     number: int
     part: str
     stem: str
+    suffix: str
+    image: str
     boxes: LabelBoxes
-
-    @property
-    def suffix(self) -> str:
-        """The suffix of its image."""
-        return IMAGE_SUFFIX[self.frame.media_type]
 
 
 @dataclass(frozen=True)
@@ -185,9 +190,6 @@ class LabelWriter(Protocol):
     """Writes chosen boxes in one format."""
 
     traits: ClassVar[Traits]
-
-    def image(self, out: OutFrame) -> str:
-        """The path that a frame's image has in the export, or would have if copied."""
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One frame's labels.
@@ -290,8 +292,12 @@ class _LabelExport:
     def write(self, frame: ExportFrame) -> None:
         part = split_of(frame.key, frame.map, self.context.options.split)
         self.tally.frame(frame, part)
-        stem = self.names.stem(frame.key)
-        out = OutFrame(frame, self.count, part, stem, self.chooser.choose(frame))
+        stem, suffix = self.names.stem(frame.key), IMAGE_SUFFIX[frame.media_type]
+        image = self.writer.traits.image.format(
+            number=self.count, part=part, stem=stem, suffix=suffix
+        )
+        boxes = self.chooser.choose(frame)
+        out = OutFrame(frame, self.count, part, stem, suffix, image, boxes)
         self.count += 1
         self._note_name(out)
         self.writer.labels("", out)
@@ -313,7 +319,7 @@ class _LabelExport:
         return {"options": chosen, **self.context.facts}
 
     def _note_name(self, out: OutFrame) -> None:
-        frame, file = out.frame, self.writer.image(out)
+        frame, file = out.frame, out.image
         if out.stem != frame.key:
             self.tally.renamed(frame.key, file)
         if self.writer.traits.needs_key_list:
@@ -336,7 +342,7 @@ class _LabelExport:
         if read is None:
             self.tally.image_missing()
         else:
-            self.context.sink(self.writer.image(out), [read()])
+            self.context.sink(out.image, [read()])
 
 
 class _BoxChooser:

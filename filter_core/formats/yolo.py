@@ -304,15 +304,13 @@ class YoloWriter:
     folder of the user's settings.
     """
 
-    traits: ClassVar[Traits] = Traits(needs_key_list=True, needs_flat_names=True)
+    traits: ClassVar[Traits] = Traits(
+        image="images/{part}/{stem}{suffix}", needs_key_list=True, needs_flat_names=True
+    )
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
         self._parts: set[str] = set()
-
-    def image(self, out: OutFrame) -> str:
-        """The name of a frame's image in the export."""
-        return f"images/{out.part}/{out.stem}{out.suffix}"
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One label file."""
