@@ -1,4 +1,4 @@
-"""Answers on datasets, frames and boxes have every field, and the client reads each."""
+"""Histories, problems and the end of a cut batch have every field of their model."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from tests.support import archives, frames, plain_http
+from tests.support import archives, plain_http
 from tests.support.response_checks import assert_matches_model, successful_json
 from tests.support.servers import RunningServer
 from unghost import wire
@@ -81,41 +81,6 @@ def test_history_entries_have_the_keys_of_their_kind(http, client, uploaded_data
     assert {*decided, *answered, "activated"} == {*wire.HistoryEntry.model_fields}
 
 
-@pytest.mark.parametrize("created", [True, False])
-def test_upload_response_has_every_field(http, dataset, created):
-    form = {
-        "annotation": ("a.json", frames.as_json(frames.annotation())),
-        "image": ("a.png", frames.image()),
-        "segmentation": ("b.png", frames.segmentation()),
-    }
-    place = f"/datasets/{dataset}/frames/a"
-    answers = [http.put(place, files=form) for _ in range(1 if created else 2)]
-
-    assert answers[-1].status_code == (201 if created else 200)
-    stored = successful_json(answers[-1])
-    assert_matches_model(wire.StoredFrame, stored)
-    assert wire.StoredFrame.answered(stored, created=created).created is created
-
-
-def test_batch_response_lines_have_every_field(http, dataset):
-    told = http.post(
-        f"/datasets/{dataset}/batches",
-        content=archives.tar_archive(
-            [*archives.frame("a"), *archives.frame("c", boxes=[{"id": 1}])]
-        ),
-        headers={"Content-Type": "application/x-tar"},
-    )
-    stored, refused, end = map(json.loads, told.text.splitlines())
-
-    every = {"key", "status", "frame_id", "decisions"}
-    assert (stored.keys(), refused.keys()) == (every, every | {"problem"})
-    assert end == {"end": True, "frames": 2, "stored": 1, "same": 0, "refused": 1}
-    assert_matches_model(wire.BatchLine, stored)
-    assert_matches_model(wire.BatchLine, refused)
-    assert_matches_model(wire.BatchEnd, end)
-    assert (refused["status"], refused["problem"]["status"]) == (422, 422)
-
-
 def test_last_line_for_a_truncated_archive_has_every_field(http, dataset):
     whole = archives.tar_archive([*archives.frame("a"), *archives.frame("b")])
     told = http.post(
@@ -149,14 +114,3 @@ def test_problem_response_has_every_field_and_its_extra_key(http, uploaded_datas
     for key, answer in refused.items():
         assert answer.json().keys() == every | {key} - {"none"}
         assert_matches_model(wire.Problem, answer.json())
-
-
-def test_box_revision_increases_after_an_answer_is_cleared(client, filled):
-    box = next(client.boxes(filled))
-    client.review(box.box_id, "keep", seen_revision=box.revision)
-    client.review(box.box_id, "clear", seen_revision=1)
-
-    cleared = client.box(box.box_id)
-
-    assert (cleared.review, cleared.revision) == (None, 2)
-    assert client.review(box.box_id, "reject", seen_revision=2).revision == 3

@@ -16,6 +16,8 @@ from tests.support import databases, plain_http
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
 from tests.support.live import block_jobs
+from tests.support.response_checks import assert_matches_model
+from unghost import wire
 
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 FRAMES = 5
@@ -155,6 +157,7 @@ def test_queued_export_waits_and_can_be_cancelled(serve):
 
     assert (early.status_code, early.json()["code"]) == (409, "export_not_done")
     assert (cancelled.status_code, cancelled.json()["state"]) == (202, "cancelled")
+    assert_matches_model(wire.Export, cancelled.json())
     assert (again.status_code, again.json()["code"]) == (409, "export_over")
     assert (following["state"], following["done"]) == ("done", 1)
     assert ran["state"] == "done"

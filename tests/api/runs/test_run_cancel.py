@@ -7,7 +7,9 @@ import time
 from tests.support import frames as scene
 from tests.support.api import Api
 from tests.support.event_reader import events, open_events
+from tests.support.response_checks import assert_matches_model
 from tests.support.slow_datasets import FROM_PIXELS, OTHER_PIXELS, create_slow_dataset
+from unghost import wire
 
 FRAMES = 60
 AT_ONCE_S = 10
@@ -50,6 +52,7 @@ def test_cancelled_measuring_run_stops_soon_and_changes_nothing(slow):
     assert 0 < seen["done"] < FRAMES
     assert (answer.status_code, answer.json()["state"]) == (202, "cancelled")
     assert answer.headers["location"].endswith(f"/runs/{run_id}")
+    assert_matches_model(wire.Run, answer.json())
     assert cancelled < AT_ONCE_S
     assert freed < AT_ONCE_S
     assert api.json(f"/runs/{run_id}")["done"] < FRAMES
