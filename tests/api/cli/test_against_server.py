@@ -7,13 +7,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from tests.support import frames
 from tests.support.command_line import CommandLine
 from tests.support.folders import write_files
-from tests.support.frames import image as scene_image
 from tests.support.frames import write_manifest
 from tests.support.ports import reserved_port
+from tests.support.servers import RunningServer
 from unghost import Client
+from unghost.cli.program import app
 
 DONE, REFUSED, USAGE, PARTLY, UNAVAILABLE, INTERRUPTED = 0, 1, 2, 3, 69, 130
 
@@ -30,6 +33,16 @@ def name(request: pytest.FixtureRequest) -> str:
     """The name of a dataset of the test's own."""
     test = str(request.node.name)
     return f"cli-{test.replace('_', '-').strip('-')[:80]}"
+
+
+@pytest.fixture(scope="module")
+def unchanged_dataset(server: RunningServer) -> str:
+    """A dataset with the same three frames, for tests that change no verdict in it."""
+    with Client(server.url, server.token) as client:
+        name = client.create_dataset("cli-unchanged").name
+        for number in range(3):
+            frames.put(client, name, f"run/{number:06}", number)
+    return name
 
 
 @pytest.fixture
@@ -59,27 +72,6 @@ def test_push_creates_the_dataset_and_prints_counts(unghost, name, tmp_path):
     assert "3 of 3 frames" in answer.err
 
 
-def test_second_push_uploads_nothing(unghost, server, pushed_dataset, tmp_path):
-    before = server.log.read_text().count("PUT")
-
-    answer = unghost(
-        "push", tmp_path / "frames-3", "--dataset", pushed_dataset, "--json"
-    )
-
-    assert answer.code == DONE
-    summary = answer.records[-1]
-    assert (summary["stored"], summary["already_there"]) == (0, 3)
-    assert server.log.read_text().count("PUT") == before
-
-
-def test_push_uploads_only_missing_frames(unghost, pushed_dataset, tmp_path):
-    more = frames_in(tmp_path, 5)
-
-    answer = unghost("push", more, "--dataset", pushed_dataset, "--json")
-
-    assert (answer.records[-1]["stored"], answer.records[-1]["already_there"]) == (2, 3)
-
-
 def test_push_with_an_invalid_frame_exits_with_3_and_lists_it(unghost, name, tmp_path):
     folder = frames_in(tmp_path, 4, bad=frozenset({2}))
 
@@ -96,16 +88,6 @@ def test_push_of_only_invalid_frames_exits_with_1(unghost, name, tmp_path):
     folder = frames_in(tmp_path, 2, bad=frozenset({0, 1}))
 
     assert unghost("push", folder, "--dataset", name).code == REFUSED
-
-
-def test_push_with_a_missing_image_exits_with_3(unghost, name, tmp_path):
-    folder = frames_in(tmp_path, 3)
-    (folder / "rgb" / "000001.png").unlink()
-
-    answer = unghost("push", folder, "--dataset", name)
-
-    assert answer.code == PARTLY
-    assert "000001" in answer.err
 
 
 def test_push_uploads_no_file_outside_the_folder_unless_it_is_allowed(
@@ -187,26 +169,13 @@ def test_push_refuses_changed_frames_and_replaces_with_replace_option(
     assert "1 stored\t2 already_there\t0 refused" in replaced.out
 
 
-def test_push_replace_stores_a_frame_whose_image_changed(
-    unghost, pushed_dataset, tmp_path
-):
-    image = tmp_path / "frames-3" / "rgb" / "000001.png"
-    image.write_bytes(scene_image(99))
-
-    again = unghost(
-        "push", tmp_path / "frames-3", "--dataset", pushed_dataset, "--replace"
-    )
-
-    assert "1 stored\t2 already_there" in again.out
-
-
 def test_push_refuses_a_palette_other_than_that_of_the_dataset(
-    unghost, pushed_dataset, tmp_path
+    unghost, unchanged_dataset, tmp_path
 ):
-    folder = tmp_path / "frames-3"
+    folder = frames_in(tmp_path, 3)
 
     answer = unghost(
-        "push", folder, "--dataset", pushed_dataset, "--palette", "carla-0.9.0"
+        "push", folder, "--dataset", unchanged_dataset, "--palette", "carla-0.9.0"
     )
 
     assert answer.code == REFUSED
@@ -230,18 +199,8 @@ def test_interrupted_push_resumes_when_repeated(unghost, name, tmp_path):
     assert again["stored"] + again["already_there"] == 200
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["datasets"],
-        ["stats", "town"],
-        ["config", "show", "town"],
-        ["export", "town", "--format", "yolo", "-o", "out.zip"],
-    ],
-    ids=lambda words: words[0],
-)
-def test_unavailable_server_exits_with_69(cli_without_server, words):
-    answer = cli_without_server(*words)
+def test_unavailable_server_exits_with_69(cli_without_server):
+    answer = cli_without_server("stats", "town")
 
     assert answer.code == UNAVAILABLE
     assert "no answer from http://127.0.0.1:" in answer.err
@@ -257,46 +216,22 @@ def test_request_refused_by_the_server_exits_with_1(unghost):
     assert "(not_found)" in answer.err
 
 
-def test_wrong_token_is_refused_and_error_names_unghost_token(unghost):
-    answer = unghost("datasets", "--token", "wrong")
-
-    assert answer.code == REFUSED
-    assert "UNGHOST_TOKEN" in answer.err
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["no-such-command"],
-        ["stats"],
-        ["stats", "town", "--no-such-option"],
-        ["push", "no-such-folder", "--dataset", "town"],
-        ["export", "town", "--format", "yolo", "-o", "x.zip", "-O", "split"],
-        ["datasets", "--server", "not a url"],
-    ],
-    ids=" ".join,
-)
-def test_invalid_command_line_exits_with_2(cli_without_server, words):
-    answer = cli_without_server(*words)
-
-    assert answer.code == USAGE
-    assert "Traceback" not in answer.err
-
-
-def test_datasets_command_prints_tab_separated_lines_or_json(unghost, pushed_dataset):
+def test_datasets_command_prints_tab_separated_lines_or_json(
+    unghost, unchanged_dataset
+):
     lines = unghost("datasets").out.splitlines()
     records = unghost("datasets", "--json").records
 
-    assert f"{pushed_dataset}\t3\t6\t3\t3\t0" in "\n".join(lines)
-    assert pushed_dataset in [record["name"] for record in records]
+    assert f"{unchanged_dataset}\t3\t6\t3\t3\t0" in "\n".join(lines)
+    assert unchanged_dataset in [record["name"] for record in records]
 
 
-def test_stats_count_by_reason(unghost, pushed_dataset):
-    lines = unghost("stats", pushed_dataset).out.splitlines()
+def test_stats_count_by_reason(unghost, unchanged_dataset):
+    lines = unghost("stats", unchanged_dataset).out.splitlines()
 
     assert {"boxes\t6", "reason\tno_visible_pixels\t3\t50.0"} <= set(lines)
     assert "class\tcar\t6\t3\t3\t0\t50.0" in lines
-    (record,) = unghost("stats", pushed_dataset, "--json").records
+    (record,) = unghost("stats", unchanged_dataset, "--json").records
     assert record["by_reason"]["visible"] == 3
 
 
@@ -313,11 +248,11 @@ def test_config_show_diff_and_set(unghost, pushed_dataset, tmp_path):
     assert record["rejected"] == 6
 
 
-def test_config_diff_as_json(unghost, pushed_dataset, tmp_path):
+def test_config_diff_as_json(unghost, unchanged_dataset, tmp_path):
     file = write_config(tmp_path, "min_visible_pixels: 500\n")
 
     (record,) = unghost(
-        "config", "diff", pushed_dataset, "--config", file, "--json"
+        "config", "diff", unchanged_dataset, "--config", file, "--json"
     ).records
 
     change = {"key": "min_visible_pixels", "before": 1, "after": 500}
@@ -325,25 +260,25 @@ def test_config_diff_as_json(unghost, pushed_dataset, tmp_path):
     assert record["flips"]["kept_to_rejected"] == 3
 
 
-def test_run_wait_returns_when_the_run_is_done(unghost, pushed_dataset, tmp_path):
+def test_run_wait_returns_when_the_run_is_done(unghost, unchanged_dataset, tmp_path):
     file = write_config(tmp_path, "min_visible_pixels: 500\n")
 
-    answer = unghost("run", pushed_dataset, "--config", file, "--wait", "--json")
+    answer = unghost("run", unchanged_dataset, "--config", file, "--wait", "--json")
 
     assert answer.code == DONE
     assert answer.records[0]["state"] == "done"
-    (stats,) = unghost("stats", pushed_dataset, "--json").records
+    (stats,) = unghost("stats", unchanged_dataset, "--json").records
     assert stats["rejected"] == 3
 
 
-def test_labels_are_exported_to_a_file(unghost, pushed_dataset, tmp_path):
+def test_labels_are_exported_to_a_file(unghost, unchanged_dataset, tmp_path):
     answer = unghost(
-        "export", pushed_dataset, "--format", "yolo", "-o", tmp_path / "out.zip"
+        "export", unchanged_dataset, "--format", "yolo", "-o", tmp_path / "out.zip"
     )
 
     assert answer.code == DONE
     assert answer.out == f"{tmp_path / 'out.zip'}\n"
-    (stats,) = unghost("stats", pushed_dataset, "--json").records
+    (stats,) = unghost("stats", unchanged_dataset, "--json").records
     written = f"{stats['kept']} of {stats['boxes']} boxes written, "
     assert (
         f"{written}{stats['boxes'] - stats['kept']} left out; reasons: " in answer.err
@@ -351,21 +286,26 @@ def test_labels_are_exported_to_a_file(unghost, pushed_dataset, tmp_path):
     assert (tmp_path / "out.zip").read_bytes()[:2] == b"PK"
 
 
-def test_refused_export_names_the_options_of_the_command(unghost, pushed_dataset):
-    options = {
-        "--option color: expected one of include, include_un": ("yolo", "color=1"),
-        "--option split: expected a number": ("yolo", "split=often"),
-        "--option split: expected at most 1": ("yolo", "split=2"),
-        "--option bands: format 'cvat' has no option": ("cvat", "bands=50"),
-        "'ylo' is not one of 'yolo', 'coco', 'kitti'": ("ylo", "split=0.9"),
-    }
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("split=often", "--option split: expected a number"),
+        ("split=2", "--option split: expected at most 1"),
+    ],
+)
+def test_export_option_refused_by_the_server_is_named(
+    server, unchanged_dataset, option, words
+):
+    answer = CliRunner().invoke(
+        app,
+        [
+            *("export", unchanged_dataset, "--format", "yolo", "-o", "x.zip"),
+            *("-O", option, "--server", server.url, "--token", server.token),
+        ],
+    )
 
-    for words, (format_, option) in options.items():
-        answer = unghost(
-            "export", pushed_dataset, "--format", format_, "-O", option, "-o", "x.zip"
-        )
-        assert answer.code == USAGE
-        assert words in answer.err
+    assert answer.exit_code == USAGE
+    assert words in answer.output
 
 
 def test_refused_name_of_a_dataset_names_the_option(unghost, tmp_path):
@@ -382,18 +322,3 @@ def test_refused_classes_of_a_folder_are_no_wrong_usage(unghost, name, tmp_path)
 
     assert answer.code == REFUSED
     assert "classes" in answer.err
-
-
-def test_token_is_read_from_the_data_folder_in_the_current_folder(server, tmp_path):
-    (tmp_path / "unghost-data").symlink_to(server.data)
-    unghost = CommandLine(tmp_path, {"UNGHOST_SERVER": server.url})
-
-    assert unghost("datasets").code == DONE
-
-
-def test_tabs_in_a_description_add_no_columns(unghost, server, tmp_path):
-    with Client(server.url, server.token) as client:
-        client.create_dataset("cli-tabs", description="a\tb\nc")
-
-    assert unghost("stats", "cli-tabs").code == DONE
-    assert all(line.count("\t") == 6 for line in unghost("datasets").out.splitlines())

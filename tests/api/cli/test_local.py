@@ -329,45 +329,6 @@ def test_convert_with_filter_drops_rejected_boxes(unghost, tmp_path):
         assert [row["reason"] for row in manifest["boxes"]] == ["no_visible_pixels"] * 2
 
 
-@pytest.mark.parametrize(
-    ("words", "code", "says"),
-    [
-        (("--to", "yolo8"), USAGE, "'yolo8' is not one of 'yolo', 'coco', 'kitti'"),
-        (("--to", "yolo", "--layout", "foo"), USAGE, "'foo' is not one of 'auto', 'y"),
-        (("--to", "yolo", "--classes", "car"), USAGE, "has no option 'classes'"),
-        (
-            ("--to", "cvat", "-O", "bands=50"),
-            USAGE,
-            "bands: format 'cvat' has no option",
-        ),
-        (("--to", "yolo", "-O", "color=1"), USAGE, "color: expected one of include, i"),
-        (("--to", "yolo", "-O", "split=2"), USAGE, "split: expected a share from 0 to"),
-        (("--to", "yolo", "-O", "include=al"), USAGE, "one of effective, kept, all"),
-        (("--to", "yolo", "-O", "split"), USAGE, "not of the form KEY=VALUE"),
-        (
-            ("--to", "yolo", "-O", "split=1", "-O", "split=0"),
-            USAGE,
-            "split is given twi",
-        ),
-        (("--to", "yolo", "--config", "frames/manifest.jsonl"), USAGE, "--filter"),
-        (("--to", "yolo", "--palette", "auto"), USAGE, "--palette is for --filter"),
-        (
-            ("--to", "yolo", "--channel-order", "bgr"),
-            USAGE,
-            "--channel-order is for --filter",
-        ),
-    ],
-)
-def test_convert_refuses_invalid_options(unghost, tmp_path, words, code, says):
-    folder = write_manifest(tmp_path / "frames", 1)
-
-    answer = unghost("convert", folder, "-o", "made", *words)
-
-    assert answer.code == code
-    assert says in " ".join(answer.err.split())
-    assert not (tmp_path / "made").exists()
-
-
 def test_convert_refuses_the_current_folder_as_output(unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 1)
     (tmp_path / "empty").mkdir()

@@ -85,20 +85,29 @@ def contents(api, dataset, **options):
     return files, json.loads(files.pop("manifest.json"))
 
 
-@pytest.mark.parametrize("form", EXPORT_FORMATS)
-def test_run_that_changes_no_verdict_changes_only_its_number_in_an_export(api, form):
+@pytest.fixture(scope="module")
+def exports_around_a_run(api):
+    """A dataset's exports by format, and those after a run that changed no verdict."""
     dataset = api.dataset_of_one_frame()
-    files, manifest = contents(api, dataset, form=form)
-
+    before = {form: contents(api, dataset, form=form) for form in EXPORT_FORMATS}
     run = api.run(dataset, {}, activate=True)
-    later, later_manifest = contents(api, dataset, form=form)
+    after = {form: contents(api, dataset, form=form) for form in EXPORT_FORMATS}
+    return before, run["id"], after
 
-    assert later_manifest == {**manifest, "run": run["id"]} != manifest
-    numbers = [f'"run":{number}'.encode() for number in (manifest["run"], run["id"])]
+
+@pytest.mark.parametrize("form", EXPORT_FORMATS)
+def test_run_that_changes_no_verdict_changes_only_its_number_in_an_export(
+    exports_around_a_run, form
+):
+    before, run, after = exports_around_a_run
+    (files, manifest), (later, later_manifest) = before[form], after[form]
+
+    assert later_manifest == {**manifest, "run": run} != manifest
     if form == "decisions-jsonl":
-        before = files["decisions.jsonl"]
-        files["decisions.jsonl"] = before.replace(*numbers)
-        assert files["decisions.jsonl"] != before
+        lines = files["decisions.jsonl"]
+        numbers = [f'"run":{number}'.encode() for number in (manifest["run"], run)]
+        files = {**files, "decisions.jsonl": lines.replace(*numbers)}
+        assert files["decisions.jsonl"] != lines
     assert later == files
 
 

@@ -92,6 +92,12 @@ def test_message_does_not_repeat_a_single_fault():
     ]
 
 
+def test_message_about_a_refused_token_says_where_tokens_come_from():
+    *_, hint = error_lines(errors.Unauthorized(401, PROBLEM))
+
+    assert "--token, UNGHOST_TOKEN, or the data folder" in hint
+
+
 def test_message_of_server_error_has_the_request_id():
     assert "r1" in list(error_lines(errors.ServerFault(500, PROBLEM)))[-1]
 
