@@ -25,7 +25,7 @@ from tests.support.page.windows import (
     launched,
     new_context,
 )
-from tests.support.servers import RunningServer
+from tests.support.servers import RunningServer, running_server
 
 # Long enough for a busy machine; an expectation that holds ends the wait at once.
 expect.set_options(timeout=15_000)
@@ -41,7 +41,14 @@ def browser() -> Iterator[Browser]:
         yield running
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
+    """One server for each module: the page takes long to list hundreds of datasets."""
+    with running_server(tmp_path_factory.mktemp("server") / "data") as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
 def api(server: RunningServer) -> Iterator[httpx.Client]:
     """An HTTP client of the server's API, with the rights of an admin."""
     base = f"{server.url}/api/v1"
@@ -68,15 +75,15 @@ def scene(make_scene: MakeScene) -> Scene:
     return make_scene()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def signed_in(server: RunningServer) -> StorageState:
     """What the browser stores for somebody who is signed in as an admin."""
     return cast("StorageState", server.signed_in())
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def shared_window(browser: Browser, server: RunningServer) -> Iterator[SharedWindow]:
-    """A window that all tests share, since opening one takes as long as a page does."""
+    """A window that tests share, since opening one takes as long as a page does."""
     with new_context(browser) as context:
         kept = context.new_page()
         kept.goto(f"{server.url}/healthz")
