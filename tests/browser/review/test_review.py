@@ -278,28 +278,6 @@ def test_refused_answer_shows_error_and_box_stays_unanswered(scene, user):
     expect(page.locator(".answerline")).to_have_text("It has no answer.")
 
 
-def test_answer_is_retried_after_503_with_the_same_idempotency_key(scene, user):
-    page = user.page
-    seen: list[str] = []
-
-    def respond_503_once(route: Route) -> None:
-        seen.append(route.request.headers["idempotency-key"])
-        if len(seen) == 1:
-            route.fulfill(status=503, headers={"Retry-After": "0"}, json={})
-        else:
-            route.continue_()
-
-    page.route("**/reviews", respond_503_once)
-    user.open(scene.link("ghost"))
-    user.press("a")
-
-    expect(page.locator(".answerline__state")).to_have_text("saved")
-    user.wait_until_saved()
-    assert scene.review("ghost")["verdict"] == "keep"
-    assert len(seen) == 2
-    assert len(set(seen)) == 1
-
-
 def test_box_is_described_in_text_and_numbers(scene, user):
     page = user.open(scene.link("hidden"))
     wait_for_drawing(page)

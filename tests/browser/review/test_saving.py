@@ -9,7 +9,7 @@ from playwright.sync_api import Page, expect
 
 from tests.support.page import many_boxes, scenes
 from tests.support.page.scenes import Scene
-from tests.support.page.windows import OpenWindow, Visitor, lose_session, route_loaded
+from tests.support.page.windows import Visitor, lose_session, route_loaded
 
 pytestmark = pytest.mark.browser
 
@@ -22,23 +22,6 @@ def post_answer(scene: Scene, name: str, verdict: str) -> None:
     body = {"verdict": verdict, "seen_revision": scene.revision(name)}
     path = f"/boxes/{scene.box_id(name)}/reviews"
     assert scene.api.post(path, json=body).status_code == 201
-
-
-def test_offline_answers_are_sent_when_online_again(scene: Scene, user: Visitor):
-    page = user.open(scene.link("ghost"))
-    page.context.set_offline(True)
-
-    user.press("a", "j", "x", "j", "x", "z")
-
-    # The third one is undone before it was sent.
-    expect(save_state(page)).to_contain_text("2 answers offline, kept here")
-    expect(page.locator(".sign.is-waiting").first).to_be_visible()
-    assert [scene.revision(name) for name in ("ghost", "walker", "away")] == [0, 0, 0]
-    page.context.set_offline(False)
-    user.wait_until_saved()
-    assert scene.review("ghost")["verdict"] == "keep"
-    assert scene.review("walker")["verdict"] == "reject"
-    assert scene.revision("away") == 0
 
 
 OFFLINE_UNTIL_RETRY = """(() => {
@@ -54,22 +37,31 @@ OFFLINE_UNTIL_RETRY = """(() => {
 })()"""
 
 
-def test_unsent_answers_survive_a_reload(scene, user):
+def test_offline_answers_survive_a_reload_and_are_sent_by_retry(
+    scene: Scene, user: Visitor
+):
     page = user.page
     # Offline until the click: the page's own retry could come before it.
     page.add_init_script(OFFLINE_UNTIL_RETRY)
     user.open(scene.link("ghost"))
-    user.press("a")
-    expect(save_state(page)).to_contain_text("1 answer offline, kept here")
 
+    user.press("a", "j", "x", "j", "x", "z")
+
+    # The third one is undone before it was sent.
+    expect(save_state(page)).to_contain_text("2 answers offline, kept here")
+    expect(page.locator(".sign.is-waiting").first).to_be_visible()
     page.reload()
     user.wait_until_drawn()
-
+    expect(page.locator(".sign.is-waiting")).to_have_count(2)
+    assert [scene.revision(name) for name in ("ghost", "walker", "away")] == [0, 0, 0]
+    page.locator(f"#box-{scene.box_id('ghost')}").click()
     expect(page.locator(".answerline")).to_contain_text("keep")
     expect(page.locator(".answerline__state")).to_have_text("not saved yet")
     page.get_by_role("button", name="Retry").click()
     user.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "keep"
+    assert scene.review("walker")["verdict"] == "reject"
+    assert scene.revision("away") == 0
 
 
 def test_answer_is_stored_once_if_its_response_is_lost(scene, user):
@@ -110,32 +102,21 @@ def test_unsent_answer_is_kept_while_signed_out(scene, user, server):
     assert scene.review("ghost")["verdict"] == "keep"
 
 
-def test_overtaken_answer_is_not_stored_and_the_first_is_shown(
-    scene: Scene, open_window: OpenWindow
-):
-    ada, bo = open_window(), open_window()
-    ada.open(scene.link("ghost"))
-    page = bo.open(scene.link("ghost"))
-    ada.press("x")
-    ada.wait_until_saved()
+def test_overtaken_answer_is_not_stored_until_it_replaces_the_other_one(scene, user):
+    page = user.open(scene.link("ghost"))
+    post_answer(scene, "ghost", "reject")
 
-    bo.press("a")
+    user.press("a")
 
     notice = page.locator(".overtaken")
     expect(notice).to_contain_text("admin answered reject while you answered keep")
     expect(page.locator(".answerline")).to_contain_text("reject by admin")
     assert scene.revision("ghost") == 1
 
-
-def test_overtaken_answer_can_replace_the_other_one(scene, user):
-    page = user.open(scene.link("ghost"))
-    post_answer(scene, "ghost", "reject")
-    user.press("a")
-
     page.get_by_role("button", name="Use mine: keep").click()
 
     user.wait_until_saved()
-    expect(page.locator(".overtaken")).to_have_count(0)
+    expect(notice).to_have_count(0)
     review = scene.review("ghost")
     assert (review["verdict"], review["revision"]) == ("keep", 2)
 
@@ -170,29 +151,9 @@ def test_overtaken_answer_on_another_frame_links_to_its_box(scene, user):
     expect(page.locator(".overtaken")).to_contain_text("Your answer was not saved")
 
 
-def test_unsent_answers_of_an_open_tab_are_not_sent_by_another_tab(scene, open_window):
-    """Formerly the first tab sent them, and the second was overtaken by them."""
-    first = open_window(color_scheme="light")
-    first.open(scene.link("real"))
-    second = Visitor(first.page.context.new_page(), first.url)
-    second.page.route("**/reviews", lambda route: route.abort())
-    second.open(scene.link("ghost"))
-    second.press("a")
-    expect(save_state(second.page)).to_contain_text("offline")
-
-    first.page.evaluate("dispatchEvent(new Event('online'))")
-    first.press("x")
-    first.wait_until_saved()
-    assert scene.review("real")["verdict"] == "reject"
-    second.page.unroute("**/reviews")
-    second.press("x")
-
-    second.wait_until_saved()
-    expect(second.page.locator(".overtaken")).to_have_count(0)
-    assert scene.review("ghost")["verdict"] == "reject"
-
-
-def test_unsent_answers_of_a_closed_tab_are_sent_by_the_next_tab(scene, open_window):
+def test_unsent_answers_of_a_tab_are_sent_by_others_only_once_it_is_closed(
+    scene, open_window
+):
     first = open_window()
     page = first.page
     page.route("**/reviews", lambda route: route.abort())
@@ -202,6 +163,10 @@ def test_unsent_answers_of_a_closed_tab_are_sent_by_the_next_tab(scene, open_win
     context = page.context
     second = Visitor(context.new_page(), first.url)
     second.open(scene.link("real"))
+    second.send_now()
+    second.press("x")
+    second.wait_until_saved()
+    assert scene.review("real")["verdict"] == "reject"
     assert scene.revision("ghost") == 0
     page.close()
     second.page.close()
@@ -287,56 +252,38 @@ def test_answer_of_another_tab_stays_shown_if_the_box_fails_to_load(scene, open_
     expect(answer).to_contain_text("keep by admin")
 
 
-KEEP_WITHOUT_A_NAME = """(boxId) => localStorage.setItem("unghost.outbox.v1.k",
-  JSON.stringify({ key: "k", tab: "before", order: 1, boxId, frameId: 1,
-    attempted: false, verdict: "keep", comment: "", seenRevision: 0 }))"""
+KEEP_WITHOUT_A_NAME = """([key, boxId]) => localStorage.setItem(
+  `unghost.outbox.v1.${key}`, JSON.stringify({ key, tab: "before", order: 1, boxId,
+    frameId: 1, attempted: false, verdict: "keep", comment: "", seenRevision: 0 }))"""
 
 
-@pytest.fixture
-def grid_with_unowned_answer(scene: Scene, user: Visitor) -> Page:
-    """The grid, with an unsent answer in the browser that names no person.
-
-    Earlier versions of the page kept such answers.
-    """
+def test_unowned_answers_are_discarded_or_sent_only_after_confirmation(scene, user):
+    """Earlier versions of the page kept unsent answers that name no person."""
     page = user.open(f"#/datasets/{scene.dataset}/grid")
-    page.evaluate(KEEP_WITHOUT_A_NAME, scene.box_id("ghost"))
+    strip = page.locator(".strip")
+    page.evaluate(KEEP_WITHOUT_A_NAME, ["first", scene.box_id("ghost")])
     page.reload()
-    expect(page.locator(".strip")).to_contain_text("1 unsent answer in this browser")
-    return page
-
-
-def test_unowned_answer_is_sent_as_the_user_that_confirms(
-    scene, user, grid_with_unowned_answer
-):
-    user.wait_until_saved()
-    assert scene.review("ghost") is None
-
-    grid_with_unowned_answer.get_by_role("button", name="Send as admin").click()
-
-    expect(grid_with_unowned_answer.locator(".strip")).to_have_count(0)
-    expect(grid_with_unowned_answer.locator(".sign--keep")).to_have_count(1)
-    user.wait_until_saved()
-    assert scene.review("ghost")["verdict"] == "keep"
-
-
-def test_unowned_answer_is_discarded_only_after_confirmation(
-    scene, grid_with_unowned_answer
-):
-    strip = grid_with_unowned_answer.locator(".strip")
+    expect(strip).to_contain_text("1 unsent answer in this browser")
     # The first click of a double click asks; the second one takes the question back.
     strip.get_by_role("button", name="Discard").dblclick()
     expect(strip).to_contain_text("1 unsent answer in this browser")
-
     strip.get_by_role("button", name="Discard").click()
     expect(strip).to_contain_text("Discard 1 unsent answer?")
     strip.get_by_role("button", name="Discard it").click()
+    expect(strip).to_have_count(0)
+
+    # The next one is the only one: what was discarded is gone after a reload.
+    page.evaluate(KEEP_WITHOUT_A_NAME, ["second", scene.box_id("walker")])
+    page.reload()
+    expect(strip).to_contain_text("1 unsent answer in this browser")
+    user.wait_until_saved()
+    assert scene.review("walker") is None
+    strip.get_by_role("button", name="Send as admin").click()
 
     expect(strip).to_have_count(0)
-    grid_with_unowned_answer.reload()
-    expect(grid_with_unowned_answer.get_by_role("grid")).to_have_attribute(
-        "aria-busy", "false"
-    )
-    expect(strip).to_have_count(0)
+    expect(page.locator(".sign--keep")).to_have_count(1)
+    user.wait_until_saved()
+    assert scene.review("walker")["verdict"] == "keep"
     assert scene.review("ghost") is None
 
 

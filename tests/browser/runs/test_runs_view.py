@@ -230,22 +230,17 @@ def test_cancelled_export_writes_nothing(user, long_street):
     assert (stored["state"], stored["download"]) == ("cancelled", None)
 
 
-def test_every_export_format_of_the_api_is_offered(user, street):
+def test_export_form_offers_every_format_and_only_options_of_the_chosen_one(
+    user, street
+):
     schema = street.api.get(f"{user.url}/openapi.json").json()["components"]["schemas"]
     page = runs_page(user, street)
-
     page.get_by_role("button", name="New export").click()
-
     expect(page.locator(".formatcard").first).to_be_visible()
     offered = page.locator(".formatcard input").evaluate_all(
         "inputs => inputs.map(input => input.value)"
     )
     assert offered == schema["ExportIn"]["properties"]["format"]["enum"]
-
-
-def test_export_form_offers_only_options_of_the_chosen_format(user, street):
-    page = runs_page(user, street)
-    page.get_by_role("button", name="New export").click()
     rejected = page.get_by_label("Rejected boxes", exact=True)
     page.get_by_role("radio", name=re.compile("^COCO")).check()
     rejected.select_option("dontcare")

@@ -51,9 +51,7 @@ def test_verdicts_are_shown_as_text_and_icons(scene: Scene, user: Visitor):
     expect(row).to_contain_text("kept")
 
 
-@pytest.mark.parametrize("form", ["palette", "bgr", "raw"])
-def test_matching_pixels_of_the_selected_box_are_highlighted(make_scene, user, form):
-    scene = make_scene(form=form)
+def test_matching_pixels_of_the_selected_box_are_highlighted(scene, user):
     page = user.open(scene.link("hidden"))
     expect(page.locator(".stage")).to_have_attribute("data-highlighted", "400")
     wait_for_drawing(page)

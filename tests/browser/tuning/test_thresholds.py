@@ -396,19 +396,19 @@ def test_failed_preview_shows_error_and_can_be_retried(user, street):
 
 
 def test_only_a_single_preview_request_is_in_flight(user, street):
-    page = open_thresholds(user, street)
+    page = open_thresholds(user, street, "?threshold_small_box=30")
     page.wait_for_load_state("networkidle")
     page.evaluate("performance.clearResourceTimings()")
     handle(page, "all classes").focus()
 
-    for _ in range(60):
+    for _ in range(20):
         page.keyboard.press("ArrowRight")
 
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "40")
     expect(figure(page, "kept")).to_have_text("3")
     # The browser lists a request a moment after the page has received the response.
     times: list[list[float]] = until(lambda: page.evaluate(PREVIEW_TIMES))
-    assert len(times) < 60
+    assert len(times) < 20
     ends, starts = [end for _, end in times[:-1]], [start for start, _ in times[1:]]
     assert all(end <= start for end, start in zip(ends, starts, strict=True)), times
 
