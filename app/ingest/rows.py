@@ -35,6 +35,7 @@ from app.db.tables import Frame
 from app.ingest.frame import ReadyFrame, StoredFrame
 from app.measuring.active import ActiveDataset
 from app.measuring.evidence import packed
+from app.measuring.frame_files import error_context
 from app.measuring.queries import (
     DatasetRepository,
     EvidenceRepository,
@@ -172,14 +173,17 @@ def verdict_counts(reasons: NDArray[np.uint8]) -> VerdictCounts:
 def _class_ids(
     session: Session, active: ActiveDataset, frames: Sequence[ReadyFrame]
 ) -> dict[str, int]:
-    names = dict.fromkeys(
-        name for frame in frames for name in frame.measured.evidence.class_names
-    )
+    """Ids of the dataset's classes; those that only these frames have are added."""
+    names = {name for frame in frames for name in frame.measured.evidence.class_names}
     datasets = DatasetRepository(session)
     known = datasets.classes(active.row.dataset_id)
-    if known.keys() >= names.keys():
+    if known.keys() >= names:
         return known
-    return datasets.class_ids(datasets.named(active.name), list(names))
+    dataset = datasets.named(active.name)
+    for frame in frames:
+        with error_context(frame.key):
+            known = datasets.class_ids(dataset, frame.measured.evidence.class_names)
+    return known
 
 
 def _insert(

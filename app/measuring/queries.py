@@ -41,8 +41,9 @@ from app.db.tables import (
 from app.errors import Conflict, NotFound, Unprocessable
 from app.measuring.frame_files import described
 from app.metrics import REFUSED
-from filter_core.errors import FilterError
+from filter_core.errors import AnnotationError, FilterError
 from filter_core.pipeline import SegmentationReport
+from unghost.wire.datasets import MAX_CLASSES
 
 # Built once: building a statement takes longer than executing it.
 _ACTIVE: Final = (
@@ -161,7 +162,15 @@ class DatasetRepository:
         return {row.name: row.id for row in rows}
 
     def class_ids(self, dataset: Dataset, names: Sequence[str]) -> dict[str, int]:
-        """Ids of these classes; unknown ones are appended unless classes are frozen."""
+        """Ids of the dataset's classes, to which unknown ones of `names` are appended.
+
+        Raises
+        ------
+        Unprocessable
+            ``unknown_class``: one is unknown, and an export has frozen the classes.
+        AnnotationError
+            ``too_many_classes``: there would be more than `MAX_CLASSES`.
+        """
         known = self.classes(dataset.id)
         missing = [name for name in dict.fromkeys(names) if name not in known]
         if not missing:
@@ -171,6 +180,14 @@ class DatasetRepository:
                 f"the classes of dataset {dataset.name!r} are frozen by an export; "
                 f"expected one of {', '.join(known)}, found {missing[0]!r}",
                 code="unknown_class",
+            )
+        count = len(known) + len(missing)
+        if count > MAX_CLASSES:
+            raise AnnotationError(
+                f"expected at most {MAX_CLASSES} classes in dataset {dataset.name!r}, "
+                f"found {count} with those of this frame, such as {missing[0]!r}",
+                pointer="/boxes",
+                code="too_many_classes",
             )
         self._append_classes(dataset.id, missing, start=len(known))
         return self.classes(dataset.id)

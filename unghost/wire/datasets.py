@@ -34,6 +34,8 @@ Point = Annotated[list[Pixel], Field(min_length=2, max_length=2)]
 Polygon = Annotated[list[Point], Field(min_length=3, max_length=1000, fail_fast=True)]
 Polygons = Annotated[list[Polygon], Field(min_length=1, max_length=100, fail_fast=True)]
 
+MAX_CLASSES: Final = 1_000
+"""Of a dataset: of those that it is created with and those that its frames add."""
 
 MAX_POINTS: Final = 10_000
 """Of all polygons of an ignore mask; previews of thresholds read them each time."""
@@ -73,7 +75,7 @@ class DatasetIn(RequestModel):
         ),
     ]
     description: Description = ""
-    classes: Annotated[list[ClassName], Field(max_length=1000)] | None = Field(
+    classes: Annotated[list[ClassName], Field(max_length=MAX_CLASSES)] | None = Field(
         default=None,
         description="Names of the classes in their order; default: the eight classes "
         "of CARLA.",

@@ -6,6 +6,7 @@ import pytest
 
 from tests.support import frames as scene
 from tests.support.api import BASE
+from unghost.wire.datasets import MAX_CLASSES
 
 MASK = {"polygons": [[[0, 0], [64, 0], [64, 48], [0, 48]]]}
 
@@ -261,3 +262,41 @@ def test_frame_with_a_new_class_is_refused_when_classes_are_frozen(api):
     assert "'truck'" in answer.json()["detail"]
     assert api.json(f"/datasets/{name}")["counts"]["problems"] == 1
     assert api.json(f"/datasets/{name}")["classes"] == ["car"]
+
+
+def boxes_of(*classes):
+    box = {"xyxy": [0, 0, 9, 9]}
+    return {**scene.annotation(), "boxes": [{**box, "class": one} for one in classes]}
+
+
+def test_frame_with_more_classes_than_a_dataset_may_have_is_its_problem(api):
+    name = api.dataset(classes=[f"class {number}" for number in range(MAX_CLASSES - 1)])
+    api.upload_frame(name, "before", boxes_of("class 7"))
+
+    refused = api.put(name, "a", boxes_of("class 7", "dragon", "griffin"))
+    (problem,) = api.json(f"/datasets/{name}/problems")["items"]
+    last = api.put(name, "b", boxes_of("dragon", "class 7"))
+    full = api.put(name, "b", boxes_of("griffin"), replace=True)
+    known = api.put(name, "c", boxes_of("dragon", "class 998"))
+
+    found = refused.json()
+    assert (refused.status_code, found["code"]) == (422, "too_many_classes")
+    assert found["detail"] == (
+        f"frame a: expected at most 1000 classes in dataset '{name}', found 1001 with "
+        "those of this frame, such as 'dragon'"
+    )
+    assert found["errors"][0]["pointer"] == "/boxes"
+    assert (problem["key"], problem["error"]["code"]) == ("a", "too_many_classes")
+    assert (last.status_code, full.status_code, known.status_code) == (201, 422, 201)
+    classes = api.json(f"/datasets/{name}")["classes"]
+    assert (len(classes), classes[-1]) == (MAX_CLASSES, "dragon")
+
+
+def test_dataset_is_not_created_with_more_classes_than_it_may_have(api):
+    most = [f"class {number}" for number in range(MAX_CLASSES)]
+
+    stored = api.post("/datasets", {"name": "most-classes", "classes": most})
+    refused = api.post("/datasets", {"name": "too-many", "classes": [*most, "more"]})
+
+    assert (stored.status_code, refused.status_code) == (201, 422)
+    assert "1000" in refused.json()["errors"][0]["detail"]

@@ -202,6 +202,24 @@ def test_frame_with_a_new_class_does_not_fail_others_of_its_batch(api):
     assert stored["status"] == 201
 
 
+def test_frames_of_a_batch_that_add_too_many_classes_do_not_fail_the_others(api):
+    dataset = api.dataset(classes=[f"class {number}" for number in range(999)])
+    members = []
+    for key in ("a", "b", "c"):  # each alone would fit
+        boxes = [{"class": f"of {key}", "xyxy": scene.ON_THE_CAR}]
+        members += frame(key, boxes=boxes)
+    known = [{"class": "class 5", "xyxy": scene.ON_THE_CAR}]
+
+    answer = send(api, dataset, tar_archive(members + frame("d", boxes=known)))
+
+    *lines, last = lines_of(answer.text)
+    assert [line["status"] for line in lines] == [201, 422, 422, 201]
+    assert {line["problem"]["code"] for line in lines[1:3]} == {"too_many_classes"}
+    assert (last["stored"], last["refused"]) == (2, 2)
+    counts = api.json(f"/datasets/{dataset}")["counts"]
+    assert (counts["frames"], counts["problems"]) == (2, 2)
+
+
 @pytest.mark.parametrize(
     ("headers", "content", "status", "code"),
     [
