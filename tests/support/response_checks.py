@@ -48,3 +48,18 @@ DATASET = {
     "active_run": 1,
     "counts": COUNTS,
 }
+DECISION = {
+    "id": "217",
+    "box_id": 7,
+    "frame": "a",
+    "frame_id": 1,
+    "class": "car",
+    "config": "c0ffee",
+    "run": 1,
+    "effective_verdict": "kept",
+    "verdict": "rejected",
+    "reason": "below_threshold",
+    "hidden_by": [{"tag": 9, "name": "Vegetation", "percent": 71.0}],
+    "review": {"verdict": "keep", "revision": 2, "reviewer": "ada", "comment": None},
+    "edges": None,
+}

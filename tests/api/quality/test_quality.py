@@ -207,7 +207,11 @@ def test_thresholds_are_suggested_for_a_target_recall(api, dataset):
 
     assert found["f1_suggested"] == 1
     assert refused.status_code == 422
-    assert api.get(f"/datasets/{dataset}/quality", recall=0).status_code == 422
+    for recall in (0, 2):
+        outside = api.get(
+            f"/datasets/{dataset}/quality", target="recall", recall=recall
+        )
+        assert outside.status_code == 422
 
 
 def test_recall_with_another_target_is_refused(api, dataset):

@@ -9,24 +9,10 @@ from datetime import datetime, timedelta, timezone
 
 import pytest
 
-from tests.support.response_checks import COUNTS
+from tests.support.response_checks import COUNTS, DECISION
 from unghost import Decision, Frame, HistoryEntry
+from unghost.wire import NewLoginCode, NewSession, NewToken
 
-DECISION = {
-    "id": "217",
-    "box_id": 7,
-    "frame": "a",
-    "frame_id": 1,
-    "class": "car",
-    "config": "c0ffee",
-    "run": 1,
-    "effective_verdict": "kept",
-    "verdict": "rejected",
-    "reason": "below_threshold",
-    "hidden_by": [{"tag": 9, "name": "Vegetation", "percent": 71.0}],
-    "review": {"verdict": "keep", "revision": 2, "reviewer": "ada", "comment": None},
-    "edges": None,
-}
 FRAME = {
     "id": 1,
     "key": "a",
@@ -34,6 +20,8 @@ FRAME = {
     "created_at": "2026-01-01T00:00:00Z",
     "counts": COUNTS,
 }
+NOON = "2026-01-01T12:00:00Z"
+TOKEN = {"id": 1, "name": "ada", "role": "viewer", "created_at": NOON}
 FILE = {"url": "/x", "sha256": "ab", "media_type": "image/png", "size_bytes": 9}
 
 
@@ -91,3 +79,15 @@ def test_history_entry_of_decision_without_verdict_is_read():
     entry = HistoryEntry.read(raw)
 
     assert (entry.run, entry.verdict) == (3, None)
+
+
+@pytest.mark.parametrize(
+    "secret",
+    [
+        NewToken.read({**TOKEN, "token": "mine-alone"}),
+        NewSession.read({"name": "ada", "role": "viewer", "session": "mine-alone"}),
+        NewLoginCode.read({"id": 1, "expires_at": NOON, "code": "mine-alone"}),
+    ],
+)
+def test_secrets_are_not_in_representations(secret):
+    assert "mine-alone" not in repr(secret)
