@@ -35,7 +35,6 @@ from app.db.tables import Frame
 from app.ingest.frame import ReadyFrame, StoredFrame
 from app.measuring.active import ActiveDataset
 from app.measuring.evidence import packed
-from app.measuring.frame_files import error_context
 from app.measuring.queries import (
     DatasetRepository,
     EvidenceRepository,
@@ -47,6 +46,7 @@ from app.security import Principal
 from filter_core.annotation.frame import FORMS_3D, GEOMETRIES
 from filter_core.decisions.record import decision_dicts
 from filter_core.decisions.rules import decide
+from filter_core.errors import error_context
 from filter_core.types import (
     VERDICT_OF_REASON,
     VERDICTS,
