@@ -24,6 +24,23 @@ def post_answer(scene: Scene, name: str, verdict: str) -> None:
     assert scene.api.post(path, json=body).status_code == 201
 
 
+def test_offline_answers_are_sent_when_online_again(scene: Scene, user: Visitor):
+    page = user.open(scene.link("ghost"))
+    page.context.set_offline(True)
+
+    user.press("a", "j", "x", "j", "x", "z")
+
+    # The third one is undone before it was sent.
+    expect(save_state(page)).to_contain_text("2 answers offline, kept here")
+    expect(page.locator(".sign.is-waiting").first).to_be_visible()
+    assert [scene.revision(name) for name in ("ghost", "walker", "away")] == [0, 0, 0]
+    page.context.set_offline(False)
+    user.wait_until_saved()
+    assert scene.review("ghost")["verdict"] == "keep"
+    assert scene.review("walker")["verdict"] == "reject"
+    assert scene.revision("away") == 0
+
+
 OFFLINE_UNTIL_RETRY = """(() => {
   const send = window.fetch;
   let isAsked = false;
