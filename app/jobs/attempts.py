@@ -23,9 +23,9 @@ the database; the next run plans their frames anew.
   now **suspects**: each is submitted again while no other chunk is in progress
   (`JobDriver`), so that if a process dies again, this chunk is the cause.
 - The driver itself: if there are no workers it executes all chunks, and always the
-  final step. If it dies, nobody is left to count. So it counts its own death when it
-  begins (`Attempt.begin`), and sets the count to zero if its work ends without a death
-  (`Attempt.end`).
+  final step. If it dies, nobody is left to count. So it counts its own death in
+  advance, when it begins (`Attempt.begin`), and sets the count to zero if its work ends
+  without a death (`Attempt.end`).
 
 **Several frames in a row, each of which ends its process,** would end three processes
 each. So if the frame just before a cause is in quarantine already, not only the cause
@@ -34,10 +34,10 @@ is put into quarantine, but all frames of the chunk that have no result
 
 **An unreadable frame** ends no process: only the child processes that decode its images
 die, or exceed their limits of time or memory. `refuse` puts its chunk into quarantine
-once all its other frames are stored. Frame by frame, `refuse_frame` puts the frame
-into quarantine at once, and alone: it must not stay in the chunk as a frame without a
-result. When a later frame ends the process, the first frame without a result is taken
-for the cause.
+once all its other frames are stored. If the chunk is tried frame by frame,
+`refuse_frame` puts the frame into quarantine at once, and alone. Otherwise it would
+stay in the chunk as the first frame without a result, and if a later frame ended the
+process, it would be taken for the cause.
 """
 
 from __future__ import annotations

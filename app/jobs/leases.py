@@ -12,7 +12,7 @@ queued or running) whose driver is gone:
   expired, or if the driver ran on this machine and the operating system says that it
   has ended (`process_has_ended`). It expires if the driver does not renew it for
   `LEASE_LASTS`, and at once if the driver stops and leaves the job (`release`).
-- **The job has had no lease for** `UNDRIVEN_FOR_S`: nobody has begun it. The service
+- **The job has had no lease** for `UNDRIVEN_FOR_S`: nobody has begun it. The service
   that queued it has died, or is still busy with other jobs.
 
 The new driver continues with what the database says (`JobDriver`).
