@@ -145,7 +145,7 @@ class Settings(BaseSettings):
         ge=0,
         description="Free disk space below which the service reports that it is not "
         "ready, and refuses frames, exports, bulk answers, new datasets and "
-        "configurations.",
+        "configurations; below a quarter of it, answers on single boxes, too.",
     )
     shutdown_wait_s: float = Field(
         default=20,

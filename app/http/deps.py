@@ -27,6 +27,7 @@ from app.storage.room import (
     DeletionSignal,
     Reserve,
     require_room,
+    require_room_for_answer,
 )
 from unghost.wire.words import Role
 
@@ -146,6 +147,23 @@ def require_room_to_write(services: ServiceContext, session: Session) -> None:
     """
     session.connection()
     require_room(services.settings, services.storage)
+
+
+def require_room_to_answer(services: ServiceContext, session: Session) -> None:
+    """Refuse an answer on a single box, or its undo, if the disk is almost full.
+
+    This begins the transaction, so that a request that is repeated with its key gets
+    its response. With PostgreSQL nothing is refused: answers are on its disk.
+
+    Raises
+    ------
+    StorageFull
+        Less than a quarter of `min_free_bytes` is free.
+    """
+    session.connection()
+    file = services.database.file
+    if file is not None:
+        require_room_for_answer(services.settings, file.parent)
 
 
 ADMIN = Depends(admin)

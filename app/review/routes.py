@@ -12,6 +12,7 @@ from app.http.deps import (
     DatasetName,
     ReadSession,
     RowId,
+    require_room_to_answer,
 )
 from app.http.pages import json_response
 from app.http.routing import ApiRouter
@@ -70,9 +71,14 @@ router = ApiRouter(prefix="/api/v1", tag="reviews")
 
 @router.post("/boxes/{box_id}/reviews", status_code=201, response_model=Review)
 def create_review(
-    box_id: RowId, body: ReviewIn, session: WriteSession, principal: CurrentPrincipal
+    box_id: RowId,
+    body: ReviewIn,
+    session: WriteSession,
+    services: AppServices,
+    principal: CurrentPrincipal,
 ) -> Response:
     """Answer a box; 412 with the current decision if it was answered since seen."""
+    require_room_to_answer(services, session)
     review = review_box(session, box_id, body, principal.name)
     return commit_and_respond(session, _json(review.model_dump_json(), 201))
 
@@ -81,12 +87,17 @@ def create_review(
     "/boxes/{box_id}/reviews/{revision}/undo", status_code=201, response_model=Review
 )
 def undo_review(
-    box_id: RowId, revision: AnswerRevision, principal: CurrentPrincipal, audit: Audited
+    box_id: RowId,
+    revision: AnswerRevision,
+    services: AppServices,
+    principal: CurrentPrincipal,
+    audit: Audited,
 ) -> Response:
     """Undo an answer on a box: the box gets the answer it had before.
 
     409 if somebody has answered since. Only admins may undo answers of others.
     """
+    require_room_to_answer(services, audit.session)
     review = undo_answer(audit, box_id, revision, principal)
     return commit_and_respond(audit.session, _json(review.model_dump_json(), 201))
 

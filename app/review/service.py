@@ -1,10 +1,10 @@
 """Stores a person's answer on one box.
 
-1. `create_review` (`routes`) passes the request to `review_box`.
-2. With the first SQL statement of `review_box`, `app.http.transaction` begins the
-   transaction, waits until no other one writes, and stores the idempotency key of the
-   request. Then `review_box` reads the current state of the box
-   (`ReviewRepository.state`).
+1. `create_review` (`routes`) checks the disk and passes the request to `review_box`.
+2. `require_room_to_answer` (`app.http.deps`) begins the transaction, for which
+   `app.http.transaction` waits until no other one writes, and stores the idempotency
+   key of the request. If the disk is almost full, the answer is refused. Then
+   `review_box` reads the current state of the box (`ReviewRepository.state`).
 3. `ReviewRepository.answer_box` inserts the answer as a row of `reviews`, if the box
    still has the revision that the person saw; if not, `review_box` raises StaleReview,
    and the client gets the status 412.

@@ -28,6 +28,12 @@ DELETING_BYTES: Final = 4 * 1024**2
 
 Deleting a frame with very many revisions writes more.
 """
+LEFT_BY_ANSWERS: Final = 4
+"""Answers on single boxes leave `min_free_bytes`, divided by this, free.
+
+By default these are 64 MiB, the size at which SQLite copies its log into the file of
+the database (`app.db.engine.WAL_PAGES`): there is still room to do that and to delete.
+"""
 RETRY_S: Final = 30
 _PIECE: Final = 1024**2
 
@@ -48,12 +54,30 @@ def require_room(settings: Settings, store: BlobStore, needed_bytes: int = 0) ->
         Fewer than `min_free_bytes` would be free after `needed_bytes` more.
     """
     free = free_bytes((settings.data, store.temporary_folder()))
-    if free - needed_bytes < settings.min_free_bytes:
+    _require_free(free, int(settings.min_free_bytes), needed_bytes)
+
+
+def require_room_for_answer(settings: Settings, folder: Path) -> None:
+    """Refuse an answer on a single box if the database's disk is almost full.
+
+    Answers are small, and people go on with them below `min_free_bytes`. But sent by a
+    program, with long comments, they would take the last byte within minutes.
+
+    Raises
+    ------
+    StorageFull
+        Less than a quarter of `min_free_bytes` is free on the disk of `folder`.
+    """
+    least = int(settings.min_free_bytes) // LEFT_BY_ANSWERS
+    _require_free(free_bytes((folder,)), least)
+
+
+def _require_free(free: int, least: int, needed_bytes: int = 0) -> None:
+    if free - needed_bytes < least:
         needed = f", and this needs up to {needed_bytes} more" if needed_bytes else ""
         raise StorageFull(
-            f"{free} bytes are free on the disk of the service, and "
-            f"{int(settings.min_free_bytes)} have to stay free{needed}; nothing more "
-            "is stored until there is disk space",
+            f"{free} bytes are free on the disk of the service, and {least} have to "
+            f"stay free{needed}; nothing more is stored until there is disk space",
             retry_after_s=RETRY_S,
         )
 

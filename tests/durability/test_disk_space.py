@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from contextlib import contextmanager, suppress
+from functools import partial
 
 import pytest
 from sqlalchemy import text
@@ -74,6 +75,34 @@ def test_below_min_free_bytes_uploads_and_exports_are_refused_not_reviews(data):
         assert f"{MIN_FREE_MIB * MIB} have to stay free" in problem["detail"]
         assert int(refused.headers["retry-after"]) > 0
     assert (review.status_code, again.status_code) == (201, 201)
+
+
+def test_below_a_quarter_of_min_free_bytes_answers_on_single_boxes_are_refused(data):
+    with served(data, **SETTINGS) as (_, api):
+        first, second = api.box_ids(NAME, limit=2)
+        path = f"/api/v1/boxes/{first}/reviews"
+        send_once = partial(
+            api.http.post,
+            path,
+            json={"verdict": "keep", "seen_revision": 0},
+            headers={"Idempotency-Key": "once"},
+        )
+        stored = send_once()
+        with full_disk(data, MIN_FREE_MIB * MIB // 8):
+            before = count(data, "reviews")
+            answer = api.review(second, "reject")
+            undo = api.http.post(f"{path}/1/undo")
+            repeated = send_once()
+            after = count(data, "reviews")
+        again = api.review(second, "reject")
+
+    for refused in (answer, undo):
+        assert (refused.status_code, refused.json()["code"]) == (503, "storage_full")
+        least = MIN_FREE_MIB * MIB // 4
+        assert f"{least} have to stay free" in refused.json()["detail"]
+        assert int(refused.headers["retry-after"]) > 0
+    assert (repeated.status_code, repeated.json()) == (201, stored.json())
+    assert (after, again.status_code) == (before, 201)
 
 
 def test_below_min_free_bytes_no_dataset_mask_or_config_is_stored(data):
