@@ -11,6 +11,7 @@ import re
 import shlex
 import signal
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +21,7 @@ import yaml
 
 from tests.support import plain_http
 from tests.support.dockerfile import Stage, parse_dockerfile
+from tests.support.foreign_folder import ForeignFolder
 from tests.support.installation import Installation
 from tests.support.servers import start_anew, stop, wait_for_link
 from tests.support.sources import CHECKOUT
@@ -89,6 +91,18 @@ def test_compose_publishes_the_service_on_loopback_only(service):
     assert service["read_only"] is True
     assert service["cap_drop"] == ["ALL"]
     assert service["volumes"] == ["unghost-data:/data"]
+
+
+def test_health_check_runs_no_python_file_of_the_data_folder(tmp_path):
+    foreign = ForeignFolder.below(tmp_path)
+    _, *words = at("http://127.0.0.1:9", health_check(IMAGE))  # nobody answers there
+
+    ended = subprocess.run(
+        [sys.executable, *words], cwd=foreign.path, capture_output=True, check=False
+    )
+
+    assert b"Connection refused" in ended.stderr
+    assert foreign.names_run() == set()
 
 
 def test_compose_and_image_use_the_same_health_check(service):
