@@ -16,6 +16,7 @@ from tests.support import plain_http, without_locks
 from tests.support.api import Api
 from tests.support.command_line import CommandLine
 from tests.support.servers import running_server, start, stop, wait_for_link
+from tests.support.sources import CHECKOUT
 from tests.support.waiting import until
 from unghost import find_server
 
@@ -39,7 +40,8 @@ def first_start(words, data, log):
 
     Unlike that of `running_server`, its service makes its database itself.
     """
-    process = start(words, data, log, {})
+    # A forked process of a module of the tests finds it by PYTHONPATH.
+    process = start(words, data, log, {"PYTHONPATH": str(CHECKOUT)})
     try:
         yield wait_for_link(process, log).partition("/#")[0]
     finally:
