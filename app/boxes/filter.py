@@ -238,17 +238,18 @@ def is_near(
             which,
             Decision.match_percent.between(threshold - margin, threshold + margin),
         )
-        for which, threshold in deciding_threshold(thresholds)
+        for which, threshold in thresholds_in_sql(thresholds)
     ]
     return or_(*near) if near else false()
 
 
-def deciding_threshold(
+def thresholds_in_sql(
     thresholds: Iterable[ClassThresholds],
 ) -> list[tuple[ColumnElement[bool], ColumnElement[float]]]:
-    """A condition for each reason and size, and the threshold that decided such boxes.
+    """For each reason and size: a condition, and the threshold that decided such boxes.
 
-    The thresholds are SQL expressions of a box's class.
+    The threshold is an expression of a box's class: a number if all classes have the
+    same.
     """
     found: dict[tuple[Reason, bool], dict[int, float]] = {}
     for of_class in thresholds:

@@ -4,7 +4,9 @@ Doubt orders boxes by the distance of their match to a threshold. That distance 
 column: when a threshold changes, a million rows would have to be rewritten. But the
 index on (dataset, class, match), read from a class's threshold on, is in the order of
 the distance: upwards for kept boxes, downwards for rejected ones. Each such index scan
-is a `Stream`; a page is merged from the streams of all classes.
+is a `Stream`; a page is merged from the streams of all classes. With hundreds of
+classes there would be thousands of streams: then the database computes the distance of
+each box and sorts (`MOST_KINDS`).
 """
 
 from __future__ import annotations
@@ -37,9 +39,9 @@ from app.boxes.filter import (
     BoxProbes,
     ClassThresholds,
     Side,
-    deciding_threshold,
     is_near,
     reasons_with_threshold,
+    thresholds_in_sql,
 )
 from app.db.base import MAX_ID
 from app.db.bulk import chunks
@@ -53,8 +55,7 @@ CROWDED_PERCENT: Final = 50.0
 """From this crowding on, the matched pixels may belong to another box."""
 
 MOST_KINDS: Final = 1000
-"""With more kinds of boxes than this, as in a dataset of hundreds of classes, lists by
-distance from a threshold are sorted by the database: see `BoxOrder`."""
+"""With more kinds of boxes (`Present.kinds`), the database sorts by the distance."""
 
 _EPSILON: Final = 1e-9
 
@@ -279,7 +280,7 @@ class BoxOrder:
         thresholds = self._thresholds()
         distances = [
             (which, func.abs(Decision.match_percent - threshold))
-            for which, threshold in deciding_threshold(thresholds)
+            for which, threshold in thresholds_in_sql(thresholds)
         ]
         if not distances:
             return []

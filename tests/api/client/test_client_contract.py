@@ -9,6 +9,8 @@ import pytest
 import unghost
 from tests.support import frames
 
+JPEG = b"\xff\xd8"
+
 
 def test_version_and_readiness(client):
     assert client.version().version
@@ -119,3 +121,41 @@ def test_run_events_continue_until_the_run_is_done(client, filled):
 def test_events_of_a_missing_run_raise_not_found(client):
     with pytest.raises(unghost.NotFound):
         list(client.events(10**9))
+
+
+def test_pictures_of_a_frame_and_a_box_are_jpeg_files(client, filled):
+    frame, box = next(client.frames(filled)), next(client.boxes(filled))
+
+    assert client.thumbnail(frame.id).startswith(JPEG)
+    assert client.overlay(frame.id, boxes="kept", layer="blend").startswith(JPEG)
+    assert client.crop(box.box_id, pad=0.5).startswith(JPEG)
+
+
+def test_token_is_created_used_and_revoked_and_noted(client, server):
+    made = client.create_token("ada", "viewer")
+
+    with unghost.Client(server.url, made.token) as ada:
+        assert (ada.session().name, ada.session().role) == ("ada", "viewer")
+        with pytest.raises(unghost.Forbidden):
+            ada.create_dataset("not-for-viewers")
+        client.revoke_token(made.id)
+        with pytest.raises(unghost.Unauthorized):
+            ada.session()
+
+    (listed,) = [token for token in client.tokens() if token.id == made.id]
+    assert listed.revoked_at is not None
+    noted = [entry for entry in client.audit() if entry.subject == "ada"]
+    assert [entry.action for entry in noted[:2]] == ["token.revoked", "token.created"]
+    assert noted[1].details["token_id"] == made.id
+
+
+def test_differences_of_two_runs_and_the_history_of_a_box_are_read(client, filled):
+    run = client.wait(client.start_run(filled, {"min_visible_pixels": 500}))
+
+    diff, flips = client.diff(run), list(client.flips(run))
+    history = list(client.history(flips[0].box_id))
+
+    assert (diff.total, diff.kept_to_rejected, diff.by_class) == (3, 3, {"car": 3})
+    assert {flip.before.verdict for flip in flips} == {"kept"}
+    assert {flip.after.reason for flip in flips} == {"no_visible_pixels"}
+    assert run.id in {entry.run for entry in history}
