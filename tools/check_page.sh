@@ -21,6 +21,7 @@ node -e 'process.exit(process.versions.node.split(".")[0] < 18 ? 1 : 0)' ||
     skipped "Node $(node --version) is older than 18" "types and behaviour"
 
 cd "$(dirname "$0")/../tests/js"
+# Each file is a process of its own, because some replace parts of the browser.
 if ! report=$(node --test */*.test.js 2>&1); then
     echo "$report"
     exit 1

@@ -1,7 +1,7 @@
 // @ts-check
 // The documentation of the API as a page. The server makes its content, for people who are signed in.
 
-import { ApiError, json, send, setSession } from "./core/api.js";
+import { ApiError, json, send } from "./core/api.js";
 import { createLogin } from "./core/login.js";
 
 /** @param {string} words @param {string} [href] */
@@ -52,6 +52,7 @@ async function show() {
   if (link instanceof HTMLAnchorElement) link.addEventListener("click", download);
 }
 
-setSession(createLogin(localStorage).current.get()?.session ?? "");
+// From here on, requests carry the session of this browser.
+createLogin(localStorage);
 
 show().catch(failed);

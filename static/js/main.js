@@ -51,7 +51,7 @@ watchKeys(app);
 render(h(Shell, { app, linkError }), element("app"));
 
 if (app.isSignedIn.get()) {
-  if (linkError) app.toasts.show(linkError, { kind: "error" });
+  if (linkError) app.refuse(linkError);
   void app.greet();
   void app.resume();
 }

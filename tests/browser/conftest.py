@@ -18,6 +18,7 @@ from playwright.sync_api import (
 from tests.support import plain_http
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.tuning import car_at
 from tests.support.page.windows import (
     OpenWindow,
     SharedWindow,
@@ -49,7 +50,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
 
 
 @pytest.fixture(scope="module")
-def api(server: RunningServer) -> Iterator[httpx.Client]:
+def http(server: RunningServer) -> Iterator[httpx.Client]:
     """An HTTP client of the server's API, with the rights of an admin."""
     base = f"{server.url}/api/v1"
     with plain_http.Client(base_url=base, headers=server.headers, timeout=60) as client:
@@ -57,15 +58,15 @@ def api(server: RunningServer) -> Iterator[httpx.Client]:
 
 
 @pytest.fixture
-def make_scene(api: httpx.Client) -> MakeScene:
+def make_scene(http: httpx.Client) -> MakeScene:
     """Makes a new dataset with one frame: `make_scene(form="raw", boxes=[...])`."""
 
     def make(form: str = "palette", boxes: list[dict[str, Any]] | None = None) -> Scene:
         dataset = f"scene-{next(_numbers)}"
-        made = api.post("/datasets", json={"name": dataset, "palette": scenes.FAMILY})
+        made = http.post("/datasets", json={"name": dataset, "palette": scenes.FAMILY})
         assert made.status_code == 201, made.text
-        frame = scenes.push(api, dataset, "run/000001", boxes, form)
-        return Scene(api, dataset, frame)
+        frame = scenes.push(http, dataset, "run/000001", boxes, form)
+        return Scene(http, dataset, frame)
 
     return make
 
@@ -73,6 +74,12 @@ def make_scene(api: httpx.Client) -> MakeScene:
 @pytest.fixture
 def scene(make_scene: MakeScene) -> Scene:
     return make_scene()
+
+
+@pytest.fixture
+def street(make_scene: MakeScene) -> Scene:
+    """A dataset with one frame of two cars, of 30 and 55 percent."""
+    return make_scene(boxes=[car_at(30, 0), car_at(55, 1)])
 
 
 @pytest.fixture(scope="module")

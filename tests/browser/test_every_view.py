@@ -20,10 +20,9 @@ from tests.support.page.scenes import MakeScene
 from tests.support.page.tuning import car_at
 from tests.support.page.windows import (
     OVERFLOW,
-    SCHEMES,
-    WIDTHS,
     OpenWindow,
     Visitor,
+    go_offline,
     lose_session,
 )
 from tests.support.sensors import ANNOTATION, sensors
@@ -62,6 +61,7 @@ def lists_and_menus(tools: Tools) -> Iterator[str]:
     yield "frames"
 
     page.get_by_role("button", name="Dataset settings").click()
+    expect(page.locator(".settings__grid")).to_be_visible()
     page.get_by_text("Delete this dataset").click()
     yield "settings of a dataset"
 
@@ -70,12 +70,13 @@ def lists_and_menus(tools: Tools) -> Iterator[str]:
     yield "settings of the page"
 
     user.press("Escape", "?")
+    expect(page.get_by_role("dialog", name="Keys")).to_be_visible()
     yield "help"
 
     user.press("Escape")
     lose_session(page)
     page.reload()
-    expect(page.get_by_label("Token")).to_be_visible()
+    expect(page.get_by_label("Token or login link")).to_be_visible()
     yield "sign-in"
 
 
@@ -114,7 +115,7 @@ def frame(tools: Tools) -> Iterator[str]:
     expect(page.locator(".overtaken")).to_be_visible()
     yield "overtaken"
 
-    page.context.set_offline(True)
+    go_offline(page)
     user.press("j", "a")
     expect(page.locator(".savestate")).to_contain_text("offline")
     yield "offline"
@@ -125,9 +126,10 @@ def grid(tools: Tools) -> Iterator[str]:
     user.open(many_boxes.grid(scene))
     expect(many_boxes.cell(page, 0).locator("img")).to_be_visible()
     user.press("ArrowRight", "Space")
+    expect(page.locator(".bar--grid")).to_be_visible()
     yield "selected"
 
-    page.context.set_offline(True)
+    go_offline(page)
     user.press("x")
     expect(page.locator(".strip")).to_be_visible()
     yield "offline"
@@ -187,14 +189,15 @@ def thresholds(tools: Tools) -> Iterator[str]:
 def channels(tools: Tools) -> Iterator[str]:
     scene = tools.make_scene(boxes=[])
     files = {"annotation": json.dumps(ANNOTATION).encode(), **sensors()}
-    stored = scene.api.put(f"/datasets/{scene.dataset}/frames/a", files=files)
+    stored = scene.http.put(f"/datasets/{scene.dataset}/frames/a", files=files)
     assert stored.status_code == 201, stored.text
     page = tools.user.open(f"#/datasets/{scene.dataset}/quality")
     panel = page.get_by_role("region", name="Kinds of evidence compared")
-    expect(panel).to_be_visible()
+    measure = panel.get_by_role("button", name="Measure every kind")
+    expect(measure).to_be_visible()
     yield "not measured"
 
-    panel.get_by_role("button", name="Measure every channel").click()
+    measure.click()
     expect(panel.locator("tbody tr")).to_have_count(CHANNELS, timeout=20_000)
     yield "measured"
 
@@ -206,7 +209,7 @@ def channels(tools: Tools) -> Iterator[str]:
 def quality(tools: Tools) -> Iterator[str]:
     shares = (1, 2, 3, 6, 8, 20, 40, 60, 80)
     scene = tools.make_scene(boxes=[car_at(share, i) for i, share in enumerate(shares)])
-    listed = scenes.get(scene.api, f"/boxes?dataset={scene.dataset}")["items"]
+    listed = scenes.get(scene.http, f"/boxes?dataset={scene.dataset}")["items"]
     for box in listed:
         verdict = "keep" if box["match_percent"] >= 5 else "reject"
         many_boxes.review(scene, box["box_id"], verdict)
@@ -219,8 +222,8 @@ def quality(tools: Tools) -> Iterator[str]:
 def runs(tools: Tools) -> Iterator[str]:
     scene = tools.make_scene(boxes=[car_at(30, 0), car_at(55, 1)])
     scene.decide(threshold_small_box=40)
-    number = scenes.get(scene.api, f"/datasets/{scene.dataset}/runs")["items"][0]["id"]
-    scene.api.post(f"/datasets/{scene.dataset}/exports", json={"format": "yolo"})
+    number = scenes.get(scene.http, f"/datasets/{scene.dataset}/runs")["items"][0]["id"]
+    scene.http.post(f"/datasets/{scene.dataset}/exports", json={"format": "yolo"})
     page = tools.user.open(f"#/datasets/{scene.dataset}/runs?run={number}")
     expect(page.locator(".flip")).to_have_count(1)
     expect(page.get_by_role("button", name=re.compile("^Download"))).to_be_visible()
@@ -244,8 +247,15 @@ VIEWS: list[View] = [
 ]
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("width", WIDTHS)
+# Once a narrow and once a wide window, light and dark; only the long tests look at all.
+LOOKS = [(390, "light"), (1440, "dark")]
+OTHER_LOOKS = [(390, "dark"), (820, "light"), (820, "dark"), (1440, "light")]
+
+
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    [*LOOKS, *(pytest.param(*look, marks=pytest.mark.long) for look in OTHER_LOOKS)],
+)
 @pytest.mark.parametrize("view", VIEWS, ids=lambda view: view.__name__)
 def test_every_view_has_no_overflow_and_no_axe_findings(
     open_window: OpenWindow,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import httpx
 import pytest
-from playwright.sync_api import FloatRect, Locator, Page, Route, ViewportSize, expect
+from playwright.sync_api import FloatRect, Locator, Route, ViewportSize, expect
 
 from tests.support.page import many_boxes
 from tests.support.page.scenes import MakeScene, Scene
@@ -47,10 +47,10 @@ GAPS = """(buttons) => buttons.slice(1).map((button, i) => {
 
 
 @pytest.fixture
-def empty(api: httpx.Client) -> str:
+def empty(http: httpx.Client) -> str:
     """A dataset without frames."""
     name = "nothing-in-it"
-    assert api.post("/datasets", json={"name": name}).status_code in (201, 409)
+    assert http.post("/datasets", json={"name": name}).status_code in (201, 409)
     return name
 
 
@@ -90,6 +90,7 @@ def test_agreement_icon_and_text_are_on_the_same_line(
 
     user.press("a")
 
+    expect(page.locator(".agreement > *")).to_have_count(2)
     sign, words = page.locator(".agreement > *").all()
     middles = [
         (box["y"] + box["height"] / 2)
@@ -138,16 +139,6 @@ def test_longest_share_of_a_tag_does_not_wrap(scene: Scene, user: Visitor):
     share.evaluate("(element) => (element.textContent = '99.96 %')")
 
     assert share.evaluate_all(BROKEN_WORDS) == []
-
-
-@pytest.mark.parametrize("link", ["#/datasets/nowhere/frames", "#/frames/999999"])
-def test_missing_page_links_to_the_datasets(user, link):
-    page: Page = user.open("#/datasets")
-    page.goto(f"{user.url}/{link}")
-
-    page.locator(".notice").get_by_role("link", name="All datasets").click()
-
-    expect(page.get_by_role("heading", name="Datasets")).to_be_visible()
 
 
 def test_dataset_without_answers_shows_zero_progress(make_scene, user, empty):

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
 
 from tests.support.documents import names_in_rows, read
 from tests.support.sources import CHECKOUT
@@ -22,23 +26,49 @@ LEVELS = [
 """The folders of the page's modules, from the top down: a module may import from its
 own folder and from those of the lines below."""
 # The tests have no parser of JavaScript; imports are found by how they are written.
-_IMPORTED = re.compile(r"""(?:from\s+|import\(\s*)"(\.[^"]+)\"""")
+# Imports of types count too, since readers of one file need the other.
+_IMPORTED = re.compile(r"""\b(?:from|import)\s*\(?\s*["'](\.[^"']+)["']""")
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        'import { one } from "../shell/shell.js";',
+        "import { one,\n  two } from '../shell/shell.js';",
+        'import "../shell/shell.js";',
+        'export * from "../shell/shell.js";',
+        'await import("../shell/shell.js");',
+        '/** @typedef {import("../shell/shell.js").One} One */',
+    ],
+)
+def test_every_form_of_an_import_is_detected(statement):
+    assert _IMPORTED.findall(statement) == ["../shell/shell.js"]
+
+
+def imports() -> Iterator[tuple[Path, Path]]:
+    """(file, other): a module, and another one of the page that it imports."""
+    for file in sorted(STATIC.glob("js/**/*.js")):
+        for named in _IMPORTED.findall(file.read_text("utf-8")):
+            other = (file.parent / named).resolve()
+            if "vendor" not in other.parts:
+                yield file, other
 
 
 def test_modules_import_from_folders_below_their_own():
     level_of = {name: level for level, names in enumerate(LEVELS) for name in names}
-    upwards = []
-    for file in sorted(STATIC.glob("js/**/*.js")):
-        own = file.parent.relative_to(STATIC / "js").as_posix()
-        # Imports of types count too, since readers of one file need the other.
-        for named in _IMPORTED.findall(file.read_text()):
-            other = (file.parent / named).resolve().parent
-            if other == file.parent or "vendor" in other.parts:
-                continue
-            folder = other.relative_to(STATIC / "js").as_posix()
-            if level_of[folder] <= level_of[own]:
-                upwards.append(f"{own}/{file.name} imports {named}")
+    across = [
+        [path.relative_to(STATIC / "js") for path in pair]
+        for pair in imports()
+        if pair[0].parent != pair[1].parent
+    ]
 
+    upwards = [
+        f"{file} imports {other}"
+        for file, other in across
+        if level_of[str(other.parent)] <= level_of[str(file.parent)]
+    ]
+
+    assert len(across) > len(level_of)
     assert upwards == []
 
 

@@ -9,14 +9,15 @@ import { answerOf } from "./box.js";
 /** @typedef {import("./box.js").Decision} Decision */
 /** @typedef {import("../core/openapi.js").FrameCounts} FrameCounts */
 
-const SIGNS = { keep: "check", reject: "cross", unsure: "question" };
+/** The icon of each answer; "clear" takes an answer back. @type {Record<string, string>} */
+export const ANSWER_ICONS = { keep: "check", reject: "cross", unsure: "question", clear: "minus" };
 
 /** @param {{box: Decision, isWaiting: boolean}} props */
 export function AnswerSign({ box, isWaiting }) {
   const answer = answerOf(box);
   if (!answer) return null;
   return html`<span class="sign sign--${answer} ${isWaiting ? "is-waiting" : ""}" role="img" aria-label=${`answered ${answer}${isWaiting ? ", not saved yet" : ""}`}>
-    <${Icon} name=${SIGNS[answer]} />
+    <${Icon} name=${ANSWER_ICONS[answer]} />
   </span>`;
 }
 

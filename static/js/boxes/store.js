@@ -3,7 +3,7 @@
 
 import { ApiError, createRetries, get } from "../core/api.js";
 import { useValue } from "../core/hooks.js";
-import { useEffect, useLayoutEffect, useMemo, useState } from "../core/html.js";
+import { useEffect, useMemo, useState } from "../core/html.js";
 import { createValue } from "../core/observable.js";
 import { asShown, seenRevision, withAnswer } from "./box.js";
 
@@ -257,16 +257,6 @@ export function useBoxes(boxes, ids) {
     return boxes.observe((changed) => [...changed].some((id) => wanted.has(id)) && setShown(boxes.all(ids)));
   }, [boxes, ids]);
   return shown;
-}
-
-/**
- * Put boxes into the store and hold them while the view is on the page.
- * @param {Boxes} boxes @param {readonly Decision[]} came @returns {readonly number[]} their ids
- */
-export function useHeld(boxes, came) {
-  const ids = useMemo(() => boxes.receive(came), [boxes, came]);
-  useLayoutEffect(() => boxes.hold(ids), [boxes, ids]);
-  return ids;
 }
 
 /**

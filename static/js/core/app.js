@@ -144,7 +144,7 @@ function createToasts() {
     dismiss,
     show,
 
-    /** Say why something failed. @param {Error} error */
-    fail: (error) => void show(error.message, { kind: "error" }),
+    /** Say why something failed. @param {Error} error @param {string} [what]  what failed @param {ToastAction} [action] */
+    fail: (error, what = "", action) => void show(`${what && `${what}: `}${error.message}`, { kind: "error", action }),
   };
 }

@@ -3,8 +3,8 @@
 
 import { json } from "./api.js";
 import { useLoaded } from "./hooks.js";
-import { html, useId, useState } from "./html.js";
-import { NumberField, faultText } from "./parts.js";
+import { html, useState } from "./html.js";
+import { NumberField, faultText, useFault } from "./parts.js";
 
 /** @typedef {Record<string, any>} Schema */
 /** @typedef {{value: string, text: string}} Choice */
@@ -159,9 +159,9 @@ export function Control({ field, value, onChange, label = field.text, isSet = fa
 
 /** @param {{label: string, value: unknown, onChange: (value: unknown) => void}} props */
 function Numbers({ label, value, onChange }) {
-  const id = useId();
   const [text, setText] = useState(Array.isArray(value) ? value.join(", ") : "");
   const fault = parseNumbers(text) === null ? faultText("numbers, separated by commas", { text, isBad: false }) : "";
+  const { attributes, line } = useFault(fault);
   /** @param {{currentTarget: HTMLInputElement}} event */
   const onInput = ({ currentTarget }) => {
     setText(currentTarget.value);
@@ -171,7 +171,7 @@ function Numbers({ label, value, onChange }) {
     if (numbers) onChange(numbers);
   };
   return html`<span class="numberfield">
-    <span class="search"><input class="num" type="text" inputmode="numeric" aria-label=${label} value=${text} placeholder="none, or 50, 100, 200" aria-invalid=${fault !== ""} aria-describedby=${fault ? id : undefined} onInput=${onInput} /></span>
-    ${fault && html`<span id=${id} class="numberfield__fault" role="alert">${fault}</span>`}
+    <span class="search"><input class="num" type="text" inputmode="numeric" aria-label=${label} value=${text} placeholder="none, or 50, 100, 200" ...${attributes} onInput=${onInput} /></span>
+    ${line}
   </span>`;
 }

@@ -1,5 +1,5 @@
 // @ts-check
-// Hooks that views share: useValue, useLoaded, useDataset, useDatasets, useNewest, usePages, useTask, useActions, useTyped, useClosing, useTopBar, useRetryOnline.
+// Hooks that views share: useValue, useLazy, useLoaded, useDataset, useDatasets, useNewest, usePages, useTask, useActions, useTyped, useClosing, useTopBar, useRetryOnline.
 
 import { get } from "./api.js";
 import { useCallback, useEffect, useLayoutEffect, useRef, useState } from "./html.js";
@@ -13,6 +13,30 @@ export function useValue(value) {
     return value.observe((next) => setSeen(() => next));
   }, [value]);
   return seen;
+}
+
+/**
+ * Ask for something while the component is on the page. `value` is undefined until it is there.
+ * @template T @param {import("./observable.js").Lazy<T> | null} lazy  null: it is not wanted
+ */
+export function useLazy(lazy) {
+  const [settled, setSettled] = useState(/** @type {{lazy: import("./observable.js").Lazy<T> | null, error: Error | null}} */ ({ lazy: null, error: null }));
+  const [attempt, setAttempt] = useState(0);
+  const value = lazy?.value;
+  useEffect(() => {
+    if (!lazy || value !== undefined) return;
+    const stop = new AbortController();
+    /** @param {Error | null} error */
+    const settle = (error) => !stop.signal.aborted && setSettled({ lazy, error });
+    lazy.get(stop.signal).then(() => settle(null), settle);
+    return () => stop.abort();
+  }, [lazy, attempt]);
+  const error = value === undefined && settled.lazy === lazy ? settled.error : null;
+  const retry = () => {
+    setSettled({ lazy: null, error: null });
+    setAttempt((n) => n + 1);
+  };
+  return { value, error, retry };
 }
 
 /**

@@ -1,5 +1,5 @@
 // @ts-check
-// General controls: Notice, Failure, FailureLine, Dialog, Command, Segments, Select, NumberField, FileList.
+// General controls: Notice, Failure, FailureLine, Dialog, Command, Segments, Select, useFault, NumberField, FileList.
 
 import { ApiError } from "./api.js";
 import { useRetryOnline } from "./hooks.js";
@@ -143,17 +143,29 @@ export function Select({ label, value, choices, any, onChange }) {
 export const faultText = (expected, { text, isBad }) => `Expected ${expected}, found ${isBad ? "no number" : text.trim() || "nothing"}.`;
 
 /**
+ * How a control says what is wrong with what was typed: attributes of the control, and a line below it.
+ * @param {string} fault  empty: nothing is wrong
+ */
+export function useFault(fault) {
+  const id = useId();
+  return {
+    attributes: { "aria-invalid": fault !== "", "aria-describedby": fault ? id : undefined },
+    line: fault && html`<span id=${id} class="numberfield__fault" role="alert">${fault}</span>`,
+  };
+}
+
+/**
  * A field for a number. While what is typed is not allowed, it says why.
  * @param {{label: string, value: number | null, unit: string, expected: string, step?: number, isEmptyAllowed?: boolean, isSet?: boolean,
  *   parse: (text: string) => number | null, onChange: (value: number | null) => void}} props  `expected`: which numbers `parse` allows
  */
 export function NumberField({ label, value, unit, expected, step = 0.5, isEmptyAllowed = false, isSet = false, parse, onChange }) {
-  const id = useId();
   const [typed, setTyped] = useState(/** @type {{text: string, isBad: boolean} | null} */ (null));
   const shown = typed?.text ?? (value === null ? "" : String(value));
   /** @param {{text: string, isBad: boolean}} given */
   const isNone = ({ text, isBad }) => isEmptyAllowed && !isBad && text.trim() === "";
   const fault = typed !== null && parse(typed.text) === null && !isNone(typed) ? faultText(expected, typed) : "";
+  const { attributes, line } = useFault(fault);
   /** @param {{currentTarget: HTMLInputElement}} event */
   const onInput = ({ currentTarget }) => {
     const given = { text: currentTarget.value, isBad: currentTarget.validity.badInput };
@@ -164,11 +176,11 @@ export function NumberField({ label, value, unit, expected, step = 0.5, isEmptyA
   };
   return html`<span class="numberfield">
     <span class="amount ${isSet ? "is-set" : ""} ${fault ? "is-wrong" : ""}">
-      <input class="num" type="number" inputmode="decimal" step=${step} min="0" aria-label=${label} aria-invalid=${fault !== ""} aria-describedby=${fault ? id : undefined}
+      <input class="num" type="number" inputmode="decimal" step=${step} min="0" aria-label=${label} ...${attributes}
         value=${shown} placeholder=${isEmptyAllowed ? "none" : ""} onInput=${onInput} onBlur=${() => setTyped(null)} />
       <span class="amount__unit" aria-hidden="true">${unit}</span>
     </span>
-    ${fault && html`<span id=${id} class="numberfield__fault" role="alert">${fault}</span>`}
+    ${line}
   </span>`;
 }
 

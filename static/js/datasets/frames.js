@@ -61,7 +61,7 @@ function FrameGrid({ app, dataset, query, total, onClear }) {
   );
   const isFiltered = hasFilters(query);
   if (error && items.length === 0) return html`<${Failure} error=${error} onRetry=${more} />`;
-  if (isDone && items.length === 0) return html`<${Nothing} isFiltered=${isFiltered} onClear=${onClear} />`;
+  if (isDone && items.length === 0) return html`<${NoFrames} isFiltered=${isFiltered} onClear=${onClear} />`;
   return html`<p class="page__count" role="status">${countLine(items.length, isDone, isFiltered, total)}</p>
     <ul class="thumbs" aria-busy=${!isDone && items.length === 0}>
       ${items.map((frame) => html`<li key=${frame.id}><${Thumb} app=${app} frame=${frame} query=${query} /></li>`)}
@@ -106,7 +106,7 @@ function Thumb({ app, frame, query }) {
 }
 
 /** @param {{isFiltered: boolean, onClear: () => void}} props */
-function Nothing({ isFiltered, onClear }) {
+function NoFrames({ isFiltered, onClear }) {
   return isFiltered
     ? html`<${Notice} icon="filter" title="No frame matches" actions=${html`<button class="button" onClick=${onClear}>Clear the filters</button>`}>
         <p>Every frame of this dataset is hidden by the filters.</p>

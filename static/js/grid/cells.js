@@ -11,7 +11,7 @@ import { Icon } from "../core/icons.js";
 import { useKeyText, withKey } from "../core/keymap.js";
 import { MiddleCut } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { HEAD_PX, WAYS, cellsIn, layoutOf, moved, offsetAt, offsetToShow, rowsInSight, scrollTopFor } from "./layout.js";
+import { HEAD_PX, MOVES, cellsIn, layoutOf, moved, offsetAt, offsetToShow, rowsInSight, scrollTopFor } from "./layout.js";
 import { createPicking, extended, focused, isSelected, lassoed, listenToLasso } from "./selection.js";
 
 /** @typedef {import("../review/answers.js").ReviewApp} App */
@@ -135,15 +135,15 @@ function useKeysOfGrid(app, host, { place, now, actions }) {
       const offset = offsetAt(layout, element.scrollTop, view.height);
       element.scrollTop = scrollTopFor(layout, offsetToShow(layout, index, offset, view.height), view.height);
     };
-    /** @param {import("./layout.js").Way} way */
-    const to = (way) => (/** @type {{shiftKey: boolean} | undefined} */ press) => {
+    /** @param {import("./layout.js").Move} move */
+    const to = (move) => (/** @type {{shiftKey: boolean} | undefined} */ press) => {
       const { layout, view } = now.current;
       const page = Math.max(1, Math.floor(view.height / layout.pitch));
-      go(moved(layout, selection.get().focus, way, page), press?.shiftKey);
+      go(moved(layout, selection.get().focus, move, page), press?.shiftKey);
     };
     place.show = go;
-    const ways = Object.fromEntries(WAYS.map((way) => [way, to(way)]));
-    return { ...ways, select: () => actions.toggle(selection.get().focus), selectAll: actions.all };
+    const moves = Object.fromEntries(MOVES.map((move) => [move, to(move)]));
+    return { ...moves, select: () => actions.toggle(selection.get().focus), selectAll: actions.all };
   }, [place, actions]);
   useActions(app, byName);
 }

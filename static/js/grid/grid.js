@@ -67,7 +67,7 @@ function Boxes({ app, dataset, query, inAll, onQuery }) {
 
   const total = pager.total();
   if (pager.known() === 0 && pager.error()) return html`<${Failure} error=${pager.error()} onRetry=${pager.retry} />`;
-  if (pager.isWhole() && pager.known() === 0) return html`<${Nothing} query=${query} inAll=${inAll} onQuery=${onQuery} />`;
+  if (pager.isWhole() && pager.known() === 0) return html`<${NoBoxes} query=${query} inAll=${inAll} onQuery=${onQuery} />`;
   const selected = sizeOf(selection, total);
   return html`<${GridStatus} app=${app} pager=${pager} query=${query} inAll=${inAll} selected=${selected}
       onUpdate=${update} onAll=${() => select(everything(selection))} />
@@ -129,7 +129,7 @@ function useFrameSize(app, dataset) {
 }
 
 /** @param {{query: Query, inAll: number | null, onQuery: (query: Query) => void}} props */
-function Nothing({ query, inAll, onQuery }) {
+function NoBoxes({ query, inAll, onQuery }) {
   if (!isFiltered(query)) return html`<${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//>`;
   const clear = html`<button class="button" onClick=${() => onQuery(withoutFilters(query))}>Clear the filters</button>`;
   return html`<${Notice} icon="filter" title="No box matches" actions=${clear}>
@@ -256,7 +256,7 @@ function GridFilters({ app, classes, query, onChange }) {
     <button class="button grid-filters__toggle ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
     <div class="grid-filters__rest ${isOpen ? "is-open" : ""}">
       <${FilterMenus} query=${query} own=${{ class: { choices: classChoices(classes) } }} onChange=${onChange} onClear=${isFiltered(query) ? () => onChange(withoutFilters(query)) : null}>
-        <${More} query=${query} onChange=${onChange} />
+        <${MoreFilters} query=${query} onChange=${onChange} />
       <//>
     </div>
     <span class="grid-filters__middle"></span>
@@ -285,7 +285,7 @@ function SizeSlider({ app }) {
 }
 
 /** The less common filters, in a menu. @param {{query: Query, onChange: (query: Query) => void}} props */
-function More({ query, onChange }) {
+function MoreFilters({ query, onChange }) {
   const root = useRef(/** @type {HTMLDivElement | null} */ (null));
   const [isOpen, setOpen] = useState(false);
   useClosing(root, isOpen, () => setOpen(false));

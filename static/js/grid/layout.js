@@ -86,21 +86,21 @@ function spanned(a, b, length, pitch, most) {
 /** @param {number} a @param {number} n */
 const mod = (a, n) => ((a % n) + n) % n;
 
-export const WAYS = /** @type {const} */ (["left", "right", "up", "down", "pageUp", "pageDown", "first", "last"]);
+export const MOVES = /** @type {const} */ (["left", "right", "up", "down", "pageUp", "pageDown", "first", "last"]);
 
-/** @typedef {(typeof WAYS)[number]} Way  by the names of the keymap */
+/** @typedef {(typeof MOVES)[number]} Move  by the names of the keymap */
 
 /**
  * The index of the cell that a key moves to.
- * @param {Layout} layout @param {number} index @param {Way} way @param {number} page rows of one
+ * @param {Layout} layout @param {number} index @param {Move} move @param {number} page rows of one
  */
-export function moved({ count, columns }, index, way, page) {
-  if (way === "first") return 0;
-  if (way === "last") return Math.max(0, count - 1);
-  const step = { right: 1, left: -1, down: columns, up: -columns, pageDown: columns * page, pageUp: -columns * page }[way];
+export function moved({ count, columns }, index, move, page) {
+  if (move === "first") return 0;
+  if (move === "last") return Math.max(0, count - 1);
+  const step = { right: 1, left: -1, down: columns, up: -columns, pageDown: columns * page, pageUp: -columns * page }[move];
   const next = index + step;
   if (Math.abs(step) === 1 || (next >= 0 && next < count)) return Math.max(0, Math.min(next, count - 1));
-  if (way.startsWith("page")) return next < 0 ? index % columns : Math.max(0, count - 1);
+  if (move.startsWith("page")) return next < 0 ? index % columns : Math.max(0, count - 1);
   // From the last full row down into one that ends earlier; at an edge, stay.
   const isAboveLast = Math.floor(index / columns) < Math.floor((count - 1) / columns);
   return step > 0 && isAboveLast ? count - 1 : index;

@@ -46,18 +46,18 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
     ${measuring.search.error && html`<${FailureLine} what="Runs" error=${measuring.search.error} onRetry=${measuring.search.reload} />`}
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${!found && loaded.state === "loading" && html`<div class="skeleton skeleton--row shimmer" aria-hidden="true"></div><p class="sr-only" role="status">Loading the comparison of kinds of evidence</p>`}
-    ${found && (isCounted ? html`<${Compared} dataset=${dataset} found=${found} by=${by} active=${active} />` : html`<${Nothing} dataset=${dataset} found=${found} measuring=${measuring} onTruth=${onTruth} />`)}
+    ${found && (isCounted ? html`<${Compared} dataset=${dataset} found=${found} by=${by} active=${active} />` : html`<${NoComparison} dataset=${dataset} found=${found} measuring=${measuring} onTruth=${onTruth} />`)}
   </section>`;
 }
 
 /** @param {{dataset: string, found: Evaluation, by: string, active: string}} props */
 const Compared = ({ dataset, found, by, active }) => html`<${ChannelTable} dataset=${dataset} found=${found} by=${by} active=${active} />
-  <p class="faint channels__note">${countOf(found.boxes, "box", "boxes")} of ${countOf(found.frames, "frame")}; dot: measured, line: 95 % interval. Boxes that a channel could not measure are decided by the segmentation.
-    ${found.truth === "instances" && found.channels.instance ? " The instance channel reads the same images that define what is visible, so its score is an upper bound." : ""}
+  <p class="faint channels__note">${countOf(found.boxes, "box", "boxes")} of ${countOf(found.frames, "frame")}; dot: measured, line: 95 % interval. Boxes that a kind could not measure are decided by the segmentation.
+    ${found.truth === "instances" && found.channels.instance ? " The instance images also define what is visible here, so their score is an upper bound." : ""}
     ${found.not_measured.length > 0 ? ` Not measured: ${found.not_measured.map((name) => evidenceText(name)).join(", ")}.` : ""}</p>`;
 
 /** Why there is nothing to compare, and what to do about it. @param {{dataset: string, found: Evaluation, measuring: Measuring, onTruth: (truth: string) => void}} props */
-function Nothing({ dataset, found, measuring, onTruth }) {
+function NoComparison({ dataset, found, measuring, onTruth }) {
   if (found.truth === "people") {
     return html`<p class="panelbox__empty">Nobody has kept or rejected a box yet, so there is nothing to compare with. <a href=${linkTo("queue", { dataset })}>Answer boxes</a></p>`;
   }
@@ -72,7 +72,7 @@ function Nothing({ dataset, found, measuring, onTruth }) {
 /** @typedef {{run: Run | null, search: ReturnType<typeof useOpenRun>, isBusy: boolean, start: () => void, close: () => void}} Measuring */
 
 /** @param {{measuring: Measuring}} props */
-const MeasureButton = ({ measuring: { start, isBusy } }) => html`<button class="button" disabled=${isBusy} onClick=${start}><${Icon} name="play" />Measure every channel</button>`;
+const MeasureButton = ({ measuring: { start, isBusy } }) => html`<button class="button" disabled=${isBusy} onClick=${start}><${Icon} name="play" />Measure every kind</button>`;
 
 /** The run that measures all channels: started here, or already running when the view is opened. @param {App} app @param {string} dataset @param {() => void} onDone @returns {Measuring} */
 function useMeasuring(app, dataset, onDone) {
@@ -102,7 +102,7 @@ function useMeasuring(app, dataset, onDone) {
 /** @param {{dataset: string, found: Evaluation, by: string, active: string}} props */
 function ChannelTable({ dataset, found, by, active }) {
   const channels = Object.entries(found.channels);
-  if (by === "all") return html`<${Whole} dataset=${dataset} channels=${channels} boxes=${found.boxes} active=${active} />`;
+  if (by === "all") return html`<${OverallTable} dataset=${dataset} channels=${channels} boxes=${found.boxes} active=${active} />`;
   return html`<div class="tablewrap" role="group" aria-label="Kinds of evidence" tabindex="0"><table class="table groups channels channels--matrix">
     <caption class="sr-only">F1 of each kind of evidence by ${by}</caption>
     <thead><tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>${channels.map(([name]) => html`<th scope="col" key=${name}>${evidenceText(name)} <span class="faint">F1</span></th>`)}</tr></thead>
@@ -122,7 +122,7 @@ function groupsOf(channels, by) {
 }
 
 /** @param {{dataset: string, channels: readonly [string, ChannelScore][], boxes: number, active: string}} props */
-const Whole = ({ dataset, channels, boxes, active }) => html`<div class="tablewrap" role="group" aria-label="Kinds of evidence" tabindex="0"><table class="table groups channels">
+const OverallTable = ({ dataset, channels, boxes, active }) => html`<div class="tablewrap" role="group" aria-label="Kinds of evidence" tabindex="0"><table class="table groups channels">
   <caption class="sr-only">Precision, recall and F1 of each kind of evidence</caption>
   <thead><tr><th scope="col">Evidence</th><th class="is-num" scope="col" title="Boxes that it could measure">Measured</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col" title=${COUNTED.kept}>Kept ghosts</th><th class="is-num" scope="col" title=${COUNTED.lost}>Lost boxes</th><th scope="col" title="The boxes that it got most clearly wrong">Worst</th></tr></thead>
   <tbody>${channels.map(([name, score]) => html`<tr key=${name}>

@@ -49,7 +49,7 @@ export function QualityView({ app, route }) {
           : html`<div class="quality">
               ${known === 0
                 ? html`<${Empty} dataset=${name} truth=${truth} unsure=${quality.unsure} onInstances=${() => setAgainst("instances")} />`
-                : html`${truth === "people" && known < FEW_ANSWERS && html`<${Few} dataset=${name} answers=${known} />`}
+                : html`${truth === "people" && known < FEW_ANSWERS && html`<${FewAnswersNote} dataset=${name} answers=${known} />`}
                     <${ConfusionPanel} dataset=${name} truth=${truth} confusion=${quality.confusion} />
                     <${PerGroup} dataset=${name} quality=${quality} />
                     <${Suggestions} app=${app} dataset=${name} truth=${truth} suggested=${quality.suggested} active=${loaded.value.active} target=${loaded.value.target}
@@ -62,7 +62,7 @@ export function QualityView({ app, route }) {
 }
 
 /** @param {{dataset: string, answers: number}} props */
-const Few = ({ dataset, answers }) => html`<p class="fewanswers"><${Icon} name="warn" />
+const FewAnswersNote = ({ dataset, answers }) => html`<p class="fewanswers"><${Icon} name="warn" />
   <span><strong>${countOf(answers, "answer")} ${answers === 1 ? "is" : "are"} too few for a reliable result.</strong> Look at the intervals rather than the numbers. With about ${FEW_ANSWERS} answers the intervals become narrow.</span>
   <a class="button button--small" href=${linkTo("queue", { dataset })}>Answer more</a></p>`;
 
@@ -70,7 +70,7 @@ const Few = ({ dataset, answers }) => html`<p class="fewanswers"><${Icon} name="
 const Empty = ({ dataset, truth, unsure, onInstances }) =>
   truth === "instances"
     ? html`<${Notice} icon="question" title="No instances have been measured">
-  <p>Instance images show what is visible. "Measure every channel" below reads those that were uploaded with the frames.</p>
+  <p>Instance images show what is visible. "Measure every kind" below reads those that were uploaded with the frames.</p>
 <//>`
     : html`<${Notice} icon="question" title="Nobody has answered yet"
   actions=${html`<a class="button button--primary" href=${linkTo("queue", { dataset })}>Answer boxes</a><button class="button" onClick=${onInstances}>Compare with instances</button>`}>
@@ -90,13 +90,13 @@ function Reviewers({ agreement, reviewers }) {
         <thead><tr><th scope="col">Reviewer</th><th class="is-num" scope="col">Answers</th><th class="is-num" scope="col">Keep</th><th class="is-num" scope="col">Reject</th><th class="is-num" scope="col">Unsure</th></tr></thead>
         <tbody>${reviewers.map((one) => html`<tr key=${one.name}><th scope="row">${one.name}</th>${[one.answers, one.keep, one.reject, one.unsure].map((n) => html`<td class="is-num num">${countText(n)}</td>`)}</tr>`)}</tbody>
       </table></div>
-      <${Together} agreement=${agreement} />
+      <${AgreementTable} agreement=${agreement} />
     </div>
   </section>`;
 }
 
 /** @param {{agreement: Agreement}} props */
-function Together({ agreement }) {
+function AgreementTable({ agreement }) {
   const { boxes, percent, kappa, interval, pairs } = agreement;
   if (boxes === 0) return html`<p class="panelbox__empty">No box has been answered by two people yet. Once some have, this shows how far people agree.</p>`;
   return html`<div class="together">

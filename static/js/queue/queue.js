@@ -14,7 +14,7 @@ import { Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { AnswerBar, OvertakenNotice } from "../review/answer_bar.js";
 import { Inspector, forgetTyped, typedComment } from "../review/inspector.js";
-import { createMedia } from "../stage/media.js";
+import { useMedia } from "../stage/media.js";
 import { createLookActions } from "../stage/view.js";
 import { QueueHead, QueueStrip } from "./head.js";
 import { backToSkipped, currentOf, isBlind, movedTo, nextOpen, skippedBoxes, stepped, upcoming } from "./line.js";
@@ -51,7 +51,7 @@ export function QueueView({ app, route }) {
 
 /** @param {{app: App, session: Session, query: Query, isEmpty: boolean, onQuery: (query: Query) => void}} props */
 function SessionView({ app, session, query, isEmpty, onQuery }) {
-  const media = useMemo(() => createMedia(), []);
+  const media = useMedia(app.boxes);
   const stage = useRef(/** @type {import("../stage/stage.js").Stage | null} */ (null));
   const comment = useRef(/** @type {HTMLTextAreaElement | null} */ (null));
   const [view] = useState(() => createValue(/** @type {"crop" | "frame"} */ ("crop")));
@@ -243,7 +243,7 @@ function AllDone({ app, session, query, actions, onAll }) {
   const { dataset, order } = session;
   const title = verdicts.size ? "All done" : order === "audit" ? "Nothing to audit" : "Nothing to review";
   return html`<div class="queue__message">
-    <${Notice} icon="check" title=${title} actions=${html`<${Ways} dataset=${dataset} order=${order} query=${query} open=${open} elsewhere=${elsewhere} session=${session} actions=${actions} onAll=${onAll} />`}>
+    <${Notice} icon="check" title=${title} actions=${html`<${NextSteps} dataset=${dataset} order=${order} query=${query} open=${open} elsewhere=${elsewhere} session=${session} actions=${actions} onAll=${onAll} />`}>
       <p>${doneText(verdicts) || (order === "audit" ? "Nobody has answered any of the boxes that match these filters yet." : "All boxes that match these filters have an answer.")}</p>
       ${waiting.size > 0 && html`<p>${countOf(waiting.size, "answer is", "answers are")} kept in this browser and will be sent.</p>`}
       ${open > 0 && html`<p>You skipped ${countOf(open, "box", "boxes")}.</p>`}
@@ -255,7 +255,7 @@ function AllDone({ app, session, query, actions, onAll }) {
 const NoBoxesYet = () => html`<div class="queue__message"><${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//></div>`;
 
 /** What one can do now. @param {{dataset: string, order: string, query: Query, open: number, elsewhere: number, session: Session, actions: QueueActions, onAll: () => void}} props */
-function Ways({ dataset, order, query, open, elsewhere, session, actions, onAll }) {
+function NextSteps({ dataset, order, query, open, elsewhere, session, actions, onAll }) {
   return html`${open > 0 && html`<button class="button button--primary" onClick=${actions.reviewSkipped}>Review ${open === 1 ? "it" : "them"} now</button>`}
     ${elsewhere > 0 && html`<button class="button" onClick=${session.lookAgain}>Look again</button>`}
     ${(isFiltered(query) || session.listed.length > 0) && html`<button class="button" onClick=${onAll}>${session.listed.length > 0 ? "The whole queue" : "Without the filters"}</button>`}

@@ -2,21 +2,20 @@
 // The stage of the queue: the current box close up or in its frame, with a small map of the frame and a measure of its speed.
 
 import { isWithheld } from "../boxes/box.js";
-import { useBoxes, useHeld } from "../boxes/store.js";
+import { useBoxes } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
-import { useValue } from "../core/hooks.js";
+import { useLazy, useValue } from "../core/hooks.js";
 import { html, useLayoutEffect, useMemo, useRef } from "../core/html.js";
 import { Toggle, useKeyText, withKey } from "../core/keymap.js";
 import { Failure } from "../core/parts.js";
-import { useLazy } from "../stage/media.js";
 import { LookBar, StageView } from "../stage/view.js";
 
 /** @typedef {import("../core/app.js").Actions} Actions */
 /** @typedef {import("../review/answers.js").ReviewApp} App */
 /** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../core/openapi.js").Frame} Frame */
+/** @typedef {import("../stage/media.js").Frame} Frame */
 
-/** @type {readonly Decision[]} */
+/** @type {readonly number[]} */
 const NONE = [];
 
 /**
@@ -29,7 +28,7 @@ export function QueueStage({ app, box, see, media, view, actions, stageRef }) {
   const isBlind = isWithheld(box);
   const { value: frame = null, error, retry } = useLazy(media.frame);
   const { value: picture = null, error: noPicture } = useLazy(frame?.has_image ? media.picture : null);
-  const inFrame = useBoxes(app.boxes, useHeld(app.boxes, frame && mode === "frame" && !isBlind ? frame.boxes : NONE));
+  const inFrame = useBoxes(app.boxes, frame && mode === "frame" && !isBlind ? frame.boxIds : NONE);
   const boxes = useMemo(() => {
     // When the box or the view has just changed, the others are still those of before.
     const others = mode === "frame" && !isBlind ? inFrame.filter(({ box_id, frame_id }) => box_id !== box.box_id && frame_id === box.frame_id) : [];

@@ -26,8 +26,6 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   const outbox = createOutbox(storage, tab, app.owner);
   const sender = createSender(outbox);
   const steps = createSteps(boxes);
-  /** The frame on which an answer was stored last; null: any frame. Views drop the copies that they have of it. */
-  const changedFrame = createValue(/** @type {{id: number | null}} */ ({ id: null }));
   /** Answers that were not saved because somebody else had answered first, by box. */
   const overtaken = createValue(/** @type {ReadonlyMap<number, SingleAnswer>} */ (new Map()));
 
@@ -59,7 +57,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     return true;
   }
 
-  const bulkAnswers = createBulkAnswers(app, { boxes, sender, steps, changedFrame });
+  const bulkAnswers = createBulkAnswers(app, { boxes, sender, steps });
 
   /**
    * Undo what this person did last.
@@ -92,7 +90,6 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     onStored(stored, { key }) {
       const { box_id: boxId, revision } = stored;
       steps.noteStored(key, revision);
-      changedFrame.set({ id: boxes.get(boxId)?.frame_id ?? null });
       boxes.receiveAnswers(new Map([[boxId, { revision, applyTo: (box) => withStored(box, stored) }]]));
     },
 
@@ -113,7 +110,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
     onRefused(item, error) {
       steps.forget(item.boxId);
-      toasts.show(`${item.undoes ? "Not undone" : "Not saved"}: ${error.message}`, { kind: "error" });
+      toasts.fail(error, item.undoes ? "Not undone" : "Not saved");
       void boxes.loadAgain([item.boxId]);
     },
 
@@ -154,7 +151,6 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     const sent = boxes.all([...waitingElsewhere].filter((boxId) => !waiting.has(boxId)));
     const boxIds = sent.map(({ box_id }) => box_id);
     waitingElsewhere = outbox.boxesOfOtherTabs();
-    for (const { frame_id } of sent) changedFrame.set({ id: frame_id });
     boxes.showUntilLoaded(boxIds);
     void boxes.loadAgain(boxIds);
     sender.refresh();
@@ -163,7 +159,6 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
   return {
     boxes,
-    changedFrame,
     sender,
     bulkAnswers,
     overtaken,

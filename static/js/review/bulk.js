@@ -26,11 +26,10 @@ const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", cl
  * @property {import("../boxes/store.js").Boxes} boxes
  * @property {import("./sender.js").Sender} sender
  * @property {import("./answers.js").Steps} steps
- * @property {import("../core/observable.js").Value<{id: number | null}>} changedFrame
  */
 
 /** @param {import("../core/app.js").App} app @param {AnswersPage} page */
-export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, changedFrame }) {
+export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) {
   /** The messages that offer to undo a bulk answer, by its key. @type {Map<string, number>} */
   const offers = new Map();
   /** Those bulk answers that are being undone, by their keys: until the undo is stored, or the answer discarded. @type {Map<string, Step>} */
@@ -135,7 +134,6 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
       if (!left.has(boxId)) stored.set(boxId, { revision, applyTo: (box) => withAnswer(box, verdict, comment, revision) });
     });
     boxes.receiveAnswers(stored);
-    changedFrame.set({ id: null });
   }
 
   sender.observe({
@@ -157,8 +155,7 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
 
     onBulkRefused({ dataset, count }, error) {
       if (router.route.get().name === "grid") return; // the grid shows it itself
-      const action = { text: "Show", href: linkTo("grid", { dataset }) };
-      toasts.show(`${countOf(count, "answer")} not saved: ${error.message}`, { kind: "error", action });
+      toasts.fail(error, `${countOf(count, "answer")} not saved`, { text: "Show", href: linkTo("grid", { dataset }) });
     },
 
     onBulkDiscarded({ key, verdict, count }) {
@@ -180,7 +177,7 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps, ch
 
     onUndoRefused({ bulkKey, boxIds = [] }, error) {
       undoing.delete(bulkKey);
-      toasts.show(`Not undone: ${error.message}`, { kind: "error" });
+      toasts.fail(error, "Not undone");
       void boxes.loadAgain(boxIds);
     },
   });

@@ -3,7 +3,7 @@
 
 import { asShown, isUnanswered } from "../boxes/box.js";
 import { cycleVerdict, filtersOf, isShown, neighbour, nextUnanswered, shownBoxes } from "../boxes/filters.js";
-import { useBoxes, useHeld, useAsShown } from "../boxes/store.js";
+import { useAsShown, useBoxes } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
 import { useActions, useLoaded, useTopBar, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
@@ -12,7 +12,7 @@ import { Toggle } from "../core/keymap.js";
 import { countOf } from "../core/numbers.js";
 import { Failure } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { createMedia } from "../stage/media.js";
+import { useMedia } from "../stage/media.js";
 import { LookBar, StageView, createLookActions } from "../stage/view.js";
 import { AnswerBar } from "./answer_bar.js";
 import { BoxList } from "./boxlist.js";
@@ -21,13 +21,12 @@ import { Inspector, forgetTyped, typedComment } from "./inspector.js";
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("./answers.js").ReviewApp} App */
 /** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../core/openapi.js").Frame} Frame */
+/** @typedef {import("../stage/media.js").Frame} Frame */
 
 /** @param {{app: App, route: import("../core/router.js").Route}} props */
 export function FrameView({ app, route }) {
   const id = Number(route.params.id);
-  const media = useMemo(createMedia, []);
-  useEffect(() => app.changedFrame.observe((changed) => media.forget(changed.id)), [app, media]);
+  const media = useMedia(app.boxes);
   const loaded = useLoaded((signal) => media.frame(id, signal), [id]);
   const frame = loaded.value?.id === id ? loaded.value : null;
   if (loaded.state === "error" && !frame) {
@@ -58,7 +57,7 @@ function FrameReview({ app, frame, media, query }) {
   const stage = useRef(/** @type {import("../stage/stage.js").Stage | null} */ (null));
   const comment = useRef(/** @type {HTMLTextAreaElement | null} */ (null));
   const [tab, setTab] = useState("box");
-  const ids = useHeld(app.boxes, useMemo(() => visibleFirst(frame.boxes), [frame]));
+  const ids = useMemo(() => visibleFirst(app.boxes.all(frame.boxIds)), [app, frame]);
   const actions = useMemo(() => {
     const openComment = () => {
       // At once, or the next keys would still be shortcuts. Again only if the panel was hidden:
@@ -117,7 +116,7 @@ function FrameStage({ app, frame, media, shown, selected, onSelect, stageRef }) 
 /** @param {{app: App, frame: Frame, actions: import("../core/app.js").Actions}} props */
 function FrameLook({ app, frame, actions }) {
   const { mask, opacity, lit, edges, blind, crop } = useValue(app.prefs);
-  const hasEdges = frame.boxes.some((box) => box.edges?.length);
+  const hasEdges = app.boxes.all(frame.boxIds).some((box) => box.edges?.length);
   /** @param {{currentTarget: HTMLInputElement}} event */
   const setOpacity = ({ currentTarget }) => app.prefs.change({ opacity: Number(currentTarget.value), mask: true });
   return html`<${LookBar} app=${app} actions=${actions} isCrop=${crop} hasZoomText=${true}>
@@ -131,8 +130,8 @@ function FrameLook({ app, frame, actions }) {
   <//>`;
 }
 
-/** In the order of the upload, but boxes outside the image come last. @param {readonly Decision[]} boxes */
-const visibleFirst = (boxes) => [...boxes.filter((box) => box.xyxy), ...boxes.filter((box) => !box.xyxy)];
+/** The ids in the order of the upload, but boxes outside the image come last. @param {readonly Decision[]} boxes */
+const visibleFirst = (boxes) => [...boxes.filter((box) => box.xyxy), ...boxes.filter((box) => !box.xyxy)].map(({ box_id }) => box_id);
 
 /** The address may ask for the first, last or next unanswered box: select it, and put its id into the address. @param {App} app @param {FrameActions} actions @param {import("../core/router.js").Query} query */
 function useArrival(app, actions, query) {
@@ -267,7 +266,7 @@ export function createFrameActions(app, frame, ids, page) {
 
 /** @typedef {ReturnType<typeof createFrameActions>} FrameActions */
 
-/** @param {{frame: import("../core/openapi.js").Frame, query: import("../core/router.js").Query}} props */
+/** @param {{frame: Frame, query: import("../core/router.js").Query}} props */
 function FrameSteps({ frame, query }) {
   return html`<div class="framesteps" role="group" aria-label="Frames">
     <${Step} id=${frame.previous_id} query=${query} icon="left" text="Previous frame" />

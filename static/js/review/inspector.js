@@ -2,7 +2,7 @@
 // Everything about one box: verdict, explanation, numbers, comment, overlapping boxes, history.
 
 import { answerOf, isUnanswered, isWithheld, seenRevision } from "../boxes/box.js";
-import { AnswerSign, StrokeSwatch, VerdictBadge } from "../boxes/signs.js";
+import { ANSWER_ICONS, AnswerSign, StrokeSwatch, VerdictBadge } from "../boxes/signs.js";
 import { ANSWER_TEXT, acceptedText, evidenceText, isByShare, labelText, matchText, reasonText } from "../boxes/wording.js";
 import { get } from "../core/api.js";
 import { useLoaded, useValue } from "../core/hooks.js";
@@ -17,7 +17,7 @@ import { OvertakenNotice } from "./answer_bar.js";
 
 /** @typedef {import("./answers.js").ReviewApp} App */
 /** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../core/openapi.js").Frame} Frame */
+/** @typedef {import("../stage/media.js").Frame} Frame */
 /** @typedef {import("../core/openapi.js").HistoryEntry} HistoryEntry */
 
 /**
@@ -204,8 +204,6 @@ export function History({ app, box }) {
   </section>`;
 }
 
-const SIGNS = /** @type {Record<string, string>} */ ({ keep: "check", reject: "cross", unsure: "question", clear: "minus" });
-
 /** @param {HistoryEntry} item */
 function textOfReview({ verdict, undoes }) {
   if (!undoes) return ANSWER_TEXT[verdict ?? ""] ?? verdict;
@@ -214,9 +212,9 @@ function textOfReview({ verdict, undoes }) {
 
 /** @param {{item: HistoryEntry}} props */
 function ReviewLine({ item }) {
-  return html`<span class="sign sign--${item.verdict}"><${Icon} name=${SIGNS[item.verdict ?? ""] ?? "question"} /></span>
+  return html`<span class="sign sign--${item.verdict}"><${Icon} name=${ANSWER_ICONS[item.verdict ?? ""] ?? "question"} /></span>
     <div>
-      <p><b>${item.reviewer}</b>: ${textOfReview(item)} <${When} at=${item.at} /></p>
+      <p><b>${item.reviewer}</b>: ${textOfReview(item)} <${TimeAgo} at=${item.at} /></p>
       ${item.comment && html`<p class="history__comment">${item.comment}</p>`}
     </div>`;
 }
@@ -228,11 +226,11 @@ function DecisionLine({ item }) {
   const hasThreshold = typeof match === "number" && typeof threshold === "number";
   const numbers = hasThreshold ? ` · ${percentText(match, threshold)}, threshold ${exactPercentText(threshold)}` : "";
   return html`<span class="sign sign--filter"><${Icon} name="filter" /></span>
-    <div><p>Run ${run}: ${verdict ? html`<b>${verdict}</b>, ${reasonText(reason ?? "")}${unbroken(numbers)}` : "its measurements are no longer stored"} <${When} at=${item.at} /></p></div>`;
+    <div><p>Run ${run}: ${verdict ? html`<b>${verdict}</b>, ${reasonText(reason ?? "")}${unbroken(numbers)}` : "its measurements are no longer stored"} <${TimeAgo} at=${item.at} /></p></div>`;
 }
 
 /** @param {{at: string}} props */
-const When = ({ at }) => html`<time class="faint" datetime=${at} title=${at}>${agoText(at)}</time>`;
+const TimeAgo = ({ at }) => html`<time class="faint" datetime=${at} title=${at}>${agoText(at)}</time>`;
 
 const MOST = 6;
 
@@ -268,7 +266,7 @@ function rowsOf(box) {
     ["Crowding", box.crowding === null ? null : percentText(box.crowding)],
     ["Distance", box.distance === null ? null : metresText(box.distance)],
     ["Evidence", box.evidence],
-    ["Explained by", box.explained_by ? `box ${box.explained_by}` : null],
+    ["Pixels belong to", box.explained_by ? `box ${box.explained_by}` : null],
     ["Rectangle", xyxy ? xyxy.map((value) => Math.round(value * 10) / 10).join(", ") : "outside the image"],
     ["Segmentation", box.lossy ? "lossy" : null],
     ["Run", String(box.run)],

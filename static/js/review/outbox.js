@@ -164,7 +164,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   /** By box: the seen revision of the last item on it. */
   const lastSeen = () => new Map(itemsOfAllTabs().flatMap(seenRevisionsOf));
 
-  /** Add an item. Where another one waits on the same box, it gets that one's seen revision, as said above. @param {OutboxItem} item */
+  /** Add an item. Where another one waits on the same box, it gets that one's seen revision. @param {OutboxItem} item */
   const add = (item) => write(withSeen(item, lastSeen()));
 
   /** @param {string} key */
@@ -252,7 +252,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     markAttempted: (item) => write({ ...item, attempted: true }),
 
     /**
-     * Remove an item that is stored now, and give its boxes' new revisions to the items behind it, as said above. An item
+     * Remove an item that is stored now, and give its boxes' new revisions to the later items of this tab. An item
      * that may have reached the server keeps its own: it must be sent again exactly as it was. If an answer was undone
      * while it was being sent, its undo takes its place.
      * @param {OutboxItem} stored
@@ -262,20 +262,19 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     finish(stored, { leftOut = [], revision }) {
       const kept = answer(stored.key); // it may have been undone since `stored` was read
       remove(stored);
+      // The response to a bulk item names no revisions: each is the next one.
+      const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, revision ?? seen + 1]));
+      for (const boxId of leftOut) revisions.delete(boxId);
+      for (const item of items()) {
+        if (item.order <= stored.order || wasAttempted(item)) continue;
+        const raised = withSeen(item, revisions);
+        if (raised !== item) write(raised);
+      }
       if (kept?.earlier && revision) {
         const { earlier, ...answered } = kept;
         const { verdict, comment } = earlier; // what the box gets again
         const undo = { ...answered, verdict, comment, key: newKey(), undoes: revision, attempted: false };
         write({ ...undo, seenRevision: revision }); // with the answer's `order`: it is sent before the later items
-      }
-      // The response to a bulk item names no revisions: each is the next one.
-      const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, revision ?? seen + 1]));
-      for (const boxId of leftOut) revisions.delete(boxId);
-      for (const item of items()) {
-        const isLater = item.order > stored.order; // the undo above is not: it has its revision already
-        if (!isLater || wasAttempted(item)) continue;
-        const raised = withSeen(item, revisions);
-        if (raised !== item) write(raised);
       }
     },
 
@@ -284,7 +283,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      // JSON leaves `attempted` out, so that the item is not longer with `renewed`: the storage may be full.
+      // The item gets `renewed` in place of `attempted`, which JSON leaves out: it needs no more room if the storage is full.
       write({ ...item, seenRevision: revision, renewed: (item.renewed ?? 0) + 1, attempted: undefined });
     },
 

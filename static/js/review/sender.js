@@ -202,20 +202,20 @@ export function createSender(outbox, requests = REQUESTS, later) {
       const current = currentBox(error);
       const isByOwn = current && (await isOvertakenByOwn(item));
       // It may have been undone just now.
-      if (isByOwn && !outbox.wasUndone(item)) {
-        return outbox.renew(item, seenRevision(current)); // no error: `drain` goes on, and takes it again
-      }
-      throw error;
+      if (!isByOwn || outbox.wasUndone(item)) throw error;
+      outbox.renew(item, seenRevision(current));
+      return; // it is still in the outbox, so `drain` sends it once more
     }
     outbox.finish(item, { revision: stored.revision });
     tell(({ onStored }) => onStored?.(stored, item));
   }
 
   /**
-   * The page does not know which boxes a bulk answer on a filter has changed, so it does not know their new revisions. If
-   * the person then answers one of these boxes alone, the server refuses that answer (412), as if somebody else had
-   * answered meanwhile. The box's history says who it was: this returns true if all entries since the seen revision are
-   * bulk answers on a filter that this tab has sent, or their undos.
+   * Whether a single answer was refused (412) only because of the person's own earlier bulk answers on a filter.
+   * The page does not know which boxes such a bulk answer has changed, so it does not know their new revisions, and the
+   * server refuses the next single answer on one of them as if somebody else had answered meanwhile. The box's history
+   * says who it was. Every entry since the seen revision has to be a bulk answer on a filter, or the undo of one. This
+   * tab must have sent it, and the person must have given it before the single answer.
    * @param {SingleAnswer} item
    * @returns {Promise<boolean>} false also if the history will never be loaded: the person chooses between the answers
    * @throws {Error} of the request, if the history may be loaded later: the answer waits
@@ -230,11 +230,11 @@ export function createSender(outbox, requests = REQUESTS, later) {
       return false;
     }
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
-    const isOwnAndOlder = (/** @type {HistoryEntry} */ { batch }) => {
-      const givenAt = storedOnFilter.get(batch ?? 0);
+    const isOwnAndGivenBefore = (/** @type {HistoryEntry} */ { batch }) => {
+      const givenAt = batch ? storedOnFilter.get(batch) : undefined;
       return givenAt !== undefined && givenAt <= item.order;
     };
-    return since.length > 0 && since.every(isOwnAndOlder);
+    return since.length > 0 && since.every(isOwnAndGivenBefore);
   }
 
   /**

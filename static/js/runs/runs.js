@@ -10,7 +10,7 @@ import { Failure, FailureLine } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { CancelButton, JobBar, StateBadge, isOver, percentDone, useLookAgain } from "../jobs/job.js";
 import { differences } from "../tuning/config.js";
-import { FlipGrid, WayTabs, wayOf } from "../tuning/flips.js";
+import { DirectionTabs, FlipGrid, directionOf } from "../tuning/flips.js";
 import { DiffTable } from "../tuning/versions.js";
 import { Exports } from "./exports.js";
 
@@ -81,7 +81,7 @@ function RunDiffPanel({ app, dataset, run, against, runs }) {
   return html`<section class="panelbox rundiff" aria-labelledby="diff-title" aria-busy=${loaded.state === "loading"}>
     <header class="panelbox__head">
       <h2 id="diff-title">What run ${run} changed</h2>
-      <${Against} dataset=${dataset} run=${run} against=${diff?.against ?? against} runs=${runs} />
+      <${ComparedRunSelect} dataset=${dataset} run=${run} against=${diff?.against ?? against} runs=${runs} />
       <span class="panelbox__tools"><a class="button button--quiet" href=${linkTo("runs", { dataset })}>Close</a></span>
     </header>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
@@ -91,7 +91,7 @@ function RunDiffPanel({ app, dataset, run, against, runs }) {
 }
 
 /** @param {{dataset: string, run: number, against: number | null, runs: readonly Run[]}} props */
-function Against({ dataset, run, against, runs }) {
+function ComparedRunSelect({ dataset, run, against, runs }) {
   const others = runs.filter((other) => other.state === "done" && other.id !== run);
   const isListed = others.some(({ id }) => id === against);
   /** @param {{currentTarget: HTMLSelectElement}} event */
@@ -142,14 +142,14 @@ const inRun = (run) => (verdict) => `${verdict} in run ${run}`;
 
 /** @param {{app: App, diff: RunDiff}} props */
 function Boxes({ app, diff }) {
-  const [way, setWay] = useState("");
+  const [direction, setDirection] = useState("");
   const { items, isDone, error, more } = usePages(`diff ${diff.run} ${diff.against}`, PAGE, (limit, cursor) =>
     diffOf(diff.run, { against: diff.against, limit, cursor }),
   );
-  const shown = items.filter((flip) => !way || wayOf(flip) === way);
+  const shown = items.filter((flip) => !direction || directionOf(flip) === direction);
   const words = { before: inRun(diff.against), after: inRun(diff.run) };
   return html`<div class="rundiff__boxes">
-    <${WayTabs} way=${way} counts=${diff} onChange=${setWay} />
+    <${DirectionTabs} direction=${direction} counts=${diff} onChange=${setDirection} />
     <div class="rundiff__flips"><${FlipGrid} items=${shown} words=${words} />
       ${error && html`<${FailureLine} error=${error} onRetry=${more} />`}
       ${!isDone && items.length > 0 && html`<p class="flippanel__more"><span class="faint">${countText(items.length)} of ${countOf(diff.total, "box", "boxes")}, nearest to the threshold first</span><button class="button button--small" onClick=${more}>Show more</button></p>`}
@@ -175,7 +175,7 @@ function RunRow({ app, dataset, run, isActive, isShown }) {
       ${!run.activate && html`<span class="faint run__note">not activated</span>`}
     </div>
     <p class="run__about faint"><code title=${run.config}>${run.config.slice(0, 8)}</code>${isFirst(run) ? "" : ` · ${KINDS[run.kind] ?? run.kind}`} · ${run.created_by}, ${agoText(run.created_at)}${tookOf(run)}</p>
-    <div class="run__how"><${How} run=${run} /></div>
+    <div class="run__how"><${RunSummary} run=${run} /></div>
     <div class="run__actions">
       ${!isOver(run) && html`<${CancelButton} app=${app} run=${run} />`}
       ${run.state === "done" && run.total > 0 && html`<a class="button button--small" href=${linkTo("runs", { dataset }, isShown ? {} : { run: String(run.id) })}>${isShown ? "Close" : "What changed"}<span class="sr-only"> in run ${run.id}</span></a>`}
@@ -190,7 +190,7 @@ function tookOf(run) {
 }
 
 /** @param {{run: Run}} props */
-function How({ run }) {
+function RunSummary({ run }) {
   if (run.state === "failed") return html`<p class="run__error"><strong>Failed.</strong> ${run.error?.detail ?? "No reason was given."}</p>`;
   if (run.state === "cancelled") return html`<p class="faint">Stopped at ${countText(run.done)} of ${countOf(run.total, "frame")}; nothing was changed.</p>`;
   if (!isOver(run)) {

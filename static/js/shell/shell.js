@@ -1,12 +1,13 @@
 // @ts-check
 // The frame around every view: which view a route shows (most are loaded when first opened), messages, sign-in.
 
-import { useActions, useTask, useTitle, useTopBar, useValue } from "../core/hooks.js";
+import { useActions, useLazy, useTask, useTitle, useTopBar, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon, Mark } from "../core/icons.js";
 import { HelpDialog } from "../core/keymap.js";
 import { NO_TOKEN_LINKS } from "../core/login.js";
 import { countOf } from "../core/numbers.js";
+import { createLazy } from "../core/observable.js";
 import { Dialog, Failure, Notice, useDialog } from "../core/parts.js";
 import { linkTo, loginOf } from "../core/router.js";
 import { DatasetsView } from "../datasets/datasets.js";
@@ -21,14 +22,17 @@ import { TopBar, hasTabs } from "./topbar.js";
 /** The views that are part of the first load; the others are loaded when they are opened. @type {Record<string, View>} */
 const VIEWS = { datasets: DatasetsView, frames: FramesView };
 
-/** @type {Record<string, () => Promise<View>>} */
+/** With the styles of all of them. @param {() => Promise<View>} load */
+const late = (load) => createLazy(async () => (await Promise.all([load(), fetchStyles()]))[0]);
+
+/** @type {Record<string, import("../core/observable.js").Lazy<View>>} */
 const LATER = {
-  frame: async () => (await import("../review/frame.js")).FrameView,
-  grid: async () => (await import("../grid/grid.js")).GridView,
-  queue: async () => (await import("../queue/queue.js")).QueueView,
-  thresholds: async () => (await import("../tuning/thresholds.js")).ThresholdsView,
-  runs: async () => (await import("../runs/runs.js")).RunsView,
-  quality: async () => (await import("../quality/quality.js")).QualityView,
+  frame: late(async () => (await import("../review/frame.js")).FrameView),
+  grid: late(async () => (await import("../grid/grid.js")).GridView),
+  queue: late(async () => (await import("../queue/queue.js")).QueueView),
+  thresholds: late(async () => (await import("../tuning/thresholds.js")).ThresholdsView),
+  runs: late(async () => (await import("../runs/runs.js")).RunsView),
+  quality: late(async () => (await import("../quality/quality.js")).QualityView),
 };
 
 /** The styles of those views, once they were requested. @type {Promise<unknown> | null} */
@@ -67,11 +71,15 @@ export function Shell({ app, linkError }) {
   const [isHelpOpen, setHelpOpen] = useState(false);
   const [actions] = useState(() => ({ help: () => setHelpOpen(true) }));
   useActions(app, actions);
-  useFocusOnMove(route);
+  const shell = useRef(/** @type {HTMLDivElement | null} */ (null));
+  /** @param {FocusOptions} [options] */
+  const focusMain = (options) => shell.current?.querySelector("main")?.focus(options);
+  useFocusOnMove(route, focusMain);
 
   const View = VIEWS[route.name] ?? (LATER[route.name] ? LateView : UnknownView);
-  return html`<div class="shell" data-view=${isSignedIn ? route.name : "signin"} data-tabs=${(isSignedIn && hasTabs(route)) || undefined}>
-    <a class="skip" href="#main" onClick=${skipToMain}>Skip to content</a>
+  // The address belongs to the router: the skip link must not change it.
+  return html`<div class="shell" ref=${shell} data-view=${isSignedIn ? route.name : "signin"} data-tabs=${(isSignedIn && hasTabs(route)) || undefined}>
+    <a class="skip" href="#main" onClick=${(/** @type {Event} */ event) => (event.preventDefault(), focusMain())}>Skip to content</a>
     ${isSignedIn
       ? html`<${TopBar} app=${app} />
         <${Unowned} app=${app} />
@@ -85,42 +93,24 @@ export function Shell({ app, linkError }) {
   </div>`;
 }
 
-/** The address belongs to the router: a skip link must not change it. @param {Event} event */
-function skipToMain(event) {
-  event.preventDefault();
-  document.getElementById("main")?.focus();
-}
-
-/** After a change of view, move the focus to it, for keyboards and screen readers. @param {Route} route */
-function useFocusOnMove(route) {
+/** After a change of view, move the focus to it, for keyboards and screen readers. @param {Route} route @param {(options: FocusOptions) => void} focusMain */
+function useFocusOnMove(route, focusMain) {
   const isFirst = useRef(true);
   const place = `${route.name} ${Object.values(route.params).join(" ")}`;
   useEffect(() => {
     if (!isFirst.current) {
       scrollTo(0, 0);
-      document.getElementById("main")?.focus({ preventScroll: true });
+      focusMain({ preventScroll: true });
     }
     isFirst.current = false;
   }, [place]);
 }
 
-/** The views that have been loaded. @type {Record<string, View>} */
-const arrived = {};
-
 /** A view whose modules are loaded when it is opened. @param {{app: App, route: Route}} props */
 function LateView({ app, route }) {
-  const { name } = route;
-  const [error, setError] = useState(/** @type {Error | null} */ (null));
-  const [, setArrived] = useState("");
-  const fetchView = () => {
-    setError(null);
-    const coming = LATER[name]?.();
-    if (coming) Promise.all([coming, fetchStyles()]).then(([view]) => ((arrived[name] = view), setArrived(name)), setError);
-  };
-  useEffect(() => void (arrived[name] ?? fetchView()), [name]);
-  const View = arrived[name];
+  const { value: View, error, retry } = useLazy(LATER[route.name] ?? null);
   if (View) return html`<${View} app=${app} route=${route} />`;
-  return html`<${Coming} app=${app} error=${error} onRetry=${fetchView} />`;
+  return html`<${Coming} app=${app} error=${error} onRetry=${retry} />`;
 }
 
 /** @param {{app: App, error: Error | null, onRetry: () => void}} props */

@@ -26,13 +26,13 @@ export function TopBar({ app }) {
     <${DatasetTabs} app=${app} />
     <div class="topbar__middle">${tools}</div>
     <${SaveState} app=${app} />
-    <${Who} app=${app} />
+    <${PersonName} app=${app} />
     <${Menu} app=${app} />
   </header>`;
 }
 
 /** The name that answers are stored under. @param {{app: App}} props */
-function Who({ app }) {
+function PersonName({ app }) {
   const person = useValue(app.person);
   if (!person) return null;
   return html`<span class="who" title=${`Signed in as ${person.name}, ${person.role}`}>

@@ -1,17 +1,15 @@
 // @ts-check
 // Frames with their picture and segmentation, each loaded once for all who draw them, and some of them in advance.
+// Their boxes are in the store.
 
 import { blob, get, url } from "../core/api.js";
-import { useEffect, useState } from "../core/html.js";
+import { useLayoutEffect, useMemo } from "../core/html.js";
+import { createLazy } from "../core/observable.js";
 import { canvasOf, isPaintedAlready } from "./pixels.js";
 
-/** @typedef {import("../core/openapi.js").Frame} Frame */
-
-/**
- * Something that is loaded when it is first asked for.
- * @template T
- * @typedef {{value: T | undefined, get: (signal?: AbortSignal) => Promise<T>}} Lazy  `value` is undefined until it is there
- */
+/** @typedef {import("../boxes/store.js").Boxes} Boxes */
+/** @typedef {Omit<import("../core/openapi.js").Frame, "boxes"> & {boxIds: readonly number[]}} Frame */
+/** @template T @typedef {import("../core/observable.js").Lazy<T>} Lazy */
 
 /**
  * @typedef {object} Media  what there is to draw of one frame
@@ -19,6 +17,7 @@ import { canvasOf, isPaintedAlready } from "./pixels.js";
  * @property {Lazy<HTMLImageElement | null>} picture  null: the frame has none
  * @property {Lazy<HTMLCanvasElement | null>} segmentation  its stored pixels; null: the frame has none
  * @property {Lazy<CanvasImageSource | null>} mask  the segmentation in the colours of its palette
+ * @property {() => void} release  its boxes need not stay in the store
  */
 
 /** How many frames are kept: those used last. */
@@ -27,20 +26,28 @@ const KEPT = 8;
 /** How long a frame that was fetched ahead may be used where its boxes are shown: others may answer them meanwhile. */
 const FRESH_MS = 20_000;
 
-/** Each view makes one; what it has loaded is dropped with it. */
-export function createMedia() {
+/** Each view makes one, and ends it when it is closed. @param {Boxes} boxes */
+export function createMedia(boxes) {
   /** The frame used last comes last. @type {Map<number, Media>} */
   const known = new Map();
   /** Until when frames that were fetched ahead may be used where their boxes are shown, ms. @type {Map<number, number>} */
   const freshUntil = new Map();
+  // Answers are in the store as soon as they are given, but for bulk answers on boxes that the page does not know.
+  const stop = boxes.reloads.observe(() => freshUntil.clear());
 
   /** Loads nothing yet. @param {number} frameId */
   function of(frameId) {
-    const media = known.get(frameId) ?? mediaOf(frameId);
+    const media = known.get(frameId) ?? mediaOf(frameId, boxes);
     known.delete(frameId);
     known.set(frameId, media);
-    for (const old of [...known.keys()].slice(0, -KEPT)) known.delete(old);
+    for (const old of [...known.keys()].slice(0, -KEPT)) drop(old);
     return media;
+  }
+
+  /** @param {number} frameId */
+  function drop(frameId) {
+    known.get(frameId)?.release();
+    known.delete(frameId);
   }
 
   /** @param {number} frameId */
@@ -51,7 +58,7 @@ export function createMedia() {
 
     /** A frame whose boxes are to be shown: the one that was fetched ahead, once; else a new one. @param {number} frameId @param {AbortSignal} signal */
     frame(frameId, signal) {
-      if (!isFresh(frameId)) known.delete(frameId);
+      if (!isFresh(frameId)) drop(frameId);
       freshUntil.delete(frameId);
       return of(frameId).frame.get(signal);
     },
@@ -59,20 +66,27 @@ export function createMedia() {
     /** Fetch a frame whose boxes will be shown, and its picture. @param {number} frameId */
     fetchAhead(frameId) {
       if (isFresh(frameId)) return;
-      known.delete(frameId);
+      drop(frameId);
       freshUntil.set(frameId, Date.now() + FRESH_MS);
       of(frameId).picture.get().catch(() => {});
     },
 
-    /** The answers on the boxes of a frame have changed since it was fetched ahead. @param {number | null} frameId  null: those of any frame may have */
-    forget(frameId) {
-      if (frameId === null) freshUntil.clear();
-      else freshUntil.delete(frameId);
+    /** Drop everything. */
+    end() {
+      stop();
+      [...known.keys()].forEach(drop);
     },
   };
 }
 
 /** @typedef {ReturnType<typeof createMedia>} MediaCache */
+
+/** What a view has loaded, until it is closed. @param {Boxes} boxes */
+export function useMedia(boxes) {
+  const media = useMemo(() => createMedia(boxes), [boxes]);
+  useLayoutEffect(() => media.end, [media]);
+  return media;
+}
 
 /** @param {Frame} frame @param {"image" | "segmentation"} kind */
 const fileUrl = ({ id, files }, kind) =>
@@ -95,9 +109,18 @@ async function imageAt(address, signal) {
   return image;
 }
 
-/** @param {number} frameId @returns {Media} */
-function mediaOf(frameId) {
-  const frame = createLazy((signal) => get("/api/v1/frames/{frame_id}", { path: { frame_id: frameId }, signal }));
+/** @param {number} frameId @param {Boxes} boxes @returns {Media} */
+function mediaOf(frameId, boxes) {
+  let isReleased = false;
+  /** @type {(() => void) | undefined} */
+  let releaseBoxes;
+  const frame = createLazy(async (signal) => {
+    const { boxes: came, ...rest } = await get("/api/v1/frames/{frame_id}", { path: { frame_id: frameId }, signal });
+    const boxIds = boxes.receive(came);
+    releaseBoxes = boxes.hold(boxIds);
+    if (isReleased) releaseBoxes();
+    return { ...rest, boxIds };
+  });
   const picture = createLazy(async (signal) => {
     const found = await frame.get(signal);
     return found.has_image ? imageAt(fileUrl(found, "image"), signal) : null;
@@ -111,68 +134,9 @@ function mediaOf(frameId) {
     if (!has_segmentation) return null;
     return form && isPaintedAlready(form) ? segmentation.get(signal) : imageAt(paintedUrl(frameId), signal);
   });
-  return { frame, picture, segmentation, mask };
-}
-
-/**
- * One request serves all who ask. It is aborted when everybody who asked has gone; after that,
- * or when it has failed, the next who asks starts another one.
- * @template T @param {(signal: AbortSignal) => Promise<T>} request @returns {Lazy<T>}
- */
-export function createLazy(request) {
-  /** @type {{coming: Promise<T>, stop: AbortController, askers: number} | null} */
-  let running = null;
-
-  function start() {
-    const stop = new AbortController();
-    const started = { coming: request(stop.signal), stop, askers: 0 };
-    started.coming.then(
-      (value) => void (lazy.value = value),
-      () => end(started),
-    );
-    return started;
+  function release() {
+    isReleased = true;
+    releaseBoxes?.();
   }
-
-  /** @param {typeof running} one */
-  function end(one) {
-    if (running === one) running = null;
-  }
-
-  const lazy = {
-    value: /** @type {T | undefined} */ (undefined),
-
-    /** @param {AbortSignal} [signal]  without one, the request is never aborted */
-    get(signal) {
-      const asked = (running ??= start());
-      asked.askers += 1;
-      signal?.addEventListener("abort", () => {
-        asked.askers -= 1;
-        if (asked.askers > 0 || lazy.value !== undefined) return;
-        end(asked);
-        asked.stop.abort();
-      });
-      return asked.coming;
-    },
-  };
-  return lazy;
-}
-
-/**
- * Ask for something while the component is on the page. `value` is undefined until it is there.
- * @template T @param {Lazy<T> | null} lazy  null: it is not wanted
- */
-export function useLazy(lazy) {
-  const [settled, setSettled] = useState(/** @type {{lazy: Lazy<T> | null, error: Error | null}} */ ({ lazy: null, error: null }));
-  const [attempt, setAttempt] = useState(0);
-  const value = lazy?.value;
-  useEffect(() => {
-    if (!lazy || value !== undefined) return;
-    const stop = new AbortController();
-    /** @param {Error | null} error */
-    const settle = (error) => !stop.signal.aborted && setSettled({ lazy, error });
-    lazy.get(stop.signal).then(() => settle(null), settle);
-    return () => stop.abort();
-  }, [lazy, attempt]);
-  const error = value === undefined && settled.lazy === lazy ? settled.error : null;
-  return { value, error, retry: () => setAttempt((n) => n + 1) };
+  return { frame, picture, segmentation, mask, release };
 }

@@ -2,20 +2,19 @@
 // A frame on the stage with its boxes, as a component; the bar over it, and the actions of both.
 
 import { isWithheld } from "../boxes/box.js";
-import { useValue } from "../core/hooks.js";
+import { useLazy, useValue } from "../core/hooks.js";
 import { html, useLayoutEffect, useMemo, useRef } from "../core/html.js";
 import { Toggle } from "../core/keymap.js";
 import { FailureLine, Notice } from "../core/parts.js";
 import { onThemeChange } from "../core/prefs.js";
 import { clamp } from "./geometry.js";
-import { useLazy } from "./media.js";
 import { highlightOf } from "./pixels.js";
 import { createStage } from "./stage.js";
 
 /** @typedef {import("../core/app.js").Actions} Actions */
 /** @typedef {import("../core/app.js").App} App */
 /** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../core/openapi.js").Frame} Frame */
+/** @typedef {import("./media.js").Frame} Frame */
 
 /**
  * The boxes are shown as soon as the frame is known; the picture and the segmentation follow.

@@ -11,42 +11,42 @@ import { linkTo } from "../core/router.js";
 /** @typedef {import("../core/app.js").App} App */
 /** @typedef {import("../core/openapi.js").Flip} Flip */
 /** @typedef {import("./preview.js").Tuning} Tuning */
-/** @typedef {"kept_to_rejected" | "rejected_to_kept"} WayOf */
+/** @typedef {"kept_to_rejected" | "rejected_to_kept"} Direction */
 
 /** How large a picture is, in css px: about that, as cards share the width of the list. */
 const PICTURE_PX = 140;
 
-export const WAYS = /** @type {const} */ ({
+export const DIRECTIONS = /** @type {const} */ ({
   kept_to_rejected: { after: "rejected", text: "kept → rejected" },
   rejected_to_kept: { after: "kept", text: "rejected → kept" },
 });
 
-/** Ways by the names that earlier versions of the page have written into addresses. @type {Record<string, WayOf>} */
+/** Directions by the names that earlier versions of the page have written into addresses. @type {Record<string, Direction>} */
 const RENAMED = { lost: "kept_to_rejected", won: "rejected_to_kept" };
 
 /** Which flips an address shows; all if it is empty. @param {import("../core/router.js").Query} query */
-export const wayIn = ({ flips = "" }) => RENAMED[flips] ?? flips;
+export const directionIn = ({ flips = "" }) => RENAMED[flips] ?? flips;
 
-/** @param {Flip} flip @returns {WayOf} */
-export const wayOf = (flip) => (flip.before.verdict === "kept" ? "kept_to_rejected" : "rejected_to_kept");
+/** @param {Flip} flip @returns {Direction} */
+export const directionOf = (flip) => (flip.before.verdict === "kept" ? "kept_to_rejected" : "rejected_to_kept");
 
-/** @param {{way: string, counts: Record<WayOf, number>, onChange: (way: WayOf | "") => void}} props */
-export function WayTabs({ way, counts, onChange }) {
+/** @param {{direction: string, counts: Record<Direction, number>, onChange: (direction: Direction | "") => void}} props */
+export function DirectionTabs({ direction, counts, onChange }) {
   const choices = /** @type {const} */ ([
     { value: "", count: sumOf(counts), text: "All" },
-    { value: "kept_to_rejected", count: counts.kept_to_rejected, text: WAYS.kept_to_rejected.text },
-    { value: "rejected_to_kept", count: counts.rejected_to_kept, text: WAYS.rejected_to_kept.text },
+    { value: "kept_to_rejected", count: counts.kept_to_rejected, text: DIRECTIONS.kept_to_rejected.text },
+    { value: "rejected_to_kept", count: counts.rejected_to_kept, text: DIRECTIONS.rejected_to_kept.text },
   ]);
-  return html`<div class="segments segments--wide waytabs" role="group" aria-label="Which flips">
+  return html`<div class="segments segments--wide directiontabs" role="group" aria-label="Which flips">
     ${choices.map(
-      ({ value, count, text }) => html`<button class="segments__item" aria-pressed=${way === value} onClick=${() => onChange(value)}>
-        ${value && html`<${Way} way=${value} />`}<span>${text}</span><span class="num waytabs__count">${countText(count)}</span>
+      ({ value, count, text }) => html`<button class="segments__item" aria-pressed=${direction === value} onClick=${() => onChange(value)}>
+        ${value && html`<${DirectionSign} direction=${value} />`}<span>${text}</span><span class="num directiontabs__count">${countText(count)}</span>
       </button>`,
     )}
   </div>`;
 }
 
-/** @param {Record<WayOf, number>} counts */
+/** @param {Record<Direction, number>} counts */
 const sumOf = (counts) => counts.kept_to_rejected + counts.rejected_to_kept;
 
 /** @typedef {{before: (verdict: string) => string, after: (verdict: string) => string}} SideWords  how the verdicts of both sides are said */
@@ -62,29 +62,29 @@ export const FlipGrid = ({ items, words }) => html`<ul class="flips">
 /** @param {{flip: Flip, words: SideWords}} props */
 function FlipCard({ flip, words }) {
   const { box_id: id, xyxy, before, after } = flip;
-  const way = wayOf(flip);
+  const direction = directionOf(flip);
   const box = { box_id: id, xyxy, reason: after.reason, effective_verdict: after.verdict };
-  return html`<a class="flip flip--${WAYS[way].after}" href=${linkTo("frame", { id: flip.frame_id }, { box: String(id) })}>
-    <span class="flip__picture"><${NearBox} box=${box} size=${PICTURE_PX} /><${Way} way=${way} /></span>
+  return html`<a class="flip flip--${DIRECTIONS[direction].after}" href=${linkTo("frame", { id: flip.frame_id }, { box: String(id) })}>
+    <span class="flip__picture"><${NearBox} box=${box} size=${PICTURE_PX} /><${DirectionSign} direction=${direction} /></span>
     <span class="flip__class">${flip.class}<span class="sr-only"> of box ${id}</span></span>
     <span class="flip__side"><b>${words.before(before.verdict)}:</b> <span>${causeText(before)}</span></span>
     <span class="flip__side"><b>${words.after(after.verdict)}:</b> <span>${causeText(after)}</span></span>
   </a>`;
 }
 
-/** @param {{app: App, tuning: Tuning, selected: string, way: string, onWay: (way: string) => void}} props */
-export function FlipPanel({ app, tuning, selected, way, onWay }) {
+/** @param {{app: App, tuning: Tuning, selected: string, direction: string, onDirection: (direction: string) => void}} props */
+export function FlipPanel({ app, tuning, selected, direction, onDirection }) {
   const { preview, listed } = tuning;
   const flips = preview?.flips;
   const counts = (selected ? flips?.by_class[selected] : flips) ?? { kept_to_rejected: 0, rejected_to_kept: 0 };
-  const items = (listed?.flips?.items ?? []).filter((flip) => (!selected || flip.class === selected) && (!way || wayOf(flip) === way));
-  const wanted = way === "kept_to_rejected" || way === "rejected_to_kept" ? counts[way] : sumOf(counts);
+  const items = (listed?.flips?.items ?? []).filter((flip) => (!selected || flip.class === selected) && (!direction || directionOf(flip) === direction));
+  const wanted = direction === "kept_to_rejected" || direction === "rejected_to_kept" ? counts[direction] : sumOf(counts);
   return html`<aside class="panelbox flippanel" aria-labelledby="flips-title">
     <header class="panelbox__head">
       <h2 id="flips-title">Would flip${selected ? `: ${selected}` : ""}</h2>
       <span class="faint">nearest to the threshold first</span>
     </header>
-    <${WayTabs} way=${way} counts=${counts} onChange=${onWay} />
+    <${DirectionTabs} direction=${direction} counts=${counts} onChange=${onDirection} />
     <${Body} app=${app} tuning=${tuning} items=${items} wanted=${wanted} />
   </aside>`;
 }
@@ -97,14 +97,14 @@ function Body({ app, tuning, items, wanted }) {
   return html`<div class="flippanel__list ${isListed ? "" : "is-behind"}" aria-busy=${!isListed}>
     ${items.length === 0 && (isListed ? html`<p class="panelbox__empty">None of these is among the ${countText(listed?.flips?.items.length ?? 0)} nearest.</p>` : html`<${SkeletonCards} />`)}
     <${FlipGrid} items=${items} words=${TRIED} />
-    <${More} tuning=${tuning} shown=${items.length} wanted=${wanted} />
+    <${ShowMoreFlips} tuning=${tuning} shown=${items.length} wanted=${wanted} />
   </div>`;
 }
 
 const SkeletonCards = () => html`<ul class="flips" aria-hidden="true">${[0, 1, 2, 3, 4, 5].map(() => html`<li class="flip"><span class="flip__picture shimmer"></span></li>`)}</ul>`;
 
 /** @param {{tuning: Tuning, shown: number, wanted: number}} props */
-function More({ tuning, shown, wanted }) {
+function ShowMoreFlips({ tuning, shown, wanted }) {
   if (shown >= wanted || !tuning.isListed) return null;
   return html`<p class="flippanel__more">
     <span class="faint">${countText(shown)} of ${countOf(wanted, "box", "boxes")}</span>
@@ -118,5 +118,5 @@ export function Delta({ count, before }) {
   return html`<span class="delta num ${by === 0 ? "is-none" : ""}">${by === 0 ? "±0" : `${by > 0 ? "+" : "−"}${countText(Math.abs(by))}`}</span>`;
 }
 
-/** The sign of a flip's new verdict. @param {{way: WayOf}} props */
-export const Way = ({ way }) => html`<span class="way way--${WAYS[way].after}" aria-hidden="true"><${Icon} name=${WAYS[way].after === "rejected" ? "cross" : "check"} /></span>`;
+/** The sign of a flip's new verdict. @param {{direction: Direction}} props */
+export const DirectionSign = ({ direction }) => html`<span class="direction direction--${DIRECTIONS[direction].after}" aria-hidden="true"><${Icon} name=${DIRECTIONS[direction].after === "rejected" ? "cross" : "check"} /></span>`;

@@ -12,7 +12,7 @@ import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { RunStrip, isOver, useOpenRun, useWatched } from "../jobs/job.js";
 import { AllClasses, ClassCards, Reasons } from "./classes.js";
 import { THRESHOLD, effectiveEdits, keyValue, valueOf, valueText } from "./config.js";
-import { Delta, FlipPanel, Way, wayIn } from "./flips.js";
+import { Delta, DirectionSign, FlipPanel, directionIn } from "./flips.js";
 import { useTuning } from "./preview.js";
 import { ConfigPanel, SaveDialog, Versions } from "./versions.js";
 
@@ -48,7 +48,7 @@ export function ThresholdsView({ app, route }) {
 /** @param {{app: App, route: Route, dataset: string, active: ConfigVersion, onApplied: () => void}} props */
 function Tuner({ app, route, dataset, active, onApplied }) {
   const { class: selected = "", scale = "" } = route.query;
-  const way = wayIn(route.query);
+  const direction = directionIn(route.query);
   const tuning = useTuning(app, dataset, active, route.query);
   const keys = useFields("FilterConfigIn");
   const [isSaving, setSaving] = useState(false);
@@ -93,7 +93,7 @@ function Tuner({ app, route, dataset, active, onApplied }) {
         <${Versions} dataset=${dataset} tuning=${tuning} saved=${saved} isRunning=${isRunning} onRun=${onRun} />
         <${ConfigPanel} tuning=${tuning} keys=${keys} />
       </div>
-      ${!isUnknown && html`<${FlipPanel} app=${app} tuning=${tuning} selected=${selected} way=${way} onWay=${(/** @type {string} */ flips) => tuning.look({ class: selected, scale, flips })} />`}
+      ${!isUnknown && html`<${FlipPanel} app=${app} tuning=${tuning} selected=${selected} direction=${direction} onDirection=${(/** @type {string} */ flips) => tuning.look({ class: selected, scale, flips })} />`}
     </div>
     ${isSaving && html`<${SaveDialog} dataset=${dataset} tuning=${tuning} onClose=${() => setSaving(false)} onSaved=${onSaved} onRun=${onRun} onOutdated=${onApplied} />`}`;
 }
@@ -165,12 +165,12 @@ function Figure({ verdict, count, before }) {
 function Flips({ flips }) {
   return html`<div class="figures figures--flips">
     <div class="figure" data-figure="kept_to_rejected">
-      <span class="figure__name"><${Way} way="kept_to_rejected" />kept → rejected</span>
+      <span class="figure__name"><${DirectionSign} direction="kept_to_rejected" />kept → rejected</span>
       <span class="figure__value num">${flips ? countText(flips.kept_to_rejected) : "–"}</span>
       <span class="delta">would flip</span>
     </div>
     <div class="figure" data-figure="rejected_to_kept">
-      <span class="figure__name"><${Way} way="rejected_to_kept" />rejected → kept</span>
+      <span class="figure__name"><${DirectionSign} direction="rejected_to_kept" />rejected → kept</span>
       <span class="figure__value num">${flips ? countText(flips.rejected_to_kept) : "–"}</span>
       <span class="delta">would flip</span>
     </div>

@@ -152,7 +152,7 @@ export function SaveDialog({ dataset, tuning, onClose, onSaved, onRun, onOutdate
     <${DiffTable} rows=${differences(tuning.active.config, tuning.tried)} />
     <p class="savedialog__what">${whatText(tuning)}</p>
     <footer class="dialog__foot">
-      <span class="faint">Versions are never changed or deleted.</span>
+      <span class="faint">Versions are never changed.</span>
       <span class="savedialog__buttons">
         <button class="button" disabled=${isBusy} onClick=${() => save(false)}>Save only</button>
         <button class="button button--primary" disabled=${isBusy} onClick=${() => save(true)}>Save and apply</button>

@@ -1,12 +1,12 @@
 // @ts-check
-// The dialog of an upload: what the server found in the dropped files, and the dataset that they are uploaded to.
+// The content of the upload dialog: what the server found in the dropped files, and the dataset that they are uploaded to.
 
 import { ApiError } from "../core/api.js";
-import { useDatasets, useTask } from "../core/hooks.js";
+import { useDatasets, useLoaded, useTask } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, sizeText } from "../core/numbers.js";
-import { Command, Dialog, FailureLine, FileList, Segments, useDialog } from "../core/parts.js";
+import { Command, FailureLine, FileList, Segments } from "../core/parts.js";
 import { hasImages, readFolder, topOf, visibleEntries } from "./folder.js";
 
 /** @typedef {import("./uploader.js").UploadApp} App */
@@ -22,22 +22,20 @@ export const DATASET_NAME = /^[a-z0-9](?:[a-z0-9._-]{0,98}[a-z0-9])?$/;
 
 const NAME_RULE = "Use small letters, digits, dots, dashes and underscores; begin and end with a letter or digit.";
 
-/** @param {{app: App, dropped: Promise<Entry[]>}} props */
-export function UploadDialog({ app, dropped }) {
-  const dialog = useDialog();
-  const { close } = dialog;
+/** @param {{app: App, dropped: Promise<Entry[]>, close: () => void}} props */
+export function FoundFiles({ app, dropped, close }) {
   const found = useFound(dropped);
   const { plan, error } = found;
   /** What was typed stays when the files are read as another layout. */
   const [typed, setTyped] = useState(/** @type {string | null} */ (null));
-  return html`<${Dialog} dialog=${dialog} id="upload-title" title="Upload" kind="upload" onClose=${() => app.uploads.dropped.set(null)}>
-  ${error ? html`<${NotRead} found=${found} error=${error} close=${close} />` : plan ? html`<${Review} app=${app} found=${found} plan=${plan} typed=${typed} setTyped=${setTyped} close=${close} />` : html`<${Progress} found=${found} close=${close} />`}
-  <//>`;
+  if (error) return html`<${NotRead} found=${found} error=${error} close=${close} />`;
+  if (plan) return html`<${Review} app=${app} found=${found} plan=${plan} typed=${typed} setTyped=${setTyped} close=${close} />`;
+  return html`<${Progress} found=${found} close=${close} />`;
 }
 
 /**
  * @typedef {object} Found
- * @property {Entry[] | null} entries
+ * @property {readonly Entry[] | null} entries
  * @property {string} top  the name of the one folder, or ""
  * @property {Plan | null} plan
  * @property {Reading | null} reading
@@ -48,39 +46,32 @@ export function UploadDialog({ app, dropped }) {
 
 /** @param {Promise<Entry[]>} dropped @returns {Found} */
 function useFound(dropped) {
-  const [files, setFiles] = useState(/** @type {{entries: Entry[], top: string} | null} */ (null));
-  const [wanted, setWanted] = useState(/** @type {{layout: import("./folder.js").Layout}} */ ({ layout: "auto" }));
-  const [plan, setPlan] = useState(/** @type {Plan | null} */ (null));
+  const [layout, setLayout] = useState(/** @type {import("./folder.js").Layout} */ ("auto"));
   const [reading, setReading] = useState(/** @type {Reading | null} */ (null));
-  const [error, setError] = useState(/** @type {Error | null} */ (null));
-  useEffect(() => {
-    dropped.then((all) => {
-      const entries = visibleEntries(all);
-      if (entries.length === 0) throw new Error("There are no files in it.");
-      setFiles({ entries, top: topOf(entries) });
-    }).catch(setError);
-  }, [dropped]);
-  useEffect(() => {
-    if (!files) return;
-    const stop = new AbortController();
-    setPlan(null);
-    setError(null);
-    const tell = (/** @type {Reading} */ now) => stop.signal.aborted || setReading(now);
-    readFolder(files.entries, wanted.layout, stop.signal, tell).then(
-      (next) => stop.signal.aborted || setPlan(next),
-      (fault) => stop.signal.aborted || setError(fault),
-    );
-    return () => stop.abort();
-  }, [files, wanted]);
+  const { value: entries, error: notListed } = useLoaded(() => dropped.then(listed), [dropped]);
+  const read = useLoaded(
+    async (signal) => entries && readFolder(entries, layout, signal, (now) => signal.aborted || setReading(now)),
+    [entries, layout],
+  );
   return {
-    entries: files?.entries ?? null,
-    top: files?.top ?? "",
-    plan,
+    entries,
+    top: entries ? topOf(entries) : "",
+    plan: read.state === "ready" ? read.value : null,
     reading,
-    error,
-    read: (layout) => setWanted({ layout }),
-    retry: () => setWanted({ ...wanted }),
+    error: notListed ?? read.error,
+    read(next) {
+      setLayout(next);
+      read.reload();
+    },
+    retry: read.reload,
   };
+}
+
+/** @param {readonly Entry[]} all */
+function listed(all) {
+  const entries = visibleEntries(all);
+  if (entries.length === 0) throw new Error("There are no files in it.");
+  return entries;
 }
 
 /** @param {{found: Found, close: () => void}} props */
@@ -105,9 +96,8 @@ function NotRead({ found: { entries, top, read, retry }, error, close }) {
   const isUnknown = error instanceof ApiError && error.problem.code === "bad_layout";
   const isTooLarge = error instanceof ApiError && error.status === 413;
   return html`<div class="upload">
-    ${isUnknown
-      ? html`<p role="alert">No frames were recognised in ${entries?.length === 1 ? "this file" : `these ${countOf(entries?.length ?? 0, "file")}`}.</p><p class="faint">${error.message}</p>`
-      : html`<${FailureLine} error=${error} />`}
+    <${FailureLine} error=${isUnknown ? { message: `No frames were recognised in ${entries?.length === 1 ? "this file" : `these ${countOf(entries?.length ?? 0, "file")}`}.` } : error} />
+    ${isUnknown && html`<p class="faint">${error.message}</p>`}
     ${isTooLarge && html`<p>The command line takes folders of any size:</p><${Command} text=${commandOf(top, "")} />`}
     <footer class="dialog__foot">
       <button type="button" class="button" onClick=${close}>Cancel</button>

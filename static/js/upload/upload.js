@@ -1,11 +1,12 @@
 // @ts-check
 // Files and folders that are dropped or picked, and the progress of their upload.
 
-import { useValue } from "../core/hooks.js";
+import { useLazy, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
-import { FailureLine, FileList } from "../core/parts.js";
+import { createLazy } from "../core/observable.js";
+import { Dialog, FailureLine, FileList, useDialog } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { doneOf, isOver } from "./uploader.js";
 
@@ -20,7 +21,7 @@ export function Uploads({ app }) {
   const isOver = useDrop(app);
   return html`
     ${isOver && html`<div class="dropzone" aria-hidden="true"><div class="dropzone__card"><${Icon} name="upload" />Drop images, segmentations and labels to upload them</div></div>`}
-    ${dropped && html`<${LateDialog} key=${dropped} app=${app} dropped=${dropped} />`}
+    ${dropped && html`<${UploadDialog} key=${dropped} app=${app} dropped=${dropped} />`}
     ${job && html`<${UploadPanel} key=${job} app=${app} job=${job} />`}`;
 }
 
@@ -52,16 +53,19 @@ function useDrop(app) {
   return isOver;
 }
 
-/** The upload dialog, whose module is loaded only when something was dropped. @param {{app: App, dropped: Promise<Entry[]>}} props */
-function LateDialog({ app, dropped }) {
-  const [late, setLate] = useState(/** @type {typeof import("./dialog.js") | null} */ (null));
-  useEffect(() => {
-    import("./dialog.js").then(setLate, (error) => {
-      app.uploads.dropped.set(null);
-      app.toasts.show(`The upload dialog could not be loaded: ${error.message}`, { kind: "error" });
-    });
-  }, []);
-  return late && html`<${late.UploadDialog} app=${app} dropped=${dropped} />`;
+const FOUND_FILES = createLazy(async () => (await import("./dialog.js")).FoundFiles);
+
+/** The upload dialog. What it shows is loaded only when something was dropped. @param {{app: App, dropped: Promise<Entry[]>}} props */
+function UploadDialog({ app, dropped }) {
+  const dialog = useDialog();
+  const { value: FoundFiles, error, retry } = useLazy(FOUND_FILES);
+  return html`<${Dialog} dialog=${dialog} id="upload-title" title="Upload" kind="upload" onClose=${() => app.uploads.discard(dropped)}>
+    ${FoundFiles
+      ? html`<${FoundFiles} app=${app} dropped=${dropped} close=${dialog.close} />`
+      : error
+        ? html`<${FailureLine} what="The upload dialog could not be loaded" error=${error} onRetry=${retry} />`
+        : html`<p class="upload__reading" role="status"><span class="spinner" aria-hidden="true"></span>Listing the files</p>`}
+  <//>`;
 }
 
 /** Start an upload, unless one is running: a second drop must not end it. @param {App} app @param {Promise<import("./folder.js").Entry[]>} files */
@@ -143,14 +147,14 @@ async function collect(entry, entries) {
     return;
   }
   const reader = /** @type {FileSystemDirectoryEntry} */ (entry).createReader();
-  // A reader gives a portion at a time, and an empty one at the end.
-  for (let some = await portion(reader); some.length; some = await portion(reader)) {
+  // A reader gives some entries at a time, and none at the end.
+  for (let some = await nextEntries(reader); some.length; some = await nextEntries(reader)) {
     for (const one of some) await collect(one, entries);
   }
 }
 
 /** @param {FileSystemDirectoryReader} reader @returns {Promise<FileSystemEntry[]>} */
-const portion = (reader) => new Promise((resolve, reject) => reader.readEntries(resolve, reject));
+const nextEntries = (reader) => new Promise((resolve, reject) => reader.readEntries(resolve, reject));
 
 /** @type {Record<import("./uploader.js").Phase, string>} */
 const PHASES = {

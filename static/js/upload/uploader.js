@@ -193,6 +193,13 @@ export function createUploads(calls, isSignedIn) {
 
   const isRunning = () => job.get() !== null && !isOver(/** @type {Job} */ (job.get()).uploader.state.get().phase);
 
+  /**
+   * Forget these files, which are uploaded or not wanted. Others that were taken since stay: the browser tells only with
+   * its next picture that a dialog was closed.
+   * @param {Promise<Entry[]> | null} entries
+   */
+  const discard = (entries) => dropped.get() === entries && dropped.set(null);
+
   /** @param {Phase} phase what it waited in */
   const resumeFrom = (phase) => job.get()?.uploader.state.get().phase === phase && job.get()?.uploader.resume();
 
@@ -208,9 +215,11 @@ export function createUploads(calls, isSignedIn) {
 
     /** @param {Promise<Entry[]>} entries */
     take: (entries) => dropped.set(entries),
+    discard,
 
     /** Make the dataset if it is new, then begin; rejects when that is refused. @param {Order} order */
     async start({ dataset, isNew, classes, reading, frames, replace }) {
+      const entries = dropped.get();
       if (isNew) await calls.createDataset({ name: dataset, ...(classes && { classes }), ...reading });
       const uploader = createUploader(frames, (frame, signal) => calls.putFrame(dataset, frame, replace, signal));
       uploader.state.observe(({ phase }) => {
@@ -218,7 +227,7 @@ export function createUploads(calls, isSignedIn) {
         // The session ends where it is refused. If another one has begun meanwhile, it is tried with that one.
         if (phase === "signed-out" && isSignedIn.get()) queueMicrotask(() => resumeFrom(phase));
       });
-      dropped.set(null);
+      discard(entries);
       job.set({ dataset, uploader });
       uploader.resume();
     },

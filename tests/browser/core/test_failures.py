@@ -9,8 +9,7 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 
 from tests.support.page import scenes
-from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.tuning import car_at
+from tests.support.page.scenes import Scene
 from tests.support.page.windows import Visitor, first_held, route_loaded
 
 pytestmark = pytest.mark.browser
@@ -24,9 +23,8 @@ def respond_with_500(route: Route) -> None:
 
 
 @pytest.fixture
-def street(make_scene: MakeScene) -> Scene:
-    """A dataset of two boxes, and a run that has changed the verdict of one."""
-    street = make_scene(boxes=[car_at(30, 0), car_at(55, 1)])
+def street(street: Scene) -> Scene:
+    """The street after a run that has changed the verdict of one of its two boxes."""
     street.decide(threshold_small_box=40)
     return street
 
@@ -42,8 +40,12 @@ def view(path: str, *, click: str = "") -> Callable[[Visitor, Scene], None]:
     return go
 
 
+def open_datasets(user: Visitor, _: Scene) -> None:
+    user.open("#/datasets")
+
+
 def open_latest_run(user: Visitor, street: Scene) -> None:
-    runs = scenes.get(street.api, f"/datasets/{street.dataset}/runs")["items"]
+    runs = scenes.get(street.http, f"/datasets/{street.dataset}/runs")["items"]
     user.open(f"#/datasets/{street.dataset}/runs?run={runs[0]['id']}")
 
 
@@ -64,6 +66,10 @@ def segmentation(user: Visitor, street: Scene) -> None:
 @pytest.mark.parametrize(
     ("asked", "go", "part"),
     [
+        (r"/datasets\?", open_datasets, ""),
+        (r"/boxes\?", view("grid"), ""),
+        (r"/queue$", view("queue"), ""),
+        (r"/preview$", view("thresholds"), ""),
         (r"/evaluations\?", view("quality"), "Kinds of evidence compared"),
         (r"/runs\?", view("quality"), "Kinds of evidence compared"),
         (r"/runs\?", view("thresholds"), ""),
@@ -92,7 +98,9 @@ def test_failed_part_of_a_view_shows_error_and_can_be_retried(
     expect(failure).to_contain_text(DETAIL)
 
     page.unroute(re.compile(asked))
-    failure.get_by_role("button", name="Try again").click()
+    # A failed response to a second such request may still be on its way.
+    with page.expect_response(lambda got: got.ok and bool(re.search(asked, got.url))):
+        place.get_by_role("button", name="Try again").click()
 
     expect(failure).to_have_count(0)
 
@@ -141,6 +149,8 @@ def test_request_that_fails_just_after_being_online_again_is_repeated(street, us
         "(to) => { location.hash = to; }", f"#/datasets/{street.dataset}/grid"
     )
     request = first_held(page, held)
+    # The clock stands still, so that the failure counts as one of just after.
+    page.evaluate("{ const now = Date.now(); Date.now = () => now; }")
     page.evaluate("dispatchEvent(new Event('online'))")
 
     request.abort()
@@ -152,9 +162,7 @@ def test_request_that_fails_just_after_being_online_again_is_repeated(street, us
     ("path", "shown"),
     [
         ("frames", "a.thumb"),
-        ("grid", "[role=gridcell]"),
         ("queue", ".answer--keep"),
-        ("quality", "a.button--primary"),
     ],
 )
 def test_view_that_was_opened_offline_is_loaded_when_online_again(

@@ -13,15 +13,9 @@ from playwright.sync_api import Page, Route, expect
 
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.tuning import car_at
 from tests.support.page.windows import Visitor
 
 pytestmark = pytest.mark.browser
-
-
-@pytest.fixture
-def street(make_scene: MakeScene) -> Scene:
-    return make_scene(boxes=[car_at(30, 0), car_at(55, 1)])
 
 
 def shorten_pages(page: Page, path: str, items: int = 2) -> None:
@@ -38,7 +32,7 @@ def shorten_pages(page: Page, path: str, items: int = 2) -> None:
 def dataset_on_second_page(user: Visitor, make_scene: MakeScene) -> str:
     """A dataset with one frame that is the first on the second page of the list."""
     scene, *others = (make_scene() for _ in range(3))
-    listed = scenes.get(scene.api, "/datasets?limit=1000")["items"]
+    listed = scenes.get(scene.http, "/datasets?limit=1000")["items"]
     names = [str(dataset["name"]) for dataset in listed]
     last = max(names.index(one.dataset) for one in (scene, *others))
     shorten_pages(user.page, "/datasets", last)
@@ -49,7 +43,7 @@ def start_runs(street: Scene) -> list[int]:
     """Three runs, each after the one before it, with their ids."""
     for percent in (40, 60, 70):
         street.decide(threshold_small_box=percent)
-    runs = scenes.get(street.api, f"/datasets/{street.dataset}/runs")["items"]
+    runs = scenes.get(street.http, f"/datasets/{street.dataset}/runs")["items"]
     return sorted(int(run["id"]) for run in runs)
 
 
@@ -99,7 +93,7 @@ def test_older_runs_are_shown_on_request(user, street):
 def test_older_exports_are_shown_on_request(user, street):
     path = f"/datasets/{street.dataset}/exports"
     for _ in range(3):
-        assert street.api.post(path, json={"format": "yolo"}).status_code == 202
+        assert street.http.post(path, json={"format": "yolo"}).status_code == 202
     shorten_pages(user.page, "/datasets/[^/]+/exports")
     page = user.open(f"#/datasets/{street.dataset}/runs")
     exports = page.get_by_role("article", name=re.compile("^Export"))
@@ -136,7 +130,7 @@ def test_runs_that_are_not_listed_are_compared_by_key(user, street):
 def test_settings_say_how_many_more_frames_were_refused(user, street):
     bad = {"annotation": ("a.json", '{"boxes": [{"class": "car"}]}')}
     for number in range(3):
-        street.api.put(f"/datasets/{street.dataset}/frames/bad{number}", files=bad)
+        street.http.put(f"/datasets/{street.dataset}/frames/bad{number}", files=bad)
     shorten_pages(user.page, "/datasets/[^/]+/problems")
     page = user.open(f"#/datasets/{street.dataset}/frames")
 

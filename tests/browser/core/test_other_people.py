@@ -15,10 +15,10 @@ pytestmark = pytest.mark.browser
 
 
 @pytest.fixture
-def bo(server, api):
+def bo(server, http):
     """The name and the token of another person than the admin."""
-    name = f"bo-{len(api.get('/tokens').json()['items'])}"
-    token = api.post("/tokens", json={"name": name}).json()["token"]
+    name = f"bo-{len(http.get('/tokens').json()['items'])}"
+    token = http.post("/tokens", json={"name": name}).json()["token"]
     return name, token
 
 

@@ -25,7 +25,7 @@ def open_settings(user: Visitor, scene: Scene) -> Page:
 
 def test_refused_frames_are_listed_with_the_servers_message(scene, user):
     bad = {"annotation": ("a.json", '{"boxes": [{"class": "car"}]}')}
-    scene.api.put(f"/datasets/{scene.dataset}/frames/bad", files=bad)
+    scene.http.put(f"/datasets/{scene.dataset}/frames/bad", files=bad)
     page = open_settings(user, scene)
 
     refused = page.get_by_label("Refused frames")
@@ -42,7 +42,7 @@ def test_dataset_description_is_stored(scene, user):
     page.get_by_role("button", name="Save").click()
 
     expect(page.get_by_role("dialog")).to_have_count(0)
-    stored = scenes.get(scene.api, f"/datasets/{scene.dataset}")
+    stored = scenes.get(scene.http, f"/datasets/{scene.dataset}")
     assert stored["description"] == "one car, and what is not there"
 
 
@@ -92,4 +92,4 @@ def test_deleting_a_dataset_requires_typing_its_name(scene, user):
     page.get_by_role("button", name="Delete").click()
 
     expect(page.get_by_role("heading", name="Datasets", exact=True)).to_be_visible()
-    assert scene.api.get(f"/datasets/{scene.dataset}").status_code == 404
+    assert scene.http.get(f"/datasets/{scene.dataset}").status_code == 404

@@ -11,7 +11,14 @@ from playwright.sync_api import Page, Route, expect
 from tests.support.page import many_boxes
 from tests.support.page.many_boxes import answers, cell, grid, selected
 from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.windows import OpenWindow, Visitor, first_held, route_loaded
+from tests.support.page.windows import (
+    OpenWindow,
+    Visitor,
+    first_held,
+    go_offline,
+    hold_timers,
+    route_loaded,
+)
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
 
@@ -140,7 +147,7 @@ def test_undo_skips_and_lists_boxes_answered_since(many, user, page):
 
 def test_offline_undo_is_shown_at_once_and_sent_when_online(many, user, page):
     reject_first_three(user)
-    page.context.set_offline(True)
+    go_offline(page)
 
     user.press("z")
 
@@ -157,6 +164,7 @@ def test_offline_undo_is_shown_at_once_and_sent_when_online(many, user, page):
 def test_unsent_answer_survives_undo_of_its_bulk_answer(
     many, user, page, make_scene: MakeScene
 ):
+    hold_timers(page, 9000)  # the message with the button stays
     reject_first_three(user)
     route_loaded(page, "**/reviews/bulk", lambda route: route.abort())
     cell(page, 1).click()
@@ -165,6 +173,7 @@ def test_unsent_answer_survives_undo_of_its_bulk_answer(
 
     toast(page).get_by_role("button", name="Undo").click()
     page.unroute("**/reviews/bulk")
+    user.send_now()
 
     report = strip(page).filter(has_text="1 answer was left as it is")
     expect(report).to_be_visible()
@@ -179,6 +188,7 @@ def test_unsent_answer_survives_undo_of_its_bulk_answer(
 def test_bulk_answer_whose_response_is_lost_can_be_undone_but_not_discarded(
     many, user, page
 ):
+    hold_timers(page, 1000)  # the answer is not sent again before it is undone
     held: list[Route] = []
     route_loaded(page, "**/reviews/bulk", lambda route: held.append(route))
     select_range(page, 0, 2)
@@ -193,7 +203,7 @@ def test_bulk_answer_whose_response_is_lost_can_be_undone_but_not_discarded(
     strip(page).get_by_role("button", name="Undo").click()
     expect(page.locator(".sign--reject")).to_have_count(0)
     expect(strip(page)).to_have_text(re.compile("undo the answers on 3 boxes"))
-    page.unroute("**/reviews/bulk")
+    page.unroute("**/reviews/bulk")  # the request that is held goes to the server
 
     user.wait_until_saved()
     assert answers(many) == {}
@@ -230,6 +240,7 @@ def test_box_has_no_answer_after_a_later_answer_and_the_bulk_answer_are_undone(
 def test_undoing_a_bulk_answer_by_its_message_and_then_a_later_answer_undoes_both(
     many, user, page
 ):
+    hold_timers(page, 9000)  # the message with the button stays
     reject_first_three(user)
     open_frame(page, user, many.link("b0"))
     page.context.set_offline(True)
@@ -479,13 +490,13 @@ def test_unsent_bulk_answer_can_be_sent_or_discarded_manually(many, user, page):
 
 
 def test_bulk_answer_skips_and_counts_deleted_boxes(
-    many: Scene, user: Visitor, api: httpx.Client
+    many: Scene, user: Visitor, http: httpx.Client
 ):
     many.push("run/000002", boxes=many_boxes.alternating_boxes(2))
     page = user.open(grid(many))
     expect(page.locator(".grid-status p")).to_have_text("32 boxes")
     path = f"/datasets/{many.dataset}/frames/run/000002"
-    assert api.delete(path).status_code == 204
+    assert http.delete(path).status_code == 204
     page.get_by_role("grid").focus()
     user.press("End")
     cell(page, 28).click()

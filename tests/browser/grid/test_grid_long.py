@@ -26,11 +26,11 @@ NODES = "document.querySelectorAll('*').length"
 
 
 @pytest.fixture(scope="module")
-def dataset_of_100000_boxes(api: httpx.Client, server: RunningServer) -> str:
+def dataset_of_100000_boxes(http: httpx.Client, server: RunningServer) -> str:
     """100,000 boxes, written directly to the database; all frames share one image."""
-    many_boxes.fill(api, "one-picture", frames=1, boxes=1)
-    (frame,) = api.get("/datasets/one-picture/frames").json()["items"]
-    files = api.get(f"/frames/{frame['id']}").json()["files"]
+    many_boxes.fill(http, "one-picture", frames=1, boxes=1)
+    (frame,) = http.get("/datasets/one-picture/frames").json()["items"]
+    files = http.get(f"/frames/{frame['id']}").json()["files"]
     context = open_context(server.data)
     dataset_id = fill(context, BOXES, lambda _: None)
     with context.database.write() as session:
@@ -136,7 +136,7 @@ def test_crop_requests_are_limited_and_cancelled_when_scrolled_past(page):
     expect(cell(page, 0).locator("img")).to_be_visible()
 
 
-def test_range_of_thousands_of_boxes_is_one_bulk_answer(page, api):
+def test_range_of_thousands_of_boxes_is_one_bulk_answer(page, http):
     scroll_to(page, 0.03)
     cell(page, 0).wait_for(state="detached")
     expect(page.locator(".cell:has(.cell__class)").first).to_be_visible()
@@ -157,7 +157,7 @@ def test_range_of_thousands_of_boxes_is_one_bulk_answer(page, api):
     page.keyboard.press("x")
 
     expect(page.locator(".toast")).to_contain_text("boxes rejected")
-    counts = api.get("/boxes?dataset=million&review=reject&count=true&limit=1").json()
+    counts = http.get("/boxes?dataset=million&review=reject&count=true&limit=1").json()
     assert counts["total"] == index + 1
     page.keyboard.press("z")
     expect(page.locator(".toast").last).to_contain_text("answers undone")

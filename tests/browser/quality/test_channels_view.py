@@ -19,12 +19,12 @@ CHANNELS = 6
 
 
 @pytest.fixture
-def dataset(api: httpx.Client, request: pytest.FixtureRequest) -> str:
+def dataset(http: httpx.Client, request: pytest.FixtureRequest) -> str:
     """One frame with depth and instances: a car, and a ghost behind it."""
     name = re.sub(r"\W+", "-", request.node.name).strip("-")[:60]
-    assert api.post("/datasets", json={"name": name}).status_code == 201
+    assert http.post("/datasets", json={"name": name}).status_code == 201
     files = {"annotation": json.dumps(ANNOTATION).encode(), **sensors()}
-    stored = api.put(f"/datasets/{name}/frames/a", files=files)
+    stored = http.put(f"/datasets/{name}/frames/a", files=files)
     assert stored.status_code == 201, stored.text
     return name
 
@@ -34,15 +34,15 @@ def panel(page: Page) -> Locator:
 
 
 def measured(user: Visitor, dataset: str) -> Locator:
-    """The panel of channels after "Measure every channel", when all rows are there."""
+    """The panel of channels after "Measure every kind", when all rows are there."""
     page = user.open(f"#/datasets/{dataset}/quality")
-    panel(page).get_by_role("button", name="Measure every channel").click()
+    panel(page).get_by_role("button", name="Measure every kind").click()
     rows = panel(page).locator("tbody tr")
     expect(rows).to_have_count(CHANNELS, timeout=20_000)
     return panel(page)
 
 
-def test_measure_button_measures_and_compares_every_channel(user, api, dataset):
+def test_measure_button_measures_and_compares_every_channel(user, http, dataset):
     found = measured(user, dataset)
 
     segmentation = found.get_by_role("row", name=re.compile("^Segmentation active"))
@@ -52,12 +52,12 @@ def test_measure_button_measures_and_compares_every_channel(user, api, dataset):
         "100 %"
     )
     expect(found).to_contain_text("2 boxes of 1 frame")
-    expect(found.get_by_role("button", name="Measure every channel")).to_have_count(0)
-    boxes = api.get("/boxes", params={"dataset": dataset}).json()["items"]
+    expect(found.get_by_role("button", name="Measure every kind")).to_have_count(0)
+    boxes = http.get("/boxes", params={"dataset": dataset}).json()["items"]
     assert [box["verdict"] for box in boxes] == ["kept", "kept"]
 
 
-def test_boxes_that_a_channel_got_wrong_open_as_a_queue(user, api, dataset):
+def test_boxes_that_a_channel_got_wrong_open_as_a_queue(user, http, dataset):
     found = measured(user, dataset)
     expect(found.get_by_role("link", name=re.compile("that Depth got"))).to_have_count(
         0
@@ -72,7 +72,7 @@ def test_boxes_that_a_channel_got_wrong_open_as_a_queue(user, api, dataset):
     user.press("x")
     user.wait_until_saved()
     expect(page.locator(".queue__message")).to_contain_text("1 rejected")
-    answers = api.get("/boxes", params={"dataset": dataset, "review": "reject"}).json()
+    answers = http.get("/boxes", params={"dataset": dataset, "review": "reject"}).json()
     assert [box["id"] for box in answers["items"]] == ["218"]
 
     page.locator(".queue__head").get_by_role("button", name="The whole queue").click()
@@ -85,7 +85,7 @@ def test_filter_is_compared_with_instances_without_answers(user, dataset):
     expect(page).to_have_url(re.compile("against=instances$"))
     expect(page.get_by_text("No instances have been measured")).to_be_visible()
 
-    panel(page).get_by_role("button", name="Measure every channel").click()
+    panel(page).get_by_role("button", name="Measure every kind").click()
 
     expect(page.locator(".matrixcell__count")).to_have_text(
         ["1", "1", "0", "0"], timeout=20_000
@@ -96,11 +96,11 @@ def test_filter_is_compared_with_instances_without_answers(user, dataset):
     expect(card).to_contain_text("2 boxes")
 
 
-def test_box_decided_by_depth_names_the_deciding_channel(user, api, dataset):
+def test_box_decided_by_depth_names_the_deciding_channel(user, http, dataset):
     body = {"config": {"evidence": "depth"}, "activate": True}
-    started = api.post(f"/datasets/{dataset}/runs", json=body)
+    started = http.post(f"/datasets/{dataset}/runs", json=body)
     assert started.is_success, started.text
-    ghost = rejected(api, dataset)
+    ghost = rejected(http, dataset)
 
     page = user.open(f"#/datasets/{dataset}/queue?boxes={ghost}")
 
@@ -111,10 +111,10 @@ def test_box_decided_by_depth_names_the_deciding_channel(user, api, dataset):
     expect(page.locator(".match__track")).to_have_count(0)
 
 
-def rejected(api: httpx.Client, dataset: str) -> int:
+def rejected(http: httpx.Client, dataset: str) -> int:
     """The id of the one rejected box; waits until the measuring run is done."""
     asked = {"dataset": dataset, "verdict": "rejected"}
-    (box,) = until(lambda: api.get("/boxes", params=asked).json()["items"])
+    (box,) = until(lambda: http.get("/boxes", params=asked).json()["items"])
     return int(box["box_id"])
 
 
@@ -128,13 +128,13 @@ def test_channels_are_compared_by_class_and_by_distance(user, dataset):
     expect(found.get_by_role("row", name=re.compile("^car"))).to_be_visible()
 
 
-def test_choice_of_people_as_truth_is_kept_in_the_link(user, api, dataset):
+def test_choice_of_people_as_truth_is_kept_in_the_link(user, http, dataset):
     found = measured(user, dataset)
     found.get_by_role("button", name="People").click()
     expect(found).to_contain_text("Nobody has kept or rejected a box yet")
-    for box in api.get("/boxes", params={"dataset": dataset}).json()["items"]:
+    for box in http.get("/boxes", params={"dataset": dataset}).json()["items"]:
         body = {"verdict": "keep", "seen_revision": box["revision"]}
-        api.post(f"/boxes/{box['box_id']}/reviews", json=body)
+        http.post(f"/boxes/{box['box_id']}/reviews", json=body)
 
     user.page.reload()
 
@@ -145,7 +145,7 @@ def test_choice_of_people_as_truth_is_kept_in_the_link(user, api, dataset):
 
 def test_without_instance_image_page_offers_compare_with_people(user, scene):
     page = user.open(f"#/datasets/{scene.dataset}/quality")
-    panel(page).get_by_role("button", name="Measure every channel").click()
+    panel(page).get_by_role("button", name="Measure every kind").click()
 
     button = panel(page).get_by_role("button", name="Compare with people")
     expect(button).to_be_visible(timeout=20_000)

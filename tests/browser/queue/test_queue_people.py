@@ -4,23 +4,15 @@ from __future__ import annotations
 
 import re
 
-import httpx
 import pytest
 from playwright.sync_api import Page, expect
 
 from tests.support.page import many_boxes
 from tests.support.page.many_boxes import answers, queue, queued_box_id
-from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.scenes import Scene
 from tests.support.page.windows import OpenWindow, Visitor
-from tests.support.servers import RunningServer
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
-
-
-@pytest.fixture
-def twenty_boxes(make_scene: MakeScene) -> Scene:
-    """Twenty boxes on one frame: b0, b2, ... are kept, b1, b3, ... are rejected."""
-    return make_scene(boxes=many_boxes.alternating_boxes(20))
 
 
 def open_queue(person: Visitor, scene: Scene, **query: str) -> Page:
@@ -52,21 +44,6 @@ def test_overtaken_answer_shows_the_earlier_answer_and_keeps_queue_position(
     assert twenty_boxes.review(contested)["verdict"] == "reject"
 
 
-def test_two_reviewers_are_given_different_boxes(
-    twenty_boxes, open_window: OpenWindow, api: httpx.Client, server: RunningServer
-):
-    made = api.post("/tokens", json={"name": "bo", "role": "reviewer"})
-    assert made.status_code == 201, made.text
-    ada, bo = open_window(), open_window(sign_in=False)
-    mine = queued_box_id(open_queue(ada, twenty_boxes))
-    bo.page.goto(server.login_link_of(made.json()["token"]))
-    expect(bo.page.get_by_role("heading", name="Datasets")).to_be_visible()
-
-    theirs = queued_box_id(open_queue(bo, twenty_boxes))
-
-    assert mine != theirs
-
-
 def test_boxes_with_unsent_answers_are_not_queued_after_a_reload(twenty_boxes, user):
     page = user.page
     page.route("**/reviews", lambda route: route.abort())
@@ -82,18 +59,6 @@ def test_boxes_with_unsent_answers_are_not_queued_after_a_reload(twenty_boxes, u
     page.unroute("**/reviews")
     expect(page.locator(".savestate--saved")).to_be_visible(timeout=40_000)
     assert answers(twenty_boxes) == {first: "reject"}
-
-
-def test_failed_queue_request_shows_error_and_can_be_retried(twenty_boxes, user):
-    page = user.page
-    page.route("**/queue", lambda route: route.abort())
-    user.open(queue(twenty_boxes))
-    expect(page.get_by_role("alert")).to_have_text("The server does not answer.")
-
-    page.unroute("**/queue")
-    page.get_by_role("button", name="Try again").click()
-
-    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
 
 
 def test_audit_hides_verdict_and_answers_until_answered(scene, user):

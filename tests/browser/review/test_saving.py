@@ -9,7 +9,8 @@ from playwright.sync_api import Page, expect
 
 from tests.support.page import many_boxes, scenes
 from tests.support.page.scenes import Scene
-from tests.support.page.windows import Visitor, lose_session, route_loaded
+from tests.support.page.windows import Visitor, go_offline, lose_session, route_loaded
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
 
@@ -21,12 +22,12 @@ def save_state(page: Page):
 def post_answer(scene: Scene, name: str, verdict: str) -> None:
     body = {"verdict": verdict, "seen_revision": scene.revision(name)}
     path = f"/boxes/{scene.box_id(name)}/reviews"
-    assert scene.api.post(path, json=body).status_code == 201
+    assert scene.http.post(path, json=body).status_code == 201
 
 
 def test_offline_answers_are_sent_when_online_again(scene: Scene, user: Visitor):
     page = user.open(scene.link("ghost"))
-    page.context.set_offline(True)
+    go_offline(page)
 
     user.press("a", "j", "x", "j", "x", "z")
 
@@ -85,20 +86,20 @@ def test_answer_is_stored_once_if_its_response_is_lost(scene, user):
     page = user.page
     arrived: list[int] = []
 
-    def drop_first_response(route):
+    def lose_response(route):
         if not arrived:
             arrived.append(route.fetch().status)
-            route.abort()
-        else:
-            route.continue_()
+        route.abort()
 
-    page.route("**/reviews", drop_first_response)
+    page.route("**/reviews", lose_response)
     user.open(scene.link("ghost"))
     user.press("a")
     expect(save_state(page)).to_contain_text("offline")
+    page.unroute("**/reviews")
     user.send_now()
 
     user.wait_until_saved()
+    expect(page.locator(".overtaken")).to_have_count(0)
     assert arrived == [201]
     assert scene.revision("ghost") == 1
 
@@ -111,7 +112,7 @@ def test_unsent_answer_is_kept_while_signed_out(scene, user, server):
 
     expect(page.get_by_role("heading", name="Sign in to Unghost")).to_be_visible()
     expect(page.locator(".signin__note")).to_contain_text("1 answer of admin kept")
-    page.get_by_label("Token").fill(server.token)
+    page.get_by_label("Token or login link").fill(server.token)
     page.get_by_role("button", name="Sign in").click()
     user.wait_until_drawn()
     expect(page.locator(".inspector__head h2")).to_have_text("truck ghost")
@@ -191,6 +192,8 @@ def test_unsent_answers_of_a_tab_are_sent_by_others_only_once_it_is_closed(
     third = Visitor(context.new_page(), first.url)
     third.open(scene.link("real"))
 
+    # The page may be drawn before it knows which tabs are closed.
+    until(lambda: scene.review("ghost") is not None)
     third.wait_until_saved()
     assert scene.review("ghost")["verdict"] == "keep"
 
@@ -259,9 +262,9 @@ def test_answer_of_another_tab_stays_shown_if_the_box_fails_to_load(scene, open_
     route_loaded(second.page, boxes, lambda route: route.abort())
 
     first.page.unroute("**/reviews")
-    first.page.evaluate("dispatchEvent(new Event('online'))")
+    with second.page.expect_event("requestfailed"):
+        first.page.evaluate("dispatchEvent(new Event('online'))")
     first.wait_until_saved()
-    second.page.wait_for_event("requestfailed")
 
     expect(second.page.locator(".answerline__state")).to_have_text("saved")
     expect(answer).to_contain_text("keep")

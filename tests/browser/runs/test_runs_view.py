@@ -15,8 +15,7 @@ from playwright.sync_api import Locator, Page, expect
 from tests.support.api import Api
 from tests.support.databases import hold_write_lock
 from tests.support.page import scenes
-from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.tuning import car_at
+from tests.support.page.scenes import Scene
 from tests.support.page.windows import PHONE, Visitor
 from tests.support.servers import RunningServer
 from tests.support.slow_datasets import (
@@ -32,11 +31,6 @@ PIXEL_KEYS = ("profile", "projection", "channel_order")
 
 
 @pytest.fixture
-def street(make_scene: MakeScene) -> Scene:
-    return make_scene(boxes=[car_at(30, 0), car_at(55, 1)])
-
-
-@pytest.fixture
 def long_street(street: Scene) -> Iterator[Scene]:
     """A street of so many frames that measuring them again takes a visible time.
 
@@ -44,10 +38,10 @@ def long_street(street: Scene) -> Iterator[Scene]:
     have to wait for.
     """
     for number in range(2, FRAMES + 2):
-        scenes.push(street.api, street.dataset, f"run/{number:06d}")
+        scenes.push(street.http, street.dataset, f"run/{number:06d}")
     yield street
     name = street.dataset
-    deleted = street.api.delete(f"/datasets/{name}?confirm={name}")
+    deleted = street.http.delete(f"/datasets/{name}?confirm={name}")
     assert deleted.status_code == 204, deleted.text
 
 
@@ -73,7 +67,7 @@ def runs_page(user: Visitor, street: Scene, query: str = "") -> Page:
 
 def start_run(street: Scene, **config: object) -> int:
     body = {"config": config, "activate": True}
-    answer = street.api.post(f"/datasets/{street.dataset}/runs", json=body)
+    answer = street.http.post(f"/datasets/{street.dataset}/runs", json=body)
     assert answer.status_code == 202, answer.text
     number: int = answer.json()["id"]
     return number
@@ -127,19 +121,21 @@ def test_open_jobs_do_not_use_up_the_browser_connections(user, server, slow_stre
     expect(run(page, numbers[0]).locator(".statebadge--done")).to_be_visible()
 
 
-def test_cancelled_run_changes_nothing(user, long_street):
+def test_cancelled_run_changes_nothing(user, server, long_street):
     page = runs_page(user, long_street)
     # Runs follow one another, and each measures all pixels: the last is still queued.
     for choice in product(("paper", "carlasimu"), ("naive", "clipped"), ("rgb", "bgr")):
         keys = dict(zip(PIXEL_KEYS, choice, strict=True))
         number = start_run(long_street, **keys, threshold_small_box=77)
-    page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
 
-    page.get_by_role("button", name=f"Cancel run {number}").click()
+    # Until the button is found, no run goes on.
+    with hold_write_lock(server.data):
+        page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
+        page.get_by_role("button", name=f"Cancel run {number}").click()
 
     expect(run(page, number).locator(".statebadge--cancelled")).to_be_visible()
     expect(run(page, number)).to_contain_text("nothing was changed")
-    stored = long_street.api.get(f"/runs/{number}").json()
+    stored = long_street.http.get(f"/runs/{number}").json()
     assert (stored["state"], stored["changed"]) == ("cancelled", 0)
 
 
@@ -163,14 +159,16 @@ def test_two_runs_are_compared_by_class_by_key_and_by_box(user, street):
 
     against = page.get_by_label("Run to compare with")
     expect(against).to_have_value(str(first))
-    began = street.api.get(f"/datasets/{street.dataset}/runs").json()["items"][-1]["id"]
+    began = street.http.get(f"/datasets/{street.dataset}/runs").json()["items"][-1][
+        "id"
+    ]
     against.select_option(str(began))
 
     expect(page.locator(".flip--rejected")).to_have_count(2)
     expect(page.get_by_role("row", name="threshold_small_box 10 60")).to_be_visible()
 
 
-def test_first_run_does_not_say_that_it_has_decided_again(user, api, street):
+def test_first_run_does_not_say_that_it_has_decided_again(user, http, street):
     page = runs_page(user, street)
     runs = page.get_by_role("article", name=re.compile("^Run"))
 
@@ -178,8 +176,8 @@ def test_first_run_does_not_say_that_it_has_decided_again(user, api, street):
     expect(runs).not_to_contain_text("again")
 
     empty = f"{street.dataset}-empty"
-    assert api.post("/datasets", json={"name": empty}).status_code == 201
-    scenes.decide(api, empty, {"threshold_small_box": 40})
+    assert http.post("/datasets", json={"name": empty}).status_code == 201
+    scenes.decide(http, empty, {"threshold_small_box": 40})
     user.open(f"#/datasets/{empty}/runs")
     expect(runs).to_have_count(2)
     expect(runs.nth(0)).to_contain_text("decided again")
@@ -213,27 +211,29 @@ def members(archive: Path) -> list[str]:
         return opened.namelist()
 
 
-def test_cancelled_export_writes_nothing(user, long_street):
+def test_cancelled_export_writes_nothing(user, server, long_street):
     page = runs_page(user, long_street)
     # Exports are written one after another: the last is still queued when cancelled.
     path = f"/datasets/{long_street.dataset}/exports"
-    asked = [long_street.api.post(path, json={"format": "yolo"}) for _ in range(12)]
+    asked = [long_street.http.post(path, json={"format": "yolo"}) for _ in range(12)]
     number = asked[-1].json()["id"]
-    page.reload()
 
-    page.get_by_role("button", name=f"Cancel export {number}").click()
+    # Until the button is found, no export goes on.
+    with hold_write_lock(server.data):
+        page.reload()
+        page.get_by_role("button", name=f"Cancel export {number}").click()
 
     row = page.get_by_role("article", name=f"Export {number}", exact=True)
     expect(row.locator(".statebadge--cancelled")).to_be_visible()
     expect(row).to_contain_text("nothing was written")
-    stored = long_street.api.get(f"/exports/{number}").json()
+    stored = long_street.http.get(f"/exports/{number}").json()
     assert (stored["state"], stored["download"]) == ("cancelled", None)
 
 
 def test_export_form_offers_every_format_and_only_options_of_the_chosen_one(
     user, street
 ):
-    schema = street.api.get(f"{user.url}/openapi.json").json()["components"]["schemas"]
+    schema = street.http.get(f"{user.url}/openapi.json").json()["components"]["schemas"]
     page = runs_page(user, street)
     page.get_by_role("button", name="New export").click()
     expect(page.locator(".formatcard").first).to_be_visible()
@@ -268,7 +268,7 @@ def test_refused_export_request_is_shown_in_the_form(user, street):
     page.get_by_role("button", name="Make export").click()
 
     expect(page.locator(".ask").get_by_role("alert")).to_contain_text("bands")
-    expect(page.get_by_text("No export yet")).to_have_count(0)
+    assert scenes.get(street.http, f"/datasets/{street.dataset}/exports")["items"] == []
 
 
 def test_no_exports_and_missing_dataset_show_a_message(user, street):
@@ -283,7 +283,9 @@ def test_no_exports_and_missing_dataset_show_a_message(user, street):
 def test_page_does_not_scroll_past_the_end_of_a_long_list_of_flips(
     long_street, open_window
 ):
-    number = start_run(long_street, max_distance=1)
+    long_street.decide(max_distance=1)
+    path = f"/datasets/{long_street.dataset}/runs"
+    number = scenes.get(long_street.http, path)["items"][0]["id"]
     user = open_window(viewport=PHONE)
     page = runs_page(user, long_street, f"?run={number}")
     expect(page.locator(".flip")).to_have_count(FRAMES + 2)
@@ -309,11 +311,11 @@ def test_export_with_an_invalid_number_is_not_requested(user, street):
         "Expected numbers, separated by commas, found 50, 100, 20O."
     )
     path = f"/datasets/{street.dataset}/exports"
-    assert scenes.get(street.api, path)["items"] == []
+    assert scenes.get(street.http, path)["items"] == []
     field.fill("50, 100, 200")
     page.get_by_role("button", name="Make export").click()
     expect(page.get_by_role("article", name=re.compile("^Export"))).to_be_visible()
-    (made,) = scenes.get(street.api, path)["items"]
+    (made,) = scenes.get(street.http, path)["items"]
     assert made["options"]["bands"] == [50, 100, 200]
 
 

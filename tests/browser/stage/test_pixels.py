@@ -19,7 +19,7 @@ from tests.support.page.stage import (
     view,
     wait_for_drawing,
 )
-from tests.support.page.windows import Visitor
+from tests.support.page.windows import PHONE, Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -51,8 +51,9 @@ def test_verdicts_are_shown_as_text_and_icons(scene: Scene, user: Visitor):
     expect(row).to_contain_text("kept")
 
 
-def test_matching_pixels_of_the_selected_box_are_highlighted(scene, user):
-    page = user.open(scene.link("hidden"))
+def test_matching_pixels_of_the_selected_box_are_highlighted(make_scene, user):
+    # The tags are in the stored file alone: the painted mask has other values.
+    page = user.open(make_scene(form="raw").link("hidden"))
     expect(page.locator(".stage")).to_have_attribute("data-highlighted", "400")
     wait_for_drawing(page)
 
@@ -87,6 +88,14 @@ def test_mask_shows_the_palette_colours_for_every_file_form(make_scene, user, fo
     wait_for_drawing(page)
 
     assert layer(page, "base")[sky][:3].tolist() == [70, 130, 180]
+
+
+def test_frame_without_segmentation_offers_no_mask(make_scene, user):
+    page = user.open(make_scene(form="none").link())
+
+    expect(page.get_by_role("toolbar", name="View")).to_be_visible()
+    expect(page.get_by_role("button", name="Segmentation")).to_have_count(0)
+    expect(page.locator(".stroke--unmeasured").first).to_be_visible()
 
 
 def test_opacity_blends_image_and_mask(scene, user):
@@ -168,6 +177,32 @@ def test_wheel_zooms_at_the_pointer_position(scene, user):
     )
 
     assert point(page, 160, 250) == pytest.approx(at, abs=0.5)
+
+
+def test_pinch_gesture_zooms(scene, open_window):
+    bo = open_window(viewport=PHONE, has_touch=True, is_mobile=True)
+    page = bo.open(scene.link())
+    before, *_ = view(page)
+
+    page.evaluate(PINCH)
+    wait_for_drawing(page)
+
+    assert view(page)[0] == pytest.approx(2 * before, rel=0.01)
+
+
+PINCH = """() => {
+  const stage = document.querySelector(".stage");
+  const { left, top } = stage.getBoundingClientRect();
+  stage.setPointerCapture = () => {};
+  const send = (type, pointerId, x) => stage.dispatchEvent(new PointerEvent(type,
+    { pointerId, button: 0, clientX: left + x, clientY: top + 150, bubbles: true }));
+  send("pointerdown", 1, 150);
+  send("pointerdown", 2, 200);
+  send("pointermove", 2, 225);
+  send("pointermove", 1, 125);
+  send("pointerup", 1, 125);
+  send("pointerup", 2, 225);
+}"""
 
 
 def test_dragging_pans_the_image(scene, user):

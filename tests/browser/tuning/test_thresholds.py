@@ -9,7 +9,7 @@ import json
 import re
 
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Locator, Page, Route, expect
 
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import keys_of
@@ -21,6 +21,7 @@ from tests.support.page.windows import (
     WIDTHS,
     OpenWindow,
     Visitor,
+    first_held,
     route_loaded,
 )
 from tests.support.waiting import until
@@ -30,10 +31,6 @@ pytestmark = pytest.mark.browser
 # Cars that fill 4, 30, 55 and 80 % of their boxes; the walker fills its box.
 BOXES = [car_at(share, index) for index, share in enumerate((4, 30, 55, 80))]
 WALKER = {"id": "walker", "class": "walker", "xyxy": (560, 200, 590, 280)}
-
-PREVIEW_TIMES = """() => performance.getEntriesByType("resource")
-  .filter(({ name }) => name.endsWith("/preview"))
-  .map(({ startTime, responseEnd }) => [startTime, responseEnd])"""
 
 
 @pytest.fixture
@@ -131,8 +128,6 @@ def test_class_threshold_is_set_by_keyboard(user, street):
 
 def test_typed_number_sets_threshold_and_invalid_number_does_not(user, street):
     page = open_thresholds(user, street)
-    field = page.get_by_label("Threshold of all classes", exact=True).first
-
     field = page.locator("input[aria-label='Threshold of all classes']")
     field.fill("31.25")
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "31.25")
@@ -159,6 +154,7 @@ def test_tried_thresholds_are_kept_in_the_link_and_can_be_reset(user, street):
 
     link = page.url.partition("#")[2]
     user.open("#/datasets")
+    expect(page.get_by_role("heading", name="Datasets")).to_be_visible()
     page = user.open(f"#{link}")
 
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "20")
@@ -180,13 +176,16 @@ def test_saving_a_version_lists_its_changes_and_does_not_apply_it(user, street):
             re.compile("min_visible_pixels.*1.*3"),
         ]
     )
-    digest = dialog.locator("code[title]").get_attribute("title")
+    # It is empty until the server has counted what is tried.
+    version = dialog.locator("code[title]")
+    expect(version).to_have_attribute("title", re.compile("."))
+    digest = version.get_attribute("title")
 
     dialog.get_by_role("button", name="Save only").click()
 
     expect(dialog).to_have_count(0)
     expect(page.locator(".version")).to_have_count(2)
-    versions = street.api.get(f"/datasets/{street.dataset}/configs").json()["items"]
+    versions = street.http.get(f"/datasets/{street.dataset}/configs").json()["items"]
     assert versions[0]["digest"] == digest
     assert versions[0]["config"]["threshold_small_box"] == 40
     assert applied_config(street)["threshold_small_box"] == 10
@@ -224,7 +223,9 @@ def test_older_version_can_be_previewed_and_activated_again(user, street):
     dialog.get_by_role("button", name="Cancel").click()
     expect(dialog).to_have_count(0)
     assert applied_config(street)["threshold_small_box"] == 60
-    assert len(scenes.get(street.api, f"/datasets/{street.dataset}/runs")["items"]) == 2
+    assert (
+        len(scenes.get(street.http, f"/datasets/{street.dataset}/runs")["items"]) == 2
+    )
 
     page.get_by_role("button", name="Apply").click()
     dialog.get_by_role("button", name="Apply", exact=True).click()
@@ -248,11 +249,23 @@ def test_applied_version_is_reported_in_sight(street, open_window: OpenWindow, w
     page.get_by_role("button", name="Save and apply").click()
 
     strip = page.locator(".runstrip--done")
+    expect(page.locator(".summary__state")).to_have_text("The active configuration")
     expect(strip).to_be_in_viewport(ratio=1)
     shown, summary = strip.bounding_box(), page.locator(".summary").bounding_box()
     assert shown is not None
     assert summary is not None
     assert shown["y"] >= summary["y"] + summary["height"]
+
+
+def test_legend_says_whether_a_share_equal_to_the_threshold_is_enough(user, street):
+    page = open_thresholds(user, street)
+    legend = page.locator(".chartlegend")
+    expect(legend).to_contain_text("at or above it")
+
+    street.decide(profile="carlasimu")
+    page.reload()
+
+    expect(legend).to_contain_text("at or below the threshold")
 
 
 def test_preview_that_needs_pixels_shows_message_and_no_counts(user, street):
@@ -277,6 +290,8 @@ def test_preview_that_needs_pixels_shows_message_and_no_counts(user, street):
 def test_deciding_channel_is_named_with_its_configuration_keys(user, street):
     page = open_thresholds(user, street)
     line = page.locator(".tuning__channel")
+    # The line names keys, which come with the form.
+    expect(page.get_by_role("spinbutton", name="ordered_min_pixels")).to_be_visible()
     expect(line).to_have_count(0)
     street.decide(evidence="ordered")
 
@@ -367,7 +382,7 @@ def test_yaml_of_tried_configuration_is_accepted_by_the_api(user, street):
 
     sent = {"Content-Type": "application/yaml"}
     path = f"/datasets/{street.dataset}/configs"
-    stored = street.api.post(path, content=text, headers=sent)
+    stored = street.http.post(path, content=text, headers=sent)
     assert stored.status_code == 201, stored.text
     config = stored.json()["config"]
     assert config["threshold_small_box"] == 12.5
@@ -383,38 +398,37 @@ def test_refused_value_shows_error_and_keeps_the_histograms(user, street):
     expect(handle(page, "all classes")).to_be_visible()
 
 
-def test_failed_preview_shows_error_and_can_be_retried(user, street):
-    page = user.page
-    page.route("**/preview", lambda route: route.abort())
-    page.goto(f"{user.url}/#/datasets/{street.dataset}/thresholds")
-    expect(page.get_by_role("alert")).to_have_text("The server does not answer.")
-
-    page.unroute("**/preview")
-    page.get_by_role("button", name="Try again").click()
-
-    expect(figure(page, "kept")).to_have_text("4")
-
-
 def test_only_a_single_preview_request_is_in_flight(user, street):
-    page = open_thresholds(user, street, "?threshold_small_box=30")
-    page.wait_for_load_state("networkidle")
-    page.evaluate("performance.clearResourceTimings()")
+    page = open_thresholds(user, street, "?threshold_small_box=50")
+    # Until the page has asked for all that it shows: the baseline, and the flips.
+    expect(page.locator('[data-figure="kept"] .delta')).to_have_text("−1")
+    expect(page.locator(".flip--rejected")).to_have_count(1)
+    held: list[Route] = []
+
+    def hold_two(route: Route) -> None:
+        held.append(route)
+        if len(held) > 2:
+            route.continue_()
+
+    route_loaded(page, "**/preview", hold_two)
     handle(page, "all classes").focus()
 
     for _ in range(20):
         page.keyboard.press("ArrowRight")
 
-    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "40")
-    expect(figure(page, "kept")).to_have_text("3")
-    # The browser lists a request a moment after the page has received the response.
-    times: list[list[float]] = until(lambda: page.evaluate(PREVIEW_TIMES))
-    assert len(times) < 20
-    ends, starts = [end for _, end in times[:-1]], [start for start, _ in times[1:]]
-    assert all(end <= start for end, start in zip(ends, starts, strict=True)), times
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
+    first_held(page, held).continue_()
+    until(lambda: page.evaluate("true") and len(held) > 1)
+    asked = [route.request.post_data_json or {} for route in held]
+    tried = [question["config"]["threshold_small_box"] for question in asked]
+    assert len(tried) == 2
+    assert tried[-1] == 60
+    held[1].continue_()
+    expect(figure(page, "kept")).to_have_text("2")
 
 
-def test_thresholds_of_an_empty_dataset_show_no_boxes_message(user, api):
-    api.post("/datasets", json={"name": "no-boxes"})
+def test_thresholds_of_an_empty_dataset_show_no_boxes_message(user, http):
+    http.post("/datasets", json={"name": "no-boxes"})
 
     page = user.open("#/datasets/no-boxes/thresholds")
 
@@ -463,7 +477,9 @@ def test_a_threshold_is_moved_by_touch(street, open_window):
 
 
 def test_save_is_refused_once_if_another_version_was_applied(street, user):
-    page = open_thresholds(user, street)
+    # A run that is open when the page looks for one would be followed to its end.
+    with user.page.expect_response(re.compile(r"/runs\?")):
+        page = open_thresholds(user, street)
     street.decide(classes={"walker": {"threshold_small_box": 77}})
     page.locator("input[aria-label='Threshold of car, percent']").fill("50")
     page.get_by_role("button", name="Save as new config version").click()
@@ -474,6 +490,8 @@ def test_save_is_refused_once_if_another_version_was_applied(street, user):
 
     expect(dialog.get_by_role("alert")).to_contain_text("somebody has applied another")
     assert "car" not in applied_config(street)["classes"]
+    other = scenes.get(street.http, f"/datasets/{street.dataset}/config")["digest"]
+    expect(dialog).to_contain_text(f"differs from the active {other[:8]}")
     dialog.get_by_role("button", name="Save and apply").click()
     expect(page.locator(".runstrip")).to_contain_text("is done")
     classes = applied_config(street)["classes"]
@@ -483,17 +501,24 @@ def test_save_is_refused_once_if_another_version_was_applied(street, user):
 
 
 def test_failed_counts_of_the_active_version_can_be_retried(street, user):
-    asked = []
+    failed: list[Route] = []
 
-    def fail_second_preview(route):
-        asked.append(route)
-        route.fulfill(status=503, body="{}") if len(asked) == 2 else route.continue_()
+    def fail_active_once(route):
+        asked = route.request.post_data_json["config"]["threshold_small_box"]
+        if asked == 10 and not failed:
+            failed.append(route)
+            route.fulfill(status=503, body="{}")
+        else:
+            route.continue_()
 
-    user.page.route("**/preview", fail_second_preview)
-    page = user.open(f"#/datasets/{street.dataset}/thresholds")
+    user.page.route("**/preview", fail_active_once)
+    page = open_thresholds(user, street, "?threshold_small_box=60")
+    change = page.locator('[data-figure="kept"] .delta')
+    expect(change).to_have_text("±0")
 
     page.get_by_role("alert").get_by_role("button", name="Try again").click()
 
+    expect(change).to_have_text("−2")
     expect(page.get_by_role("alert")).to_have_count(0)
 
 

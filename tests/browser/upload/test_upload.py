@@ -11,11 +11,18 @@ import re
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Locator, Page, Route, expect
+from playwright.sync_api import Locator, Page, Request, Route, expect
 
 from tests.support.page import scenes
-from tests.support.page.windows import Visitor, first_held, lose_session, route_loaded
+from tests.support.page.windows import (
+    Visitor,
+    first_held,
+    hold_timers,
+    lose_session,
+    route_loaded,
+)
 from tests.support.servers import RunningServer
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
 
@@ -71,7 +78,7 @@ def send(page: Page) -> None:
     upload_button(page).click()
 
 
-def test_picked_folder_is_matched_and_uploaded(town, user, api):
+def test_picked_folder_is_matched_and_uploaded(town, user, http):
     page = pick_folder(user, town)
     dialog = page.get_by_role("dialog", name="Upload")
     expect(page.get_by_label("Dataset", exact=True)).to_have_value(town.name)
@@ -90,7 +97,7 @@ def test_picked_folder_is_matched_and_uploaded(town, user, api):
     page.get_by_role("link", name="Open the frames").click()
 
     expect(page.locator("a.thumb")).to_have_count(3)
-    stored = scenes.get(api, f"/datasets/{town.name}")
+    stored = scenes.get(http, f"/datasets/{town.name}")
     assert (stored["classes"], stored["counts"]["kept"]) == (["car", "walker"], 3)
 
 
@@ -160,40 +167,24 @@ def test_dropped_voc_files_are_read_and_errors_are_listed(scene, user):
     send(page)
 
     expect(page.locator(".upload-panel__text")).to_have_text("1 frame stored")
-    frame = scenes.get(scene.api, f"/datasets/{scene.dataset}/frames/v")
+    frame = scenes.get(scene.http, f"/datasets/{scene.dataset}/frames/v")
     assert frame["boxes"][0]["xyxy"] == [80, 200, 240, 300]
 
 
-KITTI = {
-    "label_2/000000.txt": b"Car 0 0 0 80 200 240 300 1.5 1.6 4 1 2 20 0.1\n",
-    "image_2/000000.png": scenes.picture(),
-    "calib/000000.txt": b"P2: 320 0 320 0 0 320 180 0 0 0 1 0\n",
-}
-
-
-@pytest.mark.parametrize(
-    ("title", "files"),
-    [
-        ("KITTI", KITTI),
-        (
-            "Unghost's own manifest",
-            {"town.jsonl": b'{"key": "7", "image": "rgb\\\\7.png", "boxes": []}',
-             "rgb/7.png": scenes.picture()},
-        ),
-    ],
-)  # fmt: skip
-def test_folder_of_another_layout_can_be_uploaded(user, api, tmp_path, title, files):
+def test_folder_with_a_manifest_can_be_uploaded(user, http, tmp_path):
     root = tmp_path / f"drop-{tmp_path.name.strip('_').lower()}"
-    for name, content in files.items():
-        (root / name).parent.mkdir(parents=True, exist_ok=True)
-        (root / name).write_bytes(content)
+    (root / "rgb").mkdir(parents=True)
+    (root / "rgb" / "7.png").write_bytes(scenes.picture())
+    line = {"key": "7", "image": "rgb\\7.png", "boxes": []}
+    (root / "town.jsonl").write_text(json.dumps(line))
 
     page = pick_folder(user, root)
 
+    title = "Unghost's own manifest"
     expect(page.locator(".upload__sum")).to_contain_text(f"{title} · 1 frame")
     send(page)
     expect(page.locator(".upload-panel__text")).to_have_text("1 frame stored")
-    assert scenes.get(api, f"/datasets/{root.name}")["counts"]["frames"] == 1
+    assert scenes.get(http, f"/datasets/{root.name}")["counts"]["frames"] == 1
 
 
 def test_files_of_two_layouts_are_read_in_the_chosen_layout(scene, user):
@@ -228,19 +219,21 @@ def test_images_with_unreadable_labels_can_be_uploaded_without_labels(scene, use
     )
 
 
-def test_upload_dialog_that_cannot_be_loaded_shows_error_and_can_be_retried(town, user):
+def test_upload_dialog_that_cannot_be_loaded_keeps_the_files_and_can_be_retried(
+    town, user
+):
     page = user.open("#/datasets")
     route_loaded(page, "**/upload/dialog.js", lambda route: route.abort())
-    field = page.get_by_label("Upload a folder").last
-    field.set_input_files(town)
-    expect(page.get_by_role("alert")).to_contain_text(
+    page.get_by_label("Upload a folder").last.set_input_files(town)
+    dialog = page.get_by_role("dialog", name="Upload")
+    expect(dialog.get_by_role("alert")).to_contain_text(
         "The upload dialog could not be loaded: Failed to fetch"
     )
     page.unroute("**/upload/dialog.js")
 
-    field.set_input_files(town)
+    dialog.get_by_role("button", name="Try again").click()
 
-    expect(page.get_by_role("dialog", name="Upload")).to_be_visible()
+    expect(dialog.locator(".upload__sum")).to_contain_text("3 frames")
 
 
 def test_failed_folder_reading_can_be_retried_and_cancelled(town, user):
@@ -281,11 +274,12 @@ def test_refused_frames_are_listed_and_can_be_retried(town, user):
     expect(page.get_by_label("Refused")).to_contain_text("can no longer be read")
 
 
-def test_upload_waits_while_server_is_unavailable_and_can_be_resumed(town, user, api):
+def test_upload_waits_while_server_is_unavailable_and_can_be_resumed(town, user, http):
     page = pick_folder(user, town)
+    # Or the page's own retry, after a second, could come before the click.
+    hold_timers(page, 1000)
     route_loaded(page, re.compile("/frames/"), lambda route: route.abort())
     expect_phase = expect(page.locator(".upload-panel h2"))
-    page.route("**/api/v1/datasets", lambda route: route.continue_())
 
     send(page)
     expect_phase.to_contain_text("The server does not answer")
@@ -293,24 +287,32 @@ def test_upload_waits_while_server_is_unavailable_and_can_be_resumed(town, user,
     page.get_by_role("button", name="Resume").click()
 
     expect(page.locator(".upload-panel__text")).to_have_text("3 frames stored")
-    assert scenes.get(api, f"/datasets/{town.name}")["counts"]["frames"] == 3
+    assert scenes.get(http, f"/datasets/{town.name}")["counts"]["frames"] == 3
 
 
-def test_paused_and_cancelled_upload_sends_no_more_frames(town, user, api):
+def test_paused_and_cancelled_upload_sends_no_more_frames(town, user, http):
     page = pick_folder(user, town)
     held: list[Route] = []
-    route_loaded(page, re.compile("/frames/"), lambda route: held.append(route))
+    ended: list[Request] = []
+    frames = f"**/datasets/{town.name}/frames/**"
+    route_loaded(page, frames, lambda route: held.append(route))
+    page.on("requestfailed", lambda request: ended.append(request))
     send(page)
     page.get_by_role("button", name="Pause").click()
     expect(page.locator(".upload-panel h2")).to_contain_text("Paused")
+    until(lambda: page.evaluate("true") and len(held) == 3, "the frames are not sent")
 
     page.get_by_role("button", name="Cancel").click()
 
     expect(page.locator(".upload-panel h2")).to_contain_text("Stopped")
-    assert scenes.get(api, f"/datasets/{town.name}")["counts"]["frames"] == 0
+    sent = {route.request for route in held}
+    until(lambda: page.evaluate("true") and sent <= {*ended}, "they are not aborted")
+    assert scenes.get(http, f"/datasets/{town.name}")["counts"]["frames"] == 0
 
 
 def test_upload_resumes_after_signing_in_again(town, user, server):
+    # A picture that is requested once the session is lost would close the dialog.
+    user.page.route("**/thumbnail", lambda route: route.abort())
     page = pick_folder(user, town)
     # Enabled once the list of datasets is loaded.
     expect(upload_button(page)).to_be_enabled()
@@ -347,6 +349,26 @@ def test_refused_new_dataset_shows_error_and_can_be_sent_again(town, user):
     send(page)
 
     expect(page.locator(".upload-panel__text")).to_have_text("3 frames stored")
+
+
+CANCEL_AND_PICK = """() => {
+  const buttons = [...document.querySelectorAll("dialog button")];
+  buttons.find(({ textContent }) => textContent === "Cancel").click();
+  const picked = new DataTransfer();
+  picked.items.add(new File(["no frame"], "a.md"));
+  const field = document.querySelector("input[aria-label='Upload files']");
+  field.files = picked.files;
+  field.dispatchEvent(new Event("change", { bubbles: true }));
+}"""
+
+
+def test_files_picked_right_after_cancel_are_read(town, user):
+    """The browser says only with its next picture that a dialog was closed."""
+    page = pick_folder(user, town)
+
+    page.evaluate(CANCEL_AND_PICK)
+
+    expect(page.get_by_role("alert")).to_contain_text("No frames were recognised")
 
 
 def test_invalid_dataset_name_and_folder_without_frames_show_errors(

@@ -3,7 +3,7 @@ import { once } from "node:events";
 import { createServer } from "node:http";
 import { after, before, test } from "node:test";
 
-import { ApiError, NoResponse, blob, createRetries, get, send, setSession, url, whenSignedOut } from "../../../static/js/core/api.js";
+import { ApiError, NoResponse, blob, createRetries, get, post, send, setSession, url, whenSignedOut } from "../../../static/js/core/api.js";
 
 /** The Authorization header of each request, in order. @type {(string | undefined)[]} */
 const shown = [];
@@ -98,6 +98,16 @@ test("a call that is aborted while its response arrives does not count as no res
   const stop = new AbortController();
   t.mock.method(globalThis, "fetch", async () => (stop.abort(new Error("left")), cut(200)));
   await assert.rejects(get("/api/v1/session", { signal: stop.signal }), (error) => !(error instanceof NoResponse));
+});
+
+test("the key of a request that may be repeated is sent as its Idempotency-Key", async (t) => {
+  const fetched = t.mock.method(globalThis, "fetch", async () => Response.json({}));
+
+  await post("/api/v1/boxes/{box_id}/reviews/{revision}/undo", { path: { box_id: 7, revision: 2 }, key: "once" });
+
+  const [address, { headers }] = /** @type {any} */ (fetched.mock.calls[0]?.arguments);
+  assert.equal(address, "/api/v1/boxes/7/reviews/2/undo");
+  assert.equal(headers.get("Idempotency-Key"), "once");
 });
 
 test("waits for another attempt double, up to half a minute, unless the server names a time", () => {

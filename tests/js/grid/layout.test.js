@@ -59,8 +59,8 @@ test("a lasso selects the cells that it crosses, and none if it lies in a gap", 
 });
 
 test("keys move by a cell, a row, a page or to the ends, and stop at the edges", () => {
-  /** @param {number} from @param {import("../../../static/js/grid/layout.js").Way} way */
-  const to = (from, way) => moved(small, from, way, 2);
+  /** @param {number} from @param {import("../../../static/js/grid/layout.js").Move} move */
+  const to = (from, move) => moved(small, from, move, 2);
 
   assert.deepEqual([to(0, "right"), to(3, "right"), to(9, "right")], [1, 4, 9]);
   assert.deepEqual([to(0, "left"), to(4, "left")], [0, 3]);

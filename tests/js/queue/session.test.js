@@ -44,7 +44,7 @@ function queueOf(count) {
 async function goThrough({ session, boxes }, what) {
   await session.refill();
   for (let seen = 0; ; seen++) {
-    for (let i = 0; i < 4; i++) await new Promise((done) => setTimeout(done));
+    for (let i = 0; i < 4; i++) await new Promise((done) => setImmediate(done));
     const id = currentOf(session.line.get());
     if (id === null) return seen;
     const verdict = what(seen);

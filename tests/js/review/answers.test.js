@@ -42,26 +42,6 @@ test("a response that is older than a stored answer does not replace it, even if
   assert.deepEqual([app.boxes.get(99)?.review, app.boxes.get(99)?.revision], [null, 2]);
 });
 
-for (const [what, id, give] of /** @type {[string, number | null, () => void][]} */ ([
-  ["an answer", 12, () => app.answer(99, "keep")],
-  ["a bulk answer", null, () => app.bulkAnswers.answer("d", "keep", [99], new Map())],
-])) {
-  test(`when ${what} is stored, observers of the frame are notified, and not before`, async () => {
-    globalThis.fetch = async (address) =>
-      Response.json(String(address).endsWith("/bulk") ? { id: 7, count: 1, skipped: [], stale: [] } : { box_id: 99, revision: 1, verdict: "keep", reviewer: "ada", comment: "", effective_verdict: "kept" }, { status: 201 });
-    app.boxes.hold(app.boxes.receive([OTHER]));
-    /** @type {unknown[]} */
-    const told = [];
-    app.changedFrame.observe((/** @type {{id: number | null}} */ changed) => told.push(changed.id));
-
-    give();
-    assert.deepEqual(told, []);
-    await new Promise((resolve) => setTimeout(resolve, 20));
-
-    assert.deepEqual(told, [id]);
-  });
-}
-
 test("if the browser's storage is full, an answer is neither given nor undone, and a message says so", () => {
   const storage = memoryStorage();
   ({ app, said } = reviewPage(storage));

@@ -290,6 +290,8 @@ test("a new answer does not make the page ask a busy server before the time that
   timers[0]?.run();
   await settled();
   assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "keep", 0], [2, "keep", 0]]);
+  const [first, second] = sent.map(idempotencyKey);
+  assert.equal(first, second);
 });
 
 test("an answer that the server gave up receiving (408) is sent again", async () => {

@@ -2,7 +2,8 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { ApiError, NoResponse } from "../../../static/js/core/api.js";
-import { createUploader } from "../../../static/js/upload/uploader.js";
+import { createValue } from "../../../static/js/core/observable.js";
+import { createUploader, createUploads } from "../../../static/js/upload/uploader.js";
 
 /** @param {number} count @returns {any[]} */
 const frames = (count) => Array.from({ length: count }, (_, i) => ({ key: String(i), annotation: {}, files: {} }));
@@ -147,4 +148,20 @@ test("an upload that is paused while its last frames are being sent is done when
 
   const { phase, stored } = uploader.state.get();
   assert.deepEqual([phase, stored], ["done", 2]);
+});
+
+test("files that are dropped while a new dataset is being made stay, also when its upload begins", async () => {
+  globalThis.addEventListener ??= () => {};
+  const made = /** @type {(() => void)[]} */ ([]);
+  const calls = { createDataset: () => new Promise((resolve) => made.push(() => resolve(null))), putFrame: async () => true };
+  const uploads = createUploads(/** @type {any} */ (calls), createValue(true));
+  const [first, second] = [Promise.resolve([]), Promise.resolve([])];
+  uploads.take(first);
+  const started = uploads.start({ dataset: "town", isNew: true, classes: null, reading: {}, frames: [], replace: false });
+
+  uploads.take(second);
+  made.forEach((resolve) => resolve());
+  await started;
+
+  assert.equal(uploads.dropped.get(), second);
 });

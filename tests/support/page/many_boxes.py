@@ -23,9 +23,9 @@ def alternating_boxes(count: int) -> list[dict[str, Any]]:
     return boxes
 
 
-def fill(api: httpx.Client, dataset: str, frames: int, boxes: int) -> None:
+def fill(http: httpx.Client, dataset: str, frames: int, boxes: int) -> None:
     """Create a dataset of `frames` frames with `boxes` boxes each."""
-    made = api.post("/datasets", json={"name": dataset, "palette": scenes.FAMILY})
+    made = http.post("/datasets", json={"name": dataset, "palette": scenes.FAMILY})
     assert made.status_code == 201, made.text
     place = {"x": 0, "y": 0, "z": 0}
     size = {"width": scenes.WIDTH, "height": scenes.HEIGHT}
@@ -38,7 +38,7 @@ def fill(api: httpx.Client, dataset: str, frames: int, boxes: int) -> None:
     }
     for number in range(frames):
         path = f"/datasets/{dataset}/frames/run/{number:06d}"
-        answer = api.put(path, files=files)
+        answer = http.put(path, files=files)
         assert answer.status_code == 201, answer.text
 
 
@@ -74,16 +74,16 @@ def answers(scene: Scene) -> dict[str, str]:
 
 def answered_boxes(scene: Scene) -> list[dict[str, Any]]:
     """Every box that has an answer on the server."""
-    found = scenes.get(scene.api, f"/boxes?dataset={scene.dataset}&review=any")
+    found = scenes.get(scene.http, f"/boxes?dataset={scene.dataset}&review=any")
     items: list[dict[str, Any]] = found["items"]
     return items
 
 
 def review(scene: Scene, box_id: int, verdict: str) -> None:
     """Give an answer through the API, as another person would."""
-    revision = scenes.get(scene.api, f"/boxes/{box_id}")["revision"]
+    revision = scenes.get(scene.http, f"/boxes/{box_id}")["revision"]
     body = {"verdict": verdict, "seen_revision": revision}
-    assert scene.api.post(f"/boxes/{box_id}/reviews", json=body).status_code == 201
+    assert scene.http.post(f"/boxes/{box_id}/reviews", json=body).status_code == 201
 
 
 def queued_box_id(page: Page) -> str:

@@ -22,11 +22,12 @@ export function reviewPage(storage = memoryStorage(), { tab = "t1", openTabs = a
   const offers = [];
   const route = createValue(parseHash("#/frames/10"));
   const go = (/** @type {string} */ hash) => route.set(parseHash(hash));
+  const show = (/** @type {string} */ text, /** @type {any} */ { action } = {}) => (said.push(text), offers.push(action));
   const core = {
     router: { route, go, replace: go },
     topBar: createValue({ dataset: "d" }),
     announcement: createValue(""),
-    toasts: { show: (/** @type {string} */ text, /** @type {any} */ { action } = {}) => (said.push(text), offers.push(action)), dismiss: () => {} },
+    toasts: { show, fail: (/** @type {Error} */ { message }, what = "", /** @type {any} */ action) => show(`${what}: ${message}`, { action }), dismiss: () => {} },
     prefs: createPrefs(memoryStorage()),
     isSignedIn: createValue(true),
     owner: () => "ada",

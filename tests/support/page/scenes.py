@@ -7,7 +7,6 @@ page.
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -18,11 +17,11 @@ import numpy as np
 from filter_core.segmentation.palettes import FAMILIES
 from tests.support.page import scenes
 from tests.support.pictures import png
+from tests.support.waiting import until
 
 WIDTH, HEIGHT = 640, 360
 FAMILY = "carla-0.9.14"
 GREY = 118
-RUN_S = 60
 
 CAR = (80, 200, 240, 300)
 HALF_HIDDEN = (300, 180, 400, 280)
@@ -73,7 +72,7 @@ def picture() -> bytes:
 
 
 def push(
-    api: httpx.Client,
+    http: httpx.Client,
     dataset: str,
     key: str,
     boxes: list[dict[str, Any]] | None = None,
@@ -95,24 +94,22 @@ def push(
     if form != "none":
         content = segmentation(form)
         files["segmentation"] = ("segmentation.png", content, "image/png")
-    answer = api.put(f"/datasets/{dataset}/frames/{key}", files=files)
+    answer = http.put(f"/datasets/{dataset}/frames/{key}", files=files)
     assert answer.status_code == 201, answer.text
-    return get(api, f"/frames/{answer.json()['frame']['id']}")
+    return get(http, f"/frames/{answer.json()['frame']['id']}")
 
 
-def decide(api: httpx.Client, dataset: str, config: Mapping[str, object]) -> None:
+def decide(http: httpx.Client, dataset: str, config: Mapping[str, object]) -> None:
     """Start a run with this configuration, and wait until it is done."""
     body = {"config": config, "activate": True}
-    answer = api.post(f"/datasets/{dataset}/runs", json=body)
+    answer = http.post(f"/datasets/{dataset}/runs", json=body)
     assert answer.status_code == 202, answer.text
-    deadline = time.monotonic() + RUN_S
-    while (run := get(api, f"/runs/{answer.json()['id']}"))["state"] != "done":
-        assert time.monotonic() < deadline, run
-        time.sleep(0.05)
+    path = f"/runs/{answer.json()['id']}"
+    until(lambda: get(http, path)["state"] == "done", lambda: get(http, path))
 
 
-def get(api: httpx.Client, path: str) -> dict[str, Any]:
-    answer = api.get(path)
+def get(http: httpx.Client, path: str) -> dict[str, Any]:
+    answer = http.get(path)
     assert answer.status_code == 200, answer.text
     found: dict[str, Any] = answer.json()
     return found
@@ -122,7 +119,7 @@ def get(api: httpx.Client, path: str) -> dict[str, Any]:
 class Scene:
     """A dataset that only this test uses, and its first frame."""
 
-    api: httpx.Client
+    http: httpx.Client
     dataset: str
     frame: dict[str, Any]
 
@@ -133,10 +130,10 @@ class Scene:
 
     def review(self, name: str) -> Any:
         """The latest answer on a box that the server has stored; None without one."""
-        return scenes.get(self.api, f"/boxes/{self.box_id(name)}")["review"]
+        return scenes.get(self.http, f"/boxes/{self.box_id(name)}")["review"]
 
     def revision(self, name: str) -> int:
-        box = scenes.get(self.api, f"/boxes/{self.box_id(name)}")
+        box = scenes.get(self.http, f"/boxes/{self.box_id(name)}")
         revision: int = box["revision"]
         return revision
 
@@ -148,11 +145,11 @@ class Scene:
 
     def decide(self, **config: object) -> None:
         """Activate a configuration, and wait until its run is done."""
-        scenes.decide(self.api, self.dataset, config)
+        scenes.decide(self.http, self.dataset, config)
 
     def push(self, key: str, **kwargs: Any) -> dict[str, Any]:
         """Send one more frame to this dataset."""
-        return scenes.push(self.api, self.dataset, key, **kwargs)
+        return scenes.push(self.http, self.dataset, key, **kwargs)
 
     def _box(self, name: str) -> dict[str, Any]:
         return next(box for box in self.frame["boxes"] if box["id"] == name)

@@ -29,7 +29,7 @@ def car_at(share: int, index: int) -> dict[str, Any]:
 
 def applied_config(scene: Scene) -> dict[str, Any]:
     """The active configuration of the dataset."""
-    answer = scene.api.get(f"/datasets/{scene.dataset}/config")
+    answer = scene.http.get(f"/datasets/{scene.dataset}/config")
     config: dict[str, Any] = answer.json()["config"]
     return config
 

@@ -35,8 +35,7 @@ ARGUMENTS = (
     # One process for all windows of the server: otherwise each starts its own.
     "--process-per-site",
 )
-# Only the long tests look at the middle width, and at the dark scheme.
-SCHEMES = ["light", pytest.param("dark", marks=pytest.mark.long)]
+# Only the long tests look at the middle width.
 WIDTHS = [390, pytest.param(820, marks=pytest.mark.long), 1440]
 WIDE = ViewportSize(width=1440, height=900)
 PHONE = {"width": 390, "height": 844}
@@ -128,6 +127,32 @@ def first_held(page: Page, held: list[Route]) -> Route:
     the request is called.
     """
     return until(lambda: page.evaluate("true") and held, "no request is held")[0]
+
+
+LOSE_A_REQUEST = """async () => {
+  while (await fetch("/healthz").then(() => true, () => false));
+}"""
+
+
+def go_offline(page: Page) -> None:
+    """Take the window offline, and wait until no request reaches the server."""
+    page.context.set_offline(True)
+    page.wait_for_function("!navigator.onLine")
+    page.evaluate(LOSE_A_REQUEST)
+
+
+def hold_timers(page: Page, least_ms: int) -> None:
+    """Let no timer of this many milliseconds or more end.
+
+    A slow machine may otherwise let the page remove a message, or send a request again,
+    before the test acts.
+    """
+    script = f"""(() => {{
+      const start = window.setTimeout.bind(window);
+      window.setTimeout = (run, ms) => (ms >= {least_ms} ? 0 : start(run, ms));
+    }})()"""
+    page.add_init_script(script)
+    page.evaluate(script)
 
 
 FILL = """() => {
